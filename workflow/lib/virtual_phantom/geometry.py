@@ -1,0 +1,185 @@
+"""Grids and scan geometries, and the one statement of the coordinates that everything here uses.
+
+Right-handed scanner frame in mm, the axes of NIfTI's RAS world frame: +x to the patient's right, +y to anterior,
++z to superior, along the table. The isocentre lies at the centre of the volume. At view angle b (radians)
+
+    source           (-R sin b,  R cos b,  z_b)        R = source_to_isocentre_mm; at b = 0 the source is at +y
+    detector columns ( cos b,    sin b,    0  )        unit vector of increasing column
+    detector rows    ( 0,        0,        1  )        unit vector of increasing row
+
+and the detector's centre lies opposite the source at distance source_to_detector_mm from it. Arrays are indexed
+volume[z, y, x] and projections[view, row, column], each index running along the positive axis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .errors import InputError
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A regular voxel grid, its axes along the scanner frame.
+
+    shape      voxels (z, y, x)
+    spacing    mm (z, y, x)
+    centre_mm  where the centre of the grid lies in the NIfTI world frame, mm (x, y, z)
+    """
+
+    shape: tuple[int, int, int]
+    spacing: tuple[float, float, float]
+    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
+        object.__setattr__(self, "spacing", tuple(float(s) for s in self.spacing))
+        object.__setattr__(self, "centre_mm", tuple(float(c) for c in self.centre_mm))
+        if len(self.shape) != 3 or min(self.shape) < 1:
+            raise InputError(f"grid shape {self.shape}: give three positive voxel counts (z, y, x)")
+        if len(self.spacing) != 3 or not all(math.isfinite(s) and s > 0 for s in self.spacing):
+            raise InputError(f"grid spacing {self.spacing}: give three positive lengths in mm (z, y, x)")
+
+    @property
+    def affine(self) -> np.ndarray:
+        """4 x 4 matrix from voxel index (x, y, z) to NIfTI world mm (x, y, z)."""
+        matrix = np.diag([*self.spacing[::-1], 1.0])
+        extent = (np.array(self.shape[::-1]) - 1) * np.array(self.spacing[::-1])
+        matrix[:3, 3] = np.array(self.centre_mm) - extent / 2
+        return matrix
+
+    @property
+    def voxel_volume_mm3(self) -> float:
+        return math.prod(self.spacing)
+
+    @property
+    def extent_mm(self) -> tuple[float, float, float]:
+        """Edge lengths of the whole grid, mm (z, y, x)."""
+        return tuple(n * s for n, s in zip(self.shape, self.spacing, strict=True))
+
+    def axes_mm(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Voxel centres along z, y and x in mm from the centre of the grid (the isocentre)."""
+        return tuple((np.arange(n) - (n - 1) / 2) * s for n, s in zip(self.shape, self.spacing, strict=True))
+
+    def refined(self, factor: int) -> Grid:
+        """The same box sampled `factor` times finer along each axis."""
+        return replace(self, shape=tuple(n * factor for n in self.shape),
+                       spacing=tuple(s / factor for s in self.spacing))
+
+    def matches(self, other: Grid, tolerance_mm: float = 1e-3) -> bool:
+        """True if both grids put the same voxels at the same places (to `tolerance_mm` anywhere in the volume)."""
+        return self.shape == other.shape and bool(
+            np.all(np.abs(self._corners_mm() - other._corners_mm()) < tolerance_mm))
+
+    def _corners_mm(self) -> np.ndarray:
+        last = np.array(self.shape[::-1]) - 1
+        return np.stack([self.affine[:3, 3], self.affine[:3, :3] @ last + self.affine[:3, 3]])
+
+    def __str__(self) -> str:
+        nz, ny, nx = self.shape
+        dz, dy, dx = self.spacing
+        return f"{nx} x {ny} x {nz} voxels of {dx:g} x {dy:g} x {dz:g} mm (x, y, z) centred at {self.centre_mm}"
+
+
+@dataclass(frozen=True)
+class ScanGeometry:
+    """Where source and flat detector are in every view (see the module's docstring for the frame).
+
+    angles_rad     view angles, radians, (views,)
+    source_z_mm    source height in every view, mm, (views,); constant for a circular scan
+    column_offset_px, row_offset_px   shift of the detector's centre along its columns and rows, in pixels
+    views_per_rotation  how many views make one turn; weights of FDK need it
+    """
+
+    source_to_isocentre_mm: float
+    source_to_detector_mm: float
+    columns: int
+    rows: int
+    column_pitch_mm: float
+    row_pitch_mm: float
+    angles_rad: np.ndarray
+    source_z_mm: np.ndarray
+    views_per_rotation: float
+    column_offset_px: float = 0.0
+    row_offset_px: float = 0.0
+
+    def __post_init__(self):
+        for name in ("angles_rad", "source_z_mm"):
+            values = np.array(getattr(self, name), dtype=np.float64)
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+        if self.angles_rad.ndim != 1 or self.angles_rad.size < 1 or self.angles_rad.shape != self.source_z_mm.shape:
+            raise InputError("scan geometry: need at least one view, and one source height for every view angle")
+        if self.columns < 1 or self.rows < 1 or min(self.column_pitch_mm, self.row_pitch_mm) <= 0:
+            raise InputError(
+                f"detector of {self.columns} columns x {self.rows} rows, {self.column_pitch_mm} x {self.row_pitch_mm} mm: "
+                "all four must be positive")
+        if not 0 < self.source_to_isocentre_mm < self.source_to_detector_mm:
+            raise InputError(
+                f"source_to_isocentre_mm {self.source_to_isocentre_mm} must be positive and less than "
+                f"source_to_detector_mm {self.source_to_detector_mm}")
+
+    @property
+    def views(self) -> int:
+        return self.angles_rad.size
+
+    @property
+    def magnification(self) -> float:
+        return self.source_to_detector_mm / self.source_to_isocentre_mm
+
+    @property
+    def feed_per_rotation_mm(self) -> float:
+        """Table feed per turn, mm; 0 for a circular scan."""
+        if self.views < 2:
+            return 0.0
+        return float(self.source_z_mm[1] - self.source_z_mm[0]) * self.views_per_rotation
+
+    @property
+    def field_of_view_radius_mm(self) -> float:
+        """Radius of the cylinder around the isocentre that every view sees completely (in-plane)."""
+        half = self.columns / 2 - abs(self.column_offset_px)
+        fan = math.atan(half * self.column_pitch_mm / self.source_to_detector_mm)
+        return self.source_to_isocentre_mm * math.sin(fan)
+
+    def column_positions_mm(self) -> np.ndarray:
+        """Column centres along the detector, mm from the ray through the isocentre's axis, (columns,)."""
+        return (np.arange(self.columns) - (self.columns - 1) / 2 + self.column_offset_px) * self.column_pitch_mm
+
+    def row_positions_mm(self) -> np.ndarray:
+        """Row centres along the detector, mm from the source's own height, (rows,)."""
+        return (np.arange(self.rows) - (self.rows - 1) / 2 + self.row_offset_px) * self.row_pitch_mm
+
+    def ray(self, view: int, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:
+        """Source and detector-pixel centre (x, y, z) in mm of one ray: the definition, not the fast path."""
+        b = self.angles_rad[view]
+        z = self.source_z_mm[view]
+        source = np.array([-math.sin(b), math.cos(b), 0]) * self.source_to_isocentre_mm + [0, 0, z]
+        away = np.array([math.sin(b), -math.cos(b), 0]) * self.source_to_detector_mm
+        along = np.array([math.cos(b), math.sin(b), 0]) * self.column_positions_mm()[column]
+        return source, source + away + along + [0, 0, self.row_positions_mm()[row]]
+
+
+def circular(*, views: int, turns: float = 1.0, start_angle_rad: float = 0.0, direction: int = 1, **detector) -> ScanGeometry:
+    """`views` evenly spaced over `turns` turns at one table position. `detector` holds ScanGeometry's other fields."""
+    views_per_rotation = views / turns
+    angles = start_angle_rad + direction * 2 * np.pi * np.arange(views) / views_per_rotation
+    return ScanGeometry(angles_rad=angles, source_z_mm=np.zeros(views), views_per_rotation=views_per_rotation, **detector)
+
+
+def helical(*, views: int, volume_height_mm: float, pitch: float = 1.0, turns: float | None = None,
+            start_angle_rad: float = 0.0, direction: int = 1, **detector) -> ScanGeometry:
+    """`views` evenly spaced on a helix centred on the isocentre.
+
+    pitch   table feed per turn over the detector's height as seen at the isocentre (IEC 60601-2-44)
+    turns   None: as many as carry the whole beam over the whole volume, (volume height + beam height) / feed
+    """
+    beam = detector["rows"] * detector["row_pitch_mm"] * detector["source_to_isocentre_mm"] / detector["source_to_detector_mm"]
+    feed = pitch * beam
+    turns = (volume_height_mm + beam) / feed if turns is None else turns
+    views_per_rotation = views / turns
+    turn = (np.arange(views) - (views - 1) / 2) / views_per_rotation
+    angles = start_angle_rad + direction * 2 * np.pi * np.arange(views) / views_per_rotation
+    return ScanGeometry(angles_rad=angles, source_z_mm=turn * feed, views_per_rotation=views_per_rotation, **detector)

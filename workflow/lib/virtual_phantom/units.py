@@ -1,0 +1,22 @@
+"""Hounsfield units and linear attenuation.
+
+HU = 1000 (mu - mu_water) / mu_water, so that water is 0 and vacuum (taken for air) is -1000
+(Hounsfield, Br. J. Radiol. 46, 1016, 1973).
+"""
+
+import numpy as np
+
+HU_AIR = -1000.0
+HU_WATER = 0.0
+
+
+def hu_to_attenuation(hu, mu_water_per_mm: float):
+    """Linear attenuation in 1/mm of any array in HU. Values under air are taken as air: attenuation is never negative."""
+    hu = np.asarray(hu)
+    return (np.maximum(hu, HU_AIR) / 1000 + 1).astype(hu.dtype, copy=False) * hu.dtype.type(mu_water_per_mm)
+
+
+def attenuation_to_hu(mu, mu_water_per_mm: float):
+    """HU of any array of linear attenuation in 1/mm. Not clipped: noise may carry a voxel below air."""
+    mu = np.asarray(mu)
+    return (mu / mu.dtype.type(mu_water_per_mm) - 1) * mu.dtype.type(1000)
