@@ -34,10 +34,20 @@ def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
     if not path.exists():
         raise InputError(f"{path}: no such file; give the path of a NIfTI image")
     try:
-        image = nibabel.as_closest_canonical(nibabel.load(path))
-        array = np.asarray(image.dataobj)
+        image = nibabel.load(path)
+        array, affine = np.asarray(image.dataobj), image.affine
     except Exception as error:  # nibabel raises many types on broken files
         raise InputError(f"{path}: cannot be read as NIfTI ({error}); is the file complete?") from error
+    return upright(array, affine, path, dtype)
+
+
+def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.float32) -> Volume:
+    """The volume of an array [x, y, z] and its RAS affine, axes flipped and swapped to run along +x, +y, +z.
+
+    Raises InputError, naming `path`, if the array is not 3D or its axes are tilted against the scanner's.
+    """
+    image = nibabel.as_closest_canonical(nibabel.Nifti1Image(array, affine))
+    array = np.asarray(image.dataobj)
     if array.ndim == 4 and array.shape[3] == 1:
         array = array[..., 0]
     if array.ndim != 3:

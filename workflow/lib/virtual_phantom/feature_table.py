@@ -1,0 +1,110 @@
+"""Tables of features: one row per image and ROI, what was scanned first, then the features."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from .errors import InputError
+from .radiomics import FEATURES
+
+ACQUISITION = ("protocol", "algorithm", "projections", "noise", "noise_level", "seed")
+METADATA = (
+    *ACQUISITION,
+    "roi",
+    "tissue_class",
+    "n_voxels",
+    "grey_levels",
+    "settings_hash",
+    "pyradiomics_version",
+    "numpy_version",
+    "simpleitk_version",
+)
+
+
+def complete(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisition: dict) -> pd.DataFrame:
+    """Rows of `radiomics.extract` with the acquisition (keys of ACQUISITION) and each ROI's tissue class
+    beside them."""
+    table = extracted.assign(**acquisition, tissue_class=extracted["roi"].map(tissue_classes))
+    return table[[*METADATA, *FEATURES]]
+
+
+def read(path: str | Path) -> pd.DataFrame:
+    """Read a table of features; numbers come back bit for bit. Raises InputError if it is missing or lacks a
+    column."""
+    try:
+        table = pd.read_csv(path, dtype={"noise": str, "protocol": str, "roi": str})
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as CSV ({error})") from error
+    if missing := [column for column in (*METADATA, *FEATURES) if column not in table]:
+        raise InputError(f"{path}: lacks {len(missing)} column(s) of a feature table, the first {missing[0]}")
+    return table
+
+
+def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """All tables in one, sorted by protocol, noise label, seed and the order in which ROIs stand in the
+    tables.
+
+    The order of `tables` does not matter. Raises InputError if two rows describe the same ROI of the same
+    image, or rows were made with different settings or versions.
+    """
+    tables = list(tables)
+    roi_order = dict.fromkeys(tables[0]["roi"])
+    merged = pd.concat(tables, ignore_index=True)
+    if strange := set(merged["roi"]) - set(roi_order):
+        raise InputError(
+            f"feature tables: ROI {sorted(strange)[0]} is not in every image; extract with one set of ROIs"
+        )
+    for column in ("settings_hash", "pyradiomics_version", "numpy_version", "simpleitk_version"):
+        if (values := merged[column].unique()).size > 1:
+            raise InputError(
+                f"feature tables: made with different {column} ({', '.join(map(str, values))}); "
+                "extract them again"
+            )
+    keys = ["protocol", "noise", "seed", "roi"]
+    if (double := merged.duplicated(keys)).any():
+        row = merged.loc[double, keys].iloc[0]
+        raise InputError("feature tables: two rows for " + ", ".join(f"{key} {row[key]}" for key in keys))
+    rank = merged["roi"].map({roi: place for place, roi in enumerate(roi_order)})
+    return (
+        merged.assign(_rank=rank)
+        .sort_values(["protocol", "noise", "seed", "_rank"], ignore_index=True)
+        .drop(columns="_rank")
+    )
+
+
+def select(
+    table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str], seeds: int
+) -> pd.DataFrame:
+    """Rows of these protocols and noise labels, and of the first `seeds` seeds of each.
+
+    Raises InputError naming the protocol and noise label that has fewer seeds.
+    """
+    chosen = table[table["protocol"].isin(protocols) & table["noise"].isin(noise)]
+    order = chosen.groupby(["protocol", "noise"])["seed"].rank(method="dense")
+    chosen = chosen[order <= seeds]
+    have = chosen.groupby(["protocol", "noise"])["seed"].nunique()
+    for key in ((p, n) for p in protocols for n in noise):
+        if have.get(key, 0) < seeds:
+            raise InputError(
+                f"features: {have.get(key, 0)} seeds for protocol {key[0]}, noise {key[1]}; "
+                f"{seeds} are asked for"
+            )
+    return chosen.reset_index(drop=True)
+
+
+def finite_values(table: pd.DataFrame, features: Sequence[str], source: str) -> np.ndarray:
+    """The features as float64 (rows, features). Raises InputError naming the first value that is not
+    finite."""
+    values = table[list(features)].to_numpy(dtype=np.float64)
+    if not np.isfinite(values).all():
+        row, column = np.argwhere(~np.isfinite(values))[0]
+        known = [key for key in (*ACQUISITION, "group", "scan", "roi") if key in table]
+        where = ", ".join(f"{key} {table[key].iloc[row]}" for key in known)
+        raise InputError(
+            f"{source}: {features[column]} is {values[row, column]} for {where}; is that ROI large enough?"
+        )
+    return values

@@ -1,0 +1,177 @@
+"""Measured references: facts derived from scans of the real phantom, and the full table where a user has it.
+
+Two public data sets of the anthropomorphic phantom that the paper simulates (see resources/README.md):
+  CT-Phantom4Radiomics, TCIA, doi 10.7937/a1v1-rc66, CC BY 4.0: the paper's tandem study, 8 parameter groups,
+  one scanner.
+    Features (public repository Joingl/radiomic-features) are of the largest 2D cross-section of each ROI,
+    pixel spacing 1, on stored values (HU + 1024), bin width 25.
+  CT4Harmonization-Multicentric, TCIA, CC BY 4.0: here one Siemens SOMATOM Definition Edge, 1, 3 and 10 mGy,
+    two reconstructions. Features (public repository mariamartinasiain/radiomics_phantom_dose_analysis, MIT)
+    are 3D, in HU.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from .errors import InputError
+from .radiomics import FEATURES
+
+RESOURCES = Path(__file__).resolve().parents[3] / "resources"
+STORED_OFFSET_HU = 1024
+TISSUE_CLASSES = {
+    "normal_1": "normal_liver",
+    "normal_2": "normal_liver",
+    "cyst_1": "cyst",
+    "cyst_2": "cyst",
+    "hemangioma": "hemangioma",
+    "metastasis": "metastasis",
+}
+# The paper's names of the ROIs. The dose series names them by size; they are matched by mean HU.
+STUDY_ROIS = {
+    "n1": "normal_1",
+    "n2": "normal_2",
+    "c1": "cyst_1",
+    "c2": "cyst_2",
+    "hem": "hemangioma",
+    "met": "metastasis",
+}
+DOSE_ROIS = {
+    "normal_large": "normal_1",
+    "normal_small": "normal_2",
+    "cyst_large": "cyst_1",
+    "cyst_small": "cyst_2",
+    "hemangioma": "hemangioma",
+    "metastasis": "metastasis",
+}
+# Which of the two reconstructions is which is inferred from their noise: the noisier one is taken as FBP.
+DOSE_RECONSTRUCTIONS = {1: "fbp", 2: "iterative"}
+# 2D regions have no TotalEnergy.
+STUDY_FEATURES = tuple(feature for feature in FEATURES if not feature.endswith("_TotalEnergy"))
+
+
+def load_group_summary() -> pd.DataFrame:
+    """Mean and SD (n - 1) over scans of each feature in CT-Phantom4Radiomics, first-order features in HU.
+
+    Columns group (1 to 8), roi, tissue_class, feature (85 of the 86), mean, sd, n.
+    """
+    return _with_classes(pd.read_csv(RESOURCES / "ct_phantom4radiomics_groups.csv"))
+
+
+def group_means() -> pd.DataFrame:
+    """The means of `load_group_summary`, one row per group and ROI, one column per feature."""
+    wide = load_group_summary().pivot(
+        index=["group", "roi", "tissue_class"], columns="feature", values="mean"
+    )
+    return wide.reset_index().rename_axis(columns=None)
+
+
+def load_scores() -> pd.DataFrame:
+    """Stability and discriminative power measured in CT-Phantom4Radiomics, from stored values as published.
+
+    Columns feature (85 of the 86), stability_percent, discrimination_percent; `statistics.wilcoxon.scores` at
+    threshold 1, ROI by ROI, over 8 groups: 168 comparisons for stability, 104 for discrimination.
+    """
+    return pd.read_csv(RESOURCES / "ct_phantom4radiomics_scores.csv")
+
+
+def load_dose_series() -> pd.DataFrame:
+    """Mean and SD (n - 1) over repeats of each of the 86 features in the dose series of
+    CT4Harmonization-Multicentric.
+
+    Columns dose_mgy (1, 3, 10), reconstruction (fbp | iterative), roi, tissue_class, feature, mean, sd, n.
+    """
+    return _with_classes(pd.read_csv(RESOURCES / "edge_dose_series_summary.csv"))
+
+
+def dose_variance(reconstruction: str, dose_mgy: float, roi: str = "cyst_1") -> float:
+    """Measured variance in HU^2 among the voxels of an ROI of the dose series; by default the large, uniform
+    cyst.
+
+    It holds the cyst's own texture and any shading beside the noise, so it bounds the noise variance from
+    above.
+    """
+    table = load_dose_series()
+    rows = table[
+        (table["reconstruction"] == reconstruction)
+        & (table["dose_mgy"] == dose_mgy)
+        & (table["roi"] == roi)
+        & (table["feature"] == "original_firstorder_Variance")
+    ]
+    if len(rows) != 1:
+        raise InputError(
+            f"measured dose series: nothing for reconstruction {reconstruction}, {dose_mgy} mGy, ROI {roi}"
+        )
+    return float(rows["mean"].iloc[0])
+
+
+def load_full_table(path: str | Path) -> pd.DataFrame:
+    """The full table of CT-Phantom4Radiomics features, in this project's names, values as stored (HU + 1024).
+
+    Columns scan, group, acquisition (digits 2 and 3 of the scan), roi, tissue_class, n_voxels, 85 features.
+    Raises InputError if the file is missing, lacks a column, or holds an ROI, a group or values that do not
+    belong.
+    """
+    path = Path(path)
+    try:
+        raw = pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"measured.table: {path} cannot be read as CSV ({error})") from error
+    needed = ["scan_id", "group", "class", "mask size", *STUDY_FEATURES]
+    if missing := [column for column in needed if column not in raw]:
+        raise InputError(f"measured.table: {path} lacks {len(missing)} column(s), the first {missing[0]!r}")
+    if strange := set(raw["class"]) - set(STUDY_ROIS):
+        raise InputError(
+            f"measured.table: {path} has the class {sorted(map(str, strange))[0]!r}; "
+            f"known are {', '.join(STUDY_ROIS)}"
+        )
+    scan = raw["scan_id"].astype(str).str.extract(r"^(\d{3})-", expand=False)
+    if scan.isna().any() or (scan.str[0].astype(int) != raw["group"]).any():
+        raise InputError(
+            f"measured.table: {path} has a scan_id that does not begin with the digit of its group"
+        )
+    if not np.isfinite(raw[list(STUDY_FEATURES)].to_numpy(dtype=np.float64)).all():
+        raise InputError(f"measured.table: {path} has features that are not finite")
+    roi = raw["class"].map(STUDY_ROIS)
+    keys = pd.DataFrame(
+        {
+            "scan": scan.astype(int),
+            "group": raw["group"],
+            "acquisition": scan.str[1:].astype(int),
+            "roi": roi,
+            "tissue_class": roi.map(TISSUE_CLASSES),
+            "n_voxels": raw["mask size"],
+        }
+    )
+    return pd.concat([keys, raw[list(STUDY_FEATURES)]], axis="columns")
+
+
+def to_hu(table: pd.DataFrame) -> pd.DataFrame:
+    """First-order features of `load_full_table` in HU instead of stored values.
+
+    Means and quantiles shift by 1024; energy is N (variance + mean^2), the mean now in HU, and
+    RootMeanSquared the root of the same without N. Spreads stay. Histograms and textures cannot be converted:
+    1024 is not a whole number of bins of 25, so bin edges lie one unit off those of values in HU.
+    """
+    table = table.copy()
+    for name in ("10Percentile", "90Percentile", "Maximum", "Mean", "Median", "Minimum"):
+        table[f"original_firstorder_{name}"] -= STORED_OFFSET_HU
+    square = table["original_firstorder_Variance"] + table["original_firstorder_Mean"] ** 2
+    table["original_firstorder_Energy"] = table["n_voxels"] * square
+    table["original_firstorder_RootMeanSquared"] = np.sqrt(square)
+    return table
+
+
+def load_published_top() -> pd.DataFrame:
+    """The ten highest-ranked features of the paper's appendix table (Flouris et al., Sci. Rep. 2022), in
+    pyradiomics' names. Columns kind (stability | discrimination), source (simulator | phantom), rank,
+    feature."""
+    return pd.read_csv(RESOURCES / "published_top_features.csv")
+
+
+def _with_classes(table: pd.DataFrame) -> pd.DataFrame:
+    table.insert(table.columns.get_loc("roi") + 1, "tissue_class", table["roi"].map(TISSUE_CLASSES))
+    return table

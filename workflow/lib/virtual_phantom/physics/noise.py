@@ -1,0 +1,66 @@
+"""Quantum noise: Poisson counts per detector pixel, and the logarithm that turns them back into line integrals."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+
+MODELS = ("astra", "physical")
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What the detector reads in one acquisition.
+
+    data      photons, unsigned integers [view, row, column]
+    white     expected photons without an object, I0
+    scale     line integral per unit of -ln(data / white): 1, or p_max in the "astra" model
+    """
+
+    data: np.ndarray
+    white: float
+    scale: float
+
+    def line_integrals(self, zero_counts_as: float) -> np.ndarray:
+        """-scale ln(data / white), float32. Pixels with no photon are read as `zero_counts_as` photons (0 < it <= 1)."""
+        if not 0 < zero_counts_as <= 1:
+            raise InputError(f"noise.zero_counts_as {zero_counts_as}: must be over 0 and at most 1 photon")
+        photons = np.maximum(self.data, np.float32(zero_counts_as), dtype=np.float32)
+        return (-self.scale * np.log(photons / np.float32(self.white))).astype(np.float32)
+
+
+def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, seed: np.random.SeedSequence) -> Counts:
+    """One noisy acquisition of clean line integrals [view, row, column] (dimensionless).
+
+    noise_level   A = 1 / I0, where I0 is the mean number of photons per pixel without an object
+    model         "physical": counts ~ Poisson(I0 exp(-p)), Flouris et al., Sci. Rep. 12 (2022).
+                  "astra": counts ~ Poisson(I0 exp(-p / p_max)), p_max the largest line integral of the scan: what
+                  ASTRA's add_noise_to_sino does, which that paper names as its implementation.
+
+    Raises InputError for an unknown model, a noise level that is not positive or one under 1e-9 (more photons than
+    the counters hold).
+    """
+    if model not in MODELS:
+        raise InputError(f"noise.model '{model}' is unknown; use one of {', '.join(MODELS)}")
+    if not 1e-9 <= noise_level < np.inf:
+        raise InputError(f"noise level {noise_level}: A = 1/I0 must be at least 1e-9")
+    scale = float(line_integrals.max()) if model == "astra" else 1.0
+    if scale <= 0:
+        raise InputError("the projections are empty: the phantom attenuates no ray; check the phantom and the grid")
+    white = 1 / noise_level
+    expected = white * np.exp(-line_integrals.astype(np.float64) / scale)
+    counts = np.random.Generator(np.random.PCG64(seed)).poisson(expected)
+    kind = np.uint16 if counts.max(initial=0) < 2**16 else np.uint32
+    return Counts(counts.astype(kind), white, scale)
+
+
+def acquisition_seed(study_seed: int, geometry: str, noise: str, seed: int) -> np.random.SeedSequence:
+    """The random stream of one acquisition: the same whatever the order of jobs, distinct for every argument."""
+    def words(label):
+        return np.frombuffer(hashlib.sha256(label.encode()).digest()[:8], dtype=np.uint32).tolist()
+
+    return np.random.SeedSequence(study_seed, spawn_key=(1, *words(geometry), *words(noise), seed))

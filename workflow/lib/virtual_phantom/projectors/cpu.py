@@ -1,0 +1,131 @@
+"""The CPU engine: numba kernels with noise realisations as SIMD lanes."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry import Grid, ScanGeometry
+from . import kernels
+from .lanes import aligned_zeros
+
+VIEWS_PER_BLOCK = 16
+
+
+class CpuProjector:
+    """Forward and back-projection of `lanes` realisations at once between a grid and a scan geometry.
+
+    Stacks that a caller hands in or gets back are [lane, z, y, x] and [lane, view, row, column]. Between the two
+    calls `pack_*` and `unpack_*` they stay in the kernels' own layout (see kernels.py), on which sums and products
+    element by element are valid as they are.
+    """
+
+    views_per_block = VIEWS_PER_BLOCK
+
+    def __init__(self, geometry: ScanGeometry, grid: Grid, lanes: int = 1, threads: int = 1):
+        half_diagonal = np.hypot(*grid.extent_mm[1:]) / 2
+        if half_diagonal >= geometry.source_to_isocentre_mm:
+            raise InputError(
+                f"grid: its corners lie {half_diagonal:.0f} mm from the isocentre, outside the source's orbit of "
+                f"{geometry.source_to_isocentre_mm:g} mm; shrink the grid or move the source out")
+        self.geometry, self.grid, self.lanes, self.threads = geometry, grid, lanes, threads
+        self._lanes = (0,) * lanes
+        self._sine, self._cosine = np.sin(geometry.angles_rad), np.cos(geometry.angles_rad)
+        self._source_z = np.array(geometry.source_z_mm)
+        self._geometry = (geometry.source_to_isocentre_mm, geometry.source_to_detector_mm,
+                          float(geometry.column_positions_mm()[0]), geometry.column_pitch_mm,
+                          float(geometry.row_positions_mm()[0]), geometry.row_pitch_mm)
+
+    def empty_volume(self) -> np.ndarray:
+        """Zeros in the kernels' layout."""
+        nz, ny, nx = self.grid.shape
+        return aligned_zeros((ny + 2, nx + 2, nz + 2, self.lanes))
+
+    def _empty_projections(self, views: int) -> np.ndarray:
+        return aligned_zeros((views, self.geometry.columns + 2, self.geometry.rows + 2, self.lanes))
+
+    def pack_volume(self, stack: np.ndarray) -> np.ndarray:
+        """[lane, z, y, x] to the kernels' layout."""
+        packed = self.empty_volume()
+        packed[1:-1, 1:-1, 1:-1] = np.transpose(stack, (2, 3, 1, 0))
+        return packed
+
+    def unpack_volume(self, packed: np.ndarray) -> np.ndarray:
+        """Kernels' layout to [lane, z, y, x]."""
+        return np.ascontiguousarray(np.transpose(packed[1:-1, 1:-1, 1:-1], (3, 2, 0, 1)))
+
+    def pack_projections(self, stack: np.ndarray) -> np.ndarray:
+        """[lane, view, row, column], of all views or a block of them, to the kernels' layout."""
+        packed = self._empty_projections(stack.shape[1])
+        packed[:, 1:-1, 1:-1] = np.transpose(stack, (1, 3, 2, 0))
+        return packed
+
+    def unpack_projections(self, packed: np.ndarray) -> np.ndarray:
+        """Kernels' layout to [lane, view, row, column]."""
+        return np.ascontiguousarray(np.transpose(packed[:, 1:-1, 1:-1], (3, 0, 2, 1)))
+
+    def forward(self, volume: np.ndarray, views: slice = slice(None)) -> np.ndarray:
+        """Line integrals (Joseph) of a packed volume in 1/mm for the given views: packed projections, dimensionless."""
+        projections = self._empty_projections(len(range(*views.indices(self.geometry.views))))
+
+        def run(first, last):
+            part = projections[first:last]
+            self._trace(volume, part, self._start(views) + first, transpose=False)
+            self._scale(part, self._start(views) + first)
+
+        self._share_out(run, len(projections))
+        return projections
+
+    def back(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None,
+             distance_weight: bool = False) -> np.ndarray:
+        """Voxel-driven back-projection of packed projections, added to `out` (a new volume if None).
+
+        distance_weight   True weighs each view by (source to isocentre / depth)^2, as FDK asks
+        """
+        volume = self.empty_volume() if out is None else out
+
+        def run(first, last):
+            kernels.back_project(volume.reshape(-1), projections.reshape(-1), self._start(views), first, last,
+                                 self.grid.shape, self.grid.spacing, self._detector(projections), self._sine,
+                                 self._cosine, self._source_z, self._geometry, distance_weight, self._lanes)
+
+        self._share_out(run, self.grid.shape[1])
+        return volume
+
+    def adjoint(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None) -> np.ndarray:
+        """The exact transpose of `forward`, added to `out`: <forward(x), y> = <x, adjoint(y)>. Single-threaded."""
+        volume = self.empty_volume() if out is None else out
+        scaled = aligned_zeros(projections.shape)
+        scaled[...] = projections
+        self._scale(scaled, self._start(views))
+        self._trace(volume, scaled, self._start(views), transpose=True)
+        # Rays that graze the edge also wrote into the border, which must stay zero.
+        for axis in range(3):
+            np.moveaxis(volume, axis, 0)[[0, -1]] = 0
+        return volume
+
+    def _start(self, views: slice) -> int:
+        return views.indices(self.geometry.views)[0]
+
+    def _detector(self, projections) -> tuple[int, int, int]:
+        return projections.shape[0], self.geometry.columns, self.geometry.rows
+
+    def _trace(self, volume, projections, first_view, transpose):
+        kernels.trace(volume.reshape(-1), projections.reshape(-1), first_view, self.grid.shape, self.grid.spacing,
+                      self._detector(projections), self._sine, self._cosine, self._source_z, self._geometry, transpose,
+                      self._lanes)
+
+    def _scale(self, projections, first_view):
+        kernels.path_lengths(projections.reshape(-1), first_view, self.grid.spacing, self._detector(projections),
+                             self._sine, self._cosine, self._geometry, self._lanes)
+
+    def _share_out(self, run, count):
+        """Run over [0, count) in one contiguous share per thread. Shares write to separate places: order is no matter."""
+        if self.threads == 1:
+            run(0, count)
+            return
+        edges = np.linspace(0, count, self.threads + 1).astype(int)
+        with ThreadPoolExecutor(self.threads) as pool:
+            list(pool.map(run, edges[:-1], edges[1:]))

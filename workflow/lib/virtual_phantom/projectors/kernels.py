@@ -1,0 +1,171 @@
+"""Numba kernels of the CPU engine: Joseph's forward projection, its exact transpose, and voxel-driven back-projection.
+
+Flat float32 arrays, laid out with one voxel or pixel of zeros around them so that interpolation needs no edge cases:
+
+    volume       [y + 2, x + 2, z + 2, lane]
+    projections  [view, column + 2, row + 2, lane]
+
+z and the detector rows run along the same line in space, so for one detector column (or one voxel column) the in-plane
+interpolation is common to all of them and the inner loop walks through contiguous memory.
+
+Joseph's method (P. M. Joseph, IEEE Trans. Med. Imaging 1, 192, 1982): step through the planes across the ray's main
+direction, interpolate bilinearly in each, scale by the path between planes. The ray's main direction is taken in the
+x-y plane, which asks for cone angles under 45 degrees. Voxel-driven back-projection interpolates the projection
+bilinearly where the line from the source through the voxel's centre meets the detector. Joseph forward with
+voxel-driven back is the pair of ASTRA's 3D algorithms (W. van Aarle et al., Ultramicroscopy 157, 35, 2015).
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .lanes import gather_bilinear, scatter_bilinear
+
+# Blocks keep the volume columns of neighbouring rays, and the detector columns of neighbouring voxels, in the L2 cache.
+PLANES_PER_BLOCK = 32
+VOXELS_PER_BLOCK = 16
+
+_options = dict(fastmath=True, nogil=True, cache=True, error_model="numpy")
+
+
+@njit(**_options)
+def _ray(view, column, sine, cosine, geometry):
+    """In-plane source position and direction to the detector column (the whole way from source to detector)."""
+    radius, distance, first_column, column_pitch = geometry[0], geometry[1], geometry[2], geometry[3]
+    s, c = sine[view], cosine[view]
+    along = first_column + column * column_pitch
+    return -radius * s, radius * c, distance * s + along * c, -distance * c + along * s
+
+
+@njit(**_options)
+def _crossing(plane, start, direction, start_other, direction_other, n, spacing, n_other, spacing_other):
+    """Where the ray meets a plane: share of the way to the detector, and padded index along the other in-plane axis."""
+    share = ((plane - (n - 1) * 0.5) * spacing - start) / direction
+    return share, (start_other + share * direction_other) / spacing_other + (n_other - 1) * 0.5 + 1.0
+
+
+@njit(**_options)
+def _span(first, slope, cells, n):
+    """Indices i in [0, n) whose position first + slope i lies in [0, cells + 1): those that interpolation can reach."""
+    start = max(0, int(math.ceil(-first / slope)))
+    stop = min(n, int(math.ceil((cells + 1.0 - first) / slope)))
+    return start, stop
+
+
+@njit(**_options)
+def trace(volume, projections, first_view, shape, spacing, detector, sine, cosine, source_z, geometry, transpose, lanes):
+    """Joseph projection of every view from `first_view` on, or (transpose) its exact adjoint.
+
+    shape (z, y, x), spacing (z, y, x) mm, detector (views in `projections`, columns, rows), geometry
+    (source to isocentre, source to detector, first column, column pitch, first row, row pitch) mm.
+    Forward expects zeros in `projections`, transpose adds to `volume` and needs projections scaled by `path_lengths`.
+    """
+    count = len(lanes)
+    nz, ny, nx = shape
+    dz, dy, dx = spacing
+    views, columns, rows = detector
+    first_row, row_pitch = geometry[4], geometry[5]
+    step_x, step_y = (nz + 2) * count, (nx + 2) * (nz + 2) * count
+    for i in range(views):
+        view = first_view + i
+        for block in range(0, max(nx, ny), PLANES_PER_BLOCK):
+            for column in range(columns):
+                sx, sy, rx, ry = _ray(view, column, sine, cosine, geometry)
+                pixel = ((i * (columns + 2) + column + 1) * (rows + 2) + 1) * count
+                main_x = abs(rx) >= abs(ry)
+                n, step, step_other = (nx, step_x, step_y) if main_x else (ny, step_y, step_x)
+                for plane in range(block, min(block + PLANES_PER_BLOCK, n)):
+                    if main_x:
+                        share, other = _crossing(plane, sx, rx, sy, ry, nx, dx, ny, dy)
+                        inside = 0.0 <= other < ny + 1.0
+                    else:
+                        share, other = _crossing(plane, sy, ry, sx, rx, ny, dy, nx, dx)
+                        inside = 0.0 <= other < nx + 1.0
+                    if not inside:
+                        continue
+                    j = int(other)
+                    weight = np.float32(other - j)
+                    slope = np.float32(share * row_pitch / dz)
+                    first = np.float32((source_z[view] + share * first_row) / dz + (nz - 1) * 0.5 + 1.0)
+                    start, stop = _span(first, slope, nz, rows)
+                    base = (plane + 1) * step + j * step_other
+                    for row in range(start, stop):
+                        height = first + slope * np.float32(row)
+                        k = np.int32(height)
+                        up = height - np.float32(k)
+                        low = np.float32(1.0) - up
+                        near = np.float32(1.0) - weight
+                        at = base + k * count
+                        if transpose:
+                            scatter_bilinear(volume, at, at + step_other, projections, pixel + row * count,
+                                             near * low, near * up, weight * low, weight * up, lanes)
+                        else:
+                            gather_bilinear(projections, pixel + row * count, volume, at, at + step_other,
+                                            near * low, near * up, weight * low, weight * up, lanes)
+
+
+@njit(**_options)
+def path_lengths(projections, first_view, spacing, detector, sine, cosine, geometry, lanes):
+    """Multiply each pixel by the length of its ray between two planes, mm: the last factor of Joseph's sum."""
+    count = len(lanes)
+    views, columns, rows = detector
+    for i in range(views):
+        for column in range(columns):
+            _, _, rx, ry = _ray(first_view + i, column, sine, cosine, geometry)
+            per_length = spacing[2] / abs(rx) if abs(rx) >= abs(ry) else spacing[1] / abs(ry)
+            pixel = ((i * (columns + 2) + column + 1) * (rows + 2) + 1) * count
+            for row in range(rows):
+                rz = geometry[4] + row * geometry[5]
+                length = np.float32(per_length * math.sqrt(rx * rx + ry * ry + rz * rz))
+                for lane in range(count):
+                    projections[pixel + row * count + lane] *= length
+
+
+@njit(**_options)
+def back_project(volume, projections, first_view, first_y, last_y, shape, spacing, detector, sine, cosine, source_z,
+                 geometry, distance_weight, lanes):
+    """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
+
+    distance_weight   True multiplies by (source to isocentre / depth)^2, the weight of FDK
+    """
+    count = len(lanes)
+    nz, ny, nx = shape
+    dz, dy, dx = spacing
+    views, columns, rows = detector
+    radius, distance, first_column, column_pitch, first_row, row_pitch = geometry
+    for y in range(first_y, last_y):
+        position_y = (y - (ny - 1) * 0.5) * dy
+        for block in range(0, nx, VOXELS_PER_BLOCK):
+            for i in range(views):
+                view = first_view + i
+                s, c = sine[view], cosine[view]
+                for x in range(block, min(block + VOXELS_PER_BLOCK, nx)):
+                    position_x = (x - (nx - 1) * 0.5) * dx
+                    depth = radius + position_x * s - position_y * c
+                    magnification = distance / depth
+                    across = ((position_x * c + position_y * s) * magnification - first_column) / column_pitch + 1.0
+                    if across < 0.0 or across >= columns + 1.0:
+                        continue
+                    j = int(across)
+                    weight = np.float32(across - j)
+                    near = np.float32(1.0) - weight
+                    if distance_weight:
+                        scale = np.float32((radius / depth) ** 2)
+                        weight *= scale
+                        near *= scale
+                    slope = np.float32(magnification * dz / row_pitch)
+                    first = np.float32(
+                        ((-(nz - 1) * 0.5 * dz - source_z[view]) * magnification - first_row) / row_pitch + 1.0)
+                    start, stop = _span(first, slope, rows, nz)
+                    voxel = (((y + 1) * (nx + 2) + x + 1) * (nz + 2) + 1) * count
+                    base = (i * (columns + 2) + j) * (rows + 2) * count
+                    step = (rows + 2) * count
+                    for z in range(start, stop):
+                        height = first + slope * np.float32(z)
+                        k = np.int32(height)
+                        up = height - np.float32(k)
+                        low = np.float32(1.0) - up
+                        at = base + k * count
+                        gather_bilinear(volume, voxel + z * count, projections, at, at + step,
+                                        near * low, near * up, weight * low, weight * up, lanes)
