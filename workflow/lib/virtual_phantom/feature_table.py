@@ -11,18 +11,11 @@ import pandas as pd
 from .errors import InputError
 from .radiomics import FEATURES
 
+PROVENANCE = ("settings_hash", "pyradiomics_version", "numpy_version", "simpleitk_version")
 ACQUISITION = ("protocol", "algorithm", "projections", "noise", "noise_level", "seed")
-METADATA = (
-    *ACQUISITION,
-    "roi",
-    "tissue_class",
-    "n_voxels",
-    "grey_levels",
-    "settings_hash",
-    "pyradiomics_version",
-    "numpy_version",
-    "simpleitk_version",
-)
+METADATA = (*ACQUISITION, "roi", "tissue_class", "n_voxels", "grey_levels", *PROVENANCE)
+# Labels and hashes may look like numbers.
+TEXT = ("protocol", "algorithm", "noise", "roi", "tissue_class", *PROVENANCE)
 
 
 def complete(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisition: dict) -> pd.DataFrame:
@@ -36,7 +29,7 @@ def read(path: str | Path) -> pd.DataFrame:
     """Read a table of features; numbers come back bit for bit. Raises InputError if it is missing or lacks a
     column."""
     try:
-        table = pd.read_csv(path, dtype={"noise": str, "protocol": str, "roi": str})
+        table = pd.read_csv(path, dtype=dict.fromkeys(TEXT, str))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as CSV ({error})") from error
     if missing := [column for column in (*METADATA, *FEATURES) if column not in table]:
@@ -53,12 +46,13 @@ def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     """
     tables = list(tables)
     roi_order = dict.fromkeys(tables[0]["roi"])
+    for table in tables:
+        if odd := set(roi_order) ^ set(table["roi"]):
+            raise InputError(
+                f"feature tables: ROI {sorted(odd)[0]} is not in every image; extract with one set of ROIs"
+            )
     merged = pd.concat(tables, ignore_index=True)
-    if strange := set(merged["roi"]) - set(roi_order):
-        raise InputError(
-            f"feature tables: ROI {sorted(strange)[0]} is not in every image; extract with one set of ROIs"
-        )
-    for column in ("settings_hash", "pyradiomics_version", "numpy_version", "simpleitk_version"):
+    for column in PROVENANCE:
         if (values := merged[column].unique()).size > 1:
             raise InputError(
                 f"feature tables: made with different {column} ({', '.join(map(str, values))}); "

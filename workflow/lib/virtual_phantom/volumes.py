@@ -46,17 +46,18 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
 
     Raises InputError, naming `path`, if the array is not 3D or its axes are tilted against the scanner's.
     """
-    image = nibabel.as_closest_canonical(nibabel.Nifti1Image(array, affine))
-    array = np.asarray(image.dataobj)
     if array.ndim == 4 and array.shape[3] == 1:
         array = array[..., 0]
     if array.ndim != 3:
         raise InputError(f"{path}: has {array.ndim} dimensions; give a 3D image")
-    matrix = image.affine[:3, :3]
+    orientation = nibabel.io_orientation(affine)
+    affine = affine @ nibabel.orientations.inv_ornt_aff(orientation, array.shape)
+    array = nibabel.apply_orientation(array, orientation)
+    matrix = affine[:3, :3]
     spacing = np.linalg.norm(matrix, axis=0)
     if np.any(np.abs(matrix - np.diag(spacing)) > 1e-3 * spacing.min()):
-        raise InputError(f"{path}: its axes are tilted against the scanner's; resample it onto an upright grid first")
-    centre = image.affine[:3, 3] + matrix @ ((np.array(array.shape) - 1) / 2)
+        raise InputError(f"{path}: its axes are tilted against the scanner's; resample it upright first")
+    centre = affine[:3, 3] + matrix @ ((np.array(array.shape) - 1) / 2)
     grid = Grid(shape=array.shape[::-1], spacing=tuple(spacing[::-1]), centre_mm=tuple(centre))
     return Volume(np.ascontiguousarray(array.T, dtype=dtype), grid)
 

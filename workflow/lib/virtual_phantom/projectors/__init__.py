@@ -1,0 +1,45 @@
+"""Engines that project. All offer the same calls (see cpu.CpuProjector): pack, unpack, forward, back."""
+
+from __future__ import annotations
+
+from ..errors import InputError
+from ..geometry import Grid, ScanGeometry
+
+ENGINES = ("auto", "cpu", "astra_cuda")
+
+
+def cuda_available() -> bool:
+    """True if ASTRA can use a CUDA device. Its 3D algorithms end the process where it cannot: ask first."""
+    import astra
+
+    return bool(astra.use_cuda())
+
+
+def choose_engine(name: str, backprojector: str) -> str:
+    """'cpu' or 'astra_cuda' for what the config says; 'auto' takes CUDA where there is any and it can do the work.
+
+    backprojector   that of SIRT: ASTRA has no "adjoint"
+    Raises InputError for an unknown engine, for astra_cuda where there is no CUDA device, or with "adjoint".
+    """
+    if name not in ENGINES:
+        raise InputError(f"engine '{name}' is unknown; use one of {', '.join(ENGINES)}")
+    if name == "cpu" or (name == "auto" and backprojector == "adjoint"):
+        return "cpu"
+    if backprojector == "adjoint":
+        raise InputError("engine: astra_cuda has no adjoint; set reconstruction.sirt.backprojector: voxel")
+    if cuda_available():
+        return "astra_cuda"
+    if name == "auto":
+        return "cpu"
+    raise InputError("engine: astra_cuda needs a CUDA device and ASTRA finds none; set engine: cpu or auto")
+
+
+def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, threads: int = 1):
+    """The projector of an engine ("cpu" or "astra_cuda": see choose_engine) for `lanes` realisations at once."""
+    if engine == "cpu":
+        from .cpu import CpuProjector
+
+        return CpuProjector(geometry, grid, lanes, threads)
+    from .astra_cuda import AstraCudaProjector
+
+    return AstraCudaProjector(geometry, grid, lanes)

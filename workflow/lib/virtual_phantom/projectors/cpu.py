@@ -94,11 +94,18 @@ class CpuProjector:
         self._share_out(run, self.grid.shape[1])
         return volume
 
-    def adjoint(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None) -> np.ndarray:
-        """The exact transpose of `forward`, added to `out`: <forward(x), y> = <x, adjoint(y)>. Single-threaded."""
+    def adjoint(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None,
+                overwrite: bool = False) -> np.ndarray:
+        """The exact transpose of `forward`, added to `out`: <forward(x), y> = <x, adjoint(y)>.
+
+        overwrite   True scales `projections` where they stand instead of in a copy
+        Neighbouring rays add to the same voxels, so this runs in one thread whatever `threads` says.
+        """
         volume = self.empty_volume() if out is None else out
-        scaled = aligned_zeros(projections.shape)
-        scaled[...] = projections
+        scaled = projections
+        if not overwrite:
+            scaled = aligned_zeros(projections.shape)
+            scaled[...] = projections
         self._scale(scaled, self._start(views))
         self._trace(volume, scaled, self._start(views), transpose=True)
         # Rays that graze the edge also wrote into the border, which must stay zero.
@@ -129,3 +136,13 @@ class CpuProjector:
         edges = np.linspace(0, count, self.threads + 1).astype(int)
         with ThreadPoolExecutor(self.threads) as pool:
             list(pool.map(run, edges[:-1], edges[1:]))
+
+
+def compile_kernels(lanes: list[int]) -> None:
+    """Compile all kernels for these numbers of realisations; the next process finds them in numba's cache."""
+    geometry = ScanGeometry(500.0, 1000.0, 4, 4, 1.0, 1.0, np.zeros(1), np.zeros(1), 1.0)
+    for count in lanes:
+        projector = CpuProjector(geometry, Grid((2, 2, 2), (1.0, 1.0, 1.0)), count)
+        projections = projector.forward(projector.empty_volume())
+        projector.back(projections)
+        projector.adjoint(projections)

@@ -1,0 +1,38 @@
+# make          set up and run the default study
+# make test     set up and run the tests
+# make tiny     the whole workflow in a minute or two
+PYTHON ?= python3
+CORES ?= 2
+VENV := .venv
+BIN := $(VENV)/bin
+# What pip must find installed before it builds pyradiomics.
+BUILD_FIRST = $(shell grep -E '^(setuptools|wheel|numpy)==' environment-pip.txt)
+
+.PHONY: study setup test tiny abdomen report clean
+
+study: setup
+	$(BIN)/snakemake --cores $(CORES)
+
+setup: $(VENV)/installed
+
+$(VENV)/installed: environment-pip.txt workflow/build/sitecustomize.py
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(BUILD_FIRST)
+	PYTHONPATH='$(CURDIR)/workflow/build' $(BIN)/python -m pip install --quiet --disable-pip-version-check \
+		--no-build-isolation -r environment-pip.txt
+	touch $@
+
+test: setup
+	$(BIN)/python -m pytest
+
+tiny: setup
+	$(BIN)/snakemake --cores $(CORES) --configfile config/tiny.yaml --config results_dir=results-tiny
+
+abdomen: setup
+	$(BIN)/snakemake --cores $(CORES) --configfile config/abdomen.yaml --config results_dir=results-abdomen
+
+report: setup
+	$(BIN)/snakemake --cores $(CORES) --report results/report.html
+
+clean:
+	rm -rf results results-tiny results-abdomen .snakemake

@@ -1,0 +1,156 @@
+"""Made-up inputs of the figures, in the shapes that the study's stages give them."""
+
+import numpy as np
+import pandas
+import pytest
+
+from virtual_phantom.geometry import Grid
+from virtual_phantom.volumes import Volume
+
+CLASSES = {
+    "normal_1": "normal_liver",
+    "normal_2": "normal_liver",
+    "cyst_1": "cyst",
+    "cyst_2": "cyst",
+    "hemangioma": "hemangioma",
+    "metastasis": "metastasis",
+}
+FAMILIES = {"firstorder": 18, "glcm": 22, "gldm": 14, "glrlm": 16, "glszm": 16}
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20220415)
+
+
+@pytest.fixture
+def make_phantom():
+    """A function: ROI names -> (elliptic body with balls of 8 mm in it, HU; masks by name)."""
+
+    def make(names, shape=(24, 64, 80), spacing=(5.0, 4.0, 4.0)):
+        grid = Grid(shape, spacing, centre_mm=(3.0, -7.0, 100.0))
+        z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij", sparse=True)
+        image = np.where((x / 140) ** 2 + (y / 105) ** 2 + 0 * z < 1, 50.0, -1000.0).astype(np.float32)
+        masks = {}
+        for index, name in enumerate(names):
+            angle = 2 * np.pi * index / len(names)
+            centre = 70 * np.cos(angle), 50 * np.sin(angle), 20 * (index % 2) - 10
+            masks[name] = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (z - centre[2]) ** 2 < 11.0**2
+            image[masks[name]] = 90 - 20 * (index % 5)
+        return Volume(image, grid), masks
+
+    return make
+
+
+@pytest.fixture
+def calibration():
+    """Two protocols, five levels; variances on a line but for scatter; rows per ROI beside those of all."""
+    rng = np.random.default_rng(7)
+    rows = []
+    for protocol, slope, intercept in (("sirt_450", 1.5e6, 40.0), ("fbp_450", 2.6e6, 60.0)):
+        for level in (0.5e-4, 1e-4, 2e-4, 3e-4, 4e-4):
+            for roi in ("all", *CLASSES):
+                variance = (intercept + slope * level) * (1 + (0.02 if roi == "all" else 0.2) * rng.normal())
+                rows.append(
+                    {
+                        "protocol": protocol,
+                        "noise": f"a{level:.1e}",
+                        "noise_level": level,
+                        "repeats": 10,
+                        "roi": roi,
+                        "variance_hu2": variance,
+                        "standard_error": 0.03 * variance,
+                    }
+                )
+    return pandas.DataFrame(rows)
+
+
+@pytest.fixture
+def stability(rng):
+    """86 features; few stable, most told apart, many at the same place."""
+    rows = [
+        (f"original_{family}_Feature{index}", family)
+        for family, count in FAMILIES.items()
+        for index in range(count)
+    ]
+    table = pandas.DataFrame(rows, columns=["feature", "family"])
+    table["stability_percent"] = np.round(rng.beta(0.9, 4, len(table)) * 112) / 112 * 100
+    table["discrimination_percent"] = np.round(rng.beta(9, 1, len(table)) * 48) / 48 * 100
+    return table
+
+
+@pytest.fixture
+def overlap():
+    """All list lengths of 86, the band of uncorrelated lists from the hypergeometric distribution."""
+    from scipy.stats import hypergeom
+
+    n = np.arange(1, 87)
+    shared = hypergeom(86, n, n)
+    mean = n**2 / 86
+    above = np.minimum(n, mean + 0.35 * (n - mean))
+    return pandas.DataFrame(
+        {
+            "n_top": n,
+            "percent": 100 * n / 86,
+            "overlap_stability_percent": 100 * np.round(above) / n,
+            "overlap_discrimination_percent": 100 * np.ceil((above + mean) / 2) / n,
+            "expected_percent": 100 * mean / n,
+            "lower_percent": 100 * shared.ppf(0.025) / n,
+            "upper_percent": 100 * shared.ppf(0.975) / n,
+        }
+    )
+
+
+@pytest.fixture
+def make_pca():
+    """A function: names, measured rows of each -> those and 7 projections x 4 levels x 5 seeds per ROI."""
+
+    def make(names=tuple(CLASSES), measured=8):
+        rng = np.random.default_rng(11)
+        rows = []
+        for index, roi in enumerate(names):
+            centre = 6 * np.array([np.cos(index), np.sin(index)])
+            common = {
+                "roi": roi,
+                "tissue_class": CLASSES.get(roi, roi),
+                "explained_pc1_percent": 61.234,
+                "explained_pc2_percent": 17.5,
+            }
+            for projections in range(150, 451, 50):
+                for level in (0.8e-4, 1e-4, 1.2e-4, 1.4e-4):
+                    for seed in range(5):
+                        shift = [(projections - 300) / 100, (level - 1e-4) * 1e4 * 1.5]
+                        pc1, pc2 = centre + shift + 0.3 * rng.normal(size=2)
+                        rows.append(
+                            {
+                                "source": "simulated",
+                                "protocol": f"sirt_{projections}",
+                                "algorithm": "SIRT",
+                                "projections": projections,
+                                "noise": "a",
+                                "noise_level": level,
+                                "seed": seed,
+                                "pc1": pc1,
+                                "pc2": pc2,
+                                **common,
+                            }
+                        )
+            for group in range(measured):
+                pc1, pc2 = centre + rng.normal(size=2)
+                rows.append(
+                    {
+                        "source": "measured",
+                        "protocol": f"group_{group + 1}",
+                        "algorithm": None,
+                        "projections": np.nan,
+                        "noise": None,
+                        "noise_level": np.nan,
+                        "seed": np.nan,
+                        "pc1": pc1,
+                        "pc2": pc2,
+                        **common,
+                    }
+                )
+        return pandas.DataFrame(rows)
+
+    return make

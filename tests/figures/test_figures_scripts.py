@@ -1,0 +1,113 @@
+"""The thin scripts, run as Snakemake runs them: with a `snakemake` object among their globals."""
+
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas
+import pytest
+
+from virtual_phantom.files import write_csv
+from virtual_phantom.volumes import Volume, write_nifti
+
+SCRIPTS = Path(__file__).resolve().parents[2] / "workflow" / "scripts" / "figures"
+
+
+class Named(dict):
+    """Names as keys and as attributes, as Snakemake's inputs and params have them."""
+
+    __getattr__ = dict.__getitem__
+
+
+@pytest.fixture
+def run(tmp_path):
+    """A function: run one script; returns the paths of its PNG and PDF."""
+
+    def run(name, inputs, **params):
+        output = Named(png=str(tmp_path / "figures" / "f.png"), pdf=str(tmp_path / "figures" / "f.pdf"))
+        fake = SimpleNamespace(
+            input=Named(inputs), params=Named(params), output=output, threads=1, log=[str(tmp_path / "log")]
+        )
+        runpy.run_path(str(SCRIPTS / f"{name}.py"), init_globals={"snakemake": fake})
+        return Path(output.png), Path(output.pdf)
+
+    return run
+
+
+def written(paths):
+    png, pdf = paths
+    return png.read_bytes().startswith(b"\x89PNG") and pdf.read_bytes().startswith(b"%PDF")
+
+
+@pytest.fixture
+def phantom_folder(make_phantom, tmp_path):
+    phantom, masks = make_phantom(["liver_1", "aorta"])
+    write_nifti(phantom, tmp_path / "image.nii.gz")
+    for roi, mask in masks.items():
+        write_nifti(Volume(mask.astype(np.uint8), phantom.grid), tmp_path / "rois" / f"{roi}.nii.gz")
+    table = pandas.DataFrame(
+        {
+            "roi": list(masks),
+            "tissue_class": ["liver", "vessel"],
+            "label": [1, 2],
+            "n_voxels": [int(mask.sum()) for mask in masks.values()],
+            "mean_hu": [float(phantom.array[mask].mean()) for mask in masks.values()],
+        }
+    )
+    write_csv(table, tmp_path / "rois.csv")
+    return tmp_path
+
+
+def test_rois(run, phantom_folder):
+    inputs = {"image": phantom_folder / "image.nii.gz", "rois": phantom_folder / "rois.csv"}
+    assert written(run("rois", inputs))
+
+
+def test_scans(run, phantom_folder):
+    image = phantom_folder / "image.nii.gz"
+    inputs = {"phantom": image, "fbp": image, "sirt": image, "rois": phantom_folder / "rois.csv"}
+    assert written(run("scans", inputs, titles={"fbp": "FBP", "sirt": "SIRT"}))
+
+
+@pytest.mark.parametrize(
+    ("name", "params"),
+    [
+        (
+            "noise_calibration",
+            {"study_levels": {"main": 1e-4}, "measured": [{"label": "1 mGy", "variance_hu2": 674.0}]},
+        ),
+        ("stability_discrimination", {"threshold": 1.0, "with_measured": False}),
+        ("overlap", {}),
+        ("pca", {"title": "SIRT"}),
+    ],
+)
+def test_tables(run, tmp_path, calibration, stability, overlap, make_pca, name, params):
+    tables = {
+        "noise_calibration": calibration,
+        "stability_discrimination": stability,
+        "overlap": overlap,
+        "pca": make_pca(),
+    }
+    write_csv(tables[name], tmp_path / "table.csv")
+    assert written(run(name, {"table": tmp_path / "table.csv"}, **params))
+
+
+def test_measured_scores_beside_simulated(run, tmp_path):
+    from virtual_phantom import measured, radiomics
+
+    scores = measured.load_scores()
+    write_csv(scores.assign(family=scores["feature"].map(radiomics.family)), tmp_path / "table.csv")
+    paths = run(
+        "stability_discrimination", {"table": tmp_path / "table.csv"}, threshold=1.0, with_measured=True
+    )
+    assert written(paths)
+
+
+def test_bad_input_is_one_line_and_exit_code_1(run, tmp_path, capsys):
+    (tmp_path / "table.csv").write_text("n_top,percent\n")
+    with pytest.raises(SystemExit) as stop:
+        run("overlap", {"table": tmp_path / "table.csv"})
+    assert stop.value.code == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not (tmp_path / "figures").exists()

@@ -1,0 +1,288 @@
+"""Figures of tables: every row is drawn, numbers are right, names are the user's."""
+
+import matplotlib
+import numpy as np
+import pandas
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PathCollection
+from matplotlib.text import Text
+from scipy.stats import hypergeom
+
+from virtual_phantom.errors import InputError
+from virtual_phantom.figures import noise_calibration, pca, stability_discrimination, style
+from virtual_phantom.figures import overlap as overlap_figure
+
+
+def texts(figure):
+    return [text.get_text() for text in figure.findobj(Text) if text.get_text()]
+
+
+def points(axes):
+    return [np.asarray(collection.get_offsets()) for collection in axes.findobj(PathCollection)]
+
+
+def test_no_text_is_smaller_than_seven_points_or_cut_off(calibration, stability, overlap, make_pca):
+    measured = stability.drop(columns="family")
+    for figure in (
+        noise_calibration.draw(calibration, {"main": 1e-4}, [("1 mGy", 674), ("10 mGy", 228)]),
+        stability_discrimination.draw(stability, 1.0, measured),
+        stability_discrimination.draw(stability, 1.0),
+        overlap_figure.draw(overlap),
+        pca.draw(make_pca(), "SIRT"),
+        pca.draw(make_pca(measured=60)),
+    ):
+        with style.styled():
+            canvas = FigureCanvasAgg(figure)
+            canvas.draw()
+            tight = figure.get_tightbbox(canvas.get_renderer())
+        assert tight.x0 >= -0.02 and tight.y0 >= -0.02, tight
+        assert tight.x1 <= figure.get_figwidth() + 0.02 and tight.y1 <= figure.get_figheight() + 0.02, tight
+        sizes = [text.get_fontsize() for text in figure.findobj(Text)]
+        assert min(sizes) >= 7
+
+
+# Noise calibration
+
+
+def line(slope, intercept, levels, protocol="sirt_450", scatter=0.0):
+    levels = np.asarray(levels)
+    variance = intercept + slope * levels + scatter
+    return pandas.DataFrame(
+        {
+            "protocol": protocol,
+            "noise": "n",
+            "noise_level": levels,
+            "repeats": 10,
+            "roi": "all",
+            "variance_hu2": variance,
+            "standard_error": 1.0,
+        }
+    )
+
+
+def test_fit_and_crossings_in_closed_form():
+    """Variance 50 + 2e6 A: 250 HU^2 is reached at A = 1e-4, 650 HU^2 at 3e-4, 40 HU^2 at no positive A."""
+    table = line(2e6, 50, [0.5e-4, 1e-4, 2e-4])
+    figure = noise_calibration.draw(
+        table, {"study": 1e-4}, [("high", 250.0), ("low", 650.0), ("never", 40.0)]
+    )
+    said = texts(figure)
+    assert "fit: 200 HU² · A/10⁻⁴ + 50 HU², R² = 1.0000" in said
+    assert "high: 250 HU², crossed at A = 1 ×10⁻⁴" in said
+    assert "low: 650 HU², crossed at A = 3 ×10⁻⁴" in said
+    assert "never: 40 HU², not crossed" in said
+    assert "levels of the study: A = 1 (study) ×10⁻⁴" in said
+    assert "variance (HU²)" in said and "noise level A = 1/I₀ (10⁻⁴)" in said
+    assert figure.axes[0].get_xlim()[1] > 3
+
+
+def test_r_squared_by_hand():
+    """Points (1, 1), (2, 3), (3, 2) x 1e-4: slope 0.5e4, intercept 1, R2 = 1 - 1.5/2 = 0.25."""
+    table = line(0, 0, [1e-4, 2e-4, 3e-4])
+    table["variance_hu2"] = [1.0, 3.0, 2.0]
+    assert "fit: 0.5 HU² · A/10⁻⁴ + 1 HU², R² = 0.2500" in texts(noise_calibration.draw(table))
+
+
+def test_only_rows_of_all_rois_are_fitted(calibration):
+    alone = calibration[calibration["roi"] == "all"]
+    assert sorted(texts(noise_calibration.draw(calibration))) == sorted(texts(noise_calibration.draw(alone)))
+    assert sum(text.startswith("fit: ") for text in texts(noise_calibration.draw(calibration))) == 2  # legend
+
+
+def test_calibration_refuses(calibration):
+    with pytest.raises(InputError, match="no rows"):
+        noise_calibration.draw(calibration[calibration["roi"] != "all"])
+    with pytest.raises(InputError, match="no rows"):
+        noise_calibration.draw(calibration.iloc[:0])
+    with pytest.raises(InputError, match="at least two"):
+        noise_calibration.draw(calibration[calibration["noise_level"] == 1e-4])
+    with pytest.raises(InputError, match="variance_hu2 is not a finite number"):
+        noise_calibration.draw(calibration.assign(variance_hu2=np.nan))
+
+
+# Stability and discriminative power
+
+
+def test_every_feature_counts(stability):
+    figure = stability_discrimination.draw(stability, 1.0, stability.drop(columns="family").iloc[:85])
+    families = sorted(set(stability["family"]))
+    one = dict(
+        zip(
+            families,
+            (style.marker_area(marker, stability_discrimination.POINT) for marker in style.MARKERS),
+            strict=False,
+        )
+    )
+    colours = dict(zip(map(matplotlib.colors.to_hex, style.ON_WHITE), families, strict=False))
+    for axes, total in zip(figure.axes, (86, 85), strict=True):
+        drawn = 0
+        for collection in axes.findobj(PathCollection):
+            family = colours[matplotlib.colors.to_hex(collection.get_facecolors()[0])]
+            drawn += len(collection.get_offsets()) * collection.get_sizes()[0] / one[family]
+        assert drawn == pytest.approx(total)
+        assert f"{total} features" in axes.get_title()
+    said = texts(figure)
+    assert "stability: pairs of groups with |W| < 1 (%)" in said
+    assert "discriminative power: pairs across classes with |W| > 1 (%)" in said
+    assert {"First order", "GLCM", "GLDM", "GLRLM", "GLSZM"} <= set(said)
+
+
+def test_features_at_one_place_are_one_larger_marker():
+    table = pandas.DataFrame(
+        {
+            "feature": ["a", "b", "c"],
+            "family": "glcm",
+            "stability_percent": [5.0, 5, 9],
+            "discrimination_percent": [80.0, 80, 90],
+        }
+    )
+    collections = stability_discrimination.draw(table, 1.0).axes[0].findobj(PathCollection)
+    size = {tuple(collection.get_offsets()[0]): collection.get_sizes()[0] for collection in collections}
+    assert set(size) == {(5, 80), (9, 90)}
+    assert size[5, 80] == pytest.approx(2 * size[9, 90])
+
+
+def test_means_and_best_by_hand():
+    table = pandas.DataFrame(
+        {
+            "feature": [f"original_glcm_F{index}" for index in range(7)],
+            "family": "glcm",
+            "stability_percent": [0.0, 10, 20, 30, 40, 50, 60],
+            "discrimination_percent": [100.0] * 7,
+        }
+    )
+    figure = stability_discrimination.draw(table, 1.5)
+    assert "means: 30.0 % stable, 100.0 % told apart" in figure.axes[0].get_title()
+    assert "1  GLCM F6\n2  GLCM F5\n3  GLCM F4\n4  GLCM F3\n5  GLCM F2" in texts(figure)
+    assert "stability: pairs of groups with |W| < 1.5 (%)" in texts(figure)
+
+
+def test_near_best_features_share_a_label():
+    table = pandas.DataFrame(
+        {
+            "feature": list("abc"),
+            "family": "glcm",
+            "stability_percent": [50.0, 50.5, 10],
+            "discrimination_percent": [90.0, 90, 60],
+        }
+    )
+    said = texts(stability_discrimination.draw(table, 1.0))
+    assert "1, 2" in said and "3" in said
+
+
+def test_stability_refuses(stability):
+    with pytest.raises(InputError, match="no rows"):
+        stability_discrimination.draw(stability.iloc[:0], 1.0)
+    with pytest.raises(InputError, match="share no feature"):
+        other = stability.drop(columns="family").assign(feature="unheard_of")
+        stability_discrimination.draw(stability, 1.0, other)
+
+
+# Overlap
+
+
+def test_overlap_draws_both_curves_and_the_band(overlap):
+    figure = overlap_figure.draw(overlap.sample(frac=1, random_state=1))
+    axes = figure.axes[0]
+    curves = {curve.get_label(): curve.get_xydata() for curve in axes.lines}
+    for label, column in (
+        ("stability", "overlap_stability_percent"),
+        ("discriminative power", "overlap_discrimination_percent"),
+        ("uncorrelated lists, expectation", "expected_percent"),
+    ):
+        assert np.array_equal(curves[label], overlap[["percent", column]].to_numpy())
+    # 43 of 86: 95 % of random choices share 17 to 26, 39.5 to 60.5 % (hypergeometric law)
+    band = axes.collections[1].get_paths()[0].vertices
+    at_half = np.unique(band[np.isclose(band[:, 0], 50), 1])
+    assert at_half == pytest.approx(100 * np.array(hypergeom(86, 43, 43).interval(0.95)) / 43)
+    assert "features taken as best-scoring (%)" in texts(figure) and "of these, in both lists (%)" in texts(
+        figure
+    )
+    with pytest.raises(InputError, match="no rows"):
+        overlap_figure.draw(overlap.iloc[:0])
+
+
+# Principal components
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("aorta",),
+        ("liver_1", "liver_2", "spleen_1", "muscle_1"),
+        tuple(f"roi_{index}" for index in range(18)),
+    ],
+)
+@pytest.mark.parametrize("measured", [0, 3])
+def test_a_marker_for_every_row(make_pca, names, measured):
+    table = make_pca(names, measured)
+    figure = pca.draw(table, "title")
+    for axes in figure.axes[:2]:
+        drawn = np.concatenate(points(axes))
+        assert sorted(map(tuple, drawn)) == sorted(map(tuple, table[["pc1", "pc2"]].to_numpy()))
+    said = texts(figure)
+    assert {style.label(name) for name in names} <= set(said)
+    assert "PC 1 (61.2 % of variance)" in said and "PC 2 (17.5 % of variance)" in said
+    assert "number of projections" in said and "noise level A = 1/I₀ (10⁻⁴)" in said
+    assert {"150", "450", "0.8", "1.4"} <= set(said)
+    assert ("black: measured" in said) == bool(measured)
+
+
+def test_measured_have_the_shape_of_their_roi(make_pca):
+    table = make_pca(("a", "b"), 3)
+    collections = pca.draw(table).axes[0].findobj(PathCollection)
+    shapes = {}
+    for collection in collections:
+        start = tuple(np.asarray(collection.get_offsets())[0])
+        row = table[(table["pc1"] == start[0]) & (table["pc2"] == start[1])].iloc[0]
+        shapes.setdefault(row["roi"], set()).add(collection.get_paths()[0].vertices.tobytes())
+        filled = len(collection.get_facecolors()) > 0
+        assert filled == (row["source"] == "simulated")
+    assert len(shapes["a"]) == len(shapes["b"]) == 1 and shapes["a"] != shapes["b"]
+
+
+def test_colour_follows_the_parameter(make_pca):
+    table = make_pca(("a",), 0)
+    for axes, column in zip(pca.draw(table).axes[:2], ("projections", "noise_level"), strict=True):
+        (collection,) = axes.findobj(PathCollection)
+        colour = dict(
+            zip(
+                map(tuple, np.asarray(collection.get_offsets())),
+                map(tuple, collection.get_facecolors()),
+                strict=True,
+            )
+        )
+        of_value = {
+            value: {colour[tuple(row)] for row in rows[["pc1", "pc2"]].to_numpy()}
+            for value, rows in table.groupby(column)
+        }
+        assert all(len(colours) == 1 for colours in of_value.values())
+        assert len(set.union(*of_value.values())) == table[column].nunique()
+
+
+def test_many_measured_lie_beneath_with_means_on_top(make_pca):
+    table = make_pca(("a", "b"), 80)
+    axes = pca.draw(table).axes[0]
+    measured = table[table["source"] == "measured"]
+    means = {tuple(mean) for mean in measured.groupby("roi")[["pc1", "pc2"]].mean().to_numpy()}
+    order = {collection.get_zorder(): [] for collection in axes.findobj(PathCollection)}
+    for collection in axes.findobj(PathCollection):
+        order[collection.get_zorder()].append(np.asarray(collection.get_offsets()))
+    beneath, _, top = (np.concatenate(order[key]) for key in sorted(order))
+    assert len(beneath) == len(measured)
+    assert np.array(sorted(map(tuple, top))) == pytest.approx(np.array(sorted(means)))
+
+
+def test_pca_refuses(make_pca):
+    table = make_pca()
+    with pytest.raises(InputError, match="no rows"):
+        pca.draw(table.iloc[:0])
+    with pytest.raises(InputError, match="simulated rows: has no rows"):
+        pca.draw(table[table["source"] == "measured"])
+    with pytest.raises(InputError, match="explained variances differ"):
+        pca.draw(table.assign(explained_pc1_percent=np.arange(len(table))))
+    with pytest.raises(InputError, match="source guessed"):
+        pca.draw(table.assign(source="guessed"))
+    with pytest.raises(InputError, match="pc1 is not a finite number"):
+        pca.draw(table.assign(pc1=np.inf))

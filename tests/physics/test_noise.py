@@ -1,0 +1,73 @@
+"""Poisson noise against its moments, and the two models against their definitions."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+from virtual_phantom.errors import InputError
+from virtual_phantom.physics.noise import Counts, acquisition_seed, simulate_counts
+
+SEED = np.random.SeedSequence(7)
+
+
+@pytest.mark.parametrize("noise_level", [1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("model", ["physical", "astra"])
+def test_counts_have_poisson_mean_and_variance(noise_level, model):
+    """Chi-square of the dispersion and z of the mean, each at the 0.1 % level, over 20000 pixels of one ray's count."""
+    p, p_max = 1.3, 4.0
+    line_integrals = np.full((20, 40, 50), p)
+    line_integrals[0, 0, 0] = p_max
+    counts = simulate_counts(line_integrals, noise_level, model, SEED)
+    mean = np.exp(-p / (p_max if model == "astra" else 1)) / noise_level
+    sample = counts.data.ravel()[1:].astype(float)
+    n = sample.size
+    z = (sample.mean() - mean) / np.sqrt(mean / n)
+    assert abs(z) < stats.norm.isf(0.0005)
+    dispersion = np.sum((sample - mean) ** 2) / mean
+    low, high = stats.chi2.interval(0.999, n)
+    assert low < dispersion < high
+
+
+def test_line_integrals_come_back_unbiased_with_the_variance_that_theory_gives():
+    """var(-s ln N) = s^2 / mean N to first order (delta method)."""
+    line_integrals = np.full((10, 100, 100), 2.0)
+    line_integrals[0, 0, 0] = 5.0
+    counts = simulate_counts(line_integrals, 1e-5, "astra", SEED)
+    back = counts.line_integrals(0.5).ravel()[1:]
+    assert counts.scale == 5.0
+    assert back.mean() == pytest.approx(2.0, abs=1e-3)
+    assert back.var() == pytest.approx(25 * 1e-5 * np.exp(2 / 5), rel=0.03)
+
+
+@given(st.floats(0.01, 1.0))
+def test_no_photon_is_read_as_the_stated_number(zero_counts_as):
+    counts = Counts(np.zeros((1, 1, 2), np.uint16), 1000.0, 1.0)
+    np.testing.assert_allclose(counts.line_integrals(zero_counts_as), -np.log(zero_counts_as / 1000), rtol=1e-5)
+
+
+def test_bad_arguments():
+    good = np.ones((2, 2, 2))
+    with pytest.raises(InputError, match="noise.model 'gauss'"):
+        simulate_counts(good, 1e-3, "gauss", SEED)
+    for level in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(InputError, match="noise level"):
+            simulate_counts(good, level, "astra", SEED)
+    with pytest.raises(InputError, match="projections are empty"):
+        simulate_counts(np.zeros((2, 2, 2)), 1e-3, "astra", SEED)
+    with pytest.raises(InputError, match="zero_counts_as"):
+        Counts(np.ones(3, np.uint16), 10.0, 1.0).line_integrals(0)
+
+
+def test_streams_differ_in_every_argument_and_repeat():
+    arguments = [(1, "views150", "dose10", 0), (2, "views150", "dose10", 0), (1, "views200", "dose10", 0),
+                 (1, "views150", "dose1", 0), (1, "views150", "dose10", 1)]
+    first = [np.random.Generator(np.random.PCG64(acquisition_seed(*a))).integers(2**63) for a in arguments]
+    again = [np.random.Generator(np.random.PCG64(acquisition_seed(*a))).integers(2**63) for a in arguments]
+    assert first == again
+    assert len(set(first)) == len(first)
+
+
+def test_counts_beyond_sixteen_bits_are_kept():
+    counts = simulate_counts(np.array([[[0.0, 1.0]]]), 1e-7, "physical", SEED)
+    assert counts.data.max() > 2**16

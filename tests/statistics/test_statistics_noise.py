@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+
+from virtual_phantom.errors import InputError
+from virtual_phantom.statistics import noise
+
+BOX = np.ones((2, 3, 4), bool)
+
+
+def test_variance_by_hand():
+    left = BOX.copy()
+    left[:, :, 2:] = False
+    ramp = np.where(left, 1.0, 2.0)
+    table = noise.repeat_variance((ramp * k for k in (1, 2, 3)), {"left": left, "right": ~left}).set_index(
+        "roi"
+    )
+    # 1 2 3 has variance 1, 2 4 6 has 4.
+    assert table["variance_hu2"].to_dict() == pytest.approx({"left": 1, "right": 4, "all": 2.5})
+    assert (table["repeats"] == 3).all()
+    # Leaving one of 1 2 3 out gives variances 0.5, 2 and 0.5: mean 1, jackknife variance 2/3 x (0.25 + 1 +
+    # 0.25).
+    assert table.loc["left", "standard_error"] == pytest.approx(1.0)
+
+
+def test_overlapping_rois_count_each_voxel_once_in_all():
+    inner = BOX.copy()
+    inner[0] = False
+    image = np.where(inner, 1.0, 2.0)
+    table = noise.repeat_variance((image * k for k in (1, 2, 3)), {"outer": BOX, "inner": inner}).set_index(
+        "roi"
+    )
+    assert table.loc["all", "variance_hu2"] == pytest.approx(table.loc["outer", "variance_hu2"])
+
+
+def test_known_noise_is_recovered_and_its_error_is_honest_for_correlated_voxels():
+    rng = np.random.default_rng(5)
+    errors, claimed = [], []
+    for _ in range(150):
+        # Blocks of 10 x 10 equal voxels: 16 independent values per image, not 1600.
+        images = np.kron(rng.normal(0, 7, (10, 1, 4, 4)), np.ones((1, 1, 10, 10)))
+        row = noise.repeat_variance(images, {"roi": np.ones(images.shape[1:], bool)}).iloc[0]
+        errors.append(row["variance_hu2"] - 49)
+        claimed.append(row["standard_error"])
+    assert abs(np.mean(errors)) < 4 * np.std(errors) / np.sqrt(150)
+    assert np.mean(claimed) == pytest.approx(np.std(errors), rel=0.25)
+    assert np.std(errors) == pytest.approx(
+        49 * np.sqrt(2 / 9 / 16), rel=0.25
+    )  # chi-square, 9 degrees of freedom
+
+
+def test_images_are_taken_one_at_a_time():
+    alive = []
+
+    def images():
+        for k in range(4):
+            alive.append(k)
+            yield np.full(BOX.shape, float(k))
+
+    assert noise.repeat_variance(images(), {"roi": BOX})["repeats"].tolist() == [4, 4]
+    assert alive == [0, 1, 2, 3]
+
+
+def test_a_line_is_found_and_inverted():
+    level = np.array([1e-4, 2e-4, 4e-4])
+    fit = noise.linear_fit(level, 3 + 5e5 * level)
+    assert (fit.slope, fit.intercept, fit.r_squared) == pytest.approx((5e5, 3, 1))
+    assert fit.noise_level_for(228) == pytest.approx(4.5e-4)
+    # By hand: points (0, 0), (1, 2), (2, 1) have slope 1/2, intercept 1/2 and R2 1/4.
+    fit = noise.linear_fit([0, 1, 2], [0, 2, 1])
+    assert (fit.slope, fit.intercept, fit.r_squared) == pytest.approx((0.5, 0.5, 0.25))
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (lambda: noise.repeat_variance([np.zeros(BOX.shape)] * 2, {"roi": BOX}), "2 repeats; at least 3"),
+        (
+            lambda: noise.repeat_variance([np.zeros((1, 3, 4))] * 3, {"roi": BOX}),
+            "repeat 1 has shape (1, 3, 4)",
+        ),
+        (
+            lambda: noise.repeat_variance([np.full(BOX.shape, np.nan)] * 3, {"roi": BOX}),
+            "not finite inside an ROI",
+        ),
+        (
+            lambda: noise.repeat_variance([np.zeros(BOX.shape)] * 3, {"roi": BOX, "none": ~BOX}),
+            "ROI none is empty",
+        ),
+        (lambda: noise.linear_fit([1, 1], [2, 3]), "two different noise levels"),
+        (lambda: noise.LinearFit(2.0, 5.0, 1.0).noise_level_for(4), "no positive noise level"),
+        (lambda: noise.LinearFit(-2.0, 5.0, 1.0).noise_level_for(4), "no positive noise level"),
+    ],
+)
+def test_bad_input_is_one_clear_line(call, message):
+    with pytest.raises(InputError) as caught:
+        call()
+    assert message in str(caught.value) and "\n" not in str(caught.value)

@@ -1,0 +1,138 @@
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from virtual_phantom import feature_table, files
+from virtual_phantom.errors import InputError
+from virtual_phantom.radiomics import FEATURES
+
+ROIS = {"normal_1": "normal_liver", "cyst_1": "cyst", "metastasis": "metastasis"}
+
+
+def image_table(protocol="sirt_150", noise="dose_10mgy", seed=0):
+    rng = np.random.default_rng([seed, len(protocol), len(noise)])
+    extracted = pd.DataFrame(
+        {
+            "roi": list(ROIS),
+            "n_voxels": 100,
+            "grey_levels": 5,
+            "settings_hash": "0e12",
+            "pyradiomics_version": "3",
+            "numpy_version": "2.10",
+            "simpleitk_version": "2",
+            **{feature: rng.normal(size=3) * 10.0 ** rng.integers(-20, 20, 3) for feature in FEATURES},
+        }
+    )
+    acquisition = {
+        "protocol": protocol,
+        "algorithm": "SIRT",
+        "projections": 150,
+        "noise": noise,
+        "noise_level": 1e-4,
+        "seed": seed,
+    }
+    return feature_table.complete(extracted, ROIS, acquisition)
+
+
+TABLES = [
+    image_table(protocol, noise, seed)
+    for protocol in ("sirt_200", "fbp_150")
+    for noise in ("low", "dose_1")
+    for seed in (0, 2, 10)
+]
+
+
+def test_columns_stand_in_the_contracts_order():
+    assert list(image_table().columns) == [
+        "protocol",
+        "algorithm",
+        "projections",
+        "noise",
+        "noise_level",
+        "seed",
+        "roi",
+        "tissue_class",
+        "n_voxels",
+        "grey_levels",
+        "settings_hash",
+        "pyradiomics_version",
+        "numpy_version",
+        "simpleitk_version",
+        *FEATURES,
+    ]
+    assert list(image_table()["tissue_class"]) == ["normal_liver", "cyst", "metastasis"]
+
+
+def test_written_and_read_bit_for_bit(tmp_path):
+    path = tmp_path / "table.csv"
+    files.write_csv(image_table(), path)
+    back = feature_table.read(path)
+    pd.testing.assert_frame_equal(back, image_table(), check_exact=True)
+    files.write_csv(back, tmp_path / "again.csv")
+    assert path.read_bytes() == (tmp_path / "again.csv").read_bytes()
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.permutations(TABLES))
+def test_the_order_of_files_does_not_matter(tables):
+    merged = feature_table.merge(tables)
+    assert merged.equals(feature_table.merge(TABLES))
+    assert len(merged) == 36
+    keys = merged[["protocol", "noise", "seed"]].drop_duplicates().values.tolist()
+    assert keys == sorted(keys) and keys[0] == ["fbp_150", "dose_1", 0]
+    assert list(merged["roi"]) == list(ROIS) * 12  # the order in the tables, not the alphabet
+
+
+def test_selecting_takes_the_first_seeds():
+    merged = feature_table.merge(TABLES)
+    chosen = feature_table.select(merged, protocols=["fbp_150"], noise=["low"], seeds=2)
+    assert sorted(chosen["seed"].unique()) == [0, 2] and len(chosen) == 6
+    assert set(chosen["protocol"]) == {"fbp_150"} and set(chosen["noise"]) == {"low"}
+
+
+@pytest.mark.parametrize(
+    "call, message",
+    [
+        (
+            lambda: feature_table.merge([TABLES[0], TABLES[0]]),
+            "two rows for protocol sirt_200, noise low, seed 0, roi normal_1",
+        ),
+        (
+            lambda: feature_table.merge([TABLES[0], TABLES[1].assign(settings_hash="other")]),
+            "different settings_hash",
+        ),
+        (lambda: feature_table.merge([TABLES[0].iloc[:1], TABLES[1]]), "ROI cyst_1 is not in every image"),
+        (lambda: feature_table.merge([TABLES[0], TABLES[1].iloc[:1]]), "ROI cyst_1 is not in every image"),
+        (
+            lambda: feature_table.select(
+                feature_table.merge(TABLES), protocols=["fbp_150"], noise=["low"], seeds=4
+            ),
+            "3 seeds for protocol fbp_150, noise low; 4 are asked for",
+        ),
+        (
+            lambda: feature_table.select(
+                feature_table.merge(TABLES), protocols=["mlem"], noise=["low"], seeds=1
+            ),
+            "0 seeds for protocol mlem",
+        ),
+        (lambda: feature_table.read("/nowhere/features.csv"), "cannot be read as CSV"),
+        (
+            lambda: feature_table.finite_values(
+                TABLES[0].assign(**{FEATURES[4]: np.nan}), FEATURES, "features.csv"
+            ),
+            "features.csv: original_firstorder_InterquartileRange is nan for protocol sirt_200",
+        ),
+    ],
+)
+def test_bad_input_is_one_clear_line(call, message):
+    with pytest.raises(InputError) as caught:
+        call()
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_table_without_a_feature_is_refused(tmp_path):
+    files.write_csv(image_table().drop(columns=FEATURES[5]), tmp_path / "short.csv")
+    with pytest.raises(InputError, match=f"short.csv: lacks 1 column.*{FEATURES[5]}"):
+        feature_table.read(tmp_path / "short.csv")

@@ -1,0 +1,137 @@
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from virtual_phantom import measured
+from virtual_phantom.errors import InputError
+from virtual_phantom.radiomics import FEATURES
+
+REAL = Path(__file__).resolve().parents[1] / "../shared/real"
+STUDY = REAL / "ct_phantom4radiomics/features_2d.csv"
+DOSE = REAL / "edge_dose_series/features_3d.csv"
+
+
+def study_rows(**changes):
+    rows = {
+        "scan_id": ["101-n1-192", "830-met-170"],
+        "group": [1, 8],
+        "class": ["n1", "met"],
+        "mask size": [844, 685],
+        **{feature: [1.0, 2.0] for feature in measured.STUDY_FEATURES},
+    }
+    return pd.DataFrame(rows | changes)
+
+
+def test_names_of_the_full_table_become_ours(tmp_path):
+    study_rows().to_csv(tmp_path / "table.csv", index=False)
+    table = measured.load_full_table(tmp_path / "table.csv")
+    assert table[["scan", "group", "acquisition", "roi", "tissue_class", "n_voxels"]].to_numpy().tolist() == [
+        [101, 1, 1, "normal_1", "normal_liver", 844],
+        [830, 8, 30, "metastasis", "metastasis", 685],
+    ]
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"class": ["n1", "x"]}, "has the class 'x'"),
+        ({"group": [1, 7]}, "does not begin with the digit of its group"),
+        ({"scan_id": ["101-n1", "83-met"]}, "does not begin with the digit of its group"),
+        ({measured.STUDY_FEATURES[3]: [1.0, np.nan]}, "features that are not finite"),
+    ],
+)
+def test_a_table_that_is_something_else_is_refused(tmp_path, changes, message):
+    study_rows(**changes).to_csv(tmp_path / "table.csv", index=False)
+    with pytest.raises(InputError, match=message):
+        measured.load_full_table(tmp_path / "table.csv")
+    study_rows().drop(columns="mask size").to_csv(tmp_path / "table.csv", index=False)
+    with pytest.raises(InputError, match="lacks 1 column.s., the first 'mask size'"):
+        measured.load_full_table(tmp_path / "table.csv")
+    with pytest.raises(InputError, match="measured.table: .*none.csv cannot be read"):
+        measured.load_full_table(tmp_path / "none.csv")
+
+
+def test_first_order_features_in_hu_are_those_of_the_shifted_values():
+    hu = np.random.default_rng(0).normal(5, 12, 300)
+    stored = hu + 1024
+
+    def first_order(x):
+        return {
+            "10Percentile": np.percentile(x, 10),
+            "90Percentile": np.percentile(x, 90),
+            "Maximum": x.max(),
+            "Mean": x.mean(),
+            "Median": np.median(x),
+            "Minimum": x.min(),
+            "Variance": x.var(),
+            "Energy": (x**2).sum(),
+            "RootMeanSquared": np.sqrt((x**2).mean()),
+            "Range": np.ptp(x),
+        }
+
+    def row(x):
+        return pd.DataFrame(
+            [{f"original_firstorder_{k}": v for k, v in first_order(x).items()} | {"n_voxels": x.size}]
+        )
+
+    pd.testing.assert_frame_equal(measured.to_hu(row(stored)), row(hu), rtol=1e-9)
+
+
+def test_summaries_are_complete():
+    groups, dose = measured.load_group_summary(), measured.load_dose_series()
+    assert len(groups) == 8 * 6 * 85 and len(dose) == 3 * 2 * 6 * 86
+    assert set(groups["feature"]) == set(measured.STUDY_FEATURES) and set(dose["feature"]) == set(FEATURES)
+    assert groups.notna().all().all() and dose.notna().all().all()
+    assert (dose["n"] == 10).all() and groups["n"].between(26, 30).all()
+    assert measured.group_means().shape == (48, 3 + 85)
+
+
+def test_mean_hu_of_the_rois_is_what_the_data_sets_notes_say():
+    means = measured.group_means().groupby("roi")["original_firstorder_Mean"].mean()
+    noted = {"normal_1": 98, "normal_2": 86, "cyst_1": 5, "cyst_2": 14, "hemangioma": 43, "metastasis": 45}
+    assert means.to_dict() == pytest.approx(noted, abs=1)
+
+
+@pytest.mark.parametrize(
+    "reconstruction, variances", [("fbp", [1253, 740, 365]), ("iterative", [674, 413, 228])]
+)
+def test_variance_of_the_large_cyst_against_dose(reconstruction, variances):
+    assert [measured.dose_variance(reconstruction, dose) for dose in (1, 3, 10)] == pytest.approx(
+        variances, abs=1
+    )
+
+
+def test_an_unknown_dose_is_refused():
+    with pytest.raises(InputError, match="nothing for reconstruction fbp, 2 mGy, ROI cyst_1"):
+        measured.dose_variance("fbp", 2)
+
+
+@pytest.mark.real
+@pytest.mark.skipif(not STUDY.exists(), reason="the table of CT-Phantom4Radiomics is not beside the checkout")
+def test_the_kept_group_summary_is_that_of_the_table():
+    table = measured.to_hu(measured.load_full_table(STUDY))
+    means = (
+        table.groupby(["group", "roi", "tissue_class"])[list(measured.STUDY_FEATURES)].mean().reset_index()
+    )
+    kept = measured.group_means()[list(means.columns)]
+    pd.testing.assert_frame_equal(kept, means, rtol=1e-7, check_dtype=False)
+    raw = measured.load_full_table(STUDY)  # what to_hu assumes of the file
+    square = raw["original_firstorder_Variance"] + raw["original_firstorder_Mean"] ** 2
+    assert np.allclose(raw["original_firstorder_Energy"], raw["n_voxels"] * square, rtol=1e-12)
+
+
+@pytest.mark.real
+@pytest.mark.skipif(not DOSE.exists(), reason="the table of the dose series is not beside the checkout")
+def test_the_kept_dose_series_is_that_of_the_table():
+    raw = pd.read_csv(DOSE)
+    kept = measured.load_dose_series()
+    for (dose, code, name), rows in raw.groupby(["dose_mGy", "recon_code", "roi6"]):
+        of = kept[
+            (kept["dose_mgy"] == dose)
+            & (kept["reconstruction"] == measured.DOSE_RECONSTRUCTIONS[code])
+            & (kept["roi"] == measured.DOSE_ROIS[name])
+        ].set_index("feature")
+        assert np.allclose(of.loc[list(FEATURES), "mean"], rows[list(FEATURES)].mean(), rtol=1e-7)
+        assert np.allclose(of.loc[list(FEATURES), "sd"], rows[list(FEATURES)].std(), rtol=1e-6)

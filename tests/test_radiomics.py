@@ -1,0 +1,271 @@
+import logging
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+import SimpleITK as sitk
+from radiomics.featureextractor import RadiomicsFeatureExtractor
+from scipy import ndimage
+
+from virtual_phantom import files, radiomics
+from virtual_phantom.errors import InputError
+from virtual_phantom.geometry import Grid
+from virtual_phantom.radiomics import FEATURES, RadiomicsWarning
+from virtual_phantom.volumes import Volume, write_nifti
+
+# Image Biomarker Standardisation Initiative, digital phantom (reference manual, arXiv:1612.07003v11, section
+# 5.1, CC BY 4.0): 5 x 4 x 4 voxels of 2 mm, here [z, y, x]; 0 marks voxels outside the ROI.
+IBSI_PHANTOM = np.array(
+    [
+        [[1, 4, 4, 1, 1], [1, 4, 6, 1, 1], [4, 1, 6, 4, 1], [4, 4, 6, 4, 1]],
+        [[1, 4, 4, 1, 1], [1, 1, 6, 1, 1], [0, 1, 3, 1, 1], [4, 4, 6, 1, 1]],
+        [[1, 4, 4, 0, 0], [1, 1, 1, 1, 1], [1, 1, 0, 1, 1], [1, 1, 6, 1, 1]],
+        [[1, 4, 4, 0, 0], [1, 1, 1, 1, 1], [1, 1, 1, 1, 1], [1, 1, 6, 1, 1]],
+    ]
+)
+# Published reference values, three significant digits: GLCM averaged over 3D directions, GLSZM and NGLDM
+# (which pyradiomics calls GLDM) in 3D. Intensities here are 25 times the phantom's, so that 25 HU bins give
+# its grey levels; dimensionless and texture features stay, the others scale by 25 or 25^2. Kurtosis is
+# without the -3 of the manual.
+IBSI_VALUES = {
+    "firstorder_Mean": 25 * 2.15,
+    "firstorder_Variance": 25**2 * 3.05,
+    "firstorder_Skewness": 1.08,
+    "firstorder_Kurtosis": -0.355 + 3,
+    "firstorder_Median": 25,
+    "firstorder_Minimum": 25,
+    "firstorder_10Percentile": 25,
+    "firstorder_90Percentile": 100,
+    "firstorder_Maximum": 150,
+    "firstorder_InterquartileRange": 75,
+    "firstorder_Range": 125,
+    "firstorder_MeanAbsoluteDeviation": 25 * 1.55,
+    "firstorder_RobustMeanAbsoluteDeviation": 25 * 1.11,
+    "firstorder_Energy": 25**2 * 567,
+    "firstorder_TotalEnergy": 8 * 25**2 * 567,
+    "firstorder_RootMeanSquared": 25 * 2.77,
+    "firstorder_Entropy": 1.27,
+    "firstorder_Uniformity": 0.512,
+    "glcm_DifferenceAverage": 1.43,
+    "glcm_Id": 0.677,
+    "glcm_Idn": 0.851,
+    "glcm_Idm": 0.618,
+    "glcm_Idmn": 0.898,
+    "glcm_InverseVariance": 0.0604,
+    "glszm_SmallAreaEmphasis": 0.255,
+    "glszm_LargeAreaEmphasis": 550,
+    "glszm_LowGrayLevelZoneEmphasis": 0.253,
+    "glszm_HighGrayLevelZoneEmphasis": 15.6,
+    "glszm_SmallAreaLowGrayLevelEmphasis": 0.0256,
+    "glszm_SmallAreaHighGrayLevelEmphasis": 2.76,
+    "glszm_LargeAreaLowGrayLevelEmphasis": 503,
+    "glszm_LargeAreaHighGrayLevelEmphasis": 1490,
+    "glszm_GrayLevelNonUniformity": 1.4,
+    "glszm_GrayLevelNonUniformityNormalized": 0.28,
+    "glszm_SizeZoneNonUniformity": 1,
+    "glszm_SizeZoneNonUniformityNormalized": 0.2,
+    "glszm_ZonePercentage": 0.0676,
+    "glszm_GrayLevelVariance": 2.64,
+    "glszm_ZoneVariance": 331,
+    "glszm_ZoneEntropy": 2.32,
+    "gldm_SmallDependenceEmphasis": 0.045,
+    "gldm_LargeDependenceEmphasis": 109,
+    "gldm_LowGrayLevelEmphasis": 0.693,
+    "gldm_HighGrayLevelEmphasis": 7.66,
+    "gldm_SmallDependenceLowGrayLevelEmphasis": 0.00963,
+    "gldm_SmallDependenceHighGrayLevelEmphasis": 0.736,
+    "gldm_LargeDependenceLowGrayLevelEmphasis": 102,
+    "gldm_LargeDependenceHighGrayLevelEmphasis": 235,
+    "gldm_GrayLevelNonUniformity": 37.9,
+    "gldm_DependenceNonUniformity": 4.86,
+    "gldm_DependenceNonUniformityNormalized": 0.0657,
+    "gldm_GrayLevelVariance": 3.05,
+    "gldm_DependenceVariance": 22.1,
+    "gldm_DependenceEntropy": 4.40,
+}
+
+
+def volume(array, spacing=(1.0, 1.0, 1.0)):
+    return Volume(np.asarray(array), Grid(shape=np.shape(array), spacing=spacing))
+
+
+def one_row(array, mask=None, **kwargs):
+    mask = np.ones(np.shape(array), bool) if mask is None else mask
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RadiomicsWarning)
+        return radiomics.extract(volume(array, **kwargs), {"roi": mask}).iloc[0]
+
+
+def test_the_features_are_the_papers_86():
+    counts = {
+        name: sum(radiomics.family(feature) == name for feature in FEATURES)
+        for name in ("first order", "GLCM", "GLDM", "GLRLM", "GLSZM")
+    }
+    assert counts == {"first order": 18, "GLCM": 22, "GLDM": 14, "GLRLM": 16, "GLSZM": 16}
+    assert len(set(FEATURES)) == 86
+    assert not {"original_glcm_SumAverage", "original_glcm_MCC"} & set(FEATURES)
+
+
+def test_values_published_for_the_ibsi_digital_phantom():
+    row = one_row(25.0 * IBSI_PHANTOM, IBSI_PHANTOM > 0, spacing=(2.0, 2.0, 2.0))
+    assert row["n_voxels"] == 74
+    assert row["grey_levels"] == 4  # 1, 3, 4 and 6
+    for name, value in IBSI_VALUES.items():
+        assert row[f"original_{name}"] == pytest.approx(value, rel=6e-3), (
+            name
+        )  # half a unit of the third digit
+
+
+def test_values_worked_by_hand_on_a_row_of_six_voxels():
+    # Grey levels 1 1 1 2 3 3, one direction. Co-occurrence, symmetrical, of 10: (1,1) 4, (1,2) and (2,1) 1
+    # each, (2,3) and (3,2) 1 each, (3,3) 2. Runs and zones (level x length): 1 x 3, 2 x 1, 3 x 2. Dependence,
+    # the voxel itself counted: 2 3 2 | 1 | 2 2.
+    row = one_row([[[25.0, 30, 49, 50, 75, 99]]], spacing=(3.0, 2.0, 1.0))
+    expected = {
+        "firstorder_Energy": 25**2 + 30**2 + 49**2 + 50**2 + 75**2 + 99**2,
+        "firstorder_TotalEnergy": 6 * (25**2 + 30**2 + 49**2 + 50**2 + 75**2 + 99**2),
+        "firstorder_Uniformity": 1 / 4 + 1 / 36 + 1 / 9,
+        "glcm_JointEnergy": (16 + 4 * 1 + 4) / 100,
+        "glcm_Contrast": 4 / 10,
+        "glcm_MaximumProbability": 0.4,
+        "glcm_Autocorrelation": (4 * 1 + 2 * 2 + 2 * 6 + 2 * 9) / 10,
+        "glrlm_ShortRunEmphasis": (1 / 9 + 1 + 1 / 4) / 3,
+        "glrlm_RunPercentage": 3 / 6,
+        "glrlm_LongRunHighGrayLevelEmphasis": (9 * 1 + 1 * 4 + 4 * 9) / 3,
+        "glszm_LargeAreaEmphasis": (9 + 1 + 4) / 3,
+        "glszm_ZonePercentage": 3 / 6,
+        "gldm_LargeDependenceEmphasis": (4 + 9 + 4 + 1 + 4 + 4) / 6,
+        "gldm_SmallDependenceEmphasis": (4 / 4 + 1 / 9 + 1) / 6,
+    }
+    for name, value in expected.items():
+        assert row[f"original_{name}"] == pytest.approx(value, rel=1e-12), name
+
+
+def blobs(rng):
+    texture = ndimage.gaussian_filter(rng.normal(size=(20, 40, 44)), 1)
+    z, y, x = np.ogrid[:20, :40, :44]
+    masks = {
+        "ball": (z - 10) ** 2 + (y - 12) ** 2 + (x - 20) ** 2 < 30,
+        "at_the_corner": (z < 3) & (y < 5) & (x > 38),
+        "two_parts": ((z == 4) & (y > 30) & (x < 9)) | ((z > 16) & (y > 35) & (x > 40)),
+        "one_slice": (z == 7) & ((y - 20) ** 2 + (x - 25) ** 2 < 50),
+    }
+    return texture * 200 + 40, {name: np.broadcast_to(mask, texture.shape) for name, mask in masks.items()}
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.int16])
+def test_equal_to_the_plain_extractor_on_the_full_image_bit_for_bit(dtype):
+    image, masks = blobs(np.random.default_rng(1))
+    spacing = (1.5, 0.7, 0.7)
+    image = image.astype(dtype)
+    table = radiomics.extract(volume(image, spacing), masks).set_index("roi")
+    plain = RadiomicsFeatureExtractor(binWidth=25, voxelArrayShift=0, gldm_a=0, symmetricalGLCM=True)
+    plain.disableAllFeatures()
+    for name in ("firstorder", "glcm", "gldm", "glrlm", "glszm"):
+        plain.enableFeatureClassByName(name)
+    for roi, mask in masks.items():
+        images = [sitk.GetImageFromArray(array) for array in (image, mask.astype(np.uint8))]
+        for each in images:
+            each.SetSpacing(spacing[::-1])
+        values = plain.execute(*images)
+        assert {feature for feature in FEATURES if table.loc[roi, feature] != float(values[feature])} == set()
+        assert table.loc[roi, "n_voxels"] == mask.sum()
+
+
+def test_grey_levels_are_the_occupied_bins_whose_edges_are_multiples_of_25():
+    assert one_row([[[-0.1, 0, 24.9, 25, 130.0]]])["grey_levels"] == 4
+    assert one_row([[[-25.0, -0.1, -24, -1]]])["grey_levels"] == 1
+
+
+def test_voxels_outside_the_roi_do_not_matter():
+    image, masks = blobs(np.random.default_rng(2))
+    other = np.where(masks["ball"], image, -1000.0)
+    first, second = (radiomics.extract(volume(array), {"ball": masks["ball"]}) for array in (image, other))
+    assert first.equals(second)
+
+
+def test_rows_say_what_made_them():
+    row = one_row(25.0 * IBSI_PHANTOM, IBSI_PHANTOM > 0)
+    assert row["pyradiomics_version"].startswith("v3.0.1") or row["pyradiomics_version"].startswith("3.0.1")
+    assert row["numpy_version"] == np.__version__
+    assert len(row["settings_hash"]) == 16 and int(row["settings_hash"], 16) >= 0
+
+
+def test_the_settings_hash_follows_the_settings(monkeypatch):
+    before = radiomics.settings_hash()
+    assert radiomics.settings_hash() == before
+    monkeypatch.setitem(radiomics.SETTINGS, "binWidth", 26)
+    assert radiomics.settings_hash() != before
+
+
+def test_warns_with_numbers_of_small_and_of_flat_regions():
+    noise = np.random.default_rng(0).normal(0, 60, (6, 6, 6))
+    small = np.zeros(noise.shape, bool)
+    small[:3, :3, :3] = True
+    with pytest.warns(RadiomicsWarning, match=r"scan 7: ROI spot has 27 voxels, fewer than the 64") as caught:
+        radiomics.extract(volume(noise), {"spot": small}, name="scan 7")
+    assert len(caught) == 1
+    flat = np.full((6, 6, 6), 12.0)
+    with pytest.warns(RadiomicsWarning, match=r"ROI flat fills 1 grey-level bins of 25 HU, fewer than the 3"):
+        radiomics.extract(volume(flat), {"flat": np.ones(flat.shape, bool)})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        radiomics.extract(volume(noise), {"good": np.ones(noise.shape, bool)})
+
+
+def test_what_pyradiomics_logs_becomes_a_warning_and_its_logger_is_left_as_it_was(monkeypatch, capfd):
+    logger = logging.getLogger("radiomics")
+    before = logger.handlers[:], logger.propagate
+    real = radiomics._extractor()
+
+    class Grumbling:
+        def execute(self, image, label):
+            logging.getLogger("radiomics.glcm").warning("something is odd")
+            logging.getLogger("radiomics.glcm").info("small talk")
+            return real.execute(image, label)
+
+    monkeypatch.setattr(radiomics, "_extractor", cache(Grumbling))
+    noise = np.random.default_rng(0).normal(0, 60, (6, 6, 6))
+    with pytest.warns(RadiomicsWarning, match="image, ROI roi: pyradiomics: something is odd") as caught:
+        radiomics.extract(volume(noise), {"roi": np.ones(noise.shape, bool)})
+    assert len(caught) == 1
+    assert (logger.handlers, logger.propagate) == before
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize(
+    "spoil, message",
+    [
+        (lambda image, mask: (np.where(mask, np.nan, image), mask), "27 voxels are NaN or infinite"),
+        (lambda image, mask: (image, mask & False), "ROI spot has 0 voxels"),
+        (
+            lambda image, mask: (image, mask[1:]),
+            r"mask of ROI spot has shape \(5, 6, 6\), the image \(6, 6, 6\)",
+        ),
+    ],
+)
+def test_bad_input_is_one_clear_line(spoil, message):
+    mask = np.zeros((6, 6, 6), bool)
+    mask[:3, :3, :3] = True
+    image, mask = spoil(np.zeros((6, 6, 6)), mask)
+    with pytest.raises(InputError, match=message) as caught:
+        radiomics.extract(volume(image), {"spot": mask})
+    assert "\n" not in str(caught.value)
+
+
+def test_masks_are_read_beside_their_table_and_must_lie_on_the_images_grid(tmp_path):
+    image = volume(np.zeros((4, 5, 6), np.float32), (2.0, 1.0, 1.0))
+    mask = np.zeros((4, 5, 6), np.uint8)
+    mask[1, 2:4, 3] = 1
+    write_nifti(Volume(mask, image.grid), tmp_path / "rois" / "spot.nii.gz")
+    files.write_text("roi,tissue_class,label\nspot,cyst,1\n", tmp_path / "rois.csv")
+    table, masks = radiomics.read_masks(tmp_path / "rois.csv", image)
+    assert list(table["tissue_class"]) == ["cyst"]
+    assert masks["spot"].dtype == bool and np.array_equal(masks["spot"], mask > 0)
+    moved = Volume(image.array, Grid(shape=(4, 5, 6), spacing=(2.0, 1.0, 1.0), centre_mm=(0, 0, 2.0)))
+    with pytest.raises(InputError, match=r"spot\.nii\.gz: is on another grid"):
+        radiomics.read_masks(tmp_path / "rois.csv", moved)
+    with pytest.raises(InputError, match=r"rois\.csv: lacks the column\(s\) tissue_class"):
+        files.write_text("roi\nspot\n", tmp_path / "rois.csv")
+        radiomics.read_masks(tmp_path / "rois.csv", image)

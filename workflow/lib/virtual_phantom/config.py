@@ -1,0 +1,141 @@
+"""The study's configuration: checked against its schema, defaults filled in, mistakes told in one line."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+from pathlib import Path
+
+import yaml
+from jsonschema import Draft202012Validator, validators
+from jsonschema.exceptions import best_match
+
+from .errors import InputError
+from .geometry import Grid, ScanGeometry, circular, helical
+
+
+def check(config: dict, schema_path: str | Path) -> dict:
+    """A complete configuration from the user's. Keys set to null in `protocols`, `noise.levels` or `analyses` are dropped.
+
+    Dropping lets an overlay take away what the file under it has. Raises InputError, naming the key, for anything
+    that the schema refuses and for names that point nowhere.
+    """
+    schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
+    config = _without_nulls(copy.deepcopy(dict(config)))
+    error = best_match(Draft202012Validator(schema).iter_errors(config), key=_depth_first)
+    if error is not None:
+        raise InputError(_one_line(error))
+    _fill_defaults(config, schema)
+    _check_names(config)
+    return config
+
+
+def grid_of(config: dict) -> Grid:
+    """The reconstruction grid, its centre at the isocentre."""
+    return Grid(tuple(config["grid"]["shape"]), tuple(config["grid"]["spacing_mm"]))
+
+
+def scan_geometry(scan: dict, projections: int, grid: Grid) -> ScanGeometry:
+    """The geometry of one complete `scan` section with `projections` views around `grid`."""
+    import math
+
+    detector = {key: scan[key] for key in (
+        "source_to_isocentre_mm", "source_to_detector_mm", "columns", "rows", "column_pitch_mm", "row_pitch_mm",
+        "column_offset_px", "row_offset_px")}
+    start = math.radians(scan["start_angle_deg"])
+    if scan["trajectory"] == "circular":
+        return circular(views=projections, turns=scan["turns"] or 1.0, start_angle_rad=start, **detector)
+    return helical(views=projections, volume_height_mm=grid.extent_mm[0], pitch=scan["pitch"], turns=scan["turns"],
+                   start_angle_rad=start, **detector)
+
+
+def _without_nulls(config):
+    for path in (("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",)):
+        section = config
+        for key in path:
+            section = section.get(key) if isinstance(section, dict) else None
+        if isinstance(section, dict):
+            for key in [key for key, value in section.items() if value is None]:
+                del section[key]
+    return config
+
+
+def _depth_first(error):
+    return -len(error.absolute_path), error.validator not in ("additionalProperties", "required")
+
+
+def _one_line(error):
+    where = ".".join(str(part) for part in error.absolute_path) or "config"
+    if error.validator == "additionalProperties":
+        known = list(error.schema.get("properties", ()))
+        unknown = sorted(set(error.instance) - set(known), key=str)[0]
+        close = difflib.get_close_matches(str(unknown), known, 1)
+        hint = f"did you mean '{close[0]}'?" if close else f"known keys: {', '.join(known)}"
+        return f"config: unknown key '{unknown}' in {where}; {hint}"
+    if error.validator == "enum":
+        choices = ", ".join(str(value) for value in error.validator_value)
+        return f"config: {where} is '{error.instance}'; use one of {choices}"
+    what = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
+    message = " ".join(error.message.split())
+    return f"config: {where}: {message[:300]}" + (f" ({what})" if what else "")
+
+
+def _with_defaults(validator_class):
+    def set_defaults(validator, properties, instance, schema):
+        if isinstance(instance, dict):
+            for key, sub in properties.items():
+                if "default" in sub:
+                    instance.setdefault(key, copy.deepcopy(sub["default"]))
+        yield from validator_class.VALIDATORS["properties"](validator, properties, instance, schema)
+
+    return validators.extend(validator_class, {"properties": set_defaults})
+
+
+def _fill_defaults(config, schema):
+    # The named scans replace keys of the default one: their own defaults would undo it.
+    scans = config.pop("scans", {})
+    for _ in _with_defaults(Draft202012Validator)(schema).iter_errors(config):
+        pass
+    config["scans"] = {name: {**config["scan"], **changes} for name, changes in scans.items()}
+
+
+def _check_names(config):
+    def known(name, section, where):
+        if name not in section:
+            close = difflib.get_close_matches(name, list(section), 1)
+            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(section)}"
+            raise InputError(f"config: {where} names '{name}', which is not there; {hint}")
+
+    levels, protocols = config["noise"]["levels"], config["protocols"]
+    for name, protocol in protocols.items():
+        if protocol.get("scan") is not None:
+            known(protocol["scan"], config["scans"], f"protocols.{name}.scan")
+    groups = [protocol["group"] for protocol in protocols.values() if "group" in protocol]
+    if len(groups) != len(set(groups)):
+        raise InputError("config: two protocols have the same group number; give each its own")
+    analyses = config["analyses"]
+    if "stability" in analyses:
+        known(analyses["stability"]["noise"], levels, "analyses.stability.noise")
+        if len(groups) < 2:
+            raise InputError("config: analyses.stability needs at least two protocols with a group number")
+    if "optimal" in analyses:
+        known(analyses["optimal"]["noise"], levels, "analyses.optimal.noise")
+        for algorithm in ("sirt", "fbp"):
+            known(analyses["optimal"][algorithm], protocols, f"analyses.optimal.{algorithm}")
+    if "noise_calibration" in analyses:
+        known(analyses["noise_calibration"]["protocol"], protocols, "analyses.noise_calibration.protocol")
+        for level in analyses["noise_calibration"]["noise"]:
+            known(level, levels, "analyses.noise_calibration.noise")
+            if levels[level]["repeats"] < 3:
+                raise InputError(f"config: noise.levels.{level}.repeats is {levels[level]['repeats']}; the noise "
+                                 "calibration needs at least 3 to measure a variance")
+    for figure, selection in analyses.get("pca", {}).items():
+        for name in selection["protocols"]:
+            known(name, protocols, f"analyses.pca.{figure}.protocols")
+        for level in selection["noise"]:
+            known(level, levels, f"analyses.pca.{figure}.noise")
+    if config["phantom"]["source"] == "ct" and "ct" not in config["phantom"]:
+        raise InputError("config: phantom.source is ct, but phantom.ct is missing; give it an image and rois")
+    for name, scan in {"scan": config["scan"], **{f"scans.{k}": v for k, v in config["scans"].items()}}.items():
+        if scan["source_to_detector_mm"] <= scan["source_to_isocentre_mm"]:
+            raise InputError(f"config: {name}.source_to_detector_mm must be larger than source_to_isocentre_mm")

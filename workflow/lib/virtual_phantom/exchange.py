@@ -1,0 +1,102 @@
+"""Projections on disk: HDF5 in the Data Exchange layout (F. De Carlo et al., J. Synchrotron Rad. 21, 1224, 2014).
+
+/exchange/data        counts, or line integrals (attribute log = True), [view, row, column]
+/exchange/data_white  mean counts without an object, [1, row, column]      (counts only)
+/exchange/data_dark   counts without X-rays, [1, row, column]              (counts only)
+/exchange/theta       view angles, degrees
+/acquisition          the rest of the scan geometry: attributes in mm, and source_z_mm per view
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from .errors import InputError
+from .files import replacing
+from .geometry import ScanGeometry
+from .physics.noise import Counts
+
+_SCALARS = [f.name for f in fields(ScanGeometry) if f.name not in ("angles_rad", "source_z_mm")]
+# Cheap and lossless: the bytes of noise do not compress, the zeros above them do.
+_COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
+
+
+def write_line_integrals(path: str | Path, line_integrals: np.ndarray, geometry: ScanGeometry) -> None:
+    """Write line integrals [view, row, column] (dimensionless, stored as float32)."""
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        data = _write(file, line_integrals.astype(np.float32, copy=False), geometry)
+        data.attrs["log"] = True
+
+
+def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> None:
+    """Write one noisy acquisition."""
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+        data = _write(file, counts.data, geometry)
+        data.attrs["log"] = False
+        data.attrs["line_integral_scale"] = counts.scale
+        frame = (1, geometry.rows, geometry.columns)
+        file["exchange"].create_dataset("data_white", data=np.full(frame, counts.white), **_COMPRESSION)
+        file["exchange"].create_dataset("data_dark", data=np.zeros(frame), **_COMPRESSION)
+
+
+def read_line_integrals(path: str | Path) -> tuple[np.ndarray, ScanGeometry]:
+    """Line integrals [view, row, column] and their geometry. Raises InputError for a missing, broken or other file."""
+    with _open(path) as file:
+        data = file["exchange/data"]
+        if not data.attrs["log"]:
+            raise InputError(f"{path}: holds counts, not line integrals (attribute log of /exchange/data is false)")
+        return data[...], _geometry(file)
+
+
+def read_counts(path: str | Path) -> tuple[Counts, ScanGeometry]:
+    """One noisy acquisition and its geometry. Raises InputError for a missing, broken or other file."""
+    with _open(path) as file:
+        data = file["exchange/data"]
+        if data.attrs["log"]:
+            raise InputError(f"{path}: holds line integrals, not counts (attribute log of /exchange/data is true)")
+        white = float(file["exchange/data_white"][0, 0, 0])
+        return Counts(data[...], white, float(data.attrs["line_integral_scale"])), _geometry(file)
+
+
+def _write(file, data, geometry):
+    exchange = file.create_group("exchange")
+    dataset = exchange.create_dataset("data", data=data, chunks=(1, *data.shape[1:]), **_COMPRESSION)
+    exchange.create_dataset("theta", data=np.rad2deg(geometry.angles_rad)).attrs["units"] = "degree"
+    acquisition = file.create_group("acquisition")
+    acquisition.create_dataset("source_z_mm", data=geometry.source_z_mm)
+    # Degrees do not read back to the same radians; the reconstruction should see the very angles that were simulated.
+    acquisition.create_dataset("angles_rad", data=geometry.angles_rad)
+    for name in _SCALARS:
+        acquisition.attrs[name] = getattr(geometry, name)
+    return dataset
+
+
+def _geometry(file):
+    acquisition = file["acquisition"]
+    scalars = {name: acquisition.attrs[name].item() for name in _SCALARS}
+    return ScanGeometry(angles_rad=acquisition["angles_rad"][...], source_z_mm=acquisition["source_z_mm"][...], **scalars)
+
+
+class _open:
+    """h5py.File for reading, whose failures name the file and what to do."""
+
+    def __init__(self, path):
+        self.path = Path(path)
+
+    def __enter__(self):
+        if not self.path.exists():
+            raise InputError(f"{self.path}: no such file")
+        try:
+            self.file = h5py.File(self.path, "r")
+        except OSError as error:
+            raise InputError(f"{self.path}: not a complete HDF5 file ({error}); delete it and run again") from error
+        return self.file
+
+    def __exit__(self, kind, error, _):
+        self.file.close()
+        if kind in (KeyError, OSError):
+            raise InputError(f"{self.path}: not a complete projection file ({error}); delete it and run again") from error

@@ -1,0 +1,1 @@
+"""The study's figures: one module each with a pure draw(...) -> Figure; style.save writes them."""

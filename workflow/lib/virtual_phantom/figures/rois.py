@@ -1,0 +1,131 @@
+"""The regions of interest on axial slices of the phantom (figure 1 of Flouris et al., Sci. Rep. 2022)."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ..errors import InputError
+from ..geometry import Grid
+from ..volumes import Volume
+from . import axial, style
+
+
+@style.styled()
+def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping[str, str]) -> Figure:
+    """As few axial slices as show every ROI, each ROI outlined in its class's colour and named.
+
+    phantom       HU
+    masks         ROI name -> array (z, y, x) on the phantom's grid, non-zero inside
+    tissue_class  ROI name -> its class
+    Raises InputError if there is no ROI, a mask is empty or of another shape, or an ROI has no class.
+    """
+    for roi, mask in masks.items():
+        if mask.shape != phantom.grid.shape:
+            raise InputError(
+                f"ROI {roi}: mask of shape {mask.shape} on a phantom of {phantom.grid.shape}; resample it"
+            )
+        if roi not in tissue_class:
+            raise InputError(f"ROI {roi}: has no tissue class; give it one in phantom/rois.csv")
+    slices = sorted(axial.choose_slices(masks), reverse=True)
+    box = axial.body_box_mm(phantom, slices)
+    colours = style.assign((tissue_class[roi] for roi in masks), style.ON_GREY_IMAGE)
+
+    columns = min(len(slices), 2)
+    rows = -(-len(slices) // columns)
+    width_mm = style.DOUBLE_COLUMN_MM if columns == 2 else 120.0
+    names_mm, colour_bar_mm, title_mm, legend_mm = 2 * 19.0, 14.0, 7.0, 8.0
+    panel_width_mm = (width_mm - colour_bar_mm) / columns - names_mm
+    panel_height_mm = panel_width_mm * (box[3] - box[2]) / (box[1] - box[0])
+    figure = style.figure(width_mm, rows * (panel_height_mm + title_mm) + legend_mm)
+    panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    for index, (axes, z) in enumerate(zip(panels, slices, strict=False)):
+        image = axial.show(axes, phantom.array[z], phantom.grid, box)
+        axial.mark_sides(axes)
+        axial.scale_bar(axes)
+        axes.set_title(f"z = {axial.slice_z_mm(phantom.grid, z):.1f} mm".replace("-", "−"))
+        if len(slices) > 1:
+            style.letter_panel(axes, index)
+        shown = {roi: mask[z] for roi, mask in masks.items() if mask[z].any()}
+        for roi, mask in shown.items():
+            _outline(axes, mask, phantom.grid, colours[tissue_class[roi]])
+        line_mm = 1.35 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT
+        _name(axes, shown, phantom.grid, line=line_mm / panel_height_mm)
+    for axes in panels[len(slices) :]:
+        axes.remove()
+    figure.colorbar(
+        image, ax=panels[: len(slices)].tolist(), label="CT number (HU)", shrink=0.8, pad=0.01, aspect=25
+    )
+    handles = [Line2D([], [], color=colour, label=style.label(name)) for name, colour in colours.items()]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
+    return figure
+
+
+def _outline(axes: Axes, mask: np.ndarray, grid: Grid, colour: str) -> None:
+    """Outline a mask (y, x) half-way to the next voxels; padded, so that it closes at the edge."""
+    x_low, x_high, y_low, y_high = axial.edges_mm(grid)
+    _, dy, dx = grid.spacing
+    x = np.linspace(x_low - dx / 2, x_high + dx / 2, grid.shape[2] + 2)
+    y = np.linspace(y_low - dy / 2, y_high + dy / 2, grid.shape[1] + 2)
+    axes.contour(x, y, np.pad(mask != 0, 1).astype(float), levels=[0.5], colors=[colour], linewidths=1.1)
+
+
+def _ends_mm(mask: np.ndarray, grid: Grid) -> np.ndarray:
+    """Where the row of a mask (y, x) at its centroid begins and ends: ((x low, y), (x high, y)) in mm."""
+    rows, columns = np.nonzero(mask)
+    row = rows[np.argmin(np.abs(rows - rows.mean()))]
+    _, y, x = grid.axes_mm()
+    ends = np.array([columns[rows == row].min(), columns[rows == row].max()])
+    half = np.array([-0.5, 0.5]) * grid.spacing[2]
+    return np.stack([x[ends] + half, np.full(2, y[row])], axis=1) + grid.centre_mm[:2]
+
+
+def _name(axes: Axes, masks: Mapping[str, np.ndarray], grid: Grid, line: float) -> None:
+    """Name ROIs in a column at either side of the panel, at their own heights but `line` apart.
+
+    masks: (y, x) each; line: height of a line of text as a fraction of the panel's.
+    """
+    low, high = axes.get_ylim()
+    middle = np.mean(axes.get_xlim())
+    ends = {roi: _ends_mm(mask, grid) for roi, mask in masks.items()}
+    for x_text, align, patient_right in ((-0.02, "right", True), (1.02, "left", False)):
+        side = {
+            roi: tuple(end[1 if patient_right else 0])
+            for roi, end in ends.items()
+            if (end[:, 0].mean() > middle) == patient_right
+        }
+        order = sorted(side, key=lambda roi: side[roi][1])
+        heights = spread([(side[roi][1] - low) / (high - low) for roi in order], line)
+        for roi, height in zip(order, heights, strict=True):
+            axes.annotate(
+                style.label(roi),
+                xy=side[roi],
+                xycoords="data",
+                xytext=(x_text, height),
+                textcoords="axes fraction",
+                ha=align,
+                va="center",
+                arrowprops={
+                    "arrowstyle": "-",
+                    "color": "white",
+                    "linewidth": 0.6,
+                    "path_effects": axial.OUTLINED,
+                    "shrinkA": 0,
+                    "shrinkB": 0,
+                },
+            )
+
+
+def spread(heights: list[float], gap: float) -> list[float]:
+    """Move ascending heights in 0 to 1 apart until no two are nearer than `gap` (1/n where n do not fit)."""
+    gap = min(gap, 1 / max(len(heights), 1))
+    placed = []
+    for height in heights:
+        placed.append(max(height, placed[-1] + gap) if placed else max(height, gap / 2))
+    ceiling = 1 - gap / 2
+    for index in reversed(range(len(placed))):
+        placed[index] = min(placed[index], ceiling)
+        ceiling = placed[index] - gap
+    return placed

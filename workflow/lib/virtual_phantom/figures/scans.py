@@ -1,0 +1,73 @@
+"""Axial views of the input and its reconstructions (figure 2 of Flouris et al., Sci. Rep. 2022)."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..errors import InputError
+from ..volumes import Volume
+from . import axial, style
+
+
+@style.styled()
+def draw(phantom: Volume, reconstructions: Mapping[str, Volume], z: int) -> Figure:
+    """Slice z of the phantom and of each reconstruction; below, each reconstruction minus the phantom.
+
+    phantom, reconstructions   HU, all on one grid; the mapping's keys are the panels' titles
+    The root mean square difference in the titles is that of this slice, inside the body (axial.body_mask of
+    the phantom). The window of the differences is symmetric and common to all: the next round number over the
+    98th percentile of their magnitudes inside the body.
+    Raises InputError if there is no reconstruction, or one is on another grid or not finite in this slice.
+    """
+    if not reconstructions:
+        raise InputError("figure of the scans: needs at least one reconstruction")
+    original = phantom.array[z].astype(np.float64)
+    body = axial.body_mask(original)
+    differences = {}
+    for title, volume in reconstructions.items():
+        if not volume.grid.matches(phantom.grid):
+            raise InputError(
+                f"reconstruction {title}: grid {volume.grid} is not the phantom's {phantom.grid}"
+            )
+        differences[title] = volume.array[z].astype(np.float64) - original
+        if not np.isfinite(differences[title]).all():
+            raise InputError(
+                f"reconstruction {title}: slice {z} holds values that are not finite; reconstruct it anew"
+            )
+    limit = round_up(np.percentile(np.abs([difference[body] for difference in differences.values()]), 98))
+
+    box = axial.body_box_mm(phantom, [z])
+    columns = 1 + len(differences)
+    panel_height_mm = style.DOUBLE_COLUMN_MM / columns * (box[3] - box[2]) / (box[1] - box[0])
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 2 * panel_height_mm + 16)
+    panels = figure.subplots(2, columns)
+    for index, (title, volume) in enumerate({"Input": phantom, **reconstructions}.items()):
+        image = axial.show(panels[0, index], volume.array[z], phantom.grid, box)
+        panels[0, index].set_title(title)
+    axial.mark_sides(panels[0, 0])
+    axial.scale_bar(panels[0, 0])
+    for index, (title, difference) in enumerate(differences.items(), start=1):
+        shade = axial.show(panels[1, index], difference, phantom.grid, box, (-limit, limit), "RdBu_r")
+        root_mean_square = np.sqrt(np.mean(difference[body] ** 2))
+        panels[1, index].set_title(f"{title} − input\nRMS {root_mean_square:.1f} HU in the body")
+    for index, axes in enumerate([*panels[0], *panels[1, 1:]]):
+        style.letter_panel(axes, index)
+    _colour_bars(figure, panels[1, 0], (image, "CT number (HU)"), (shade, "difference from the input (HU)"))
+    return figure
+
+
+def _colour_bars(figure: Figure, axes, *bars) -> None:
+    """Put labelled horizontal colour bars into an otherwise empty panel."""
+    axes.set_axis_off()
+    for index, (mappable, label) in enumerate(bars):
+        place = axes.inset_axes([0.1, 0.7 - 0.45 * index, 0.8, 0.08])
+        figure.colorbar(mappable, cax=place, orientation="horizontal", label=label)
+
+
+def round_up(value: float) -> float:
+    """The next of 1, 2, 5 times a power of ten that is not under a value; 1 for zero."""
+    if value <= 0:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(next(step * power for step in (1, 2, 5, 10) if step * power >= value))

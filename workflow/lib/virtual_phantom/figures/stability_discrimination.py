@@ -1,0 +1,135 @@
+"""Stability against discriminative power of every feature (figure 4 of Flouris et al., Sci. Rep. 2022)."""
+
+import numpy as np
+import pandas
+from matplotlib import patheffects
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from scipy.cluster import hierarchy
+
+from ..errors import InputError
+from . import style, tables
+
+SCORES = ["stability_percent", "discrimination_percent"]
+BEST = 5  # features named in each panel
+NEAR_PERCENT = 4.0  # best features nearer to each other than this share one label
+POINT = 4.0  # across, for one feature
+
+
+@style.styled()
+def draw(table: pandas.DataFrame, threshold: float, measured: pandas.DataFrame | None = None) -> Figure:
+    """A point per feature, by family; a second panel with measured scores of the same features, if given.
+
+    table      feature, family, stability_percent, discrimination_percent
+    threshold  of |W|, under which a pair is stable and over which it is told apart; named on the axes
+    measured   feature, stability_percent, discrimination_percent
+    Features of one family at one place are one marker, its area their number. The BEST features by the sum of
+    both scores are numbered, and named under the panel.
+    Raises InputError if columns or rows lack, a score is not a number, or the tables share no feature.
+    """
+    tables.check_table(table, "stability table", text=["feature", "family"], numbers=SCORES)
+    shown = {"Simulated": table}
+    if measured is not None:
+        tables.check_table(measured, "measured scores", text=["feature"], numbers=SCORES)
+        common = measured[["feature", *SCORES]].merge(table[["feature", "family"]], on="feature")
+        if common.empty:
+            raise InputError(
+                "measured scores: share no feature with the stability table; name both as in pyradiomics"
+            )
+        shown["Measured"] = common
+    families = sorted(set(table["family"]))
+    colours, markers = style.assign(families, style.ON_WHITE), style.assign(families, style.MARKERS)
+
+    double = len(shown) > 1
+    figure = style.figure(style.DOUBLE_COLUMN_MM if double else style.SINGLE_COLUMN_MM, 112)
+    panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
+    for index, (axes, (title, scores)) in enumerate(zip(panels, shown.items(), strict=True)):
+        _scatter(axes, scores, colours, markers)
+        _number_best(axes, scores)
+        stability, discrimination = scores[SCORES].mean()
+        axes.axvline(stability, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
+        axes.axhline(discrimination, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
+        axes.set_title(
+            f"{title}, {len(scores)} features\n"
+            f"means: {stability:.1f} % stable, {discrimination:.1f} % told apart"
+        )
+        if double:
+            style.letter_panel(axes, index)
+        axes.set(
+            xlim=(-4, 104), ylim=(-4, 104), xlabel=f"stability: pairs of groups with |W| < {threshold:g} (%)"
+        )
+    panels[0].set_ylabel(f"discriminative power: pairs across classes with |W| > {threshold:g} (%)")
+    handles = [
+        Line2D(
+            [],
+            [],
+            linestyle="none",
+            marker=markers[family],
+            color=colours[family],
+            markersize=5,
+            label=style.family_label(family),
+        )
+        for family in families
+    ]
+    handles.append(
+        Line2D([], [], color=style.GREY, linestyle="--", linewidth=0.9, label="mean of the features")
+    )
+    figure.legend(handles=handles, loc="outside upper center", ncols=6 if double else 3)
+    return figure
+
+
+def _scatter(axes: Axes, scores: pandas.DataFrame, colours: dict, markers: dict) -> None:
+    places = scores.groupby(["family", *SCORES]).size().reset_index(name="count")
+    for (family, count), rows in places.groupby(["family", "count"]):
+        axes.scatter(
+            rows[SCORES[0]],
+            rows[SCORES[1]],
+            s=style.marker_area(markers[family], POINT) * count,
+            marker=markers[family],
+            color=colours[family],
+            alpha=0.75,
+            edgecolors="white",
+            linewidths=0.4,
+            zorder=2 + 1 / count,  # the large ones beneath
+        )
+
+
+def best(scores: pandas.DataFrame) -> pandas.DataFrame:
+    """The BEST rows by the sum of both scores, best first; of equal ones, the first by name."""
+    both = scores.assign(both=scores[SCORES].sum(axis=1))
+    return both.sort_values(["both", "feature"], ascending=[False, True]).head(BEST).reset_index(drop=True)
+
+
+def _number_best(axes: Axes, scores: pandas.DataFrame) -> None:
+    """Number the best features at their points and name them under the panel; neighbours share a label."""
+    chosen = best(scores)
+    places = chosen[SCORES].to_numpy(dtype=float)
+    cluster = np.ones(len(chosen))
+    if len(chosen) > 1:
+        cluster = hierarchy.fcluster(hierarchy.linkage(places), NEAR_PERCENT, "distance")
+    for number in np.unique(cluster):
+        members = np.flatnonzero(cluster == number)
+        axes.annotate(
+            ", ".join(str(member + 1) for member in members),
+            places[members].mean(axis=0),
+            xytext=(4, -3),
+            textcoords="offset points",
+            ha="left",
+            va="top",
+            zorder=4,
+            path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
+        )
+    names = "\n".join(
+        f"{index}  {style.feature_label(feature)}" for index, feature in enumerate(chosen["feature"], 1)
+    )
+    axes.annotate(
+        names,
+        (0, 0),
+        xycoords="axes fraction",
+        xytext=(0, -32),
+        textcoords="offset points",
+        ha="left",
+        va="top",
+        linespacing=1.25,
+    )

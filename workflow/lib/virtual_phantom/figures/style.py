@@ -1,0 +1,172 @@
+"""What all figures share: widths, type, colours, markers, and how they are saved.
+
+Colours of categories are those of Okabe and Ito (Color Universal Design, 2008), which readers with the common
+forms of colour blindness can tell apart; a marker or a name always says the same as the colour. Ordered
+parameters use viridis.
+"""
+
+import contextlib
+import itertools
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import matplotlib
+import matplotlib.style
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
+from matplotlib.figure import Figure
+
+from ..files import replacing
+
+SINGLE_COLUMN_MM = 90.0
+DOUBLE_COLUMN_MM = 180.0
+DOTS_PER_INCH = 200
+FONT_POINTS = 7.0
+MILLIMETRES_PER_INCH = 25.4
+MILLIMETRES_PER_POINT = MILLIMETRES_PER_INCH / 72
+
+ORANGE, SKY_BLUE, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
+    "#E69F00",
+    "#56B4E9",
+    "#009E73",
+    "#F0E442",
+    "#0072B2",
+    "#D55E00",
+    "#CC79A7",
+)
+ON_WHITE = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY_BLUE, "#000000", "#666666")
+ON_GREY_IMAGE = (ORANGE, SKY_BLUE, GREEN, YELLOW, VERMILLION, PURPLE, BLUE)
+MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*", "p", "<", ">", "h", "d", "8", "H")
+_MARKER_AREA = {"s": 0.8, "D": 0.75, "P": 1.6, "X": 1.6, "*": 2.0}  # so that all look equally large
+ACRONYMS = {"sirt", "fbp", "fdk", "ct"}
+GREY = "#666666"
+
+_RC = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so every machine sets the same type
+    "font.size": FONT_POINTS,
+    "axes.titlesize": FONT_POINTS + 0.5,
+    "axes.labelsize": FONT_POINTS,
+    "xtick.labelsize": FONT_POINTS,
+    "ytick.labelsize": FONT_POINTS,
+    "legend.fontsize": FONT_POINTS,
+    "legend.frameon": False,
+    "text.parse_math": False,  # a dollar sign in somebody's ROI name is only a dollar sign
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+    "pdf.fonttype": 42,
+    "savefig.dpi": DOTS_PER_INCH,
+    "figure.dpi": DOTS_PER_INCH,
+}
+
+# Without dates and versions, equal figures make equal files.
+_METADATA = {".png": {"Software": None}, ".pdf": {"Creator": None, "Producer": None, "CreationDate": None}}
+
+
+def styled():
+    """Context manager or decorator: within it matplotlib has the shared style and nothing of the user's."""
+    return matplotlib.style.context(["default", _RC])
+
+
+def figure(width_mm: float, height_mm: float) -> Figure:
+    """An empty figure of this size in mm that no pyplot state knows of."""
+    return Figure(
+        figsize=(width_mm / MILLIMETRES_PER_INCH, height_mm / MILLIMETRES_PER_INCH), layout="constrained"
+    )
+
+
+@styled()
+def save(figure: Figure, paths: Iterable[str | Path]) -> None:
+    """Write the figure to every path, its format by the suffix (.png at 200 dpi, .pdf).
+
+    All are written beside their targets before the first is moved into place. Raises ValueError on other
+    suffixes.
+    """
+    paths = [Path(path) for path in paths]
+    for path in paths:
+        if path.suffix not in _METADATA:
+            raise ValueError(f"{path}: figures are written as {' or '.join(_METADATA)}")
+    with contextlib.ExitStack() as stack:
+        for path in paths:
+            temporary = stack.enter_context(replacing(path))
+            figure.savefig(temporary, format=path.suffix[1:], metadata=_METADATA[path.suffix])
+
+
+def label(name: object) -> str:
+    """A name as it is read: underscores are spaces, acronyms are capitals."""
+    words = str(name).replace("_", " ").split()
+    return " ".join(word.upper() if word in ACRONYMS else word for word in words)
+
+
+def number(value: float) -> str:
+    """Three significant digits or all before the point, no exponent, a true minus sign: 1488.2 is 1488."""
+    text = f"{value:.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
+    return (f"{value:.8f}".rstrip("0") if "e" in text else text).replace("-", "−")
+
+
+def marker_area(marker: str, points: float) -> float:
+    """What scatter takes as size, for a marker that looks `points` across."""
+    return points**2 * _MARKER_AREA.get(marker, 1.0)
+
+
+def family_label(family: str) -> str:
+    """A pyradiomics feature class as it is read: `firstorder` is First order, short names are acronyms."""
+    name = "first order" if family == "firstorder" else label(family)
+    return name.upper() if len(name) <= len("ngtdm") else name[:1].upper() + name[1:]
+
+
+def feature_label(feature: str) -> str:
+    """A pyradiomics feature name as it is read: `original_glcm_Idn` is GLCM Idn."""
+    family, _, name = str(feature).removeprefix("original_").partition("_")
+    return f"{family_label(family)} {label(name)}" if name else label(feature)
+
+
+def assign(names: Iterable, values: Sequence) -> dict:
+    """Give every distinct name, as they appear, the next of `values`, beginning again when they run out."""
+    return dict(zip(dict.fromkeys(names), itertools.cycle(values), strict=False))
+
+
+def letter_panel(axes: Axes, index: int) -> None:
+    """Letter a panel: 0 is a."""
+    axes.set_title("abcdefghijklmnopqrstuvwxyz"[index % 26], loc="left", fontweight="bold")
+
+
+def power_of_ten(values) -> tuple[float, str]:
+    """The factor that small values are shown in, and how it is written: median 2e-4 gives (1e-4, "10⁻⁴")."""
+    exponent = int(np.floor(np.log10(np.median(np.abs(values)))))
+    return 10.0**exponent, "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def parameter_colours(
+    values: np.ndarray, most_discrete: int = 12
+) -> tuple[ScalarMappable, np.ndarray | None]:
+    """Colours for an ordered parameter: a step of viridis for each distinct value, a ramp if they are many.
+
+    The lightest tenth of viridis is left out: it cannot be seen on white. Returns the mappable and, of
+    steps, the distinct values (the places of its ticks).
+    """
+    viridis = matplotlib.colormaps["viridis"]
+    distinct = np.unique(values)
+    if len(distinct) > most_discrete:
+        ramp = ListedColormap(viridis(np.linspace(0, 0.9, 256)))
+        return ScalarMappable(Normalize(distinct[0], distinct[-1]), ramp), None
+    steps = ListedColormap(viridis(np.linspace(0, 0.9, len(distinct)) if len(distinct) > 1 else [0.45]))
+    middles = (distinct[1:] + distinct[:-1]) / 2
+    first, last = (
+        (2 * distinct[0] - middles[0], 2 * distinct[-1] - middles[-1])
+        if len(middles)
+        else (distinct[0] - 1, distinct[0] + 1)
+    )
+    return ScalarMappable(BoundaryNorm([first, *middles, last], len(distinct)), steps), distinct

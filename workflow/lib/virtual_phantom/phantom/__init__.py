@@ -1,0 +1,75 @@
+"""The phantom: what is scanned, and the regions in which features are measured.
+
+`synthetic.build` makes one from shapes; `ct.load` makes one from a CT and its ROIs. Both give the same
+`Phantom`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from skimage.measure import block_reduce
+
+from ..files import write_csv
+from ..volumes import Volume, write_nifti
+
+HALF_COVERED = 0.5  # a voxel of the grid belongs to an ROI if at least this share of it does
+
+
+@dataclass(frozen=True)
+class Roi:
+    """A region of interest: its mask is bool [z, y, x] on the phantom's grid."""
+
+    name: str
+    tissue_class: str
+    mask: np.ndarray
+
+
+@dataclass(frozen=True)
+class Phantom:
+    """What is scanned, in HU (float32), and where features are measured.
+
+    fine   on the grid refined by the oversampling: projections are taken of this one, so that the
+    reconstruction
+           does not meet its own voxels again (Kaipio and Somersalo, J. Comput. Appl. Math. 198, 493, 2007)
+    image  on the reconstruction grid: the block mean of `fine`
+    rois   in the order of the configuration
+    """
+
+    fine: Volume
+    image: Volume
+    rois: tuple[Roi, ...]
+
+
+def block_mean(array: np.ndarray, factor: int) -> np.ndarray:
+    """Mean of every factor x factor x factor block of an array [z, y, x] whose sides `factor` divides."""
+    return block_reduce(array, (factor,) * 3, np.mean).astype(np.float32, copy=False)
+
+
+def save(phantom: Phantom, folder: str | Path) -> None:
+    """Write image.nii.gz and fine.nii.gz (HU, float32), rois/{roi}.nii.gz (uint8, 0 or 1) and rois.csv.
+
+    rois.csv holds one row per ROI: roi, tissue_class, label (1, 2, ... in the order of the configuration),
+    n_voxels and mean_hu on image.nii.gz.
+    """
+    folder = Path(folder)
+    write_nifti(phantom.fine, folder / "fine.nii.gz")
+    write_nifti(phantom.image, folder / "image.nii.gz")
+    rows = []
+    for label, roi in enumerate(phantom.rois, start=1):
+        write_nifti(
+            Volume(roi.mask.astype(np.uint8), phantom.image.grid), folder / "rois" / f"{roi.name}.nii.gz"
+        )
+        rows.append(
+            {
+                "roi": roi.name,
+                "tissue_class": roi.tissue_class,
+                "label": label,
+                "n_voxels": int(roi.mask.sum()),
+                "mean_hu": float(phantom.image.array[roi.mask].mean(dtype=np.float64)),
+            }
+        )
+    write_csv(pd.DataFrame(rows), folder / "rois.csv")

@@ -1,0 +1,208 @@
+"""Your own phantom: a CT in HU and the regions drawn on it, brought onto the study's grid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import SimpleITK as sitk
+
+from ..errors import InputError
+from ..geometry import Grid
+from ..units import HU_AIR
+from ..volumes import Volume, read_nifti
+from . import HALF_COVERED, Phantom, Roi, block_mean
+from .dicom_series import read_series
+from .masks import open_regions
+from .rois import RoiEntry, cut, read_entries, separate, shrink
+
+KEYS = {"image", "labels", "rois", "centre_mm", "keep_mm"}
+BODY_HU = -500.0  # between air and lung or fat: what is denser belongs to the object
+SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
+
+
+def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
+    """Load a CT and its ROIs.
+
+    settings  image      NIfTI file, or folder with one DICOM CT series, in HU
+              rois       list of entries: see rois.RoiEntry
+              labels     file of the regions whose entry names no file of its own
+              centre_mm  NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
+              keep_mm    [[x, x], [y, y]] in NIfTI world mm: everything outside becomes air (a table, arms)
+    grid      shape and spacing of the study's grid; its centre is put at centre_mm
+
+    The CT is interpolated linearly at points at least as dense as its own voxels, averaged to the refined
+    grid and again to the grid; outside the CT is air. Values under air are set to air. A voxel of the grid
+    belongs to an ROI if at least half of it does; parts of one region are kept one voxel apart.
+
+    Raises InputError on an unusable image, region or setting, on an ROI that is empty or gets lost on the
+    way, and on a body that does not fit the grid in-plane.
+    """
+    entries = _check_settings(settings)
+    image = _read_image(Path(settings["image"]))
+    if "keep_mm" in settings:
+        image = _crop(image, settings["keep_mm"])
+    centre = _triple(settings.get("centre_mm", image.grid.centre_mm), "centre_mm")
+    grid = replace(grid, centre_mm=centre)
+    _check_fit(image, grid)
+    fine = _resample(image, grid.refined(oversampling), outside=HU_AIR)
+    rois = _load_rois(entries, image.grid, grid)
+    return Phantom(
+        Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois
+    )
+
+
+def _check_settings(settings: dict) -> tuple[RoiEntry, ...]:
+    if unknown := sorted(map(str, settings.keys() - KEYS)):
+        raise InputError(f"phantom: ct: unknown key {unknown[0]}; known are {', '.join(sorted(KEYS))}")
+    for key in ("image", "rois"):
+        if settings.get(key) is None:
+            raise InputError(f"phantom: ct: {key} is missing")
+    return read_entries(settings["rois"], settings.get("labels"))
+
+
+def _read_image(path: Path) -> Volume:
+    if path.is_dir():
+        image = read_series(path)
+    elif path.name.endswith((".nii", ".nii.gz")):
+        image = read_nifti(path)
+        # NIfTI does not say that its values are HU; a CT always has some air or fat in view
+        if np.isfinite(image.array).all() and image.array.min() >= 0:
+            raise InputError(
+                f"{path}: has no value below 0, so these are not HU; perhaps HU + 1024: subtract 1024 first"
+            )
+    else:
+        raise InputError(
+            f"{path}: no such CT; give a NIfTI file (.nii, .nii.gz) or the folder of a DICOM series"
+        )
+    if bad := int(np.count_nonzero(~np.isfinite(image.array))):
+        raise InputError(f"{path}: {bad} voxels are NaN or infinite; replace them (air is -1000 HU)")
+    return Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
+
+
+def _world_axes(grid: Grid) -> tuple[np.ndarray, ...]:
+    return tuple(axis + centre for axis, centre in zip(grid.axes_mm(), grid.centre_mm[::-1], strict=True))
+
+
+def _crop(image: Volume, keep_mm) -> Volume:
+    try:
+        (x_low, x_high), (y_low, y_high) = ((float(a), float(b)) for a, b in keep_mm)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"phantom: ct: keep_mm {keep_mm!r}: give [[x, x], [y, y]], lowest and highest, in mm"
+        ) from None
+    _, y, x = _world_axes(image.grid)
+    inside = ((y >= y_low) & (y <= y_high))[:, None] & ((x >= x_low) & (x <= x_high))
+    if not inside.any():
+        raise InputError(
+            f"phantom: ct: keep_mm {keep_mm!r} leaves nothing of the CT; it spans "
+            f"x {x[0]:g} to {x[-1]:g} and y {y[0]:g} to {y[-1]:g} mm"
+        )
+    return Volume(np.where(inside, image.array, np.float32(HU_AIR)), image.grid)
+
+
+def _triple(value, key: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(v) for v in value)
+    except (TypeError, ValueError):
+        raise InputError(f"phantom: ct: {key} {value!r}: give three numbers (x, y, z) in mm") from None
+    if not all(map(math.isfinite, (x, y, z))):
+        raise InputError(f"phantom: ct: {key} {value!r}: must be finite")
+    return x, y, z
+
+
+def _check_fit(image: Volume, grid: Grid) -> None:
+    z, y, x = _world_axes(image.grid)
+    half_z, half_y, half_x = (extent / 2 for extent in grid.extent_mm)
+    cx, cy, cz = grid.centre_mm
+    seen = np.abs(z - cz) <= half_z + image.grid.spacing[0] / 2
+    if not seen.any():
+        raise InputError(
+            f"phantom: ct: the grid ({grid}) misses the CT ({image.grid}) along z; correct centre_mm"
+        )
+    body = (image.array[seen] > BODY_HU).any(axis=0)
+    if not body.any():
+        raise InputError(
+            f"phantom: ct: nothing in the CT is denser than {BODY_HU:g} HU within the grid; is it in HU?"
+        )
+    rows, columns = np.nonzero(body)
+    reach_x = float(np.abs(x[columns] - cx).max()) + image.grid.spacing[2] / 2
+    reach_y = float(np.abs(y[rows] - cy).max()) + image.grid.spacing[1] / 2
+    if reach_x > half_x + 1e-3 or reach_y > half_y + 1e-3:
+        _, dy, dx = grid.spacing
+        raise InputError(
+            f"grid: the body in the CT does not fit {2 * half_x:.0f} x {2 * half_y:.0f} mm (x, y) around "
+            f"{grid.centre_mm}; at this spacing it needs at least {math.ceil(2 * reach_x / dx)} x "
+            f"{math.ceil(2 * reach_y / dy)} voxels, or set keep_mm to leave out table and arms"
+        )
+
+
+def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid) -> tuple[Roi, ...]:
+    opened: dict = {}
+    rois = []
+    for entry in entries:
+        if entry.file not in opened:
+            opened[entry.file] = open_regions(entry.file, ct_grid)
+        region = opened[entry.file].mask(entry.label)
+        _require(region, entry.name, f"is empty in {entry.file}; draw it, or correct its label")
+        region = shrink(region, entry.margin_mm, ct_grid)
+        _require(region, entry.name, f"is lost by margin_mm {entry.margin_mm:g}; make it smaller")
+        pieces = cut(region, entry.parts, ct_grid)
+        masks = [
+            _resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED
+            for piece in pieces
+        ]
+        for name, mask in zip(entry.names, masks, strict=True):
+            _require(
+                mask,
+                name,
+                "fills no voxel of the grid by half (too small, or outside the grid); use a finer or larger "
+                "grid, or a smaller margin_mm, or fewer parts",
+            )
+        for name, mask in zip(entry.names, separate(masks), strict=True):
+            _require(
+                mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer"
+            )
+            rois.append(Roi(name, entry.tissue_class, mask))
+    return tuple(rois)
+
+
+def _require(mask: np.ndarray, name: str, problem: str) -> None:
+    if not mask.any():
+        raise InputError(f"phantom: ct: ROI {name} {problem}")
+
+
+def _resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
+    """Mean over each voxel of `grid` of the linearly interpolated volume, float32.
+
+    Sampled at points no farther apart than the volume's own voxels, so that nothing falls between them.
+    """
+    samples = max(
+        math.ceil(wide / own - 1e-6) for wide, own in zip(grid.spacing, volume.grid.spacing, strict=True)
+    )
+    samples = max(samples, 1)
+    image = sitk.GetImageFromArray(volume.array)
+    image.SetSpacing(volume.grid.spacing[::-1])
+    image.SetOrigin(tuple(volume.grid.affine[:3, 3]))
+    result = np.empty(grid.shape, np.float32)
+    for first in range(0, grid.shape[0], SLAB_SLICES):
+        last = min(first + SLAB_SLICES, grid.shape[0])
+        middle = grid.centre_mm[2] + ((first + last) / 2 - grid.shape[0] / 2) * grid.spacing[0]
+        slab = replace(
+            grid, shape=(last - first, *grid.shape[1:]), centre_mm=(*grid.centre_mm[:2], middle)
+        ).refined(samples)
+        part = sitk.Resample(
+            image,
+            slab.shape[::-1],
+            sitk.Transform(),
+            sitk.sitkLinear,
+            tuple(slab.affine[:3, 3]),
+            slab.spacing[::-1],
+            (1, 0, 0, 0, 1, 0, 0, 0, 1),
+            outside,
+            sitk.sitkFloat32,
+        )
+        result[first:last] = block_mean(sitk.GetArrayFromImage(part), samples)
+    return result

@@ -1,0 +1,121 @@
+"""The ROI entries of the configuration, and what is done to a region before it becomes ROIs."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
+from sklearn.cluster import KMeans
+
+from ..errors import InputError
+from ..geometry import Grid
+
+NAME = re.compile(r"[A-Za-z0-9_]+")
+FIT_VOXELS = 20_000  # enough to place a few cluster centres
+
+
+@dataclass(frozen=True)
+class RoiEntry:
+    """One entry under `rois`: where the region is drawn, and how it is made into ROIs.
+
+    file       file of the region; by default the common one
+    label      which region of the file
+    margin_mm  leave out what is nearer than this to the region's surface: a conservative ROI
+    parts      cut into this many compact ROIs, named name_1, name_2, ...
+    """
+
+    name: str
+    tissue_class: str
+    file: str
+    label: int | str | None = None
+    margin_mm: float = 0.0
+    parts: int = 1
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (
+            (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
+        )
+
+
+def read_entries(entries: list[dict], default_file: str | None) -> tuple[RoiEntry, ...]:
+    """Check the list of ROI entries. Raises InputError on anything unknown or impossible."""
+    if not isinstance(entries, list) or not entries:
+        raise InputError("phantom: ct: rois: give a list of at least one ROI")
+    read = [_read_entry(number, entry, default_file) for number, entry in enumerate(entries, start=1)]
+    names = [name for entry in read for name in entry.names]
+    if doubled := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(f"phantom: ct: rois: the name {doubled[0]} is given twice; names must differ")
+    return tuple(read)
+
+
+def _read_entry(number: int, entry: dict, default_file: str | None) -> RoiEntry:
+    where = f"phantom: ct: rois: entry {number}"
+    if not isinstance(entry, dict):
+        raise InputError(f"{where}: must be a mapping with name and tissue_class")
+    known = {field.name for field in fields(RoiEntry)}
+    if unknown := sorted(map(str, entry.keys() - known)):
+        raise InputError(f"{where}: unknown key {unknown[0]}; known are {', '.join(sorted(known))}")
+    for key in ("name", "tissue_class"):
+        if not isinstance(entry.get(key), str) or not NAME.fullmatch(entry[key]):
+            raise InputError(
+                f"{where}: {key} {entry.get(key)!r} must be of letters, digits and underscores only"
+            )
+    where = f"phantom: ct: rois: {entry['name']}"
+    file = entry.get("file", default_file)
+    if file is None:
+        raise InputError(f"{where}: has no file, and there is no common labels file; give one of them")
+    margin, parts = entry.get("margin_mm", 0.0), entry.get("parts", 1)
+    if isinstance(margin, bool) or not isinstance(margin, int | float) or not 0 <= margin < np.inf:
+        raise InputError(f"{where}: margin_mm {margin!r} must be a length of at least 0")
+    if isinstance(parts, bool) or not isinstance(parts, int) or parts < 1:
+        raise InputError(f"{where}: parts {parts!r} must be a whole number of at least 1")
+    return RoiEntry(entry["name"], entry["tissue_class"], str(file), entry.get("label"), float(margin), parts)
+
+
+def shrink(mask: np.ndarray, margin_mm: float, grid: Grid) -> np.ndarray:
+    """The voxels whose centres are farther than `margin_mm` from every voxel centre outside the region.
+
+    The border of the scan is not a surface: an organ that runs on beyond it is not shortened there.
+    """
+    if margin_mm == 0 or mask.all() or not mask.any():
+        return mask
+    # the region's bounding box and one voxel around it, where there is one, hold all that matters
+    box = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in find_objects(mask.astype(np.uint8))[0])
+    shrunk = np.zeros_like(mask)
+    shrunk[box] = distance_transform_edt(mask[box], sampling=grid.spacing) > margin_mm
+    return shrunk
+
+
+def cut(mask: np.ndarray, parts: int, grid: Grid) -> list[np.ndarray]:
+    """Cut a region into compact parts by k-means of its voxels' places; the same parts every time.
+
+    They are ordered from the patient's right to left (falling x of their centres). Touching parts are left
+    touching: see `separate`.
+    """
+    if parts == 1:
+        return [mask]
+    index = np.argwhere(mask)
+    if len(index) < parts:
+        return [mask] + [np.zeros_like(mask)] * (parts - 1)  # reported as empty ROIs
+    places = index * np.array(grid.spacing)
+    clusters = KMeans(parts, n_init=4, random_state=0).fit(places[:: max(1, len(places) // FIT_VOXELS)])
+    nearest = clusters.predict(places)
+    pieces = []
+    for cluster in np.argsort(-clusters.cluster_centers_[:, 2], kind="stable"):
+        piece = np.zeros_like(mask)
+        piece[tuple(index[nearest == cluster].T)] = True
+        pieces.append(piece)
+    return pieces
+
+
+def separate(masks: list[np.ndarray]) -> list[np.ndarray]:
+    """Take from each mask the voxels that touch another, at a face, an edge or a corner."""
+    around = np.ones((3, 3, 3), bool)
+    grown = [binary_dilation(mask, around) for mask in masks]
+    return [
+        mask & ~np.logical_or.reduce([g for j, g in enumerate(grown) if j != i] or [np.zeros_like(mask)])
+        for i, mask in enumerate(masks)
+    ]

@@ -1,0 +1,118 @@
+"""Tissue texture: random fields in mm, the same wherever and however finely they are sampled.
+
+A Gaussian random field of unit variance with autocorrelation exp(-r^2 / (2 l^2)) is made once on a periodic
+lattice of step l / 2 by filtering white noise in Fourier space, and read anywhere by periodic cubic splines.
+A point transform gives it skewness S: t = (exp(s g) - m) / d, a lognormal shifted and scaled to mean 0 and
+variance 1, with S = (exp(s^2) + 2) sqrt(exp(s^2) - 1) (Johnson, Kotz and Balakrishnan, Continuous Univariate
+Distributions 1, 2nd ed., chapter 14).
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.fft import fftfreq, irfftn, rfftfreq, rfftn
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+NODES = 96  # lattice nodes per axis: the field repeats after 48 correlation lengths
+STEPS_PER_LENGTH = 2  # lattice nodes per correlation length
+
+
+@dataclass(frozen=True)
+class Component:
+    """One random field.
+
+    sd_hu           standard deviation, HU
+    correlation_mm  l of the Gaussian autocorrelation exp(-r^2 / (2 l^2)), mm (before the point transform)
+    skewness        of the values; the sign says which tail is long
+    """
+
+    sd_hu: float
+    correlation_mm: float
+    skewness: float = 0.0
+
+    def __post_init__(self):
+        if not (self.sd_hu >= 0 and self.correlation_mm > 0 and abs(self.skewness) <= 5):
+            raise ValueError("a texture needs sd_hu >= 0, correlation_mm > 0 and a skewness between -5 and 5")
+
+
+def stream(seed: np.random.SeedSequence, *names: str | int) -> np.random.SeedSequence:
+    """A random stream of its own for each name, the same however many others are drawn."""
+    keys = tuple(zlib.crc32(str(name).encode()) for name in names)
+    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, *keys))
+
+
+def lognormal_shape(skewness: float) -> float:
+    """s of the lognormal exp(s g) whose skewness is |skewness|."""
+
+    def excess(s):
+        return (math.exp(s * s) + 2) * math.sqrt(math.expm1(s * s)) - abs(skewness)
+
+    return brentq(excess, 0, 1.5) if skewness else 0.0
+
+
+class Field:
+    """A component drawn from its seed."""
+
+    def __init__(self, component: Component, seed: np.random.SeedSequence):
+        self.component = component
+        self.step_mm = component.correlation_mm / STEPS_PER_LENGTH
+        noise = np.random.default_rng(seed).standard_normal((NODES,) * 3)
+        k = 2 * np.pi * fftfreq(NODES) * STEPS_PER_LENGTH
+        kx = 2 * np.pi * rfftfreq(NODES) * STEPS_PER_LENGTH
+        spectrum = rfftn(noise) * np.exp(-(k[:, None, None] ** 2 + k[:, None] ** 2 + kx**2) / 4)
+        values = irfftn(spectrum, s=noise.shape)
+        self._nodes = values / values.std()
+
+    def sample(self, z: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Values in HU (float32) at the crossings of three axes in mm: shape (len(z), len(y), len(x))."""
+        values = self._nodes
+        for axis in (z, y, x):  # each product takes the first axis of the lattice and appends the sampled one
+            values = np.tensordot(values, self._weights(axis), axes=(0, 1))
+        if self.component.skewness:
+            s = lognormal_shape(self.component.skewness)
+            mean = math.exp(s * s / 2)
+            values = (np.exp(s * values) - mean) / (mean * math.sqrt(math.expm1(s * s)))
+            values *= math.copysign(1, self.component.skewness)
+        return (values * self.component.sd_hu).astype(np.float32)
+
+    def _weights(self, positions_mm: np.ndarray) -> np.ndarray:
+        """Weights (positions, nodes) of periodic cubic spline interpolation."""
+        ends = np.vstack([np.eye(NODES), np.eye(NODES)[:1]])
+        spline = CubicSpline(np.arange(NODES + 1), ends, bc_type="periodic")
+        return spline(np.asarray(positions_mm) / self.step_mm % NODES)
+
+
+class Texture:
+    """The sum of a tissue's components; zero where there are none."""
+
+    def __init__(self, components: tuple[Component, ...], name: str, seed: np.random.SeedSequence):
+        self.components = components
+        self._fields = [Field(c, stream(seed, name, i)) for i, c in enumerate(components)]
+        self._mean, self._gain = 0.0, 1.0
+
+    def sample(self, z: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """HU (float32) to add to the tissue's mean at the crossings of three axes in mm."""
+        total = np.zeros((len(z), len(y), len(x)), np.float32)
+        for field in self._fields:
+            total += field.sample(z, y, x)
+        return (total - np.float32(self._mean)) * np.float32(self._gain)
+
+    def condition(self, shape) -> None:
+        """Shift and scale so that inside the shape, at every seed, the mean is 0 and the SD the components'.
+
+        A region of a few correlation lengths has a mean and SD of its own in every draw; a printed phantom
+        has the measured ones. Done on a raster of half the shortest correlation length, whatever the grid.
+        """
+        if not self._fields:
+            return
+        step = min(f.step_mm for f in self._fields)
+        low, high = shape.bounds_mm()
+        z, y, x = (np.arange(low[i], high[i] + step, step) for i in (2, 1, 0))
+        inside = self.sample(z, y, x)[shape.level(*np.ix_(z, y, x)) < 0].astype(np.float64)
+        target = math.sqrt(sum(c.sd_hu**2 for c in self.components))
+        self._mean, self._gain = float(inside.mean()), target / float(inside.std())

@@ -1,0 +1,91 @@
+"""Which acquisitions a study needs: protocols x noise levels x seeds, and how jobs share them out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that the workflow has to know of a complete configuration (config.check)."""
+
+    config: dict
+
+    def geometry_of(self, protocol: str) -> str:
+        """Label of a protocol's geometry. Protocols that differ in the reconstruction alone share it."""
+        settings = self.config["protocols"][protocol]
+        scan = settings.get("scan")
+        return f"{scan}_views{settings['projections']}" if scan else f"views{settings['projections']}"
+
+    def geometry_settings(self, label: str) -> dict:
+        """{scan: the whole scan section, projections: int} of a geometry label."""
+        scan, _, views = label.rpartition("views")
+        name = scan.rstrip("_")
+        return {"scan": self.config["scans"][name] if name else self.config["scan"], "projections": int(views)}
+
+    def geometries(self) -> list[str]:
+        return sorted({self.geometry_of(protocol) for protocol in self.config["protocols"]})
+
+    def seeds(self, noise: str) -> list[str]:
+        """Two-digit seed labels of a noise level."""
+        return [f"{seed:02d}" for seed in range(self.config["noise"]["levels"][noise]["repeats"])]
+
+    def seed_batches(self) -> dict[tuple[str, ...], list[str]]:
+        """Every batch of seeds that one job handles, and the noise levels that have it."""
+        size = self.config["seeds_per_job"]
+        batches: dict[tuple[str, ...], list[str]] = {}
+        for noise in self.config["noise"]["levels"]:
+            seeds = self.seeds(noise)
+            for start in range(0, len(seeds), size):
+                batches.setdefault(tuple(seeds[start:start + size]), []).append(noise)
+        return batches
+
+    def bundles(self) -> dict[tuple[tuple[str, str], ...], list[str]]:
+        """Every bundle of (noise level, seed) that one job reconstructs, and the protocols that have it.
+
+        Levels are kept whole where seeds_per_job allows: realisations are lanes, and full registers cost no more.
+        """
+        size = self.config["seeds_per_job"]
+        bundles: dict[tuple[tuple[str, str], ...], list[str]] = {}
+        wanted = self.acquisitions()
+        for protocol in self.config["protocols"]:
+            full = []
+            for noise in (level for level in self.config["noise"]["levels"] if (protocol, level) in wanted):
+                seeds = [(noise, seed) for seed in self.seeds(noise)]
+                for part in (tuple(seeds[start:start + size]) for start in range(0, len(seeds), size)):
+                    if full and len(full[-1]) + len(part) <= size:
+                        full[-1] += part
+                    else:
+                        full.append(part)
+            for bundle in full:
+                bundles.setdefault(bundle, []).append(protocol)
+        return bundles
+
+    def repeats(self, noise: list[str]) -> int:
+        """Seeds that all of these noise levels have."""
+        return min(self.config["noise"]["levels"][level]["repeats"] for level in noise)
+
+    def groups(self) -> dict[str, int]:
+        """{protocol: group number} of the stability analysis."""
+        return {name: settings["group"] for name, settings in self.config["protocols"].items() if "group" in settings}
+
+    def acquisitions(self) -> list[tuple[str, str]]:
+        """Every (protocol, noise level) that some analysis asks for, sorted."""
+        analyses = self.config["analyses"]
+        wanted = set()
+        if "stability" in analyses:
+            wanted |= {(protocol, analyses["stability"]["noise"]) for protocol in self.groups()}
+        if "optimal" in analyses:
+            wanted |= {(analyses["optimal"][algorithm], analyses["optimal"]["noise"]) for algorithm in ("sirt", "fbp")}
+        if "noise_calibration" in analyses:
+            calibration = analyses["noise_calibration"]
+            wanted |= {(calibration["protocol"], noise) for noise in calibration["noise"]}
+        for selection in analyses.get("pca", {}).values():
+            wanted |= {(protocol, noise) for protocol in selection["protocols"] for noise in selection["noise"]}
+        return sorted(wanted)
+
+    def featured(self) -> list[tuple[str, str]]:
+        """Those of `acquisitions` whose features are used: all but the ones for the noise calibration alone."""
+        calibration_only = Plan({**self.config, "analyses": {
+            key: value for key, value in self.config["analyses"].items() if key != "noise_calibration"}})
+        return calibration_only.acquisitions()

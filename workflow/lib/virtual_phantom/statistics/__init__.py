@@ -1,0 +1,2 @@
+"""Statistics of the study: stability and discriminative power, rankings and their overlap, components,
+noise."""

@@ -1,0 +1,72 @@
+"""Configuration, wildcards and targets that all rules share."""
+
+import os
+import sys
+
+LIBRARY = os.path.join(workflow.basedir, "workflow", "lib")
+sys.path.insert(0, LIBRARY)
+# Scripts run in processes of their own and find the library by this.
+os.environ["PYTHONPATH"] = os.pathsep.join([LIBRARY, *filter(None, [os.environ.get("PYTHONPATH")])])
+
+from virtual_phantom.config import check
+from virtual_phantom.errors import InputError
+from virtual_phantom.plan import Plan
+from virtual_phantom.projectors import choose_engine
+
+try:
+    PLAN = Plan(check(config, os.path.join(workflow.basedir, "workflow", "schemas", "config.schema.yaml")))
+    ENGINE = choose_engine(PLAN.config["engine"], PLAN.config["reconstruction"]["sirt"]["backprojector"])
+except InputError as error:
+    sys.exit(f"Error: {error}")
+
+RESULTS = PLAN.config["results_dir"].rstrip("/")
+ACQUISITIONS = PLAN.acquisitions()
+ANALYSES = PLAN.config["analyses"]
+
+
+wildcard_constraints:
+    protocol="[A-Za-z0-9_]+",
+    geometry="[A-Za-z0-9_]+",
+    noise="[A-Za-z0-9_]+",
+    seed="[0-9]{2}",
+
+
+def library(*names):
+    """Library files that a stage depends on: Snakemake does not follow imports."""
+    return [os.path.join(LIBRARY, "virtual_phantom", name) for name in names]
+
+
+def megabytes(*, volumes=0, volume_lanes=1, projections=0, projection_lanes=1, fine=0, scan=None):
+    """Memory of a job from the arrays that it holds, with room for Python and its libraries, MB."""
+    voxels = 1
+    for n in PLAN.config["grid"]["shape"]:
+        voxels *= n
+    floats = volumes * volume_lanes * voxels + fine * voxels * PLAN.config["grid"]["oversampling"] ** 3
+    if scan:
+        settings = PLAN.geometry_settings(scan)
+        pixels = settings["scan"]["rows"] * settings["scan"]["columns"] * settings["projections"]
+        floats += projections * projection_lanes * pixels
+    return int(600 + 1.3 * floats * 4 / 1e6)
+
+
+def images(protocol, noise):
+    return [f"{RESULTS}/images/{protocol}/{noise}/seed{seed}.nii.gz" for seed in PLAN.seeds(noise)]
+
+
+def figure(name):
+    return multiext(f"{RESULTS}/figures/{name}", ".png", ".pdf")
+
+
+def targets():
+    """Everything that the configuration asks for."""
+    wanted = [figure("rois")]
+    if PLAN.featured():
+        wanted.append(f"{RESULTS}/features.csv")
+    if "optimal" in ANALYSES:
+        wanted.append(figure("scans"))
+    if "noise_calibration" in ANALYSES:
+        wanted.append(figure("noise_calibration"))
+    if "stability" in ANALYSES:
+        wanted += [figure("stability_discrimination"), figure("overlap"), f"{RESULTS}/tables/top_features.csv"]
+    wanted += [figure(f"pca_{name}") for name in ANALYSES.get("pca", {})]
+    return wanted

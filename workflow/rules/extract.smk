@@ -1,0 +1,48 @@
+for batch, levels in PLAN.seed_batches().items():
+
+    rule:
+        name:
+            f"extract_seeds_{batch[0]}_to_{batch[-1]}"
+        input:
+            images=[f"{RESULTS}/images/{{protocol}}/{{noise}}/seed{seed}.nii.gz" for seed in batch],
+            rois=rules.phantom.output.table,
+            masks=rules.phantom.output.rois,
+            code=library("radiomics.py", "volumes.py"),
+        output:
+            [f"{RESULTS}/features/{{protocol}}/{{noise}}/seed{seed}.csv" for seed in batch],
+        log:
+            f"{RESULTS}/logs/extract/{{protocol}}/{{noise}}/seed{batch[0]}_to_{batch[-1]}.log",
+        wildcard_constraints:
+            noise="|".join(levels),
+        params:
+            protocol=lambda wildcards: wildcards.protocol,
+            settings=lambda wildcards: {
+                key: PLAN.config["protocols"][wildcards.protocol][key] for key in ("algorithm", "projections")
+            },
+            noise=lambda wildcards: wildcards.noise,
+            noise_level=lambda wildcards: PLAN.config["noise"]["levels"][wildcards.noise]["A"],
+            seeds=[int(seed) for seed in batch],
+        resources:
+            mem_mb=megabytes(volumes=12),
+            runtime=60,
+        script:
+            "../scripts/extract.py"
+
+
+rule merge_features:
+    input:
+        features=[
+            f"{RESULTS}/features/{protocol}/{noise}/seed{seed}.csv"
+            for protocol, noise in PLAN.featured()
+            for seed in PLAN.seeds(noise)
+        ],
+        rois=rules.phantom.output.table,
+    output:
+        f"{RESULTS}/features.csv",
+    log:
+        f"{RESULTS}/logs/merge_features.log",
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    script:
+        "../scripts/merge_features.py"

@@ -1,0 +1,171 @@
+PCA_TITLES = {
+    "sirt": "Iterative reconstruction (SIRT)",
+    "fbp": "Filtered back-projection (FBP)",
+    "multicentre": "Wider noise range (multi-centre)",
+}
+FIGURE_RESOURCES = {"mem_mb": 2000, "runtime": 10}
+FIGURE_STYLE = library("figures/style.py", "figures/tables.py")
+
+
+def measured_noise():
+    """The measured variances of the algorithm that the noise is calibrated with."""
+    from virtual_phantom.measured import dose_variance
+
+    protocol = ANALYSES.get("noise_calibration", {}).get("protocol")
+    if protocol is None or not PLAN.config["measured"]["overlay"]:
+        return []
+    reconstruction = {"sirt": "iterative", "fbp": "fbp"}[PLAN.config["protocols"][protocol]["algorithm"]]
+    return [
+        {"label": f"{dose} mGy", "variance_hu2": float(dose_variance(reconstruction, dose))} for dose in (1, 10)
+    ]
+
+
+rule figure_rois:
+    input:
+        image=rules.phantom.output.image,
+        rois=rules.phantom.output.table,
+        masks=rules.phantom.output.rois,
+        code=FIGURE_STYLE + library("figures/rois.py", "figures/axial.py"),
+    output:
+        png=report(
+            f"{RESULTS}/figures/rois.png",
+            caption="../report/rois.rst",
+            category="Phantom",
+            labels={"figure": "regions of interest"},
+        ),
+        pdf=f"{RESULTS}/figures/rois.pdf",
+    log:
+        f"{RESULTS}/logs/figure_rois.log",
+    resources:
+        **FIGURE_RESOURCES,
+    script:
+        "../scripts/figures/rois.py"
+
+
+rule figure_scans:
+    input:
+        phantom=rules.phantom.output.image,
+        rois=rules.phantom.output.table,
+        masks=rules.phantom.output.rois,
+        code=FIGURE_STYLE + library("figures/scans.py", "figures/axial.py"),
+        **{
+            algorithm: images(ANALYSES["optimal"][algorithm], ANALYSES["optimal"]["noise"])[0]
+            for algorithm in ("fbp", "sirt")
+            if "optimal" in ANALYSES
+        },
+    output:
+        png=report(
+            f"{RESULTS}/figures/scans.png",
+            caption="../report/scans.rst",
+            category="Phantom",
+            labels={"figure": "input, FBP and SIRT"},
+        ),
+        pdf=f"{RESULTS}/figures/scans.pdf",
+    log:
+        f"{RESULTS}/logs/figure_scans.log",
+    params:
+        titles={
+            algorithm: f"{algorithm.upper()}, {PLAN.config['protocols'][ANALYSES['optimal'][algorithm]]['projections']} projections"
+            for algorithm in ("fbp", "sirt")
+            if "optimal" in ANALYSES
+        },
+    resources:
+        **FIGURE_RESOURCES,
+    script:
+        "../scripts/figures/scans.py"
+
+
+rule figure_noise_calibration:
+    input:
+        table=rules.noise_calibration.output[0],
+        doses="resources/edge_dose_series_summary.csv",
+        code=FIGURE_STYLE + library("figures/noise_calibration.py", "statistics/noise.py"),
+    output:
+        png=report(
+            f"{RESULTS}/figures/noise_calibration.png",
+            caption="../report/noise_calibration.rst",
+            category="Noise",
+            labels={"figure": "noise calibration"},
+        ),
+        pdf=f"{RESULTS}/figures/noise_calibration.pdf",
+    log:
+        f"{RESULTS}/logs/figure_noise_calibration.log",
+    params:
+        study_levels={ANALYSES["stability"]["noise"]: PLAN.config["noise"]["levels"][ANALYSES["stability"]["noise"]]["A"]}
+        if "stability" in ANALYSES
+        else {},
+        measured=measured_noise(),
+    resources:
+        **FIGURE_RESOURCES,
+    script:
+        "../scripts/figures/noise_calibration.py"
+
+
+rule figure_stability_discrimination:
+    input:
+        table=rules.stability.output[0],
+        scores="resources/ct_phantom4radiomics_scores.csv",
+        code=FIGURE_STYLE + library("figures/stability_discrimination.py"),
+    output:
+        png=report(
+            f"{RESULTS}/figures/stability_discrimination.png",
+            caption="../report/stability_discrimination.rst",
+            category="Stability",
+            labels={"figure": "stability and discriminative power"},
+        ),
+        pdf=f"{RESULTS}/figures/stability_discrimination.pdf",
+    log:
+        f"{RESULTS}/logs/figure_stability_discrimination.log",
+    params:
+        threshold=PLAN.config["statistics"]["threshold"],
+        with_measured=PLAN.config["measured"]["overlay"],
+    resources:
+        **FIGURE_RESOURCES,
+    script:
+        "../scripts/figures/stability_discrimination.py"
+
+
+rule figure_overlap:
+    input:
+        table=rules.overlap.output[0],
+        code=FIGURE_STYLE + library("figures/overlap.py"),
+    output:
+        png=report(
+            f"{RESULTS}/figures/overlap.png",
+            caption="../report/overlap.rst",
+            category="Stability",
+            labels={"figure": "overlap with the measured phantom"},
+        ),
+        pdf=f"{RESULTS}/figures/overlap.pdf",
+    log:
+        f"{RESULTS}/logs/figure_overlap.log",
+    resources:
+        **FIGURE_RESOURCES,
+    script:
+        "../scripts/figures/overlap.py"
+
+
+for name, title in PCA_TITLES.items():
+
+    rule:
+        name:
+            f"figure_pca_{name}"
+        input:
+            table=f"{RESULTS}/tables/pca_{name}.csv",
+            code=FIGURE_STYLE + library("figures/pca.py"),
+        output:
+            png=report(
+                f"{RESULTS}/figures/pca_{name}.png",
+                caption=f"../report/pca_{name}.rst",
+                category="Principal components",
+                labels={"figure": title},
+            ),
+            pdf=f"{RESULTS}/figures/pca_{name}.pdf",
+        log:
+            f"{RESULTS}/logs/figure_pca_{name}.log",
+        params:
+            title=title,
+        resources:
+            **FIGURE_RESOURCES,
+        script:
+            "../scripts/figures/pca.py"

@@ -1,0 +1,45 @@
+# One rule per distinct bundle of noise levels and seeds: all its images come out of one job.
+for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
+
+    rule:
+        name:
+            f"reconstruct_{number}"
+        input:
+            counts=lambda wildcards, bundle=bundle: [
+                f"{RESULTS}/projections/{PLAN.geometry_of(wildcards.protocol)}/{noise}/seed{seed}.h5"
+                for noise, seed in bundle
+            ],
+            phantom=f"{RESULTS}/phantom/image.nii.gz",
+            kernels=rules.compile_kernels.output[0],
+            code=library("reconstruct.py", "solvers.py", "units.py", "projectors/cpu.py", "projectors/kernels.py"),
+        output:
+            [f"{RESULTS}/images/{{protocol}}/{noise}/seed{seed}.nii.gz" for noise, seed in bundle],
+        log:
+            f"{RESULTS}/logs/reconstruct/{{protocol}}_{number}.log",
+        benchmark:
+            f"{RESULTS}/logs/reconstruct/{{protocol}}_{number}.benchmark.tsv"
+        wildcard_constraints:
+            protocol="|".join(protocols),
+        params:
+            algorithm=lambda wildcards: PLAN.config["protocols"][wildcards.protocol]["algorithm"],
+            settings=lambda wildcards: PLAN.config["reconstruction"][
+                PLAN.config["protocols"][wildcards.protocol]["algorithm"]
+            ],
+            engine=ENGINE,
+            mu_water_per_mm=PLAN.config["mu_water_per_mm"],
+            zero_counts_as=PLAN.config["noise"]["zero_counts_as"],
+        threads: PLAN.config["threads"]
+        resources:
+            mem_mb=lambda wildcards, bundle=bundle: megabytes(
+                volumes=6,
+                volume_lanes=len(bundle),
+                projections=2,
+                projection_lanes=len(bundle),
+                scan=PLAN.geometry_of(wildcards.protocol),
+            ),
+            runtime=240,
+            gpu=lambda wildcards: int(
+                ENGINE == "astra_cuda" and PLAN.config["protocols"][wildcards.protocol]["algorithm"] == "sirt"
+            ),
+        script:
+            "../scripts/reconstruct.py"

@@ -1,0 +1,112 @@
+rule stability:
+    """W over pairs of groups and pairs of classes, for every feature."""
+    input:
+        features=f"{RESULTS}/features.csv",
+        code=library("statistics/wilcoxon.py"),
+    output:
+        f"{RESULTS}/tables/stability.csv",
+    log:
+        f"{RESULTS}/logs/stability.log",
+    params:
+        groups=PLAN.groups(),
+        noise=ANALYSES.get("stability", {}).get("noise"),
+        seeds=PLAN.repeats([ANALYSES["stability"]["noise"]]) if "stability" in ANALYSES else 0,
+        statistics=PLAN.config["statistics"],
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    script:
+        "../scripts/stability.py"
+
+
+rule top_features:
+    """The ten best features beside the paper's."""
+    input:
+        stability=rules.stability.output[0],
+        published="resources/published_top_features.csv",
+        code=library("statistics/ranking.py"),
+    output:
+        report(
+            f"{RESULTS}/tables/top_features.csv",
+            caption="../report/top_features.rst",
+            category="Stability",
+            labels={"table": "ten best features"},
+        ),
+    log:
+        f"{RESULTS}/logs/top_features.log",
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    script:
+        "../scripts/top_features.py"
+
+
+rule overlap:
+    """How many of the best features are also the measured phantom's best."""
+    input:
+        stability=rules.stability.output[0],
+        scores="resources/ct_phantom4radiomics_scores.csv",
+        code=library("statistics/ranking.py", "measured.py"),
+    output:
+        f"{RESULTS}/tables/overlap.csv",
+    log:
+        f"{RESULTS}/logs/overlap.log",
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    script:
+        "../scripts/overlap.py"
+
+
+rule pca:
+    """The first two principal components of all images and ROIs of a selection of protocols."""
+    input:
+        features=f"{RESULTS}/features.csv",
+        code=library("statistics/pca.py", "measured.py"),
+    output:
+        table=f"{RESULTS}/tables/pca_{{pca}}.csv",
+        separability=f"{RESULTS}/tables/separability_{{pca}}.csv",
+    log:
+        f"{RESULTS}/logs/pca_{{pca}}.log",
+    params:
+        selection=lambda wildcards: {
+            "protocols": ANALYSES["pca"][wildcards.pca]["protocols"],
+            "noise": ANALYSES["pca"][wildcards.pca]["noise"],
+            "seeds": PLAN.repeats(ANALYSES["pca"][wildcards.pca]["noise"]),
+        },
+        pca=lambda wildcards: {key: ANALYSES["pca"][wildcards.pca][key] for key in ("fit_on", "standardise")},
+        measured=PLAN.config["measured"],
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    script:
+        "../scripts/pca.py"
+
+
+rule noise_calibration:
+    """Variance over repeats, averaged over voxels, against the noise level."""
+    input:
+        images=[
+            path
+            for noise in ANALYSES.get("noise_calibration", {}).get("noise", [])
+            for path in images(ANALYSES["noise_calibration"]["protocol"], noise)
+        ],
+        rois=rules.phantom.output.table,
+        masks=rules.phantom.output.rois,
+        code=library("statistics/noise.py", "volumes.py"),
+    output:
+        f"{RESULTS}/tables/noise_calibration.csv",
+    log:
+        f"{RESULTS}/logs/noise_calibration.log",
+    params:
+        protocol=ANALYSES.get("noise_calibration", {}).get("protocol"),
+        acquisitions=[
+            {"noise": noise, "noise_level": PLAN.config["noise"]["levels"][noise]["A"], "seed": int(seed)}
+            for noise in ANALYSES.get("noise_calibration", {}).get("noise", [])
+            for seed in PLAN.seeds(noise)
+        ],
+    resources:
+        mem_mb=megabytes(volumes=12),
+        runtime=15,
+    script:
+        "../scripts/noise_calibration.py"

@@ -1,0 +1,25 @@
+"""Build or load the phantom; write its images, masks and rois.csv beside snakemake.output.image."""
+
+from pathlib import Path
+
+import numpy as np
+
+from virtual_phantom.geometry import Grid
+from virtual_phantom.job import job
+from virtual_phantom.phantom import ct, layout, save, synthetic
+
+snakemake = snakemake  # noqa: F821  put here by Snakemake
+
+PHANTOM_STREAM = 0  # the phantom's own branch of the study's seed
+
+with job(snakemake) as log:
+    settings, sampling = snakemake.params.phantom, snakemake.params.grid
+    grid = Grid(shape=sampling["shape"], spacing=sampling["spacing_mm"])
+    oversampling = sampling["oversampling"]
+    if settings["source"] == "synthetic":
+        seed = np.random.SeedSequence(snakemake.params.seed, spawn_key=(PHANTOM_STREAM,))
+        phantom = synthetic.build(layout.read_layout(settings["layout"]), grid, oversampling, seed)
+    else:
+        phantom = ct.load(settings["ct"], grid, oversampling)
+    save(phantom, Path(snakemake.output.image).parent)
+    log.info("%s phantom on %s, %d ROIs", settings["source"], phantom.image.grid, len(phantom.rois))
