@@ -182,7 +182,6 @@ def _resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
     samples = max(
         math.ceil(wide / own - 1e-6) for wide, own in zip(grid.spacing, volume.grid.spacing, strict=True)
     )
-    samples = max(samples, 1)
     image = sitk.GetImageFromArray(volume.array)
     image.SetSpacing(volume.grid.spacing[::-1])
     image.SetOrigin(tuple(volume.grid.affine[:3, 3]))
