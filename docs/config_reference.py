@@ -1,5 +1,6 @@
-"""Write config/README.md, the reference of every configuration key, from the schema: `python docs/config_reference.py`."""
+"""Write config/README.md, the reference of every configuration key, from the schema."""
 
+import json
 from pathlib import Path
 
 import yaml
@@ -19,8 +20,8 @@ INTRODUCTION = """# Configuration
 | `paper.yaml` | overlay: the paper's own scale, for a GPU |
 | `abdomen.yaml` | overlay: a clinical CT instead of the virtual phantom |
 
-A key of `protocols`, `scans`, `noise.levels`, `analyses` or `analyses.pca` that an overlay sets to `null` is taken away.
-In the table `*` stands for a name of your own and `[]` for each entry of a list. This page is made from
+A key of `protocols`, `scans`, `noise.levels`, `analyses` or `analyses.pca` that an overlay sets to `null` is taken
+away. In the table `*` stands for a name of your own and `[]` for each entry of a list. This page is made from
 `workflow/schemas/config.schema.yaml` by `docs/config_reference.py`.
 
 | key | meaning | type | default | range | the paper |
@@ -50,13 +51,22 @@ def row(path, schema, required):
     """The row of one key."""
     kind = schema.get("type", "one of " + ", ".join(map(str, schema.get("enum", ()))))
     kind = " or ".join(kind) if isinstance(kind, list) else kind
+    default = "required" if path.split(".")[-1] in required else ""
     if "default" in schema and schema["default"] != {}:
-        default = f"`{'null' if schema['default'] is None else str(schema['default']).lower() if isinstance(schema['default'], bool) else schema['default']}`"
-    else:
-        default = "required" if path.split(".")[-1] in required else ""
-    bounds = [f"{sign} {schema[name]}" for name, sign in (
-        ("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤")) if name in schema]
-    cells = (f"`{path}`", schema.get("description", ""), kind, default, ", ".join(bounds), str(schema.get("x-paper", "")))
+        default = f"`{json.dumps(schema['default']).strip(chr(34))}`"
+    bounds = [
+        f"{sign} {schema[name]}"
+        for name, sign in (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"))
+        if name in schema
+    ]
+    cells = (
+        f"`{path}`",
+        schema.get("description", ""),
+        kind,
+        default,
+        ", ".join(bounds),
+        str(schema.get("x-paper", "")),
+    )
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+
 from virtual_phantom.config import check, grid_of, scan_geometry
 from virtual_phantom.errors import InputError
 from virtual_phantom.plan import Plan
@@ -29,34 +30,43 @@ def test_defaults_are_filled_in():
     config = check(DEFAULT, SCHEMA)
     assert config["seed"] == 2022
     assert config["reconstruction"] == {
-        "sirt": {"iterations": 500, "solver": "chebyshev", "terms": 60, "backprojector": "adjoint"}, "fbp": {"normalise": "coverage"}}
+        "sirt": {"iterations": 500, "solver": "chebyshev", "terms": 60, "backprojector": "adjoint"},
+        "fbp": {"normalise": "coverage"},
+    }
     assert config["scan"]["trajectory"] == "helical"
     assert check(config, SCHEMA) == config
     assert "seed" not in DEFAULT
 
 
-@pytest.mark.parametrize("path, value, message", [
-    ("reconstruct", {}, "unknown key 'reconstruct' in config; did you mean 'reconstruction'"),
-    ("scan.pich", 1, "unknown key 'pich' in scan; did you mean 'pitch'"),
-    ("protocols.sirt_150.projections", 0, "protocols.sirt_150.projections: 0 is less than the minimum of 1"),
-    ("protocols.sirt_150.projections", -5, "protocols.sirt_150.projections: -5 is less than the minimum of 1"),
-    ("protocols.sirt_150.projections", "many", "protocols.sirt_150.projections: 'many' is not of type 'integer'"),
-    ("protocols.sirt_150.algorithm", "art", "protocols.sirt_150.algorithm is 'art'; use one of sirt, fbp"),
-    ("protocols.sirt_150.group", 2, "same group number"),
-    ("protocols.new", {"projections": 3}, "protocols.new: 'algorithm' is a required property"),
-    ("protocols.a/b", {"algorithm": "sirt", "projections": 3}, "protocols"),
-    ("engine", "gpu", "engine is 'gpu'; use one of auto, cpu, astra_cuda"),
-    ("noise.levels.dose10.A", 0, "noise.levels.dose10.A"),
-    ("noise.levels.dose10.repeats", 2, "noise.levels.dose10.repeats is 2; the noise calibration needs at least 3"),
-    ("analyses.stability.noise", "dose1", "analyses.stability.noise names 'dose1', which is not there; did you mean"),
-    ("analyses.pca.sirt.protocols", ["sirt_15"], "names 'sirt_15', which is not there; did you mean 'sirt_150'"),
-    ("protocols.sirt_150.scan", "narrow", "protocols.sirt_150.scan names 'narrow'"),
-    ("grid.shape", [48, 128], "grid.shape"),
-    ("grid.spacing_mm", [1, 1, 0], "grid.spacing_mm.2"),
-    ("scan.source_to_detector_mm", 400, "scan.source_to_detector_mm must be larger"),
-    ("reconstruction.sirt.terms", 80, "80 is greater than the maximum of 75"),
-    ("phantom.source", "ct", "phantom.source is ct, but phantom.ct is missing"),
-])
+@pytest.mark.parametrize(
+    "path, value, message",
+    [
+        ("reconstruct", {}, "unknown key 'reconstruct' in config; did you mean 'reconstruction'"),
+        ("scan.pich", 1, "unknown key 'pich' in scan; did you mean 'pitch'"),
+        ("protocols.sirt_150.projections", 0, "protocols.sirt_150.projections: 0 is less than the minimum of 1"),
+        ("protocols.sirt_150.projections", -5, "protocols.sirt_150.projections: -5 is less than the minimum of 1"),
+        ("protocols.sirt_150.projections", "many", "protocols.sirt_150.projections: 'many' is not of type 'integer'"),
+        ("protocols.sirt_150.algorithm", "art", "protocols.sirt_150.algorithm is 'art'; use one of sirt, fbp"),
+        ("protocols.sirt_150.group", 2, "same group number"),
+        ("protocols.new", {"projections": 3}, "protocols.new: 'algorithm' is a required property"),
+        ("protocols.a/b", {"algorithm": "sirt", "projections": 3}, "protocols"),
+        ("engine", "gpu", "engine is 'gpu'; use one of auto, cpu, astra_cuda"),
+        ("noise.levels.dose10.A", 0, "noise.levels.dose10.A"),
+        ("noise.levels.dose10.repeats", 2, "noise.levels.dose10.repeats is 2; the noise calibration needs at least 3"),
+        (
+            "analyses.stability.noise",
+            "dose1",
+            "analyses.stability.noise names 'dose1', which is not there; did you mean",
+        ),
+        ("analyses.pca.sirt.protocols", ["sirt_15"], "names 'sirt_15', which is not there; did you mean 'sirt_150'"),
+        ("protocols.sirt_150.scan", "narrow", "protocols.sirt_150.scan names 'narrow'"),
+        ("grid.shape", [48, 128], "grid.shape"),
+        ("grid.spacing_mm", [1, 1, 0], "grid.spacing_mm.2"),
+        ("scan.source_to_detector_mm", 400, "scan.source_to_detector_mm must be larger"),
+        ("reconstruction.sirt.terms", 80, "80 is greater than the maximum of 75"),
+        ("phantom.source", "ct", "phantom.source is ct, but phantom.ct is missing"),
+    ],
+)
 def test_mistakes_are_told_in_one_line(path, value, message):
     with pytest.raises(InputError) as error:
         check(changed(path, value), SCHEMA)
@@ -65,7 +75,9 @@ def test_mistakes_are_told_in_one_line(path, value, message):
 
 
 def test_null_takes_away():
-    config = check(changed("protocols.sirt_450", None) | {"analyses": {"stability": {"noise": "dose10"}, "pca": None}}, SCHEMA)
+    config = check(
+        changed("protocols.sirt_450", None) | {"analyses": {"stability": {"noise": "dose10"}, "pca": None}}, SCHEMA
+    )
     assert "sirt_450" not in config["protocols"]
     assert "pca" not in config["analyses"]
 
@@ -85,8 +97,10 @@ def test_named_scan_replaces_keys_of_the_default_scan():
 def test_plan_of_the_paper():
     """8 groups x 10 seeds at one noise level; SIRT and FBP share their geometry."""
     plan = Plan(check(DEFAULT, SCHEMA))
-    assert plan.groups() == {f"{a}_{n}": g for g, (a, n) in enumerate(
-        [(a, n) for a in ("sirt", "fbp") for n in (150, 200, 250, 300)], start=1)}
+    assert plan.groups() == {
+        f"{a}_{n}": g
+        for g, (a, n) in enumerate([(a, n) for a in ("sirt", "fbp") for n in (150, 200, 250, 300)], start=1)
+    }
     assert plan.geometry_of("sirt_150") == plan.geometry_of("fbp_150") == "views150"
     wanted = plan.acquisitions()
     assert all((protocol, "dose10") in wanted for protocol in plan.groups())
@@ -104,8 +118,12 @@ def test_every_seed_is_in_one_batch():
 
 def test_bundles_hold_every_acquisition_once_and_keep_levels_whole():
     plan = Plan(check(DEFAULT, SCHEMA))
-    seen = [(protocol, noise, seed) for bundle, protocols in plan.bundles().items()
-            for protocol in protocols for noise, seed in bundle]
+    seen = [
+        (protocol, noise, seed)
+        for bundle, protocols in plan.bundles().items()
+        for protocol in protocols
+        for noise, seed in bundle
+    ]
     expected = [(protocol, noise, seed) for protocol, noise in plan.acquisitions() for seed in plan.seeds(noise)]
     assert sorted(seen) == sorted(expected)
     assert all(len(bundle) <= plan.config["seeds_per_job"] for bundle in plan.bundles())

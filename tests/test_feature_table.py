@@ -106,22 +106,16 @@ def test_selecting_takes_the_first_seeds():
         (lambda: feature_table.merge([TABLES[0].iloc[:1], TABLES[1]]), "ROI cyst_1 is not in every image"),
         (lambda: feature_table.merge([TABLES[0], TABLES[1].iloc[:1]]), "ROI cyst_1 is not in every image"),
         (
-            lambda: feature_table.select(
-                feature_table.merge(TABLES), protocols=["fbp_150"], noise=["low"], seeds=4
-            ),
+            lambda: feature_table.select(feature_table.merge(TABLES), protocols=["fbp_150"], noise=["low"], seeds=4),
             "3 seeds for protocol fbp_150, noise low; 4 are asked for",
         ),
         (
-            lambda: feature_table.select(
-                feature_table.merge(TABLES), protocols=["mlem"], noise=["low"], seeds=1
-            ),
+            lambda: feature_table.select(feature_table.merge(TABLES), protocols=["mlem"], noise=["low"], seeds=1),
             "0 seeds for protocol mlem",
         ),
         (lambda: feature_table.read("/nowhere/features.csv"), "cannot be read as CSV"),
         (
-            lambda: feature_table.finite_values(
-                TABLES[0].assign(**{FEATURES[4]: np.nan}), FEATURES, "features.csv"
-            ),
+            lambda: feature_table.finite_values(TABLES[0].assign(**{FEATURES[4]: np.nan}), FEATURES, "features.csv"),
             "features.csv: original_firstorder_InterquartileRange is nan for protocol sirt_200",
         ),
     ],

@@ -5,14 +5,24 @@ import numpy as np
 import pandas as pd
 import pytest
 import SimpleITK as sitk
+
 from virtual_phantom import exchange, files
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, helical
 from virtual_phantom.physics.noise import simulate_counts
 from virtual_phantom.volumes import Volume, read_nifti, write_nifti
 
-GEOMETRY = helical(views=5, volume_height_mm=20, source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0,
-                   columns=7, rows=3, column_pitch_mm=2.0, row_pitch_mm=4.0, column_offset_px=0.25)
+GEOMETRY = helical(
+    views=5,
+    volume_height_mm=20,
+    source_to_isocentre_mm=500.0,
+    source_to_detector_mm=1000.0,
+    columns=7,
+    rows=3,
+    column_pitch_mm=2.0,
+    row_pitch_mm=4.0,
+    column_offset_px=0.25,
+)
 
 
 def volume(dtype=np.float32):

@@ -7,11 +7,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, ScanGeometry, circular, helical
 
-DETECTOR = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0, columns=101, rows=11,
-                column_pitch_mm=2.0, row_pitch_mm=4.0)
+DETECTOR = dict(
+    source_to_isocentre_mm=500.0,
+    source_to_detector_mm=1000.0,
+    columns=101,
+    rows=11,
+    column_pitch_mm=2.0,
+    row_pitch_mm=4.0,
+)
 
 
 @given(st.tuples(*[st.integers(1, 9)] * 3), st.tuples(*[st.floats(0.1, 9)] * 3), st.tuples(*[st.floats(-99, 99)] * 3))
@@ -31,8 +38,10 @@ def test_matches_looks_at_every_corner():
     assert not grid.matches(Grid((10, 20, 31), (1, 1, 1)))
 
 
-@pytest.mark.parametrize("shape, spacing", [((0, 1, 1), (1, 1, 1)), ((1, 1), (1, 1, 1)), ((1, 1, 1), (1, 0, 1)),
-                                            ((1, 1, 1), (1, math.nan, 1))])
+@pytest.mark.parametrize(
+    "shape, spacing",
+    [((0, 1, 1), (1, 1, 1)), ((1, 1), (1, 1, 1)), ((1, 1, 1), (1, 0, 1)), ((1, 1, 1), (1, math.nan, 1))],
+)
 def test_impossible_grids(shape, spacing):
     with pytest.raises(InputError, match="grid"):
         Grid(shape, spacing)
@@ -66,10 +75,15 @@ def test_field_of_view_is_the_cylinder_that_the_outermost_ray_touches():
     assert geometry.field_of_view_radius_mm == pytest.approx(500 * half / math.hypot(half, 1000))
 
 
-@pytest.mark.parametrize("changes, message", [
-    (dict(columns=0), "must be positive"), (dict(row_pitch_mm=-1.0), "must be positive"),
-    (dict(source_to_detector_mm=400.0), "less than"), (dict(source_to_isocentre_mm=0.0), "must be positive"),
-])
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        (dict(columns=0), "must be positive"),
+        (dict(row_pitch_mm=-1.0), "must be positive"),
+        (dict(source_to_detector_mm=400.0), "less than"),
+        (dict(source_to_isocentre_mm=0.0), "must be positive"),
+    ],
+)
 def test_impossible_scanners(changes, message):
     with pytest.raises(InputError, match=message):
         circular(views=4, **(DETECTOR | changes))

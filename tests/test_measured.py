@@ -72,9 +72,7 @@ def test_first_order_features_in_hu_are_those_of_the_shifted_values():
         }
 
     def row(x):
-        return pd.DataFrame(
-            [{f"original_firstorder_{k}": v for k, v in first_order(x).items()} | {"n_voxels": x.size}]
-        )
+        return pd.DataFrame([{f"original_firstorder_{k}": v for k, v in first_order(x).items()} | {"n_voxels": x.size}])
 
     pd.testing.assert_frame_equal(measured.to_hu(row(stored)), row(hu), rtol=1e-9)
 
@@ -94,13 +92,9 @@ def test_mean_hu_of_the_rois_is_what_the_data_sets_notes_say():
     assert means.to_dict() == pytest.approx(noted, abs=1)
 
 
-@pytest.mark.parametrize(
-    "reconstruction, variances", [("fbp", [1253, 740, 365]), ("iterative", [674, 413, 228])]
-)
+@pytest.mark.parametrize("reconstruction, variances", [("fbp", [1253, 740, 365]), ("iterative", [674, 413, 228])])
 def test_variance_of_the_large_cyst_against_dose(reconstruction, variances):
-    assert [measured.dose_variance(reconstruction, dose) for dose in (1, 3, 10)] == pytest.approx(
-        variances, abs=1
-    )
+    assert [measured.dose_variance(reconstruction, dose) for dose in (1, 3, 10)] == pytest.approx(variances, abs=1)
 
 
 def test_an_unknown_dose_is_refused():
@@ -112,9 +106,7 @@ def test_an_unknown_dose_is_refused():
 @pytest.mark.skipif(not STUDY.exists(), reason="the table of CT-Phantom4Radiomics is not beside the checkout")
 def test_the_kept_group_summary_is_that_of_the_table():
     table = measured.to_hu(measured.load_full_table(STUDY))
-    means = (
-        table.groupby(["group", "roi", "tissue_class"])[list(measured.STUDY_FEATURES)].mean().reset_index()
-    )
+    means = table.groupby(["group", "roi", "tissue_class"])[list(measured.STUDY_FEATURES)].mean().reset_index()
     kept = measured.group_means()[list(means.columns)]
     pd.testing.assert_frame_equal(kept, means, rtol=1e-7, check_dtype=False)
     raw = measured.load_full_table(STUDY)  # what to_hu assumes of the file

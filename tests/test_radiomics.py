@@ -112,9 +112,7 @@ def test_values_published_for_the_ibsi_digital_phantom():
     assert row["n_voxels"] == 74
     assert row["grey_levels"] == 4  # 1, 3, 4 and 6
     for name, value in IBSI_VALUES.items():
-        assert row[f"original_{name}"] == pytest.approx(value, rel=6e-3), (
-            name
-        )  # half a unit of the third digit
+        assert row[f"original_{name}"] == pytest.approx(value, rel=6e-3), name  # half a unit of the third digit
 
 
 def test_values_worked_by_hand_on_a_row_of_six_voxels():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import special
+
 from virtual_phantom import solvers
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, circular, helical
@@ -66,16 +67,22 @@ def test_water_is_zero_and_inserts_are_right(scan, algorithm):
 def test_chebyshev_is_plain_sirt(backprojector):
     """The images after 500 iterations differ by at most 0.5 % of the noise SD, for circular and helical scans."""
     grid = Grid((6, 24, 24), (8.0, 11.0, 11.0))
-    for geometry in (circular(views=40, columns=36, rows=8, **(SCANNER | dict(column_pitch_mm=16.0, row_pitch_mm=16.0))),
-                     helical(views=50, volume_height_mm=48, columns=36, rows=5,
-                             **(SCANNER | dict(column_pitch_mm=16.0, row_pitch_mm=16.0)))):
+    for geometry in (
+        circular(views=40, columns=36, rows=8, **(SCANNER | dict(column_pitch_mm=16.0, row_pitch_mm=16.0))),
+        helical(
+            views=50,
+            volume_height_mm=48,
+            columns=36,
+            rows=5,
+            **(SCANNER | dict(column_pitch_mm=16.0, row_pitch_mm=16.0)),
+        ),
+    ):
         clean = project(geometry, grid, 2)[0]
         random = np.random.default_rng(3)
         noisy = np.stack([clean, *(clean + random.normal(0, 0.02, clean.shape) for _ in range(3))]).astype(np.float32)
         projector = CpuProjector(geometry, grid, lanes=4)
         plain = solvers.sirt(projector, noisy, solver="plain", iterations=500, backprojector=backprojector)
-        fast = solvers.sirt(projector, noisy, solver="chebyshev", iterations=500, terms=60,
-                            backprojector=backprojector)
+        fast = solvers.sirt(projector, noisy, solver="chebyshev", iterations=500, terms=60, backprojector=backprojector)
         noise = (plain[1:] - plain[0]).std()
         assert np.sqrt(np.mean((fast - plain) ** 2)) < 0.005 * noise
 
@@ -99,12 +106,16 @@ def test_astra_parity_scales_a_helix_by_the_share_of_views():
 
 
 def test_adjoint_keeps_noise_even_along_a_helix():
-    """Noise SD of an end slice over that of the middle: under 1.5 with the adjoint; the voxel-driven pair amplifies it."""
-    geometry = helical(views=150, volume_height_mm=48, columns=36, rows=6, **(SCANNER | dict(column_pitch_mm=16.0, row_pitch_mm=8.0)))
+    """Noise SD of an end slice over that of the middle: under 1.5 with the adjoint, over it with the voxel pair."""
+    geometry = helical(
+        views=150, volume_height_mm=48, columns=36, rows=6, **(SCANNER | dict(column_pitch_mm=16.0, row_pitch_mm=8.0))
+    )
     grid = Grid((12, 32, 32), (4.0, 8.8, 8.8))
     noise = np.random.default_rng(8).normal(0, 0.01, (6, 150, 6, 36)).astype(np.float32)
-    spread = {name: solvers.sirt(CpuProjector(geometry, grid, 6), noise, backprojector=name).std(0)
-              for name in ("adjoint", "voxel")}
+    spread = {
+        name: solvers.sirt(CpuProjector(geometry, grid, 6), noise, backprojector=name).std(0)
+        for name in ("adjoint", "voxel")
+    }
     ends = {name: sd[1].mean() / sd[6].mean() for name, sd in spread.items()}
     assert ends["adjoint"] < 1.5 < ends["voxel"]
 
@@ -118,9 +129,16 @@ def test_unseen_voxels_stay_at_air():
     assert np.all(image[0, 0] == 0) and image[0, 6, 32, 32] > MU / 2
 
 
-@pytest.mark.parametrize("call", [
-    lambda p, b: solvers.sirt(p, b, solver="cg"), lambda p, b: solvers.sirt(p, b, iterations=0),
-    lambda p, b: solvers.sirt(p, b, terms=0), lambda p, b: solvers.sirt(p, b, backprojector="ray"), lambda p, b: solvers.fdk(p, b, normalise="mean")])
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda p, b: solvers.sirt(p, b, solver="cg"),
+        lambda p, b: solvers.sirt(p, b, iterations=0),
+        lambda p, b: solvers.sirt(p, b, terms=0),
+        lambda p, b: solvers.sirt(p, b, backprojector="ray"),
+        lambda p, b: solvers.fdk(p, b, normalise="mean"),
+    ],
+)
 def test_bad_arguments(call):
     geometry = circular(views=2, columns=4, rows=2, **SCANNER)
     with pytest.raises(InputError):

@@ -3,6 +3,7 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+
 from virtual_phantom.units import attenuation_to_hu, hu_to_attenuation
 
 

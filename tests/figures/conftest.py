@@ -69,9 +69,7 @@ def calibration():
 def stability(rng):
     """86 features; few stable, most told apart, many at the same place."""
     rows = [
-        (f"original_{family}_Feature{index}", family)
-        for family, count in FAMILIES.items()
-        for index in range(count)
+        (f"original_{family}_Feature{index}", family) for family, count in FAMILIES.items() for index in range(count)
     ]
     table = pandas.DataFrame(rows, columns=["feature", "family"])
     table["stability_percent"] = np.round(rng.beta(0.9, 4, len(table)) * 112) / 112 * 100

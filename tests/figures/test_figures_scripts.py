@@ -98,9 +98,7 @@ def test_measured_scores_beside_simulated(run, tmp_path):
 
     scores = measured.load_scores()
     write_csv(scores.assign(family=scores["feature"].map(radiomics.family)), tmp_path / "table.csv")
-    paths = run(
-        "stability_discrimination", {"table": tmp_path / "table.csv"}, threshold=1.0, with_measured=True
-    )
+    paths = run("stability_discrimination", {"table": tmp_path / "table.csv"}, threshold=1.0, with_measured=True)
     assert written(paths)
 
 

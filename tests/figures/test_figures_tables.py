@@ -64,9 +64,7 @@ def line(slope, intercept, levels, protocol="sirt_450", scatter=0.0):
 def test_fit_and_crossings_in_closed_form():
     """Variance 50 + 2e6 A: 250 HU^2 is reached at A = 1e-4, 650 HU^2 at 3e-4, 40 HU^2 at no positive A."""
     table = line(2e6, 50, [0.5e-4, 1e-4, 2e-4])
-    figure = noise_calibration.draw(
-        table, {"study": 1e-4}, [("high", 250.0), ("low", 650.0), ("never", 40.0)]
-    )
+    figure = noise_calibration.draw(table, {"study": 1e-4}, [("high", 250.0), ("low", 650.0), ("never", 40.0)])
     said = texts(figure)
     assert "fit: 200 HU² · A/10⁻⁴ + 50 HU², R² = 1.0000" in said
     assert "high: 250 HU², crossed at A = 1 ×10⁻⁴" in said
@@ -196,9 +194,7 @@ def test_overlap_draws_both_curves_and_the_band(overlap):
     band = axes.collections[1].get_paths()[0].vertices
     at_half = np.unique(band[np.isclose(band[:, 0], 50), 1])
     assert at_half == pytest.approx(100 * np.array(hypergeom(86, 43, 43).interval(0.95)) / 43)
-    assert "features taken as best-scoring (%)" in texts(figure) and "of these, in both lists (%)" in texts(
-        figure
-    )
+    assert "features taken as best-scoring (%)" in texts(figure) and "of these, in both lists (%)" in texts(figure)
     with pytest.raises(InputError, match="no rows"):
         overlap_figure.draw(overlap.iloc[:0])
 

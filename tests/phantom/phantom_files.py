@@ -146,10 +146,7 @@ def write_rtstruct(path, hole: bool = False, shift_z_mm: float = 0.0) -> str:
                     row, column = outline[:-1].mean(axis=0).round()
                     outlines.append(
                         np.array(
-                            [
-                                [row + a, column + b]
-                                for a, b in ((-1.5, -1.5), (-1.5, 1.5), (1.5, 1.5), (1.5, -1.5))
-                            ]
+                            [[row + a, column + b] for a, b in ((-1.5, -1.5), (-1.5, 1.5), (1.5, 1.5), (1.5, -1.5))]
                         )
                     )
                 for points in outlines:

@@ -113,9 +113,7 @@ def test_other_grids_show_the_same_object(nifti, shape, spacing, oversampling):
         voxels = ball(loaded.name).sum() * CT_GRID.voxel_volume_mm3
         assert loaded.mask.sum() * grid.voxel_volume_mm3 == pytest.approx(voxels, rel=0.08)
         core = (
-            ((x - centre[0]) ** 2)[None, None]
-            + ((y - centre[1]) ** 2)[:, None]
-            + ((z - centre[2]) ** 2)[:, None, None]
+            ((x - centre[0]) ** 2)[None, None] + ((y - centre[1]) ** 2)[:, None] + ((z - centre[2]) ** 2)[:, None, None]
         ) < (radius - 5) ** 2
         assert phantom.image.array[core].mean() == pytest.approx(hu, abs=1)
     assert phantom.image.array.min() >= -1000
@@ -433,7 +431,5 @@ def test_clinical_abdomen_loads_as_configured(monkeypatch):
     assert mean["aorta"] > 120 and 10 < mean["muscle_left"] < 45 and 60 < mean["spleen_1"] < 110
     x = grid.axes_mm()[2]
     side = {r.name: x[np.nonzero(r.mask)[2]].mean() for r in phantom.rois}
-    assert (
-        side["liver_1"] > 50 and side["spleen_1"] < -50 and side["aorta"] < 0
-    )  # liver on the patient's right
+    assert side["liver_1"] > 50 and side["spleen_1"] < -50 and side["aorta"] < 0  # liver on the patient's right
     assert side["muscle_right"] > 0 > side["muscle_left"]

@@ -128,9 +128,7 @@ def test_layout_agrees_with_the_tables():
     tissues = read_layout(LAYOUT)["tissues"]
     high = solid[(solid.dose_mGy == 10) & (solid.recon_code == 2)].groupby("roi6").mean(numeric_only=True)
     numbers = flat["diagnostics_Mask-original_CenterOfMassIndex"].str.strip("()").str.split(",", expand=True)
-    box = (
-        flat["diagnostics_Mask-original_BoundingBox"].str.strip("()").str.split(",", expand=True).astype(int)
-    )
+    box = flat["diagnostics_Mask-original_BoundingBox"].str.strip("()").str.split(",", expand=True).astype(int)
     pixel = 350 / 512
     for short, name in names.items():
         rows = (flat["class"] == short) & (flat.group <= 4)
@@ -139,9 +137,7 @@ def test_layout_agrees_with_the_tables():
         roi = layout[name]
         expected = (-(column - 255.5) * pixel, -(row - 255.5) * pixel, level - 176)
         assert roi["centre_mm"] == pytest.approx(expected, abs=0.06)
-        assert (roi["width_mm"], roi["height_mm"]) == pytest.approx(
-            tuple(box[rows].median()[[2, 3]] * pixel), abs=0.06
-        )
+        assert (roi["width_mm"], roi["height_mm"]) == pytest.approx(tuple(box[rows].median()[[2, 3]] * pixel), abs=0.06)
         edge = high.loc[edge_names[name]]
         volume = edge.original_firstorder_TotalEnergy / edge.original_firstorder_RootMeanSquared**2
         assert roi["volume_mm3"] == pytest.approx(volume, rel=0.003)
@@ -159,9 +155,7 @@ def test_layout_agrees_with_the_tables():
         assert texture["sd_hu"] == pytest.approx(np.sqrt(own), abs=0.1)
         if name == "normal_2":  # too near the noise: shape taken from the other
             continue
-        assert texture["skewness"] == pytest.approx(
-            skewness[edge_names[name]] * (total / own) ** 1.5, abs=0.1
-        )
+        assert texture["skewness"] == pytest.approx(skewness[edge_names[name]] * (total / own) ** 1.5, abs=0.1)
         covariance = correlation[edge_names[name]] * (total + 25**2 / 12) - noise_covariance
         length = np.sqrt(-1.2 / (2 * np.log(covariance / (total - variance["cyst_large"]))))
         assert texture["correlation_mm"] == pytest.approx(length, abs=0.25)
@@ -201,14 +195,10 @@ def test_partial_volume_is_the_share_of_the_ball(small):
 
 
 def test_equal_seeds_equal_phantoms(small):
-    a, b, other = (
-        synthetic.build(small, SMALL_GRID, 2, np.random.SeedSequence(s, spawn_key=(0,))) for s in (5, 5, 6)
-    )
+    a, b, other = (synthetic.build(small, SMALL_GRID, 2, np.random.SeedSequence(s, spawn_key=(0,))) for s in (5, 5, 6))
     np.testing.assert_array_equal(a.fine.array, b.fine.array)
     assert not np.array_equal(a.fine.array, other.fine.array)
-    assert a.image.array[a.rois[1].mask].mean() == pytest.approx(
-        other.image.array[a.rois[1].mask].mean(), abs=0.5
-    )
+    assert a.image.array[a.rois[1].mask].mean() == pytest.approx(other.image.array[a.rois[1].mask].mean(), abs=0.5)
 
 
 def test_seed_is_not_used_up(small):

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
+
 from virtual_phantom.errors import InputError
 from virtual_phantom.physics.noise import Counts, acquisition_seed, simulate_counts
 
@@ -60,8 +61,13 @@ def test_bad_arguments():
 
 
 def test_streams_differ_in_every_argument_and_repeat():
-    arguments = [(1, "views150", "dose10", 0), (2, "views150", "dose10", 0), (1, "views200", "dose10", 0),
-                 (1, "views150", "dose1", 0), (1, "views150", "dose10", 1)]
+    arguments = [
+        (1, "views150", "dose10", 0),
+        (2, "views150", "dose10", 0),
+        (1, "views200", "dose10", 0),
+        (1, "views150", "dose1", 0),
+        (1, "views150", "dose10", 1),
+    ]
     first = [np.random.Generator(np.random.PCG64(acquisition_seed(*a))).integers(2**63) for a in arguments]
     again = [np.random.Generator(np.random.PCG64(acquisition_seed(*a))).integers(2**63) for a in arguments]
     assert first == again

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, circular, helical
 from virtual_phantom.projectors.cpu import CpuProjector
@@ -31,16 +32,23 @@ def ellipsoid_coverage(grid, centre, semi_axes, samples=6):
     """Share of every voxel inside an ellipsoid, by sub-sampling."""
     fine = grid.refined(samples)
     z, y, x = fine.axes_mm()
-    inside = (((x - centre[0]) / semi_axes[0]) ** 2 + ((y[:, None] - centre[1]) / semi_axes[1]) ** 2
-              + ((z[:, None, None] - centre[2]) / semi_axes[2]) ** 2) <= 1
+    inside = (
+        ((x - centre[0]) / semi_axes[0]) ** 2
+        + ((y[:, None] - centre[1]) / semi_axes[1]) ** 2
+        + ((z[:, None, None] - centre[2]) / semi_axes[2]) ** 2
+    ) <= 1
     nz, ny, nx = grid.shape
     return inside.reshape(nz, samples, ny, samples, nx, samples).mean((1, 3, 5)).astype(np.float32)
 
 
-@pytest.mark.parametrize("make", [
-    lambda detector: circular(views=5, start_angle_rad=0.3, **detector),
-    lambda detector: helical(views=7, volume_height_mm=80, pitch=1.0, **detector),
-], ids=["circular", "helical"])
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda detector: circular(views=5, start_angle_rad=0.3, **detector),
+        lambda detector: helical(views=7, volume_height_mm=80, pitch=1.0, **detector),
+    ],
+    ids=["circular", "helical"],
+)
 def test_line_integrals_of_an_ellipsoid(make):
     """Relative error at most 0.3 % rms over chords longer than half the longest, on 128 x 128."""
     geometry = make(dict(SCANNER, columns=60, rows=12, column_pitch_mm=9.0, row_pitch_mm=9.0))
@@ -48,7 +56,8 @@ def test_line_integrals_of_an_ellipsoid(make):
     centre, semi_axes = (18.0, -12.0, 3.0), (80.0, 55.0, 30.0)
     projector = CpuProjector(geometry, grid)
     measured = projector.unpack_projections(
-        projector.forward(projector.pack_volume(ellipsoid_coverage(grid, centre, semi_axes)[None])))[0]
+        projector.forward(projector.pack_volume(ellipsoid_coverage(grid, centre, semi_axes)[None]))
+    )[0]
     exact = ellipsoid_chords(geometry, centre, semi_axes)
     long = exact > exact.max() / 2
     assert long.sum() > 100
@@ -61,12 +70,15 @@ def test_line_integrals_of_an_ellipsoid(make):
 def test_ball_appears_where_the_frame_says(turn):
     """A ball at +x is seen in the high columns from +y (angle 0); one above the isocentre in the high rows."""
     angle = turn * math.pi / 2
-    geometry = circular(views=1, start_angle_rad=angle, columns=101, rows=51, column_pitch_mm=4.0, row_pitch_mm=4.0, **SCANNER)
+    geometry = circular(
+        views=1, start_angle_rad=angle, columns=101, rows=51, column_pitch_mm=4.0, row_pitch_mm=4.0, **SCANNER
+    )
     grid = Grid((40, 100, 100), (2.0, 2.0, 2.0))
     centre = np.array([30.0, 10.0, 20.0])
     projector = CpuProjector(geometry, grid)
-    image = projector.unpack_projections(projector.forward(projector.pack_volume(
-        ellipsoid_coverage(grid, centre, (4, 4, 4), 4)[None])))[0, 0]
+    image = projector.unpack_projections(
+        projector.forward(projector.pack_volume(ellipsoid_coverage(grid, centre, (4, 4, 4), 4)[None]))
+    )[0, 0]
     weight = image / image.sum()
     depth = 500 + centre[0] * math.sin(angle) - centre[1] * math.cos(angle)
     column = (centre[0] * math.cos(angle) + centre[1] * math.sin(angle)) * 1000 / depth
@@ -78,8 +90,17 @@ def test_ball_appears_where_the_frame_says(turn):
 @pytest.mark.parametrize("lanes", [1, 3, 16])
 def test_adjoint(lanes):
     """<A x, y> = <x, A' y>, for a helical scan off centre and voxels of three sizes."""
-    geometry = helical(views=9, volume_height_mm=60, columns=37, rows=15, column_pitch_mm=9.0, row_pitch_mm=7.0,
-                       column_offset_px=0.3, row_offset_px=-0.2, **SCANNER)
+    geometry = helical(
+        views=9,
+        volume_height_mm=60,
+        columns=37,
+        rows=15,
+        column_pitch_mm=9.0,
+        row_pitch_mm=7.0,
+        column_offset_px=0.3,
+        row_offset_px=-0.2,
+        **SCANNER,
+    )
     grid = Grid((17, 33, 40), (3.5, 6.0, 5.0))
     random = np.random.default_rng(5)
     projector = CpuProjector(geometry, grid, lanes)
@@ -101,13 +122,15 @@ def test_lanes_are_independent_of_each_other_and_of_their_number():
     back = many.unpack_volume(many.back(together))
     one = CpuProjector(geometry, grid, 1)
     for lane in range(5):
-        alone = one.forward(one.pack_volume(stack[lane:lane + 1]))
+        alone = one.forward(one.pack_volume(stack[lane : lane + 1]))
         np.testing.assert_allclose(many.unpack_projections(together)[lane], one.unpack_projections(alone)[0], rtol=2e-6)
         np.testing.assert_allclose(back[lane], one.unpack_volume(one.back(alone))[0], rtol=2e-6)
 
 
 def test_views_in_blocks_and_threads_change_nothing():
-    geometry = helical(views=11, volume_height_mm=48, columns=40, rows=8, column_pitch_mm=10.0, row_pitch_mm=10.0, **SCANNER)
+    geometry = helical(
+        views=11, volume_height_mm=48, columns=40, rows=8, column_pitch_mm=10.0, row_pitch_mm=10.0, **SCANNER
+    )
     grid = Grid((8, 32, 32), (6.0, 8.0, 8.0))
     stack = np.random.default_rng(2).random((2, *grid.shape), dtype=np.float32)
     whole = CpuProjector(geometry, grid, 2)
@@ -130,7 +153,9 @@ def test_central_slice_agrees_with_astra_fan_beam():
     n, spacing, columns, pitch = 128, 2.0, 120, 4.0
     grid = Grid((3, n, n), (spacing,) * 3)
     angles = np.linspace(0, 2 * np.pi, 12, endpoint=False) + 0.1
-    geometry = circular(views=12, start_angle_rad=0.1, columns=columns, rows=1, column_pitch_mm=pitch, row_pitch_mm=1.0, **SCANNER)
+    geometry = circular(
+        views=12, start_angle_rad=0.1, columns=columns, rows=1, column_pitch_mm=pitch, row_pitch_mm=1.0, **SCANNER
+    )
     image = ellipsoid_coverage(grid, (10.0, -20.0, 0.0), (90.0, 70.0, 1e6))[1]
     image += 0.5 * ellipsoid_coverage(grid, (-30.0, 10.0, 0.0), (25.0, 20.0, 1e6))[1]
     projector = CpuProjector(geometry, grid)

@@ -3,6 +3,7 @@
 import astra
 import numpy as np
 import pytest
+
 from virtual_phantom import projectors
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, helical
@@ -10,8 +11,18 @@ from virtual_phantom.projectors.astra_cuda import cone_vectors
 from virtual_phantom.projectors.cpu import CpuProjector
 
 needs_cuda = pytest.mark.skipif(not astra.use_cuda(), reason="ASTRA finds no CUDA device here")
-GEOMETRY = helical(views=40, volume_height_mm=48, source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0,
-                   columns=60, rows=16, column_pitch_mm=6.0, row_pitch_mm=6.0, column_offset_px=1.5, row_offset_px=-0.5)
+GEOMETRY = helical(
+    views=40,
+    volume_height_mm=48,
+    source_to_isocentre_mm=500.0,
+    source_to_detector_mm=1000.0,
+    columns=60,
+    rows=16,
+    column_pitch_mm=6.0,
+    row_pitch_mm=6.0,
+    column_offset_px=1.5,
+    row_offset_px=-0.5,
+)
 
 
 def test_unknown_engine():
@@ -19,10 +30,17 @@ def test_unknown_engine():
         projectors.choose_engine("gpu", "voxel")
 
 
-@pytest.mark.parametrize("cuda, engine, backprojector, expected", [
-    (False, "auto", "adjoint", "cpu"), (False, "auto", "voxel", "cpu"), (True, "auto", "voxel", "astra_cuda"),
-    (True, "auto", "adjoint", "cpu"), (True, "cpu", "voxel", "cpu"), (True, "astra_cuda", "voxel", "astra_cuda"),
-])
+@pytest.mark.parametrize(
+    "cuda, engine, backprojector, expected",
+    [
+        (False, "auto", "adjoint", "cpu"),
+        (False, "auto", "voxel", "cpu"),
+        (True, "auto", "voxel", "astra_cuda"),
+        (True, "auto", "adjoint", "cpu"),
+        (True, "cpu", "voxel", "cpu"),
+        (True, "astra_cuda", "voxel", "astra_cuda"),
+    ],
+)
 def test_engine_that_can_do_the_work_is_taken(monkeypatch, cuda, engine, backprojector, expected):
     monkeypatch.setattr(astra, "use_cuda", lambda: cuda)
     assert projectors.choose_engine(engine, backprojector) == expected

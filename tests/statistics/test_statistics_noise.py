@@ -11,9 +11,7 @@ def test_variance_by_hand():
     left = BOX.copy()
     left[:, :, 2:] = False
     ramp = np.where(left, 1.0, 2.0)
-    table = noise.repeat_variance((ramp * k for k in (1, 2, 3)), {"left": left, "right": ~left}).set_index(
-        "roi"
-    )
+    table = noise.repeat_variance((ramp * k for k in (1, 2, 3)), {"left": left, "right": ~left}).set_index("roi")
     # 1 2 3 has variance 1, 2 4 6 has 4.
     assert table["variance_hu2"].to_dict() == pytest.approx({"left": 1, "right": 4, "all": 2.5})
     assert (table["repeats"] == 3).all()
@@ -26,9 +24,7 @@ def test_overlapping_rois_count_each_voxel_once_in_all():
     inner = BOX.copy()
     inner[0] = False
     image = np.where(inner, 1.0, 2.0)
-    table = noise.repeat_variance((image * k for k in (1, 2, 3)), {"outer": BOX, "inner": inner}).set_index(
-        "roi"
-    )
+    table = noise.repeat_variance((image * k for k in (1, 2, 3)), {"outer": BOX, "inner": inner}).set_index("roi")
     assert table.loc["all", "variance_hu2"] == pytest.approx(table.loc["outer", "variance_hu2"])
 
 
@@ -43,9 +39,7 @@ def test_known_noise_is_recovered_and_its_error_is_honest_for_correlated_voxels(
         claimed.append(row["standard_error"])
     assert abs(np.mean(errors)) < 4 * np.std(errors) / np.sqrt(150)
     assert np.mean(claimed) == pytest.approx(np.std(errors), rel=0.25)
-    assert np.std(errors) == pytest.approx(
-        49 * np.sqrt(2 / 9 / 16), rel=0.25
-    )  # chi-square, 9 degrees of freedom
+    assert np.std(errors) == pytest.approx(49 * np.sqrt(2 / 9 / 16), rel=0.25)  # chi-square, 9 degrees of freedom
 
 
 def test_images_are_taken_one_at_a_time():

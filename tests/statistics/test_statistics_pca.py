@@ -49,23 +49,17 @@ def test_two_features_by_hand():
     # Standardised, two features with correlation r have components along (1, 1) and (1, -1), of variance 1 +
     # r and 1 - r. Here (0, 1, 2, 3) and (0, 2, 1, 3): r = 4/5.
     table = (
-        simulated(features=FEATURES[:2])
-        .iloc[:4]
-        .assign(**{FEATURES[0]: [0.0, 1, 2, 3], FEATURES[1]: [0.0, 2, 1, 3]})
+        simulated(features=FEATURES[:2]).iloc[:4].assign(**{FEATURES[0]: [0.0, 1, 2, 3], FEATURES[1]: [0.0, 2, 1, 3]})
     )
     points = pca.project(table)
-    assert points.loc[0, ["explained_pc1_percent", "explained_pc2_percent"]].tolist() == pytest.approx(
-        [90, 10]
-    )
+    assert points.loc[0, ["explained_pc1_percent", "explained_pc2_percent"]].tolist() == pytest.approx([90, 10])
     standard = (np.array([0, 1, 2, 3]) - 1.5) / np.sqrt(1.25)
     other = standard[[0, 2, 1, 3]]
     assert points["pc1"].tolist() == pytest.approx(((standard + other) / np.sqrt(2)).tolist())
 
 
 @settings(max_examples=20, deadline=None)
-@given(
-    scale=st.floats(1e-3, 1e3), shift=st.floats(-1e3, 1e3), which=st.integers(0, 5), seed=st.integers(0, 50)
-)
+@given(scale=st.floats(1e-3, 1e3), shift=st.floats(-1e3, 1e3), which=st.integers(0, 5), seed=st.integers(0, 50))
 def test_units_of_a_feature_change_nothing(scale, shift, which, seed):
     table = simulated(seed)
     changed = table.assign(**{FEATURES[which]: scale * table[FEATURES[which]] + shift})
@@ -84,9 +78,7 @@ def test_components_are_centred_uncorrelated_and_as_wide_as_they_say():
     assert np.allclose(plane(points).mean(axis=0), 0)
     assert covariance[0, 1] == pytest.approx(0, abs=1e-12)
     share = points.loc[0, ["explained_pc1_percent", "explained_pc2_percent"]].to_numpy(dtype=float) / 100
-    assert np.diag(covariance) == pytest.approx(
-        6 * share
-    )  # six standardised features have total variance six
+    assert np.diag(covariance) == pytest.approx(6 * share)  # six standardised features have total variance six
 
 
 def test_standardising_each_set_hides_offsets_and_together_shows_them():
@@ -94,17 +86,13 @@ def test_standardising_each_set_hides_offsets_and_together_shows_them():
     moved = reference.assign(**{feature: 10 * reference[feature] + 500 for feature in FEATURES[:6]})
     each = [plane(pca.project(table, other), "measured") for other in (reference, moved)]
     assert np.allclose(*each)
-    together = [
-        plane(pca.project(table, other, standardise="together"), "measured") for other in (reference, moved)
-    ]
+    together = [plane(pca.project(table, other, standardise="together"), "measured") for other in (reference, moved)]
     assert np.abs(together[1] - together[0]).max() > 100
 
 
 def test_which_set_is_fitted_decides_the_axes():
     table, reference = simulated(), measured_table()
-    fits = {
-        fit_on: pca.project(table, reference, fit_on=fit_on, standardise="together") for fit_on in pca.FIT_ON
-    }
+    fits = {fit_on: pca.project(table, reference, fit_on=fit_on, standardise="together") for fit_on in pca.FIT_ON}
     assert np.allclose(plane(fits["simulated"], "simulated"), plane(pca.project(table)))
     swapped = pca.project(table.assign(**{feature: reference[feature] for feature in FEATURES[:6]}))
     assert np.allclose(plane(fits["measured"], "measured"), plane(swapped))
@@ -116,9 +104,7 @@ def test_features_of_one_set_only_are_left_out_and_columns_keep_their_types(tmp_
     table = simulated(features=FEATURES[:6])
     reference = measured_table(features=FEATURES[:4])
     points = pca.project(table, reference)
-    assert np.allclose(
-        plane(points, "simulated"), plane(pca.project(table.drop(columns=list(FEATURES[4:6]))))
-    )
+    assert np.allclose(plane(points, "simulated"), plane(pca.project(table.drop(columns=list(FEATURES[4:6])))))
     path = tmp_path / "points.csv"
     points.to_csv(path, index=False)
     lines = path.read_text().splitlines()

@@ -74,9 +74,7 @@ def test_counts_and_classes():
     # metastasis are told apart in groups 2 and 3 (2 pairs each) and not in group 1 (2 pairs).
     drift = table(lambda g, roi, k: 100 * (g - 1) * (roi == "metastasis") + k)
     scores = wilcoxon.scores(drift, [FEATURE])
-    assert percents(scores, "stability_cyst", "stability_metastasis") == pytest.approx(
-        [600 / 9, 400 / 6, 100, 0]
-    )
+    assert percents(scores, "stability_cyst", "stability_metastasis") == pytest.approx([600 / 9, 400 / 6, 100, 0])
     assert scores.loc[0, ["stability_comparisons", "discrimination_comparisons"]].tolist() == [9, 6]
     pooled = wilcoxon.scores(drift, [FEATURE], compare="tissue_class")
     assert percents(pooled, "stability_cyst", "stability_metastasis") == pytest.approx([50, 200 / 3, 100, 0])
@@ -99,9 +97,7 @@ def test_the_threshold_moves_both_scores():
 @settings(max_examples=25, deadline=None)
 @given(values=st.lists(st.integers(-20, 20), min_size=36, max_size=36), seed=st.integers(0, 2**16))
 def test_monotone_transforms_and_the_order_of_repeats_change_nothing(values, seed):
-    start = table(lambda g, roi, k: 0, groups=(1, 2), repeats=6).assign(
-        **{FEATURE: np.array(values, dtype=float)}
-    )
+    start = table(lambda g, roi, k: 0, groups=(1, 2), repeats=6).assign(**{FEATURE: np.array(values, dtype=float)})
     scores = wilcoxon.scores(start, [FEATURE])
     cubed = start.assign(**{FEATURE: start[FEATURE] ** 3 + start[FEATURE]})
     assert wilcoxon.scores(cubed, [FEATURE]).equals(scores)
@@ -157,9 +153,7 @@ def test_measured_data_give_the_published_picture(study):
 
 @pytest.mark.real
 def test_comparing_roi_by_roi_ranks_the_published_discriminative_features_higher_than_pooling(study):
-    published = measured.load_published_top().query("kind == 'discrimination' and source == 'phantom'")[
-        "feature"
-    ]
+    published = measured.load_published_top().query("kind == 'discrimination' and source == 'phantom'")["feature"]
     rank = {
         compare: wilcoxon.scores(study, measured.STUDY_FEATURES, compare=compare)
         .set_index("feature")["discrimination_percent"]

@@ -13,8 +13,16 @@ import SimpleITK as sitk
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "config" / "tiny.yaml"
-FIGURES = ("rois", "scans", "noise_calibration", "stability_discrimination", "overlap", "pca_sirt", "pca_fbp",
-           "pca_multicentre")
+FIGURES = (
+    "rois",
+    "scans",
+    "noise_calibration",
+    "stability_discrimination",
+    "overlap",
+    "pca_sirt",
+    "pca_fbp",
+    "pca_multicentre",
+)
 
 
 def snakemake(*arguments, cores=2):
@@ -40,7 +48,9 @@ def study(tmp_path_factory):
 def test_every_shipped_config_plans(config, tmp_path):
     if config == "abdomen.yaml" and not (ROOT / "../shared/real/abdomen_ct").exists():
         pytest.skip("the real abdominal CT is not beside this checkout")
-    process = snakemake("-n", "-q", "rules", "--configfile", f"config/{config}", "--config", f"results_dir={tmp_path}/r")
+    process = snakemake(
+        "-n", "-q", "rules", "--configfile", f"config/{config}", "--config", f"results_dir={tmp_path}/r"
+    )
     assert process.returncode == 0, process.stderr[-2000:]
     assert "figure_stability_discrimination" in process.stdout
 
@@ -49,7 +59,15 @@ def test_every_figure_and_table_is_made(study):
     for figure in FIGURES:
         assert (study / "figures" / f"{figure}.png").stat().st_size > 10_000
         assert (study / "figures" / f"{figure}.pdf").read_bytes().startswith(b"%PDF")
-    for table in ("noise_calibration", "stability", "top_features", "overlap", "pca_sirt", "pca_fbp", "pca_multicentre"):
+    for table in (
+        "noise_calibration",
+        "stability",
+        "top_features",
+        "overlap",
+        "pca_sirt",
+        "pca_fbp",
+        "pca_multicentre",
+    ):
         assert len(pd.read_csv(study / "tables" / f"{table}.csv")) > 0
     features = pd.read_csv(study / "features.csv")
     # 4 groups at dose10, the same 4 at dose10_plus12, and two SIRT ones at double: 3 repeats and 6 ROIs of each.
@@ -73,7 +91,9 @@ def test_seeds_make_different_images_with_the_same_mean(study):
     folder = study / "images" / "fbp_300" / "dose10"
     stack = np.stack([nibabel.load(folder / f"seed{seed:02d}.nii.gz").get_fdata() for seed in range(3)])
     assert (stack.std(0) > 0).mean() > 0.5
-    assert np.corrcoef((stack[0] - stack[2]).ravel(), (stack[1] - stack[2]).ravel())[0, 1] == pytest.approx(0.5, abs=0.1)
+    assert np.corrcoef((stack[0] - stack[2]).ravel(), (stack[1] - stack[2]).ravel())[0, 1] == pytest.approx(
+        0.5, abs=0.1
+    )
 
 
 def test_noise_variance_is_linear_in_the_noise_level(study):
@@ -110,13 +130,16 @@ def test_one_core_makes_the_same_features(study, tmp_path):
     assert (tmp_path / "r" / "features.csv").read_bytes() == (study / "features.csv").read_bytes()
 
 
-@pytest.mark.parametrize("setting, message", [
-    ("protocls={}", "unknown key 'protocls' in config; did you mean 'protocols'"),
-    ("protocols={sirt_150: {algorithm: sirt, projections: 0, group: 1}}", "0 is less than the minimum of 1"),
-    ("protocols={sirt_150: {algorithm: sirt, projections: -5, group: 1}}", "-5 is less than the minimum of 1"),
-    ("protocols={sirt_150: {algorithm: art, projections: 150, group: 1}}", "is 'art'; use one of sirt, fbp"),
-    ("engine=astra_cuda", "needs a CUDA device"),
-])
+@pytest.mark.parametrize(
+    "setting, message",
+    [
+        ("protocls={}", "unknown key 'protocls' in config; did you mean 'protocols'"),
+        ("protocols={sirt_150: {algorithm: sirt, projections: 0, group: 1}}", "0 is less than the minimum of 1"),
+        ("protocols={sirt_150: {algorithm: sirt, projections: -5, group: 1}}", "-5 is less than the minimum of 1"),
+        ("protocols={sirt_150: {algorithm: art, projections: 150, group: 1}}", "is 'art'; use one of sirt, fbp"),
+        ("engine=astra_cuda", "needs a CUDA device"),
+    ],
+)
 def test_mistakes_in_the_config(setting, message, tmp_path):
     if setting == "engine=astra_cuda":
         import astra
