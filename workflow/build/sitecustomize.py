@@ -1,4 +1,4 @@
-"""On the path while pyradiomics 3.0.1 is built, and never else: its setup calls what Python 3.12 took out of configparser."""
+"""On the path while pyradiomics 3.0.1 is built, and never else: its setup calls what Python 3.12 took away."""
 
 import configparser
 

@@ -6,7 +6,9 @@ import sys
 LIBRARY = os.path.join(workflow.basedir, "workflow", "lib")
 sys.path.insert(0, LIBRARY)
 # Scripts run in processes of their own and find the library by this.
-os.environ["PYTHONPATH"] = os.pathsep.join([LIBRARY, *filter(None, [os.environ.get("PYTHONPATH")])])
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [LIBRARY, *filter(None, [os.environ.get("PYTHONPATH")])]
+)
 
 from virtual_phantom.config import check
 from virtual_phantom.errors import InputError
@@ -14,8 +16,15 @@ from virtual_phantom.plan import Plan
 from virtual_phantom.projectors import choose_engine
 
 try:
-    PLAN = Plan(check(config, os.path.join(workflow.basedir, "workflow", "schemas", "config.schema.yaml")))
-    ENGINE = choose_engine(PLAN.config["engine"], PLAN.config["reconstruction"]["sirt"]["backprojector"])
+    PLAN = Plan(
+        check(
+            config,
+            os.path.join(workflow.basedir, "workflow", "schemas", "config.schema.yaml"),
+        )
+    )
+    ENGINE = choose_engine(
+        PLAN.config["engine"], PLAN.config["reconstruction"]["sirt"]["backprojector"]
+    )
 except InputError as error:
     sys.exit(f"Error: {error}")
 
@@ -36,21 +45,33 @@ def library(*names):
     return [os.path.join(LIBRARY, "virtual_phantom", name) for name in names]
 
 
-def megabytes(*, volumes=0, volume_lanes=1, projections=0, projection_lanes=1, fine=0, scan=None):
+def megabytes(
+    *, volumes=0, volume_lanes=1, projections=0, projection_lanes=1, fine=0, scan=None
+):
     """Memory of a job from the arrays that it holds, with room for Python and its libraries, MB."""
     voxels = 1
     for n in PLAN.config["grid"]["shape"]:
         voxels *= n
-    floats = volumes * volume_lanes * voxels + fine * voxels * PLAN.config["grid"]["oversampling"] ** 3
+    floats = (
+        volumes * volume_lanes * voxels
+        + fine * voxels * PLAN.config["grid"]["oversampling"] ** 3
+    )
     if scan:
         settings = PLAN.geometry_settings(scan)
-        pixels = settings["scan"]["rows"] * settings["scan"]["columns"] * settings["projections"]
+        pixels = (
+            settings["scan"]["rows"]
+            * settings["scan"]["columns"]
+            * settings["projections"]
+        )
         floats += projections * projection_lanes * pixels
     return int(600 + 1.3 * floats * 4 / 1e6)
 
 
 def images(protocol, noise):
-    return [f"{RESULTS}/images/{protocol}/{noise}/seed{seed}.nii.gz" for seed in PLAN.seeds(noise)]
+    return [
+        f"{RESULTS}/images/{protocol}/{noise}/seed{seed}.nii.gz"
+        for seed in PLAN.seeds(noise)
+    ]
 
 
 def figure(name):
@@ -67,6 +88,10 @@ def targets():
     if "noise_calibration" in ANALYSES:
         wanted.append(figure("noise_calibration"))
     if "stability" in ANALYSES:
-        wanted += [figure("stability_discrimination"), figure("overlap"), f"{RESULTS}/tables/top_features.csv"]
+        wanted += [
+            figure("stability_discrimination"),
+            figure("overlap"),
+            f"{RESULTS}/tables/top_features.csv",
+        ]
     wanted += [figure(f"pca_{name}") for name in ANALYSES.get("pca", {})]
     return wanted

@@ -4,27 +4,36 @@ for batch, levels in PLAN.seed_batches().items():
         name:
             f"extract_seeds_{batch[0]}_to_{batch[-1]}"
         input:
-            images=[f"{RESULTS}/images/{{protocol}}/{{noise}}/seed{seed}.nii.gz" for seed in batch],
+            images=[
+                f"{RESULTS}/images/{{protocol}}/{{noise}}/seed{seed}.nii.gz"
+                for seed in batch
+            ],
             rois=rules.phantom.output.table,
             masks=rules.phantom.output.rois,
             code=library("radiomics.py", "volumes.py"),
         output:
-            [f"{RESULTS}/features/{{protocol}}/{{noise}}/seed{seed}.csv" for seed in batch],
+            [
+                f"{RESULTS}/features/{{protocol}}/{{noise}}/seed{seed}.csv"
+                for seed in batch
+            ],
         log:
             f"{RESULTS}/logs/extract/{{protocol}}/{{noise}}/seed{batch[0]}_to_{batch[-1]}.log",
         wildcard_constraints:
             noise="|".join(levels),
-        params:
-            protocol=lambda wildcards: wildcards.protocol,
-            settings=lambda wildcards: {
-                key: PLAN.config["protocols"][wildcards.protocol][key] for key in ("algorithm", "projections")
-            },
-            noise=lambda wildcards: wildcards.noise,
-            noise_level=lambda wildcards: PLAN.config["noise"]["levels"][wildcards.noise]["A"],
-            seeds=[int(seed) for seed in batch],
         resources:
             mem_mb=megabytes(volumes=12),
             runtime=60,
+        params:
+            protocol=lambda wildcards: wildcards.protocol,
+            settings=lambda wildcards: {
+                key: PLAN.config["protocols"][wildcards.protocol][key]
+                for key in ("algorithm", "projections")
+            },
+            noise=lambda wildcards: wildcards.noise,
+            noise_level=lambda wildcards: PLAN.config["noise"]["levels"][
+                wildcards.noise
+            ]["A"],
+            seeds=[int(seed) for seed in batch],
         script:
             "../scripts/extract.py"
 

@@ -14,9 +14,15 @@ def measured_noise():
     protocol = ANALYSES.get("noise_calibration", {}).get("protocol")
     if protocol is None or not PLAN.config["measured"]["overlay"]:
         return []
-    reconstruction = {"sirt": "iterative", "fbp": "fbp"}[PLAN.config["protocols"][protocol]["algorithm"]]
+    reconstruction = {"sirt": "iterative", "fbp": "fbp"}[
+        PLAN.config["protocols"][protocol]["algorithm"]
+    ]
     return [
-        {"label": f"{dose} mGy", "variance_hu2": float(dose_variance(reconstruction, dose))} for dose in (1, 10)
+        {
+            "label": f"{dose} mGy",
+            "variance_hu2": float(dose_variance(reconstruction, dose)),
+        }
+        for dose in (1, 10)
     ]
 
 
@@ -44,15 +50,17 @@ rule figure_rois:
 
 rule figure_scans:
     input:
+        **{
+            algorithm: images(
+                ANALYSES["optimal"][algorithm], ANALYSES["optimal"]["noise"]
+            )[0]
+            for algorithm in ("fbp", "sirt")
+            if "optimal" in ANALYSES
+        },
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
         code=FIGURE_STYLE + library("figures/scans.py", "figures/axial.py"),
-        **{
-            algorithm: images(ANALYSES["optimal"][algorithm], ANALYSES["optimal"]["noise"])[0]
-            for algorithm in ("fbp", "sirt")
-            if "optimal" in ANALYSES
-        },
     output:
         png=report(
             f"{RESULTS}/figures/scans.png",
@@ -63,14 +71,14 @@ rule figure_scans:
         pdf=f"{RESULTS}/figures/scans.pdf",
     log:
         f"{RESULTS}/logs/figure_scans.log",
+    resources:
+        **FIGURE_RESOURCES,
     params:
         titles={
             algorithm: f"{algorithm.upper()}, {PLAN.config['protocols'][ANALYSES['optimal'][algorithm]]['projections']} projections"
             for algorithm in ("fbp", "sirt")
             if "optimal" in ANALYSES
         },
-    resources:
-        **FIGURE_RESOURCES,
     script:
         "../scripts/figures/scans.py"
 
@@ -79,7 +87,8 @@ rule figure_noise_calibration:
     input:
         table=rules.noise_calibration.output[0],
         doses="resources/edge_dose_series_summary.csv",
-        code=FIGURE_STYLE + library("figures/noise_calibration.py", "statistics/noise.py"),
+        code=FIGURE_STYLE
+        + library("figures/noise_calibration.py", "statistics/noise.py"),
     output:
         png=report(
             f"{RESULTS}/figures/noise_calibration.png",
@@ -90,13 +99,19 @@ rule figure_noise_calibration:
         pdf=f"{RESULTS}/figures/noise_calibration.pdf",
     log:
         f"{RESULTS}/logs/figure_noise_calibration.log",
-    params:
-        study_levels={ANALYSES["stability"]["noise"]: PLAN.config["noise"]["levels"][ANALYSES["stability"]["noise"]]["A"]}
-        if "stability" in ANALYSES
-        else {},
-        measured=measured_noise(),
     resources:
         **FIGURE_RESOURCES,
+    params:
+        study_levels=(
+            {
+                ANALYSES["stability"]["noise"]: PLAN.config["noise"]["levels"][
+                    ANALYSES["stability"]["noise"]
+                ]["A"]
+            }
+            if "stability" in ANALYSES
+            else {}
+        ),
+        measured=measured_noise(),
     script:
         "../scripts/figures/noise_calibration.py"
 
@@ -116,11 +131,11 @@ rule figure_stability_discrimination:
         pdf=f"{RESULTS}/figures/stability_discrimination.pdf",
     log:
         f"{RESULTS}/logs/figure_stability_discrimination.log",
+    resources:
+        **FIGURE_RESOURCES,
     params:
         threshold=PLAN.config["statistics"]["threshold"],
         with_measured=PLAN.config["measured"]["overlay"],
-    resources:
-        **FIGURE_RESOURCES,
     script:
         "../scripts/figures/stability_discrimination.py"
 
@@ -163,9 +178,9 @@ for name, title in PCA_TITLES.items():
             pdf=f"{RESULTS}/figures/pca_{name}.pdf",
         log:
             f"{RESULTS}/logs/figure_pca_{name}.log",
-        params:
-            title=title,
         resources:
             **FIGURE_RESOURCES,
+        params:
+            title=title,
         script:
             "../scripts/figures/pca.py"

@@ -1,4 +1,17 @@
-PHANTOM = [f"phantom/{name}.py" for name in ("__init__", "layout", "synthetic", "texture", "shapes", "ct", "dicom_series", "masks", "rois")]
+PHANTOM = [
+    f"phantom/{name}.py"
+    for name in (
+        "__init__",
+        "layout",
+        "synthetic",
+        "texture",
+        "shapes",
+        "ct",
+        "dicom_series",
+        "masks",
+        "rois",
+    )
+]
 
 
 rule phantom:
@@ -16,12 +29,12 @@ rule phantom:
         rois=directory(f"{RESULTS}/phantom/rois"),
     log:
         f"{RESULTS}/logs/phantom.log",
+    resources:
+        mem_mb=megabytes(volumes=4, fine=6),
+        runtime=30,
     params:
         phantom=PLAN.config["phantom"],
         grid=PLAN.config["grid"],
         seed=PLAN.config["seed"],
-    resources:
-        mem_mb=megabytes(volumes=4, fine=6),
-        runtime=30,
     script:
         "../scripts/phantom.py"

@@ -11,23 +11,25 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
             ],
             phantom=f"{RESULTS}/phantom/image.nii.gz",
             kernels=rules.compile_kernels.output[0],
-            code=library("reconstruct.py", "solvers.py", "units.py", "projectors/cpu.py", "projectors/kernels.py"),
+            code=library(
+                "reconstruct.py",
+                "solvers.py",
+                "fbp.py",
+                "units.py",
+                "projectors/cpu.py",
+                *KERNELS,
+            ),
         output:
-            [f"{RESULTS}/images/{{protocol}}/{noise}/seed{seed}.nii.gz" for noise, seed in bundle],
+            [
+                f"{RESULTS}/images/{{protocol}}/{noise}/seed{seed}.nii.gz"
+                for noise, seed in bundle
+            ],
         log:
             f"{RESULTS}/logs/reconstruct/{{protocol}}_{number}.log",
         benchmark:
             f"{RESULTS}/logs/reconstruct/{{protocol}}_{number}.benchmark.tsv"
         wildcard_constraints:
             protocol="|".join(protocols),
-        params:
-            algorithm=lambda wildcards: PLAN.config["protocols"][wildcards.protocol]["algorithm"],
-            settings=lambda wildcards: PLAN.config["reconstruction"][
-                PLAN.config["protocols"][wildcards.protocol]["algorithm"]
-            ],
-            engine=ENGINE,
-            mu_water_per_mm=PLAN.config["mu_water_per_mm"],
-            zero_counts_as=PLAN.config["noise"]["zero_counts_as"],
         threads: PLAN.config["threads"]
         resources:
             mem_mb=lambda wildcards, bundle=bundle: megabytes(
@@ -39,7 +41,18 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
             ),
             runtime=240,
             gpu=lambda wildcards: int(
-                ENGINE == "astra_cuda" and PLAN.config["protocols"][wildcards.protocol]["algorithm"] == "sirt"
+                ENGINE == "astra_cuda"
+                and PLAN.config["protocols"][wildcards.protocol]["algorithm"] == "sirt"
             ),
+        params:
+            algorithm=lambda wildcards: PLAN.config["protocols"][wildcards.protocol][
+                "algorithm"
+            ],
+            settings=lambda wildcards: PLAN.config["reconstruction"][
+                PLAN.config["protocols"][wildcards.protocol]["algorithm"]
+            ],
+            engine=ENGINE,
+            mu_water_per_mm=PLAN.config["mu_water_per_mm"],
+            zero_counts_as=PLAN.config["noise"]["zero_counts_as"],
         script:
             "../scripts/reconstruct.py"

@@ -1,16 +1,19 @@
+KERNELS = [f"projectors/{name}.py" for name in ("kernels", "parallel", "lanes")]
+
+
 rule compile_kernels:
     """Compile the projector kernels once, so that no two jobs do it side by side."""
     input:
-        code=library("projectors/kernels.py", "projectors/lanes.py"),
+        code=library(*KERNELS),
     output:
         f"{RESULTS}/logs/kernels.txt",
     log:
         f"{RESULTS}/logs/compile_kernels.log",
-    params:
-        lanes=sorted({1, *map(len, PLAN.bundles())}),
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        lanes=sorted({1, *map(len, PLAN.bundles())}),
     script:
         "../scripts/compile_kernels.py"
 
@@ -20,21 +23,31 @@ rule project:
     input:
         phantom=rules.phantom.output.fine,
         kernels=rules.compile_kernels.output[0],
-        code=library("geometry.py", "units.py", "projectors/cpu.py", "projectors/kernels.py", "exchange.py"),
+        code=library(
+            "geometry.py",
+            "units.py",
+            "simulate.py",
+            "config.py",
+            "exchange.py",
+            "projectors/cpu.py",
+            *KERNELS,
+        ),
     output:
         f"{RESULTS}/projections/{{geometry}}/clean.h5",
     log:
         f"{RESULTS}/logs/project/{{geometry}}.log",
     benchmark:
         f"{RESULTS}/logs/project/{{geometry}}.benchmark.tsv"
+    threads: PLAN.config["threads"]
+    resources:
+        mem_mb=lambda wildcards: megabytes(
+            fine=3, projections=3, scan=wildcards.geometry
+        ),
+        runtime=60,
     params:
         geometry=lambda wildcards: PLAN.geometry_settings(wildcards.geometry),
         grid=PLAN.config["grid"],
         mu_water_per_mm=PLAN.config["mu_water_per_mm"],
-    threads: PLAN.config["threads"]
-    resources:
-        mem_mb=lambda wildcards: megabytes(fine=3, projections=3, scan=wildcards.geometry),
-        runtime=60,
     script:
         "../scripts/project.py"
 
@@ -49,22 +62,28 @@ for batch, levels in PLAN.seed_batches().items():
             code=library("physics/noise.py", "exchange.py"),
         output:
             [
-                f"{RESULTS}/projections/{{geometry}}/{{noise}}/seed{seed}.h5"
-                if PLAN.config["keep_projections"]
-                else temp(f"{RESULTS}/projections/{{geometry}}/{{noise}}/seed{seed}.h5")
+                (
+                    f"{RESULTS}/projections/{{geometry}}/{{noise}}/seed{seed}.h5"
+                    if PLAN.config["keep_projections"]
+                    else temp(
+                        f"{RESULTS}/projections/{{geometry}}/{{noise}}/seed{seed}.h5"
+                    )
+                )
                 for seed in batch
             ],
         log:
             f"{RESULTS}/logs/acquire/{{geometry}}/{{noise}}/seed{batch[0]}_to_{batch[-1]}.log",
         wildcard_constraints:
             noise="|".join(levels),
-        params:
-            seeds=[int(seed) for seed in batch],
-            noise_level=lambda wildcards: PLAN.config["noise"]["levels"][wildcards.noise]["A"],
-            model=PLAN.config["noise"]["model"],
-            study_seed=PLAN.config["seed"],
         resources:
             mem_mb=lambda wildcards: megabytes(projections=6, scan=wildcards.geometry),
             runtime=30,
+        params:
+            seeds=[int(seed) for seed in batch],
+            noise_level=lambda wildcards: PLAN.config["noise"]["levels"][
+                wildcards.noise
+            ]["A"],
+            model=PLAN.config["noise"]["model"],
+            study_seed=PLAN.config["seed"],
         script:
             "../scripts/acquire.py"

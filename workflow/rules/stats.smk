@@ -7,14 +7,18 @@ rule stability:
         f"{RESULTS}/tables/stability.csv",
     log:
         f"{RESULTS}/logs/stability.log",
-    params:
-        groups=PLAN.groups(),
-        noise=ANALYSES.get("stability", {}).get("noise"),
-        seeds=PLAN.repeats([ANALYSES["stability"]["noise"]]) if "stability" in ANALYSES else 0,
-        statistics=PLAN.config["statistics"],
     resources:
         mem_mb=2000,
         runtime=15,
+    params:
+        groups=PLAN.groups(),
+        noise=ANALYSES.get("stability", {}).get("noise"),
+        seeds=(
+            PLAN.repeats([ANALYSES["stability"]["noise"]])
+            if "stability" in ANALYSES
+            else 0
+        ),
+        statistics=PLAN.config["statistics"],
     script:
         "../scripts/stability.py"
 
@@ -68,17 +72,20 @@ rule pca:
         separability=f"{RESULTS}/tables/separability_{{pca}}.csv",
     log:
         f"{RESULTS}/logs/pca_{{pca}}.log",
+    resources:
+        mem_mb=2000,
+        runtime=15,
     params:
         selection=lambda wildcards: {
             "protocols": ANALYSES["pca"][wildcards.pca]["protocols"],
             "noise": ANALYSES["pca"][wildcards.pca]["noise"],
             "seeds": PLAN.repeats(ANALYSES["pca"][wildcards.pca]["noise"]),
         },
-        pca=lambda wildcards: {key: ANALYSES["pca"][wildcards.pca][key] for key in ("fit_on", "standardise")},
+        pca=lambda wildcards: {
+            key: ANALYSES["pca"][wildcards.pca][key]
+            for key in ("fit_on", "standardise")
+        },
         measured=PLAN.config["measured"],
-    resources:
-        mem_mb=2000,
-        runtime=15,
     script:
         "../scripts/pca.py"
 
@@ -98,15 +105,19 @@ rule noise_calibration:
         f"{RESULTS}/tables/noise_calibration.csv",
     log:
         f"{RESULTS}/logs/noise_calibration.log",
-    params:
-        protocol=ANALYSES.get("noise_calibration", {}).get("protocol"),
-        acquisitions=[
-            {"noise": noise, "noise_level": PLAN.config["noise"]["levels"][noise]["A"], "seed": int(seed)}
-            for noise in ANALYSES.get("noise_calibration", {}).get("noise", [])
-            for seed in PLAN.seeds(noise)
-        ],
     resources:
         mem_mb=megabytes(volumes=12),
         runtime=15,
+    params:
+        protocol=ANALYSES.get("noise_calibration", {}).get("protocol"),
+        acquisitions=[
+            {
+                "noise": noise,
+                "noise_level": PLAN.config["noise"]["levels"][noise]["A"],
+                "seed": int(seed),
+            }
+            for noise in ANALYSES.get("noise_calibration", {}).get("noise", [])
+            for seed in PLAN.seeds(noise)
+        ],
     script:
         "../scripts/noise_calibration.py"

@@ -8,8 +8,6 @@ from virtual_phantom.geometry import Grid
 from virtual_phantom.job import job
 from virtual_phantom.phantom import ct, layout, save, synthetic
 
-snakemake = snakemake  # noqa: F821  put here by Snakemake
-
 PHANTOM_STREAM = 0  # the phantom's own branch of the study's seed
 
 with job(snakemake) as log:

@@ -78,7 +78,9 @@ def _write(file, data, geometry):
 def _geometry(file):
     acquisition = file["acquisition"]
     scalars = {name: acquisition.attrs[name].item() for name in _SCALARS}
-    return ScanGeometry(angles_rad=acquisition["angles_rad"][...], source_z_mm=acquisition["source_z_mm"][...], **scalars)
+    return ScanGeometry(
+        angles_rad=acquisition["angles_rad"][...], source_z_mm=acquisition["source_z_mm"][...], **scalars
+    )
 
 
 class _open:
@@ -99,4 +101,6 @@ class _open:
     def __exit__(self, kind, error, _):
         self.file.close()
         if kind in (KeyError, OSError):
-            raise InputError(f"{self.path}: not a complete projection file ({error}); delete it and run again") from error
+            raise InputError(
+                f"{self.path}: not a complete projection file ({error}); delete it and run again"
+            ) from error

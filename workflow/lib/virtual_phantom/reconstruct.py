@@ -7,20 +7,29 @@ from pathlib import Path
 
 import numpy as np
 
-from . import solvers
+from . import fbp, solvers
 from .errors import InputError
 from .exchange import read_counts
-from .geometry import Grid
+from .geometry import Grid, circular
 from .projectors import projector
 from .units import attenuation_to_hu
 from .volumes import Volume
 
 
-def reconstruct(acquisitions: Sequence[str | Path], grid: Grid, algorithm: str, settings: dict, *, engine: str,
-                mu_water_per_mm: float, zero_counts_as: float, threads: int = 1) -> list[Volume]:
+def reconstruct(
+    acquisitions: Sequence[str | Path],
+    grid: Grid,
+    algorithm: str,
+    settings: dict,
+    *,
+    engine: str,
+    mu_water_per_mm: float,
+    zero_counts_as: float,
+    threads: int = 1,
+) -> list[Volume]:
     """Images of acquisitions that share one geometry, int16 HU on `grid`, in the order given.
 
-    algorithm, settings   "sirt" with solvers.sirt's keywords, or "fbp" with solvers.fdk's
+    algorithm, settings   "sirt" with solvers.sirt's keywords, or "fbp" with fbp.fbp's
     Raises InputError if an acquisition is missing or broken, or was made in another geometry than the first.
     """
     stack, geometry = None, None
@@ -36,9 +45,30 @@ def reconstruct(acquisitions: Sequence[str | Path], grid: Grid, algorithm: str, 
         attenuation = solvers.sirt(projector(engine, geometry, grid, len(stack), threads), stack, **settings)
     elif algorithm == "fbp":
         # One pass, and ASTRA's back-projection has a scale of its own: always on the CPU engine.
-        attenuation = solvers.fdk(projector("cpu", geometry, grid, len(stack), threads), stack, **settings)
+        attenuation = fbp.fbp(projector("cpu", geometry, grid, len(stack), threads), stack, **settings)
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     hu = attenuation_to_hu(attenuation, mu_water_per_mm)
     limits = np.iinfo(np.int16)
     return [Volume(np.clip(np.rint(image), limits.min, limits.max).astype(np.int16), grid) for image in hu]
+
+
+def compile_kernels(lanes: Sequence[int]) -> None:
+    """Compile all kernels for these numbers of realisations; the next process finds them in numba's cache."""
+    geometry = circular(
+        views=4,
+        source_to_isocentre_mm=500.0,
+        source_to_detector_mm=1000.0,
+        columns=4,
+        rows=2,
+        column_pitch_mm=1.0,
+        row_pitch_mm=1.0,
+    )
+    grid = Grid((2, 2, 2), (1.0, 1.0, 1.0))
+    for count in lanes:
+        scan = np.ones((count, 4, 2, 4), dtype=np.float32)
+        for backprojector in ("adjoint", "voxel"):
+            solvers.sirt(
+                projector("cpu", geometry, grid, count), scan, iterations=1, terms=1, backprojector=backprojector
+            )
+        fbp.fbp(projector("cpu", geometry, grid, count), scan)

@@ -11,7 +11,7 @@ HU_WATER = 0.0
 
 
 def hu_to_attenuation(hu, mu_water_per_mm: float):
-    """Linear attenuation in 1/mm of any array in HU. Values under air are taken as air: attenuation is never negative."""
+    """Linear attenuation in 1/mm of any array in HU. Values under air are taken as air: it is never negative."""
     hu = np.asarray(hu)
     return (np.maximum(hu, HU_AIR) / 1000 + 1).astype(hu.dtype, copy=False) * hu.dtype.type(mu_water_per_mm)
 

@@ -35,9 +35,7 @@ class RoiEntry:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return (
-            (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
-        )
+        return (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
 
 
 def read_entries(entries: list[dict], default_file: str | None) -> tuple[RoiEntry, ...]:
@@ -60,9 +58,7 @@ def _read_entry(number: int, entry: dict, default_file: str | None) -> RoiEntry:
         raise InputError(f"{where}: unknown key {unknown[0]}; known are {', '.join(sorted(known))}")
     for key in ("name", "tissue_class"):
         if not isinstance(entry.get(key), str) or not NAME.fullmatch(entry[key]):
-            raise InputError(
-                f"{where}: {key} {entry.get(key)!r} must be of letters, digits and underscores only"
-            )
+            raise InputError(f"{where}: {key} {entry.get(key)!r} must be of letters, digits and underscores only")
     where = f"phantom: ct: rois: {entry['name']}"
     file = entry.get("file", default_file)
     if file is None:

@@ -26,7 +26,7 @@ class Counts:
     scale: float
 
     def line_integrals(self, zero_counts_as: float) -> np.ndarray:
-        """-scale ln(data / white), float32. Pixels with no photon are read as `zero_counts_as` photons (0 < it <= 1)."""
+        """-scale ln(data / white), float32. Pixels without a photon are read as `zero_counts_as` photons, in (0, 1]."""
         if not 0 < zero_counts_as <= 1:
             raise InputError(f"noise.zero_counts_as {zero_counts_as}: must be over 0 and at most 1 photon")
         photons = np.maximum(self.data, np.float32(zero_counts_as), dtype=np.float32)
@@ -60,6 +60,7 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
 
 def acquisition_seed(study_seed: int, geometry: str, noise: str, seed: int) -> np.random.SeedSequence:
     """The random stream of one acquisition: the same whatever the order of jobs, distinct for every argument."""
+
     def words(label):
         return np.frombuffer(hashlib.sha256(label.encode()).digest()[:8], dtype=np.uint32).tolist()
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..geometry import Grid, ScanGeometry
-from . import kernels
+from . import kernels, parallel
 from .lanes import aligned_zeros
 
 VIEWS_PER_BLOCK = 16
@@ -29,14 +29,20 @@ class CpuProjector:
         if half_diagonal >= geometry.source_to_isocentre_mm:
             raise InputError(
                 f"grid: its corners lie {half_diagonal:.0f} mm from the isocentre, outside the source's orbit of "
-                f"{geometry.source_to_isocentre_mm:g} mm; shrink the grid or move the source out")
+                f"{geometry.source_to_isocentre_mm:g} mm; shrink the grid or move the source out"
+            )
         self.geometry, self.grid, self.lanes, self.threads = geometry, grid, lanes, threads
         self._lanes = (0,) * lanes
         self._sine, self._cosine = np.sin(geometry.angles_rad), np.cos(geometry.angles_rad)
         self._source_z = np.array(geometry.source_z_mm)
-        self._geometry = (geometry.source_to_isocentre_mm, geometry.source_to_detector_mm,
-                          float(geometry.column_positions_mm()[0]), geometry.column_pitch_mm,
-                          float(geometry.row_positions_mm()[0]), geometry.row_pitch_mm)
+        self._geometry = (
+            geometry.source_to_isocentre_mm,
+            geometry.source_to_detector_mm,
+            float(geometry.column_positions_mm()[0]),
+            geometry.column_pitch_mm,
+            float(geometry.row_positions_mm()[0]),
+            geometry.row_pitch_mm,
+        )
 
     def empty_volume(self) -> np.ndarray:
         """Zeros in the kernels' layout."""
@@ -78,8 +84,13 @@ class CpuProjector:
         self._share_out(run, len(projections))
         return projections
 
-    def back(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None,
-             distance_weight: bool = False) -> np.ndarray:
+    def back(
+        self,
+        projections: np.ndarray,
+        views: slice = slice(None),
+        out: np.ndarray | None = None,
+        distance_weight: bool = False,
+    ) -> np.ndarray:
         """Voxel-driven back-projection of packed projections, added to `out` (a new volume if None).
 
         distance_weight   True weighs each view by (source to isocentre / depth)^2, as FDK asks
@@ -87,15 +98,33 @@ class CpuProjector:
         volume = self.empty_volume() if out is None else out
 
         def run(first, last):
-            kernels.back_project(volume.reshape(-1), projections.reshape(-1), self._start(views), first, last,
-                                 self.grid.shape, self.grid.spacing, self._detector(projections), self._sine,
-                                 self._cosine, self._source_z, self._geometry, distance_weight, self._lanes)
+            kernels.back_project(
+                volume.reshape(-1),
+                projections.reshape(-1),
+                self._start(views),
+                first,
+                last,
+                self.grid.shape,
+                self.grid.spacing,
+                self._detector(projections),
+                self._sine,
+                self._cosine,
+                self._source_z,
+                self._geometry,
+                distance_weight,
+                self._lanes,
+            )
 
         self._share_out(run, self.grid.shape[1])
         return volume
 
-    def adjoint(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None,
-                overwrite: bool = False) -> np.ndarray:
+    def adjoint(
+        self,
+        projections: np.ndarray,
+        views: slice = slice(None),
+        out: np.ndarray | None = None,
+        overwrite: bool = False,
+    ) -> np.ndarray:
         """The exact transpose of `forward`, added to `out`: <forward(x), y> = <x, adjoint(y)>.
 
         overwrite   True scales `projections` where they stand instead of in a copy
@@ -113,6 +142,52 @@ class CpuProjector:
             np.moveaxis(volume, axis, 0)[[0, -1]] = 0
         return volume
 
+    def back_parallel_stack(self, rays) -> np.ndarray:
+        """Zeros for projections rebinned to parallel rays (fbp.ParallelRays), in the kernels' layout."""
+        return aligned_zeros((len(rays.angles_rad), len(rays.t_mm) + 2, self.geometry.rows + 2, self.lanes))
+
+    def back_parallel(self, projections: np.ndarray, rays, full_rows: float) -> np.ndarray:
+        """Mean over directions of rebinned projections, each voxel by the views that see it; packed.
+
+        full_rows   share of the rows, from the middle, that count fully where views of one direction overlap
+        """
+        volume = self.empty_volume()
+        nz, ny, nx = self.grid.shape
+        seen = np.zeros((ny, nx, nz), dtype=np.float32)
+        z = self._source_z
+        z_step = float(z[1] - z[0]) if len(z) > 1 else 0.0
+
+        def run(first, last):
+            parallel.back_project_parallel(
+                volume.reshape(-1),
+                seen,
+                projections.reshape(-1),
+                first,
+                last,
+                self.grid.shape,
+                self.grid.spacing,
+                len(rays.t_mm),
+                self.geometry.rows,
+                rays.half_turn,
+                np.sin(rays.angles_rad),
+                np.cos(rays.angles_rad),
+                rays.view_of_angle,
+                self.geometry.views,
+                rays.periodic,
+                float(z[0]),
+                z_step,
+                rays.view_step,
+                self._geometry,
+                float(rays.t_mm[0]),
+                rays.t_pitch_mm,
+                full_rows,
+                self._lanes,
+            )
+
+        self._share_out(run, ny)
+        volume[1:-1, 1:-1, 1:-1] *= np.divide(1, seen, out=np.zeros_like(seen), where=seen > 0)[..., None]
+        return volume
+
     def _start(self, views: slice) -> int:
         return views.indices(self.geometry.views)[0]
 
@@ -120,29 +195,38 @@ class CpuProjector:
         return projections.shape[0], self.geometry.columns, self.geometry.rows
 
     def _trace(self, volume, projections, first_view, transpose):
-        kernels.trace(volume.reshape(-1), projections.reshape(-1), first_view, self.grid.shape, self.grid.spacing,
-                      self._detector(projections), self._sine, self._cosine, self._source_z, self._geometry, transpose,
-                      self._lanes)
+        kernels.trace(
+            volume.reshape(-1),
+            projections.reshape(-1),
+            first_view,
+            self.grid.shape,
+            self.grid.spacing,
+            self._detector(projections),
+            self._sine,
+            self._cosine,
+            self._source_z,
+            self._geometry,
+            transpose,
+            self._lanes,
+        )
 
     def _scale(self, projections, first_view):
-        kernels.path_lengths(projections.reshape(-1), first_view, self.grid.spacing, self._detector(projections),
-                             self._sine, self._cosine, self._geometry, self._lanes)
+        kernels.path_lengths(
+            projections.reshape(-1),
+            first_view,
+            self.grid.spacing,
+            self._detector(projections),
+            self._sine,
+            self._cosine,
+            self._geometry,
+            self._lanes,
+        )
 
     def _share_out(self, run, count):
-        """Run over [0, count) in one contiguous share per thread. Shares write to separate places: order is no matter."""
+        """Run over [0, count) in one contiguous share per thread. Shares write to separate places: any order will do."""
         if self.threads == 1:
             run(0, count)
             return
         edges = np.linspace(0, count, self.threads + 1).astype(int)
         with ThreadPoolExecutor(self.threads) as pool:
             list(pool.map(run, edges[:-1], edges[1:]))
-
-
-def compile_kernels(lanes: list[int]) -> None:
-    """Compile all kernels for these numbers of realisations; the next process finds them in numba's cache."""
-    geometry = ScanGeometry(500.0, 1000.0, 4, 4, 1.0, 1.0, np.zeros(1), np.zeros(1), 1.0)
-    for count in lanes:
-        projector = CpuProjector(geometry, Grid((2, 2, 2), (1.0, 1.0, 1.0)), count)
-        projections = projector.forward(projector.empty_volume())
-        projector.back(projections)
-        projector.adjoint(projections)

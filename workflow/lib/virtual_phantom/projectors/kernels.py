@@ -26,10 +26,10 @@ from .lanes import gather_bilinear, scatter_bilinear
 # lanes and 48 slices a tile is 0.8 MB, so it stays in the L2 cache instead of coming from memory once per view.
 TILE = 16
 
-_options = dict(fastmath=True, nogil=True, cache=True, error_model="numpy")
+OPTIONS = dict(fastmath=True, nogil=True, cache=True, error_model="numpy")
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _ray(view, column, sine, cosine, geometry):
     """In-plane source position and direction to the detector column (the whole way from source to detector)."""
     radius, distance, first_column, column_pitch = geometry[0], geometry[1], geometry[2], geometry[3]
@@ -38,22 +38,22 @@ def _ray(view, column, sine, cosine, geometry):
     return -radius * s, radius * c, distance * s + along * c, -distance * c + along * s
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _crossing(plane, start, direction, start_other, direction_other, n, spacing, n_other, spacing_other):
     """Where the ray meets a plane: share of the way to the detector, and padded index along the other in-plane axis."""
     share = ((plane - (n - 1) * 0.5) * spacing - start) / direction
     return share, (start_other + share * direction_other) / spacing_other + (n_other - 1) * 0.5 + 1.0
 
 
-@njit(**_options)
-def _span(first, slope, cells, n):
+@njit(**OPTIONS)
+def span(first, slope, cells, n):
     """Indices i in [0, n) whose position first + slope i lies in [0, cells + 1): those that interpolation can reach."""
     start = max(0, int(math.ceil(-first / slope)))
     stop = min(n, int(math.ceil((cells + 1.0 - first) / slope)))
     return start, stop
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def _columns_of_tile(view, x0, x1, y0, y1, shape, spacing, columns, sine, cosine, geometry):
     """Detector columns [first, last) whose rays can meet the padded voxel columns [x0, x1) x [y0, y1)."""
     _, ny, nx = shape
@@ -74,8 +74,10 @@ def _columns_of_tile(view, x0, x1, y0, y1, shape, spacing, columns, sine, cosine
     return max(0, low), min(columns, high + 1)
 
 
-@njit(**_options)
-def trace(volume, projections, first_view, shape, spacing, detector, sine, cosine, source_z, geometry, transpose, lanes):
+@njit(**OPTIONS)
+def trace(
+    volume, projections, first_view, shape, spacing, detector, sine, cosine, source_z, geometry, transpose, lanes
+):
     """Joseph projection of every view from `first_view` on, or (transpose) its exact adjoint.
 
     shape (z, y, x), spacing (z, y, x) mm, detector (views in `projections`, columns, rows), geometry
@@ -91,13 +93,43 @@ def trace(volume, projections, first_view, shape, spacing, detector, sine, cosin
                 view = first_view + i
                 first, last = _columns_of_tile(view, *tile, shape, spacing, detector[1], sine, cosine, geometry)
                 for column in range(first, last):
-                    _trace_ray(volume, projections, i, view, column, tile, shape, spacing, detector, sine, cosine,
-                               source_z, geometry, transpose, lanes)
+                    _trace_ray(
+                        volume,
+                        projections,
+                        i,
+                        view,
+                        column,
+                        tile,
+                        shape,
+                        spacing,
+                        detector,
+                        sine,
+                        cosine,
+                        source_z,
+                        geometry,
+                        transpose,
+                        lanes,
+                    )
 
 
-@njit(inline="always", **_options)
-def _trace_ray(volume, projections, i, view, column, tile, shape, spacing, detector, sine, cosine, source_z, geometry,
-               transpose, lanes):
+@njit(inline="always", **OPTIONS)
+def _trace_ray(
+    volume,
+    projections,
+    i,
+    view,
+    column,
+    tile,
+    shape,
+    spacing,
+    detector,
+    sine,
+    cosine,
+    source_z,
+    geometry,
+    transpose,
+    lanes,
+):
     """The part of one detector column's rays, all rows, that lies in a tile."""
     count = len(lanes)
     nz, ny, nx = shape
@@ -125,7 +157,7 @@ def _trace_ray(volume, projections, i, view, column, tile, shape, spacing, detec
         near = np.float32(1.0) - weight
         slope = np.float32(share * geometry[5] / dz)
         first = np.float32((source_z[view] + share * geometry[4]) / dz + (nz - 1) * 0.5 + 1.0)
-        start, stop = _span(first, slope, nz, rows)
+        start, stop = span(first, slope, nz, rows)
         base = (plane + 1) * step + j * step_other
         for row in range(start, stop):
             height = first + slope * np.float32(row)
@@ -134,14 +166,34 @@ def _trace_ray(volume, projections, i, view, column, tile, shape, spacing, detec
             low = np.float32(1.0) - up
             at = base + k * count
             if transpose:
-                scatter_bilinear(volume, at, at + step_other, projections, pixel + row * count,
-                                 near * low, near * up, weight * low, weight * up, lanes)
+                scatter_bilinear(
+                    volume,
+                    at,
+                    at + step_other,
+                    projections,
+                    pixel + row * count,
+                    near * low,
+                    near * up,
+                    weight * low,
+                    weight * up,
+                    lanes,
+                )
             else:
-                gather_bilinear(projections, pixel + row * count, volume, at, at + step_other,
-                                near * low, near * up, weight * low, weight * up, lanes)
+                gather_bilinear(
+                    projections,
+                    pixel + row * count,
+                    volume,
+                    at,
+                    at + step_other,
+                    near * low,
+                    near * up,
+                    weight * low,
+                    weight * up,
+                    lanes,
+                )
 
 
-@njit(**_options)
+@njit(**OPTIONS)
 def path_lengths(projections, first_view, spacing, detector, sine, cosine, geometry, lanes):
     """Multiply each pixel by the length of its ray between two planes, mm: the last factor of Joseph's sum."""
     count = len(lanes)
@@ -158,9 +210,23 @@ def path_lengths(projections, first_view, spacing, detector, sine, cosine, geome
                     projections[pixel + row * count + lane] *= length
 
 
-@njit(**_options)
-def back_project(volume, projections, first_view, first_y, last_y, shape, spacing, detector, sine, cosine, source_z,
-                 geometry, distance_weight, lanes):
+@njit(**OPTIONS)
+def back_project(
+    volume,
+    projections,
+    first_view,
+    first_y,
+    last_y,
+    shape,
+    spacing,
+    detector,
+    sine,
+    cosine,
+    source_z,
+    geometry,
+    distance_weight,
+    lanes,
+):
     """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
 
     distance_weight   True multiplies by (source to isocentre / depth)^2, the weight of FDK
@@ -194,8 +260,9 @@ def back_project(volume, projections, first_view, first_y, last_y, shape, spacin
                             near *= scale
                         slope = np.float32(magnification * dz / row_pitch)
                         first = np.float32(
-                            ((-(nz - 1) * 0.5 * dz - source_z[view]) * magnification - first_row) / row_pitch + 1.0)
-                        start, stop = _span(first, slope, rows, nz)
+                            ((-(nz - 1) * 0.5 * dz - source_z[view]) * magnification - first_row) / row_pitch + 1.0
+                        )
+                        start, stop = span(first, slope, rows, nz)
                         voxel = (((y + 1) * (nx + 2) + x + 1) * (nz + 2) + 1) * count
                         base = (i * (columns + 2) + j) * step
                         for z in range(start, stop):
@@ -204,5 +271,15 @@ def back_project(volume, projections, first_view, first_y, last_y, shape, spacin
                             up = height - np.float32(k)
                             low = np.float32(1.0) - up
                             at = base + k * count
-                            gather_bilinear(volume, voxel + z * count, projections, at, at + step,
-                                            near * low, near * up, weight * low, weight * up, lanes)
+                            gather_bilinear(
+                                volume,
+                                voxel + z * count,
+                                projections,
+                                at,
+                                at + step,
+                                near * low,
+                                near * up,
+                                weight * low,
+                                weight * up,
+                                lanes,
+                            )
