@@ -26,13 +26,13 @@ test: setup
 	$(BIN)/python -m pytest
 
 tiny: setup
-	$(BIN)/snakemake --cores $(CORES) --configfile config/tiny.yaml --config results_dir=results-tiny
+	$(BIN)/snakemake --cores $(CORES) --configfile config/tiny.yaml
 
 abdomen: setup
-	$(BIN)/snakemake --cores $(CORES) --configfile config/abdomen.yaml --config results_dir=results-abdomen
+	$(BIN)/snakemake --cores $(CORES) --configfile config/abdomen.yaml
 
 report: setup
 	$(BIN)/snakemake --cores $(CORES) --report results/report.html
 
 clean:
-	rm -rf results results-tiny results-abdomen .snakemake
+	rm -rf results results-tiny results-abdomen results-paper .snakemake

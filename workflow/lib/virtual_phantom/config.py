@@ -17,8 +17,9 @@ from .geometry import Grid, ScanGeometry, circular, helical
 def check(config: dict, schema_path: str | Path) -> dict:
     """A complete configuration from the user's.
 
-    Keys set to null in `protocols`, `noise.levels`, `scans`, `analyses` or `analyses.pca` are dropped. Dropping lets an overlay take away what the file under it has. Raises InputError, naming the key, for anything
-    that the schema refuses and for names that point nowhere.
+    Keys set to null in `protocols`, `noise.levels`, `scans`, `analyses` or `analyses.pca` are dropped, which lets an
+    overlay take away what the file under it has. Raises InputError, naming the key, for anything that the schema
+    refuses and for names that point nowhere.
     """
     schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
     config = _without_nulls(copy.deepcopy(dict(config)))

@@ -223,7 +223,7 @@ class CpuProjector:
         )
 
     def _share_out(self, run, count):
-        """Run over [0, count) in one contiguous share per thread. Shares write to separate places: any order will do."""
+        """Run over [0, count) in one contiguous share per thread; the shares write to separate places."""
         if self.threads == 1:
             run(0, count)
             return
