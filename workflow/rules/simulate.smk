@@ -2,18 +2,18 @@ KERNELS = [f"projectors/{name}.py" for name in ("kernels", "parallel", "lanes")]
 
 
 rule compile_kernels:
-    """Compile the projector kernels once, so that no two jobs do it side by side."""
+    """Compile the kernels once for a number of realisations, so that no two jobs do it side by side."""
     input:
         code=library(*KERNELS),
     output:
-        f"{RESULTS}/logs/kernels.txt",
+        f"{RESULTS}/logs/kernels/{{lanes}}.txt",
     log:
-        f"{RESULTS}/logs/compile_kernels.log",
+        f"{RESULTS}/logs/kernels/{{lanes}}.log",
+    wildcard_constraints:
+        lanes="[0-9]+",
     resources:
         mem_mb=1000,
         runtime=10,
-    params:
-        lanes=sorted({1, *map(len, PLAN.bundles())}),
     script:
         "../scripts/compile_kernels.py"
 
@@ -22,7 +22,7 @@ rule project:
     """Noise-free line integrals of one geometry, shared by all its noise levels, seeds and algorithms."""
     input:
         phantom=rules.phantom.output.fine,
-        kernels=rules.compile_kernels.output[0],
+        kernels=f"{RESULTS}/logs/kernels/1.txt",
         code=library(
             "geometry.py",
             "units.py",

@@ -1,4 +1,4 @@
-"""Compile every projector kernel for every number of lanes that the study uses."""
+"""Compile every projector kernel for one number of realisations."""
 
 from virtual_phantom.job import job
 
@@ -6,5 +6,5 @@ with job(snakemake) as log:
     from virtual_phantom.files import write_text
     from virtual_phantom.reconstruct import compile_kernels
 
-    compile_kernels(snakemake.params.lanes)
-    write_text(f"lanes: {snakemake.params.lanes}\n", snakemake.output[0])
+    compile_kernels([int(snakemake.wildcards.lanes)])
+    write_text(f"{snakemake.wildcards.lanes} realisations\n", snakemake.output[0])
