@@ -10,7 +10,7 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
                 for noise, seed in bundle
             ],
             phantom=f"{RESULTS}/phantom/image.nii.gz",
-            kernels=ancient(f"{RESULTS}/logs/kernels/{len(bundle)}.txt"),
+            kernels=f"{RESULTS}/logs/kernels/{len(bundle)}.txt",
             code=library(
                 "reconstruct.py",
                 "solvers.py",
