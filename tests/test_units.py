@@ -16,3 +16,7 @@ def test_fixed_points():
 @given(st.floats(-1000, 3000), st.floats(0.01, 0.1))
 def test_there_and_back(hu, mu_water):
     np.testing.assert_allclose(attenuation_to_hu(hu_to_attenuation(np.array([hu]), mu_water), mu_water), hu, atol=1e-9)
+
+
+def test_stored_integers_are_not_truncated():
+    np.testing.assert_allclose(hu_to_attenuation(np.array([0, 500], np.int16), 0.02), [0.02, 0.03], rtol=1e-6)

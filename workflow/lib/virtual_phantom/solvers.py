@@ -75,13 +75,13 @@ class _SirtUpdate:
         ]
         self.measured = [projector.pack_projections(line_integrals[:, block]) for block in self.blocks]
         ones = projector.pack_volume(np.ones((projector.lanes, *projector.grid.shape), dtype=np.float32))
-        lengths = [projector.forward(ones, block)[..., :1] for block in self.blocks]
+        lengths = [projector.one_lane(projector.forward(ones, block)) for block in self.blocks]
         longest = max(float(length.max()) for length in lengths)
         self.row_weights = [_reciprocal(length, UNSEEN * longest) for length in lengths]
         column_sum = projector.empty_volume()
         for block in self.blocks:
             back(projector.pack_projections(_ones(projector, block.stop - block.start)), block, column_sum)
-        self.column_weights = _reciprocal(column_sum[..., :1], UNSEEN * float(column_sum.max()))
+        self.column_weights = _reciprocal(projector.one_lane(column_sum), UNSEEN * float(column_sum.max()))
 
     def __call__(self, volume):
         total = self.projector.empty_volume()

@@ -12,11 +12,17 @@ HU_WATER = 0.0
 
 def hu_to_attenuation(hu, mu_water_per_mm: float):
     """Linear attenuation in 1/mm of any array in HU. Values under air are taken as air: it is never negative."""
-    hu = np.asarray(hu)
+    hu = _floating(hu)
     return (np.maximum(hu, HU_AIR) / 1000 + 1).astype(hu.dtype, copy=False) * hu.dtype.type(mu_water_per_mm)
 
 
 def attenuation_to_hu(mu, mu_water_per_mm: float):
     """HU of any array of linear attenuation in 1/mm. Not clipped: noise may carry a voxel below air."""
-    mu = np.asarray(mu)
+    mu = _floating(mu)
     return (mu / mu.dtype.type(mu_water_per_mm) - 1) * mu.dtype.type(1000)
+
+
+def _floating(values):
+    """The array itself if it holds floats; integers, as images are stored, become float32."""
+    values = np.asarray(values)
+    return values if np.issubdtype(values.dtype, np.floating) else values.astype(np.float32)

@@ -43,6 +43,11 @@ class AstraCudaProjector:
         """Zeros, [lane, z, y, x]."""
         return np.zeros((self.lanes, *self.grid.shape), dtype=np.float32)
 
+    @staticmethod
+    def one_lane(packed: np.ndarray) -> np.ndarray:
+        """The first lane of packed volumes or projections, in a shape that broadcasts against all of them."""
+        return packed[:1]
+
     def pack_volume(self, stack: np.ndarray) -> np.ndarray:
         """[lane, z, y, x], float32 and contiguous."""
         return np.ascontiguousarray(stack, dtype=np.float32)

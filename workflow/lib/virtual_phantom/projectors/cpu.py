@@ -52,6 +52,11 @@ class CpuProjector:
     def _empty_projections(self, views: int) -> np.ndarray:
         return aligned_zeros((views, self.geometry.columns + 2, self.geometry.rows + 2, self.lanes))
 
+    @staticmethod
+    def one_lane(packed: np.ndarray) -> np.ndarray:
+        """The first lane of packed volumes or projections, in a shape that broadcasts against all of them."""
+        return packed[..., :1]
+
     def pack_volume(self, stack: np.ndarray) -> np.ndarray:
         """[lane, z, y, x] to the kernels' layout."""
         packed = self.empty_volume()
