@@ -33,15 +33,6 @@ def summarise(table: pd.DataFrame, keys: list[str], features: tuple[str, ...]) -
     )
 
 
-def dose_table(path: Path) -> pd.DataFrame:
-    raw = pd.read_csv(path)
-    return raw.assign(
-        dose_mgy=raw["dose_mGy"],
-        reconstruction=raw["recon_code"].map(measured.DOSE_RECONSTRUCTIONS),
-        roi=raw["roi6"].map(measured.DOSE_ROIS),
-    )
-
-
 def write(table: pd.DataFrame, name: str) -> None:
     """Eight significant digits: far below the spread over scans, and half the size."""
     with replacing(HERE / name) as temporary:
@@ -65,7 +56,7 @@ def main() -> None:
         scores[["feature", "stability_percent", "discrimination_percent"]], "ct_phantom4radiomics_scores.csv"
     )
     write(
-        summarise(dose_table(arguments.dose_table), ["dose_mgy", "reconstruction", "roi"], FEATURES),
+        summarise(measured.load_full_dose_series(arguments.dose_table), ["dose_mgy", "reconstruction", "roi"], FEATURES),
         "edge_dose_series_summary.csv",
     )
 
