@@ -85,7 +85,7 @@ def check_shared(facts: dict, first: dict, path: Path, first_path: Path) -> None
     for name in SHARED:
         if facts.get(name) != first.get(name):
             raise InputError(
-                f"{path}: {name} is {facts.get(name)}, that of {first_path.name} is {first.get(name)}: these are not "
+                f"{path}: {name} is {facts.get(name)}, that of {first_path} is {first.get(name)}: these are not "
                 "repeats of one scan; make a recording of each"
             )
 
