@@ -1,6 +1,6 @@
 """Importers: what they write loads and says the same as their source; broken sources leave nothing behind."""
 
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -145,16 +145,12 @@ def test_series_that_are_no_repeats_are_refused(tmp_path):
     import_refused(folder, lambda: import_dicom_tree(tree / "patient" / "seg", folder), "holds no CT slice in DICOM")
 
 
-def test_the_importer_on_the_command_line(tmp_path):
+def test_the_importer_on_the_command_line(tmp_path, monkeypatch, capsys):
     mat_file(tmp_path / "s.mat")
-
-    def run(*arguments):
-        return subprocess.run(
-            [sys.executable, SCRIPT, "htc2022", *arguments], capture_output=True, text=True, timeout=300
-        )
-
-    process = run(tmp_path / "s.mat", tmp_path / "disc", "--phantom", "disc")
-    assert process.returncode == 0 and "disc: projections, 1 repeats" in process.stdout, process.stderr
-    process = run(tmp_path / "none.mat", tmp_path / "other")
-    assert process.returncode == 1 and process.stderr.count("\n") == 1
-    assert process.stderr.startswith(f"Error: {tmp_path}/none.mat: no such file")
+    main = runpy.run_path(str(SCRIPT))["main"]
+    monkeypatch.setattr(sys, "argv", ["x", "htc2022", f"{tmp_path}/s.mat", f"{tmp_path}/disc", "--phantom", "disc"])
+    assert main() == 0 and "disc: projections, 1 repeats" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", ["x", "htc2022", f"{tmp_path}/none.mat", f"{tmp_path}/other"])
+    assert main() == 1
+    errors = capsys.readouterr().err
+    assert errors.count("\n") == 1 and errors.startswith(f"Error: {tmp_path}/none.mat: no such file")
