@@ -40,9 +40,7 @@ def write(table: pd.DataFrame, name: str) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("study_table", type=Path)
     parser.add_argument("dose_table", type=Path)
     arguments = parser.parse_args()
@@ -52,11 +50,11 @@ def main() -> None:
         "ct_phantom4radiomics_groups.csv",
     )
     scores = wilcoxon.scores(study, measured.STUDY_FEATURES, source=str(arguments.study_table))
+    write(scores[["feature", "stability_percent", "discrimination_percent"]], "ct_phantom4radiomics_scores.csv")
     write(
-        scores[["feature", "stability_percent", "discrimination_percent"]], "ct_phantom4radiomics_scores.csv"
-    )
-    write(
-        summarise(measured.load_full_dose_series(arguments.dose_table), ["dose_mgy", "reconstruction", "roi"], FEATURES),
+        summarise(
+            measured.load_full_dose_series(arguments.dose_table), ["dose_mgy", "reconstruction", "roi"], FEATURES
+        ),
         "edge_dose_series_summary.csv",
     )
 

@@ -2,9 +2,9 @@
 
 from virtual_phantom.job import job
 
-with job(snakemake) as log:  # noqa: F821 (snakemake is put here by Snakemake)
+with job(snakemake) as log:
     from virtual_phantom.files import write_text
     from virtual_phantom.projectors.cpu import compile_kernels
 
-    compile_kernels(snakemake.params.lanes)  # noqa: F821
-    write_text(f"lanes: {snakemake.params.lanes}\n", snakemake.output[0])  # noqa: F821
+    compile_kernels(snakemake.params.lanes)
+    write_text(f"lanes: {snakemake.params.lanes}\n", snakemake.output[0])

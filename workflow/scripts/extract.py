@@ -4,18 +4,18 @@ from virtual_phantom import feature_table, files, radiomics, volumes
 from virtual_phantom.errors import InputError
 from virtual_phantom.job import job
 
-with job(snakemake) as log:  # noqa: F821
-    params = snakemake.params  # noqa: F821
-    images, seeds = list(snakemake.input.images), list(params.seeds)  # noqa: F821
-    if not len(images) == len(seeds) == len(snakemake.output):  # noqa: F821
+with job(snakemake) as log:
+    params = snakemake.params
+    images, seeds = list(snakemake.input.images), list(params.seeds)
+    if not len(images) == len(seeds) == len(snakemake.output):
         raise InputError(
-            f"extract: {len(images)} images, {len(seeds)} seeds and {len(snakemake.output)} outputs"  # noqa: F821
+            f"extract: {len(images)} images, {len(seeds)} seeds and {len(snakemake.output)} outputs"
         )
     masks = None
-    for path, seed, output in zip(images, seeds, snakemake.output, strict=True):  # noqa: F821
+    for path, seed, output in zip(images, seeds, snakemake.output, strict=True):
         image = volumes.read_nifti(path)
         if masks is None:
-            rois, masks = radiomics.read_masks(str(snakemake.input.rois), image)  # noqa: F821
+            rois, masks = radiomics.read_masks(str(snakemake.input.rois), image)
             classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
             grid = image.grid
         if not image.grid.matches(grid):

@@ -6,9 +6,9 @@ from virtual_phantom import files, measured
 from virtual_phantom.job import job
 from virtual_phantom.statistics import ranking
 
-with job(snakemake) as log:  # noqa: F821
-    table = ranking.overlap(pd.read_csv(str(snakemake.input.stability)), measured.load_scores())  # noqa: F821
-    files.write_csv(table, snakemake.output[0])  # noqa: F821
+with job(snakemake) as log:
+    table = ranking.overlap(pd.read_csv(str(snakemake.input.stability)), measured.load_scores())
+    files.write_csv(table, snakemake.output[0])
     for kind in ranking.KINDS:
         above = (table[f"overlap_{kind}_percent"] > table["upper_percent"]).sum()
         log.info(

@@ -6,9 +6,9 @@ from virtual_phantom import feature_table, files, measured
 from virtual_phantom.job import job
 from virtual_phantom.statistics import pca
 
-with job(snakemake) as log:  # noqa: F821
-    params, output = snakemake.params, snakemake.output  # noqa: F821
-    features = feature_table.read(str(snakemake.input.features))  # noqa: F821
+with job(snakemake) as log:
+    params, output = snakemake.params, snakemake.output
+    features = feature_table.read(str(snakemake.input.features))
     simulated = feature_table.select(features, **params.selection)
     if not params.measured["overlay"]:
         reference = None

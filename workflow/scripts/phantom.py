@@ -8,7 +8,7 @@ from virtual_phantom.geometry import Grid
 from virtual_phantom.job import job
 from virtual_phantom.phantom import ct, layout, save, synthetic
 
-snakemake = snakemake  # noqa: F821  put here by Snakemake
+snakemake = snakemake
 
 PHANTOM_STREAM = 0  # the phantom's own branch of the study's seed
 

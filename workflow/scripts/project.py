@@ -2,16 +2,20 @@
 
 from virtual_phantom.job import job
 
-with job(snakemake) as log:  # noqa: F821 (snakemake is put here by Snakemake)
+with job(snakemake) as log:
     from virtual_phantom.config import grid_of, scan_geometry
     from virtual_phantom.exchange import write_line_integrals
     from virtual_phantom.simulate import clean_line_integrals
     from virtual_phantom.volumes import read_nifti
 
-    params = snakemake.params  # noqa: F821
-    phantom = read_nifti(snakemake.input.phantom)  # noqa: F821
+    params = snakemake.params
+    phantom = read_nifti(snakemake.input.phantom)
     geometry = scan_geometry(params.geometry["scan"], params.geometry["projections"], grid_of({"grid": params.grid}))
-    log.info("%d views, %.3f turns, feed %.1f mm per turn", geometry.views,
-             geometry.views / geometry.views_per_rotation, geometry.feed_per_rotation_mm)
-    line_integrals = clean_line_integrals(phantom, geometry, params.mu_water_per_mm, snakemake.threads)  # noqa: F821
-    write_line_integrals(snakemake.output[0], line_integrals, geometry)  # noqa: F821
+    log.info(
+        "%d views, %.3f turns, feed %.1f mm per turn",
+        geometry.views,
+        geometry.views / geometry.views_per_rotation,
+        geometry.feed_per_rotation_mm,
+    )
+    line_integrals = clean_line_integrals(phantom, geometry, params.mu_water_per_mm, snakemake.threads)
+    write_line_integrals(snakemake.output[0], line_integrals, geometry)

@@ -5,18 +5,18 @@ from virtual_phantom.job import job
 from virtual_phantom.radiomics import FEATURES
 from virtual_phantom.statistics import wilcoxon
 
-with job(snakemake) as log:  # noqa: F821
-    params = snakemake.params  # noqa: F821
+with job(snakemake) as log:
+    params = snakemake.params
     groups = dict(params.groups)
     table = feature_table.select(
-        feature_table.read(str(snakemake.input.features)),  # noqa: F821
+        feature_table.read(str(snakemake.input.features)),
         protocols=list(groups),
         noise=[params.noise],
         seeds=params.seeds,
     )
     table = table.assign(group=table["protocol"].map(groups))
-    scores = wilcoxon.scores(table, FEATURES, source=str(snakemake.input.features), **params.statistics)  # noqa: F821
-    files.write_csv(scores, snakemake.output[0])  # noqa: F821
+    scores = wilcoxon.scores(table, FEATURES, source=str(snakemake.input.features), **params.statistics)
+    files.write_csv(scores, snakemake.output[0])
     log.info(
         "mean stability %.1f %%, mean discriminative power %.1f %%",
         scores["stability_percent"].mean(),

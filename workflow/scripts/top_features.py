@@ -6,6 +6,6 @@ from virtual_phantom import files, measured
 from virtual_phantom.job import job
 from virtual_phantom.statistics import ranking
 
-with job(snakemake):  # noqa: F821
-    scores = pd.read_csv(str(snakemake.input.stability))  # noqa: F821
-    files.write_csv(ranking.top(scores, measured.load_published_top()), snakemake.output[0])  # noqa: F821
+with job(snakemake):
+    scores = pd.read_csv(str(snakemake.input.stability))
+    files.write_csv(ranking.top(scores, measured.load_published_top()), snakemake.output[0])

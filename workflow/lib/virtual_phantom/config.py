@@ -50,14 +50,30 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> ScanGeometry:
     """The geometry of one complete `scan` section with `projections` views around `grid`."""
     import math
 
-    detector = {key: scan[key] for key in (
-        "source_to_isocentre_mm", "source_to_detector_mm", "columns", "rows", "column_pitch_mm", "row_pitch_mm",
-        "column_offset_px", "row_offset_px")}
+    detector = {
+        key: scan[key]
+        for key in (
+            "source_to_isocentre_mm",
+            "source_to_detector_mm",
+            "columns",
+            "rows",
+            "column_pitch_mm",
+            "row_pitch_mm",
+            "column_offset_px",
+            "row_offset_px",
+        )
+    }
     start = math.radians(scan["start_angle_deg"])
     if scan["trajectory"] == "circular":
         return circular(views=projections, turns=scan["turns"] or 1.0, start_angle_rad=start, **detector)
-    return helical(views=projections, volume_height_mm=grid.extent_mm[0], pitch=scan["pitch"], turns=scan["turns"],
-                   start_angle_rad=start, **detector)
+    return helical(
+        views=projections,
+        volume_height_mm=grid.extent_mm[0],
+        pitch=scan["pitch"],
+        turns=scan["turns"],
+        start_angle_rad=start,
+        **detector,
+    )
 
 
 def _without_nulls(config):
@@ -137,8 +153,10 @@ def _check_names(config):
         for level in analyses["noise_calibration"]["noise"]:
             known(level, levels, "analyses.noise_calibration.noise")
             if levels[level]["repeats"] < 3:
-                raise InputError(f"config: noise.levels.{level}.repeats is {levels[level]['repeats']}; the noise "
-                                 "calibration needs at least 3 to measure a variance")
+                raise InputError(
+                    f"config: noise.levels.{level}.repeats is {levels[level]['repeats']}; the noise "
+                    "calibration needs at least 3 to measure a variance"
+                )
     for figure, selection in analyses.get("pca", {}).items():
         for name in selection["protocols"]:
             known(name, protocols, f"analyses.pca.{figure}.protocols")

@@ -78,7 +78,9 @@ def _write(file, data, geometry):
 def _geometry(file):
     acquisition = file["acquisition"]
     scalars = {name: acquisition.attrs[name].item() for name in _SCALARS}
-    return ScanGeometry(angles_rad=acquisition["angles_rad"][...], source_z_mm=acquisition["source_z_mm"][...], **scalars)
+    return ScanGeometry(
+        angles_rad=acquisition["angles_rad"][...], source_z_mm=acquisition["source_z_mm"][...], **scalars
+    )
 
 
 class opened:  # noqa: N801  used like a function, as contextlib.closing is

@@ -55,8 +55,7 @@ def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     for column in PROVENANCE:
         if (values := merged[column].unique()).size > 1:
             raise InputError(
-                f"feature tables: made with different {column} ({', '.join(map(str, values))}); "
-                "extract them again"
+                f"feature tables: made with different {column} ({', '.join(map(str, values))}); extract them again"
             )
     keys = ["protocol", "noise", "seed", "roi"]
     if (double := merged.duplicated(keys)).any():
@@ -70,9 +69,7 @@ def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     )
 
 
-def select(
-    table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str], seeds: int
-) -> pd.DataFrame:
+def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str], seeds: int) -> pd.DataFrame:
     """Rows of these protocols and noise labels, and of the first `seeds` seeds of each.
 
     Raises InputError naming the protocol and noise label that has fewer seeds.
@@ -84,8 +81,7 @@ def select(
     for key in ((p, n) for p in protocols for n in noise):
         if have.get(key, 0) < seeds:
             raise InputError(
-                f"features: {have.get(key, 0)} seeds for protocol {key[0]}, noise {key[1]}; "
-                f"{seeds} are asked for"
+                f"features: {have.get(key, 0)} seeds for protocol {key[0]}, noise {key[1]}; {seeds} are asked for"
             )
     return chosen.reset_index(drop=True)
 

@@ -15,7 +15,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    suffix = path.name[path.name.index(".", 1):] if "." in path.name[1:] else ""
+    suffix = path.name[path.name.index(".", 1) :] if "." in path.name[1:] else ""
     descriptor, name = tempfile.mkstemp(prefix=".partial-", suffix=suffix, dir=path.parent)
     os.close(descriptor)
     temporary = Path(name)

@@ -66,13 +66,15 @@ class Grid:
 
     def refined(self, factor: int) -> Grid:
         """The same box sampled `factor` times finer along each axis."""
-        return replace(self, shape=tuple(n * factor for n in self.shape),
-                       spacing=tuple(s / factor for s in self.spacing))
+        return replace(
+            self, shape=tuple(n * factor for n in self.shape), spacing=tuple(s / factor for s in self.spacing)
+        )
 
     def matches(self, other: Grid, tolerance_mm: float = 1e-3) -> bool:
         """True if both grids put the same voxels at the same places (to `tolerance_mm` anywhere in the volume)."""
         return self.shape == other.shape and bool(
-            np.all(np.abs(self._corners_mm() - other._corners_mm()) < tolerance_mm))
+            np.all(np.abs(self._corners_mm() - other._corners_mm()) < tolerance_mm)
+        )
 
     def _corners_mm(self) -> np.ndarray:
         last = np.array(self.shape[::-1]) - 1
@@ -116,11 +118,13 @@ class ScanGeometry:
         if self.columns < 1 or self.rows < 1 or min(self.column_pitch_mm, self.row_pitch_mm) <= 0:
             raise InputError(
                 f"detector of {self.columns} columns x {self.rows} rows, {self.column_pitch_mm} x {self.row_pitch_mm} mm: "
-                "all four must be positive")
+                "all four must be positive"
+            )
         if not 0 < self.source_to_isocentre_mm < self.source_to_detector_mm:
             raise InputError(
                 f"source_to_isocentre_mm {self.source_to_isocentre_mm} must be positive and less than "
-                f"source_to_detector_mm {self.source_to_detector_mm}")
+                f"source_to_detector_mm {self.source_to_detector_mm}"
+            )
 
     @property
     def views(self) -> int:
@@ -162,21 +166,38 @@ class ScanGeometry:
         return source, source + away + along + [0, 0, self.row_positions_mm()[row]]
 
 
-def circular(*, views: int, turns: float = 1.0, start_angle_rad: float = 0.0, direction: int = 1, **detector) -> ScanGeometry:
+def circular(
+    *, views: int, turns: float = 1.0, start_angle_rad: float = 0.0, direction: int = 1, **detector
+) -> ScanGeometry:
     """`views` evenly spaced over `turns` turns at one table position. `detector` holds ScanGeometry's other fields."""
     views_per_rotation = views / turns
     angles = start_angle_rad + direction * 2 * np.pi * np.arange(views) / views_per_rotation
-    return ScanGeometry(angles_rad=angles, source_z_mm=np.zeros(views), views_per_rotation=views_per_rotation, **detector)
+    return ScanGeometry(
+        angles_rad=angles, source_z_mm=np.zeros(views), views_per_rotation=views_per_rotation, **detector
+    )
 
 
-def helical(*, views: int, volume_height_mm: float, pitch: float = 1.0, turns: float | None = None,
-            start_angle_rad: float = 0.0, direction: int = 1, **detector) -> ScanGeometry:
+def helical(
+    *,
+    views: int,
+    volume_height_mm: float,
+    pitch: float = 1.0,
+    turns: float | None = None,
+    start_angle_rad: float = 0.0,
+    direction: int = 1,
+    **detector,
+) -> ScanGeometry:
     """`views` evenly spaced on a helix centred on the isocentre.
 
     pitch   table feed per turn over the detector's height as seen at the isocentre (IEC 60601-2-44)
     turns   None: as many as carry the whole beam over the whole volume, (volume height + beam height) / feed
     """
-    beam = detector["rows"] * detector["row_pitch_mm"] * detector["source_to_isocentre_mm"] / detector["source_to_detector_mm"]
+    beam = (
+        detector["rows"]
+        * detector["row_pitch_mm"]
+        * detector["source_to_isocentre_mm"]
+        / detector["source_to_detector_mm"]
+    )
     feed = pitch * beam
     turns = (volume_height_mm + beam) / feed if turns is None else turns
     views_per_rotation = views / turns

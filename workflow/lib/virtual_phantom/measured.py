@@ -63,9 +63,7 @@ def load_group_summary() -> pd.DataFrame:
 
 def group_means() -> pd.DataFrame:
     """The means of `load_group_summary`, one row per group and ROI, one column per feature."""
-    wide = load_group_summary().pivot(
-        index=["group", "roi", "tissue_class"], columns="feature", values="mean"
-    )
+    wide = load_group_summary().pivot(index=["group", "roi", "tissue_class"], columns="feature", values="mean")
     return wide.reset_index().rename_axis(columns=None)
 
 
@@ -125,14 +123,11 @@ def load_full_table(path: str | Path) -> pd.DataFrame:
         raise InputError(f"measured.table: {path} lacks {len(missing)} column(s), the first {missing[0]!r}")
     if strange := set(raw["class"]) - set(STUDY_ROIS):
         raise InputError(
-            f"measured.table: {path} has the class {sorted(map(str, strange))[0]!r}; "
-            f"known are {', '.join(STUDY_ROIS)}"
+            f"measured.table: {path} has the class {sorted(map(str, strange))[0]!r}; known are {', '.join(STUDY_ROIS)}"
         )
     scan = raw["scan_id"].astype(str).str.extract(r"^(\d{3})-", expand=False)
     if scan.isna().any() or (scan.str[0].astype(int) != raw["group"]).any():
-        raise InputError(
-            f"measured.table: {path} has a scan_id that does not begin with the digit of its group"
-        )
+        raise InputError(f"measured.table: {path} has a scan_id that does not begin with the digit of its group")
     if not np.isfinite(raw[list(STUDY_FEATURES)].to_numpy(dtype=np.float64)).all():
         raise InputError(f"measured.table: {path} has features that are not finite")
     roi = raw["class"].map(STUDY_ROIS)

@@ -37,7 +37,7 @@ class Plan:
         for noise in self.config["noise"]["levels"]:
             seeds = self.seeds(noise)
             for start in range(0, len(seeds), size):
-                batches.setdefault(tuple(seeds[start:start + size]), []).append(noise)
+                batches.setdefault(tuple(seeds[start : start + size]), []).append(noise)
         return batches
 
     def bundles(self) -> dict[tuple[tuple[str, str], ...], list[str]]:
@@ -52,7 +52,7 @@ class Plan:
             full = []
             for noise in (level for level in self.config["noise"]["levels"] if (protocol, level) in wanted):
                 seeds = [(noise, seed) for seed in self.seeds(noise)]
-                for part in (tuple(seeds[start:start + size]) for start in range(0, len(seeds), size)):
+                for part in (tuple(seeds[start : start + size]) for start in range(0, len(seeds), size)):
                     if full and len(full[-1]) + len(part) <= size:
                         full[-1] += part
                     else:
@@ -86,6 +86,12 @@ class Plan:
 
     def featured(self) -> list[tuple[str, str]]:
         """Those of `acquisitions` whose features are used: all but the ones for the noise calibration alone."""
-        calibration_only = Plan({**self.config, "analyses": {
-            key: value for key, value in self.config["analyses"].items() if key != "noise_calibration"}})
+        calibration_only = Plan(
+            {
+                **self.config,
+                "analyses": {
+                    key: value for key, value in self.config["analyses"].items() if key != "noise_calibration"
+                },
+            }
+        )
         return calibration_only.acquisitions()

@@ -109,9 +109,7 @@ def extract(volume: Volume, masks: dict[str, np.ndarray], name: str = "image") -
     """
     if not np.isfinite(volume.array).all():
         bad = np.count_nonzero(~np.isfinite(volume.array))
-        raise InputError(
-            f"{name}: {bad} voxels are NaN or infinite; repair the image before extracting features"
-        )
+        raise InputError(f"{name}: {bad} voxels are NaN or infinite; repair the image before extracting features")
     rows = []
     for roi, mask in masks.items():
         mask = np.asarray(mask)
@@ -124,9 +122,7 @@ def extract(volume: Volume, masks: dict[str, np.ndarray], name: str = "image") -
             raise TypeError(f"mask of ROI {roi} is {mask.dtype}, not bool")
         n_voxels = int(np.count_nonzero(mask))
         if n_voxels < 2:
-            raise InputError(
-                f"{name}: ROI {roi} has {n_voxels} voxels; texture needs neighbours, so give a larger ROI"
-            )
+            raise InputError(f"{name}: ROI {roi} has {n_voxels} voxels; texture needs neighbours, so give a larger ROI")
         image, label = _crop(volume, mask)
         with _pyradiomics_messages(f"{name}, ROI {roi}"):
             values = _extractor().execute(image, label)

@@ -16,8 +16,17 @@ from .units import attenuation_to_hu
 from .volumes import Volume
 
 
-def reconstruct(acquisitions: Sequence[str | Path], grid: Grid, algorithm: str, settings: dict, *, engine: str,
-                mu_water_per_mm: float, zero_counts_as: float, threads: int = 1) -> list[Volume]:
+def reconstruct(
+    acquisitions: Sequence[str | Path],
+    grid: Grid,
+    algorithm: str,
+    settings: dict,
+    *,
+    engine: str,
+    mu_water_per_mm: float,
+    zero_counts_as: float,
+    threads: int = 1,
+) -> list[Volume]:
     """Images of acquisitions that share one geometry, int16 HU on `grid`, in the order given.
 
     algorithm, settings   "sirt" with solvers.sirt's keywords, or "fbp" with solvers.fdk's

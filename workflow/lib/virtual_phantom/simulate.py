@@ -11,7 +11,9 @@ from .units import hu_to_attenuation
 from .volumes import Volume
 
 
-def clean_line_integrals(phantom: Volume, geometry: ScanGeometry, mu_water_per_mm: float, threads: int = 1) -> np.ndarray:
+def clean_line_integrals(
+    phantom: Volume, geometry: ScanGeometry, mu_water_per_mm: float, threads: int = 1
+) -> np.ndarray:
     """Monochromatic line integrals [view, row, column] of a phantom in HU, whatever its sampling.
 
     One pass over a fine grid takes seconds, so it runs on the CPU engine whatever the study reconstructs with. Raises
@@ -34,4 +36,5 @@ def _refuse_truncation(phantom, geometry, threshold_hu=-500.0):
     if reach > radius:
         raise InputError(
             f"scan: the phantom reaches {reach:.0f} mm from the isocentre, the field of view only {radius:.0f} mm; "
-            "give the detector more columns or a larger column_pitch_mm, or move the phantom's centre")
+            "give the detector more columns or a larger column_pitch_mm, or move the phantom's centre"
+        )

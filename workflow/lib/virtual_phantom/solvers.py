@@ -14,8 +14,15 @@ from .errors import InputError
 UNSEEN = 1e-6
 
 
-def sirt(projector, line_integrals: np.ndarray, *, iterations: int = 500, solver: str = "chebyshev",
-         terms: int = 60, backprojector: str = "adjoint") -> np.ndarray:
+def sirt(
+    projector,
+    line_integrals: np.ndarray,
+    *,
+    iterations: int = 500,
+    solver: str = "chebyshev",
+    terms: int = 60,
+    backprojector: str = "adjoint",
+) -> np.ndarray:
     """Simultaneous iterative reconstruction, x <- x + C A' R (b - A x) from x = 0, unclipped.
 
     R and C hold the reciprocals of the row and column sums of A (Gregor and Benson, IEEE Trans. Med. Imaging 27,
@@ -50,7 +57,9 @@ def _back(projector, backprojector):
     if backprojector != "adjoint":
         raise InputError(f"sirt: backprojector '{backprojector}' is unknown; use 'adjoint' or 'voxel'")
     if not hasattr(projector, "adjoint"):
-        raise InputError("sirt: this engine has no adjoint; set reconstruction.sirt.backprojector: voxel, or engine: cpu")
+        raise InputError(
+            "sirt: this engine has no adjoint; set reconstruction.sirt.backprojector: voxel, or engine: cpu"
+        )
     return lambda projections, views, out: projector.adjoint(projections, views, out, overwrite=True)
 
 
@@ -60,8 +69,9 @@ class _SirtUpdate:
     def __init__(self, projector, line_integrals, back):
         self.projector, self.back = projector, back
         views = projector.geometry.views
-        self.blocks = [slice(i, min(i + projector.views_per_block, views))
-                       for i in range(0, views, projector.views_per_block)]
+        self.blocks = [
+            slice(i, min(i + projector.views_per_block, views)) for i in range(0, views, projector.views_per_block)
+        ]
         self.measured = [projector.pack_projections(line_integrals[:, block]) for block in self.blocks]
         ones = projector.pack_volume(np.ones((projector.lanes, *projector.grid.shape), dtype=np.float32))
         lengths = [projector.forward(ones, block)[..., :1] for block in self.blocks]
@@ -150,7 +160,7 @@ def _filter(geometry, line_integrals):
     u = geometry.column_positions_mm()
     v = geometry.row_positions_mm()
     distance = geometry.source_to_detector_mm
-    cosine = (distance / np.sqrt(distance**2 + u[None, :]**2 + v[:, None]**2)).astype(np.float32)
+    cosine = (distance / np.sqrt(distance**2 + u[None, :] ** 2 + v[:, None] ** 2)).astype(np.float32)
     pitch = geometry.column_pitch_mm * to_isocentre
     n = fft.next_fast_len(2 * geometry.columns, real=True)
     # The ramp as its band-limited impulse response (Kak and Slaney 1988, eq. 3.61), so that the mean is right.
@@ -162,5 +172,5 @@ def _filter(geometry, line_integrals):
     for lane, stack in enumerate(line_integrals):
         for view, image in enumerate(stack):
             spectrum = fft.rfft(image * cosine, n, axis=-1)
-            filtered[lane, view] = fft.irfft(spectrum * ramp, n, axis=-1)[:, :geometry.columns]
+            filtered[lane, view] = fft.irfft(spectrum * ramp, n, axis=-1)[:, : geometry.columns]
     return filtered

@@ -3,6 +3,6 @@
 from virtual_phantom.figures import overlap, style, tables
 from virtual_phantom.job import job
 
-with job(snakemake):  # noqa: F821
-    figure = overlap.draw(tables.read_table(snakemake.input.table))  # noqa: F821
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])  # noqa: F821
+with job(snakemake):
+    figure = overlap.draw(tables.read_table(snakemake.input.table))
+    style.save(figure, [snakemake.output.png, snakemake.output.pdf])

@@ -3,6 +3,6 @@
 from virtual_phantom.figures import pca, style, tables
 from virtual_phantom.job import job
 
-with job(snakemake):  # noqa: F821
-    figure = pca.draw(tables.read_table(snakemake.input.table), snakemake.params.title)  # noqa: F821
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])  # noqa: F821
+with job(snakemake):
+    figure = pca.draw(tables.read_table(snakemake.input.table), snakemake.params.title)
+    style.save(figure, [snakemake.output.png, snakemake.output.pdf])

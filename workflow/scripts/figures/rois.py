@@ -4,8 +4,8 @@ from virtual_phantom import radiomics, volumes
 from virtual_phantom.figures import rois, style
 from virtual_phantom.job import job
 
-with job(snakemake):  # noqa: F821
-    phantom = volumes.read_nifti(snakemake.input.image)  # noqa: F821
-    table, masks = radiomics.read_masks(snakemake.input.rois, phantom)  # noqa: F821
+with job(snakemake):
+    phantom = volumes.read_nifti(snakemake.input.image)
+    table, masks = radiomics.read_masks(snakemake.input.rois, phantom)
     figure = rois.draw(phantom, masks, dict(zip(table["roi"], table["tissue_class"], strict=True)))
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])  # noqa: F821
+    style.save(figure, [snakemake.output.png, snakemake.output.pdf])

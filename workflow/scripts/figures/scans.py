@@ -4,10 +4,10 @@ from virtual_phantom import radiomics, volumes
 from virtual_phantom.figures import axial, scans, style
 from virtual_phantom.job import job
 
-with job(snakemake):  # noqa: F821
-    paths, titles = snakemake.input, snakemake.params.titles  # noqa: F821
+with job(snakemake):
+    paths, titles = snakemake.input, snakemake.params.titles
     phantom = volumes.read_nifti(paths.phantom)
     _, masks = radiomics.read_masks(paths.rois, phantom)
     reconstructions = {titles[name]: volumes.read_nifti(paths[name]) for name in ("fbp", "sirt")}
     figure = scans.draw(phantom, reconstructions, axial.choose_slices(masks)[0])
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])  # noqa: F821
+    style.save(figure, [snakemake.output.png, snakemake.output.pdf])

@@ -4,9 +4,9 @@ from virtual_phantom import measured
 from virtual_phantom.figures import stability_discrimination, style, tables
 from virtual_phantom.job import job
 
-with job(snakemake):  # noqa: F821
-    params = snakemake.params  # noqa: F821
+with job(snakemake):
+    params = snakemake.params
     scores = measured.load_scores() if params.with_measured else None
-    table = tables.read_table(snakemake.input.table)  # noqa: F821
+    table = tables.read_table(snakemake.input.table)
     figure = stability_discrimination.draw(table, params.threshold, scores)
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])  # noqa: F821
+    style.save(figure, [snakemake.output.png, snakemake.output.pdf])

@@ -52,9 +52,7 @@ def body_mask(slice_hu: np.ndarray) -> np.ndarray:
     """
     regions, count = ndimage.label(slice_hu > BODY_THRESHOLD_HU)
     if not count:
-        raise InputError(
-            f"phantom image: no voxel of the slice is over {BODY_THRESHOLD_HU:g} HU; is it in HU?"
-        )
+        raise InputError(f"phantom image: no voxel of the slice is over {BODY_THRESHOLD_HU:g} HU; is it in HU?")
     largest = 1 + int(np.argmax(np.bincount(regions.ravel())[1:]))
     return ndimage.binary_fill_holes(regions == largest)
 
@@ -106,9 +104,7 @@ def show(
     cmap: str = "gray",
 ) -> AxesImage:
     """Draw one slice (y, x) to scale within a box (mm, as body_box_mm gives), with no ticks."""
-    image = axes.imshow(
-        slice_array, cmap=cmap, vmin=window[0], vmax=window[1], origin="lower", extent=edges_mm(grid)
-    )
+    image = axes.imshow(slice_array, cmap=cmap, vmin=window[0], vmax=window[1], origin="lower", extent=edges_mm(grid))
     axes.set(xlim=(box_mm[1], box_mm[0]), ylim=(box_mm[2], box_mm[3]), aspect="equal", xticks=[], yticks=[])
     axes.grid(False)
     axes.spines[:].set_visible(False)
@@ -118,9 +114,7 @@ def show(
 def mark_sides(axes: Axes) -> None:
     """Write R and L where the patient's right and left are."""
     for x, side, align in ((0.02, "R", "left"), (0.98, "L", "right")):
-        axes.text(
-            x, 0.98, side, transform=axes.transAxes, ha=align, va="top", color="white", path_effects=OUTLINED
-        )
+        axes.text(x, 0.98, side, transform=axes.transAxes, ha=align, va="top", color="white", path_effects=OUTLINED)
 
 
 def scale_bar(axes: Axes) -> None:

@@ -45,13 +45,9 @@ def draw(
     tables.check_table(rows, f"{name}, ROI {roi}", numbers=numbers)
     study_levels = dict(study_levels or {})
     series = dict(list(rows.groupby("protocol")))
-    fits = {
-        protocol: linear_fit(group["noise_level"], group["variance_hu2"])
-        for protocol, group in series.items()
-    }
+    fits = {protocol: linear_fit(group["noise_level"], group["variance_hu2"]) for protocol, group in series.items()}
     crossings = {
-        variance: {protocol: crossing(line, variance) for protocol, line in fits.items()}
-        for _, variance in measured
+        variance: {protocol: crossing(line, variance) for protocol, line in fits.items()} for _, variance in measured
     }
     reached = [level for levels in crossings.values() for level in levels.values() if level is not None]
     furthest = max([rows["noise_level"].max(), *study_levels.values(), *reached])
@@ -75,9 +71,7 @@ def draw(
             factor_text,
         )
     for (label, variance), pattern in zip(measured, itertools.cycle(MEASURED_LINES), strict=False):
-        handles.append(
-            _measured(axes, label, variance, pattern, crossings[variance], colours, factor, factor_text)
-        )
+        handles.append(_measured(axes, label, variance, pattern, crossings[variance], colours, factor, factor_text))
     if study_levels:
         handles.append(_study(axes, study_levels, factor, factor_text))
     axes.set(
@@ -157,9 +151,7 @@ def _measured(
 ):
     for protocol, level in levels.items():
         if level is not None:
-            axes.vlines(
-                level / factor, 0, variance, color=colours[protocol], linewidth=0.8, linestyle=pattern
-            )
+            axes.vlines(level / factor, 0, variance, color=colours[protocol], linewidth=0.8, linestyle=pattern)
             axes.plot(
                 level / factor,
                 variance,
@@ -183,9 +175,7 @@ def _measured(
 
 
 def _study(axes: Axes, levels: Mapping[str, float], factor: float, factor_text: str):
-    names = ", ".join(
-        f"{style.number(level / factor)} ({style.label(label)})" for label, level in levels.items()
-    )
+    names = ", ".join(f"{style.number(level / factor)} ({style.label(label)})" for label, level in levels.items())
     (handle,) = axes.plot(
         np.array(list(levels.values())) / factor,
         np.zeros(len(levels)),

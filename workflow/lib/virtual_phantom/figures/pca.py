@@ -155,8 +155,6 @@ def _legend(figure: Figure, markers: dict[str, str], measured: int) -> None:
         handles.append(entry("o", 5, "black: measured", color="black", markerfacecolor="none"))
     if measured > FEW_MEASURED:
         handles.append(
-            entry(
-                "o", 8, "large: mean of measured", color="black", markerfacecolor="none", markeredgewidth=1.2
-            )
+            entry("o", 8, "large: mean of measured", color="black", markerfacecolor="none", markeredgewidth=1.2)
         )
     figure.legend(handles=handles, loc="outside lower center", ncols=min(5, len(handles)))

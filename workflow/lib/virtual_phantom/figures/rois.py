@@ -24,9 +24,7 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
     """
     for roi, mask in masks.items():
         if mask.shape != phantom.grid.shape:
-            raise InputError(
-                f"ROI {roi}: mask of shape {mask.shape} on a phantom of {phantom.grid.shape}; resample it"
-            )
+            raise InputError(f"ROI {roi}: mask of shape {mask.shape} on a phantom of {phantom.grid.shape}; resample it")
         if roi not in tissue_class:
             raise InputError(f"ROI {roi}: has no tissue class; give it one in phantom/rois.csv")
     slices = sorted(axial.choose_slices(masks), reverse=True)
@@ -55,9 +53,7 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
         _name(axes, shown, phantom.grid, line=line_mm / panel_height_mm)
     for axes in panels[len(slices) :]:
         axes.remove()
-    figure.colorbar(
-        image, ax=panels[: len(slices)].tolist(), label="CT number (HU)", shrink=0.8, pad=0.01, aspect=25
-    )
+    figure.colorbar(image, ax=panels[: len(slices)].tolist(), label="CT number (HU)", shrink=0.8, pad=0.01, aspect=25)
     handles = [Line2D([], [], color=colour, label=style.label(name)) for name, colour in colours.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
     return figure

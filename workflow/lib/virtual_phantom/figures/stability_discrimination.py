@@ -34,9 +34,7 @@ def draw(table: pandas.DataFrame, threshold: float, measured: pandas.DataFrame |
         tables.check_table(measured, "measured scores", text=["feature"], numbers=SCORES)
         common = measured[["feature", *SCORES]].merge(table[["feature", "family"]], on="feature")
         if common.empty:
-            raise InputError(
-                "measured scores: share no feature with the stability table; name both as in pyradiomics"
-            )
+            raise InputError("measured scores: share no feature with the stability table; name both as in pyradiomics")
         shown["Measured"] = common
     families = sorted(set(table["family"]))
     colours, markers = style.assign(families, style.ON_WHITE), style.assign(families, style.MARKERS)
@@ -51,14 +49,11 @@ def draw(table: pandas.DataFrame, threshold: float, measured: pandas.DataFrame |
         axes.axvline(stability, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
         axes.axhline(discrimination, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
         axes.set_title(
-            f"{title}, {len(scores)} features\n"
-            f"means: {stability:.1f} % stable, {discrimination:.1f} % told apart"
+            f"{title}, {len(scores)} features\nmeans: {stability:.1f} % stable, {discrimination:.1f} % told apart"
         )
         if double:
             style.letter_panel(axes, index)
-        axes.set(
-            xlim=(-4, 104), ylim=(-4, 104), xlabel=f"stability: pairs of groups with |W| < {threshold:g} (%)"
-        )
+        axes.set(xlim=(-4, 104), ylim=(-4, 104), xlabel=f"stability: pairs of groups with |W| < {threshold:g} (%)")
     panels[0].set_ylabel(f"discriminative power: pairs across classes with |W| > {threshold:g} (%)")
     handles = [
         Line2D(
@@ -72,9 +67,7 @@ def draw(table: pandas.DataFrame, threshold: float, measured: pandas.DataFrame |
         )
         for family in families
     ]
-    handles.append(
-        Line2D([], [], color=style.GREY, linestyle="--", linewidth=0.9, label="mean of the features")
-    )
+    handles.append(Line2D([], [], color=style.GREY, linestyle="--", linewidth=0.9, label="mean of the features"))
     figure.legend(handles=handles, loc="outside upper center", ncols=6 if double else 3)
     return figure
 
@@ -120,9 +113,7 @@ def _number_best(axes: Axes, scores: pandas.DataFrame) -> None:
             zorder=4,
             path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
         )
-    names = "\n".join(
-        f"{index}  {style.feature_label(feature)}" for index, feature in enumerate(chosen["feature"], 1)
-    )
+    names = "\n".join(f"{index}  {style.feature_label(feature)}" for index, feature in enumerate(chosen["feature"], 1))
     axes.annotate(
         names,
         (0, 0),

@@ -82,9 +82,7 @@ def styled():
 
 def figure(width_mm: float, height_mm: float) -> Figure:
     """An empty figure of this size in mm that no pyplot state knows of."""
-    return Figure(
-        figsize=(width_mm / MILLIMETRES_PER_INCH, height_mm / MILLIMETRES_PER_INCH), layout="constrained"
-    )
+    return Figure(figsize=(width_mm / MILLIMETRES_PER_INCH, height_mm / MILLIMETRES_PER_INCH), layout="constrained")
 
 
 @styled()
@@ -149,9 +147,7 @@ def power_of_ten(values) -> tuple[float, str]:
     return 10.0**exponent, "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-def parameter_colours(
-    values: np.ndarray, most_discrete: int = 12
-) -> tuple[ScalarMappable, np.ndarray | None]:
+def parameter_colours(values: np.ndarray, most_discrete: int = 12) -> tuple[ScalarMappable, np.ndarray | None]:
     """Colours for an ordered parameter: a step of viridis for each distinct value, a ramp if they are many.
 
     The lightest tenth of viridis is left out: it cannot be seen on white. Returns the mappable and, of

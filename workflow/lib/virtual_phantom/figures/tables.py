@@ -20,9 +20,7 @@ def read_table(path: str | Path) -> pandas.DataFrame:
         raise InputError(f"{path}: cannot be read as a table ({reason}); delete it and run again") from error
 
 
-def check_table(
-    table: pandas.DataFrame, name: str, *, text: Iterable[str] = (), numbers: Iterable[str] = ()
-) -> None:
+def check_table(table: pandas.DataFrame, name: str, *, text: Iterable[str] = (), numbers: Iterable[str] = ()) -> None:
     """Raise InputError if a column is absent, there are no rows, or `numbers` are not all finite."""
     text, numbers = list(text), list(numbers)
     absent = [column for column in text + numbers if column not in table.columns]

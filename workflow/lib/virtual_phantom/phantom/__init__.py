@@ -60,9 +60,7 @@ def save(phantom: Phantom, folder: str | Path) -> None:
     write_nifti(phantom.image, folder / "image.nii.gz")
     rows = []
     for label, roi in enumerate(phantom.rois, start=1):
-        write_nifti(
-            Volume(roi.mask.astype(np.uint8), phantom.image.grid), folder / "rois" / f"{roi.name}.nii.gz"
-        )
+        write_nifti(Volume(roi.mask.astype(np.uint8), phantom.image.grid), folder / "rois" / f"{roi.name}.nii.gz")
         rows.append(
             {
                 "roi": roi.name,

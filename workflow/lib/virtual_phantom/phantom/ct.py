@@ -50,9 +50,7 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     _check_fit(image, grid)
     fine = _resample(image, grid.refined(oversampling), outside=HU_AIR)
     rois = _load_rois(entries, image.grid, grid)
-    return Phantom(
-        Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois
-    )
+    return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
 
 
 def _check_settings(settings: dict) -> tuple[RoiEntry, ...]:
@@ -74,9 +72,7 @@ def read_hu(path: Path) -> Volume:
     elif path.name.endswith((".nii", ".nii.gz")):
         image = read_nifti(path)
     else:
-        raise InputError(
-            f"{path}: no such CT; give a NIfTI file (.nii, .nii.gz) or the folder of a DICOM series"
-        )
+        raise InputError(f"{path}: no such CT; give a NIfTI file (.nii, .nii.gz) or the folder of a DICOM series")
     if bad := int(np.count_nonzero(~np.isfinite(image.array))):
         raise InputError(f"{path}: {bad} voxels are NaN or infinite; replace them (air is -1000 HU)")
     # NIfTI does not say that its values are HU, and a rescale may have been lost; a CT always has some air or fat in view
@@ -122,14 +118,10 @@ def _check_fit(image: Volume, grid: Grid) -> None:
     cx, cy, cz = grid.centre_mm
     seen = np.abs(z - cz) <= half_z + image.grid.spacing[0] / 2
     if not seen.any():
-        raise InputError(
-            f"phantom: ct: the grid ({grid}) misses the CT ({image.grid}) along z; correct centre_mm"
-        )
+        raise InputError(f"phantom: ct: the grid ({grid}) misses the CT ({image.grid}) along z; correct centre_mm")
     body = (image.array[seen] > BODY_HU).any(axis=0)
     if not body.any():
-        raise InputError(
-            f"phantom: ct: nothing in the CT is denser than {BODY_HU:g} HU within the grid; is it in HU?"
-        )
+        raise InputError(f"phantom: ct: nothing in the CT is denser than {BODY_HU:g} HU within the grid; is it in HU?")
     rows, columns = np.nonzero(body)
     reach_x = float(np.abs(x[columns] - cx).max()) + image.grid.spacing[2] / 2
     reach_y = float(np.abs(y[rows] - cy).max()) + image.grid.spacing[1] / 2
@@ -163,8 +155,7 @@ def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid) -> tupl
     for entry in entries:
         pieces = draw(entry, ct_grid, opened)
         masks = [
-            _resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED
-            for piece in pieces
+            _resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces
         ]
         for name, mask in zip(entry.names, masks, strict=True):
             _require(
@@ -174,9 +165,7 @@ def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid) -> tupl
                 "grid, or a smaller margin_mm, or fewer parts",
             )
         for name, mask in zip(entry.names, separate(masks), strict=True):
-            _require(
-                mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer"
-            )
+            _require(mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer")
             rois.append(Roi(name, entry.tissue_class, mask))
     return tuple(rois)
 
@@ -191,9 +180,7 @@ def _resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
 
     Sampled at points no farther apart than the volume's own voxels, so that nothing falls between them.
     """
-    samples = max(
-        math.ceil(wide / own - 1e-6) for wide, own in zip(grid.spacing, volume.grid.spacing, strict=True)
-    )
+    samples = max(math.ceil(wide / own - 1e-6) for wide, own in zip(grid.spacing, volume.grid.spacing, strict=True))
     image = sitk.GetImageFromArray(volume.array)
     image.SetSpacing(volume.grid.spacing[::-1])
     image.SetOrigin(tuple(volume.grid.affine[:3, 3]))
@@ -201,9 +188,9 @@ def _resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
     for first in range(0, grid.shape[0], SLAB_SLICES):
         last = min(first + SLAB_SLICES, grid.shape[0])
         middle = grid.centre_mm[2] + ((first + last) / 2 - grid.shape[0] / 2) * grid.spacing[0]
-        slab = replace(
-            grid, shape=(last - first, *grid.shape[1:]), centre_mm=(*grid.centre_mm[:2], middle)
-        ).refined(samples)
+        slab = replace(grid, shape=(last - first, *grid.shape[1:]), centre_mm=(*grid.centre_mm[:2], middle)).refined(
+            samples
+        )
         part = sitk.Resample(
             image,
             slab.shape[::-1],

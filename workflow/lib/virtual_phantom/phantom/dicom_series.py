@@ -79,29 +79,19 @@ def read_headers(folder: Path) -> dict[Path, pydicom.Dataset]:
 def _check_slice(path: Path, header: pydicom.Dataset, first: pydicom.Dataset) -> None:
     for tag in ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "Rows", "Columns"):
         if header.get(tag) is None:
-            raise InputError(
-                f"{path}: has no {tag}; give plain CT slices (multi-frame CT: convert it to NIfTI)"
-            )
+            raise InputError(f"{path}: has no {tag}; give plain CT slices (multi-frame CT: convert it to NIfTI)")
     if header.get("RescaleSlope") is None or header.get("RescaleIntercept") is None:
-        raise InputError(
-            f"{path}: has no RescaleSlope and RescaleIntercept, so its values cannot be turned into HU"
-        )
+        raise InputError(f"{path}: has no RescaleSlope and RescaleIntercept, so its values cannot be turned into HU")
     if (header.Rows, header.Columns) != (first.Rows, first.Columns) or not np.allclose(
         np.array(header.PixelSpacing, float), np.array(first.PixelSpacing, float), atol=1e-5
     ):
-        raise InputError(
-            f"{path}: slice size or pixel spacing differs from the others'; give one uniform series"
-        )
+        raise InputError(f"{path}: slice size or pixel spacing differs from the others'; give one uniform series")
     axes = np.array(header.ImageOrientationPatient, float)
     if not np.allclose(axes, np.array(first.ImageOrientationPatient, float), atol=1e-4):
         raise InputError(f"{path}: orientation differs from the other slices'; give one uniform series")
-    upright_axes = (
-        np.allclose(np.abs(axes), np.abs(axes).round(), atol=1e-3) and abs(axes[2]) + abs(axes[5]) < 1e-3
-    )
+    upright_axes = np.allclose(np.abs(axes), np.abs(axes).round(), atol=1e-3) and abs(axes[2]) + abs(axes[5]) < 1e-3
     if not upright_axes or abs(float(header.get("GantryDetectorTilt") or 0)) > 0.1:
-        raise InputError(
-            f"{path}: slices are tilted or not axial; resample the series onto upright axial slices first"
-        )
+        raise InputError(f"{path}: slices are tilted or not axial; resample the series onto upright axial slices first")
 
 
 def _slice_spacing(folder: Path, positions: np.ndarray) -> float:

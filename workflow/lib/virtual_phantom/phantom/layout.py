@@ -56,9 +56,7 @@ def parse(layout: dict, seed: np.random.SeedSequence) -> tuple[list[Paint], list
     """
     _keys(layout, "layout", {"tissues", "shapes", "rois"})
     if not isinstance(layout["tissues"], dict) or not layout["shapes"] or not layout["rois"]:
-        raise InputError(
-            "phantom layout: needs a mapping of tissues, and lists of at least one shape and one ROI"
-        )
+        raise InputError("phantom layout: needs a mapping of tissues, and lists of at least one shape and one ROI")
     tissues = {name: _tissue(name, entry, seed) for name, entry in layout["tissues"].items()}
     paints = [
         Paint(shape, *_look_up(tissues, entry, where), 0.0)
@@ -100,18 +98,14 @@ def _tissue(name: str, entry: dict, seed: np.random.SeedSequence) -> tuple[float
     for component in entry.get("texture", []):
         _keys(component, f"{where}: texture", {"sd_hu", "correlation_mm"}, {"skewness"})
     try:
-        return float(entry["hu"]), Texture(
-            tuple(Component(**c) for c in entry.get("texture", [])), name, seed
-        )
+        return float(entry["hu"]), Texture(tuple(Component(**c) for c in entry.get("texture", [])), name, seed)
     except (TypeError, ValueError) as error:
         raise InputError(f"phantom layout, {where}: {error}") from None
 
 
 def _look_up(tissues: dict, entry: dict, where: str) -> tuple[float, Texture]:
     if entry.get("tissue") not in tissues:
-        raise InputError(
-            f"phantom layout, {where}: tissue {entry.get('tissue')!r} is not listed under tissues"
-        )
+        raise InputError(f"phantom layout, {where}: tissue {entry.get('tissue')!r} is not listed under tissues")
     return tissues[entry["tissue"]]
 
 
@@ -124,9 +118,7 @@ def _shapes(entry: dict, where: str) -> Iterator[Ellipsoid | Tube]:
         "arc": (Tube, _arc),
     }
     if entry.get("kind") not in kinds:
-        raise InputError(
-            f"phantom layout, {where}: kind {entry.get('kind')!r} must be one of {', '.join(kinds)}"
-        )
+        raise InputError(f"phantom layout, {where}: kind {entry.get('kind')!r} must be one of {', '.join(kinds)}")
     kind, make = kinds[entry["kind"]]
     arguments = {k: v for k, v in entry.items() if k not in {"name", "kind", "tissue", "mirror"}}
     try:

@@ -41,9 +41,7 @@ def open_regions(path: str | Path, grid: Grid) -> NiftiRegions | SegRegions | St
         return SegRegions(path, dataset, grid)
     if modality == "RTSTRUCT":
         return StructRegions(path, dataset, grid)
-    raise InputError(
-        f"{path}: modality is {modality}; ROIs are read from DICOM SEG or RTSTRUCT, or from NIfTI"
-    )
+    raise InputError(f"{path}: modality is {modality}; ROIs are read from DICOM SEG or RTSTRUCT, or from NIfTI")
 
 
 class NiftiRegions:
@@ -56,8 +54,7 @@ class NiftiRegions:
             raise InputError(f"{path}: holds NaN or infinite values; give whole numbers")
         if not volume.grid.matches(grid, GRID_TOLERANCE_MM):
             raise InputError(
-                f"{path}: lies on another grid than the CT ({volume.grid}; CT: {grid}); "
-                "resample it onto the CT"
+                f"{path}: lies on another grid than the CT ({volume.grid}; CT: {grid}); resample it onto the CT"
             )
         if not np.array_equal(volume.array, volume.array.round()):
             raise InputError(f"{path}: holds fractions; give whole numbers (threshold it first)")
@@ -67,9 +64,7 @@ class NiftiRegions:
         if label is None:
             return self._labels != 0
         if isinstance(label, bool) or not isinstance(label, int):
-            raise InputError(
-                f"{self._path}: label {label!r} must be a whole number, as it is in the NIfTI file"
-            )
+            raise InputError(f"{self._path}: label {label!r} must be a whole number, as it is in the NIfTI file")
         mask = self._labels == label
         if not mask.any():
             there = ", ".join(map(str, np.unique(self._labels[self._labels != 0])))
@@ -86,9 +81,7 @@ class SegRegions:
             self._seg = highdicom.seg.Segmentation.from_dataset(dataset)
         except Exception as error:  # highdicom raises many types on broken files
             raise InputError(f"{path}: cannot be read as DICOM SEG ({error})") from None
-        self._names = {
-            n: str(self._seg.get_segment_description(n).segment_label) for n in self._seg.segment_numbers
-        }
+        self._names = {n: str(self._seg.get_segment_description(n).segment_label) for n in self._seg.segment_numbers}
 
     def mask(self, label: int | str | None) -> np.ndarray:
         number = self._number(label)
@@ -110,9 +103,7 @@ class SegRegions:
             matching = list(self._names)
         if len(matching) != 1:
             there = ", ".join(f"{n} ({name})" for n, name in self._names.items())
-            problem = (
-                "label is needed" if label is None else f"segment {label!r} is not there, or there twice"
-            )
+            problem = "label is needed" if label is None else f"segment {label!r} is not there, or there twice"
             raise InputError(f"{self._path}: {problem}; there are: {there}")
         return matching[0]
 
@@ -172,9 +163,7 @@ def _place(part: Volume, grid: Grid, path: Path) -> np.ndarray:
         or index.min() < 0
         or np.any(last > grid.shape)
     ):
-        raise InputError(
-            f"{path}: lies on another grid than the CT ({part.grid}; CT: {grid}); resample it onto the CT"
-        )
+        raise InputError(f"{path}: lies on another grid than the CT ({part.grid}; CT: {grid}); resample it onto the CT")
     full = np.zeros(grid.shape, np.float32)
     full[tuple(slice(a, b) for a, b in zip(index, last, strict=True))] = part.array
     return full

@@ -35,14 +35,10 @@ class RoiEntry:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return (
-            (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
-        )
+        return (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
 
 
-def read_entries(
-    entries: list[dict], default_file: str | None, source: str = "phantom: ct"
-) -> tuple[RoiEntry, ...]:
+def read_entries(entries: list[dict], default_file: str | None, source: str = "phantom: ct") -> tuple[RoiEntry, ...]:
     """Check the list of ROI entries. Raises InputError, naming `source`, on anything unknown or impossible."""
     if not isinstance(entries, list) or not entries:
         raise InputError(f"{source}: rois: give a list of at least one ROI")
@@ -62,9 +58,7 @@ def _read_entry(number: int, entry: dict, default_file: str | None, source: str)
         raise InputError(f"{where}: unknown key {unknown[0]}; known are {', '.join(sorted(known))}")
     for key in ("name", "tissue_class"):
         if not isinstance(entry.get(key), str) or not NAME.fullmatch(entry[key]):
-            raise InputError(
-                f"{where}: {key} {entry.get(key)!r} must be of letters, digits and underscores only"
-            )
+            raise InputError(f"{where}: {key} {entry.get(key)!r} must be of letters, digits and underscores only")
     where = f"{source}: rois: {entry['name']}"
     file = entry.get("file", default_file)
     if file is None:

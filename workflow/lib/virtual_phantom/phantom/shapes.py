@@ -30,9 +30,7 @@ class Ellipsoid:
 
     def __post_init__(self):
         if len(self.centre_mm) != 3 or len(self.semi_axes_mm) != 3 or not min(self.semi_axes_mm) > 0:
-            raise ValueError(
-                "centre_mm and semi_axes_mm are three lengths each (x, y, z), the latter positive"
-            )
+            raise ValueError("centre_mm and semi_axes_mm are three lengths each (x, y, z), the latter positive")
         if not self.exponent >= 2:
             raise ValueError(f"exponent {self.exponent} must be at least 2")
 
@@ -87,9 +85,7 @@ class Tube:
         """One tube per segment: each has a small bounding box of its own."""
         return tuple(
             Tube(p, r)
-            for p, r in zip(
-                itertools.pairwise(self.points_mm), itertools.pairwise(self.radii_mm), strict=True
-            )
+            for p, r in zip(itertools.pairwise(self.points_mm), itertools.pairwise(self.radii_mm), strict=True)
         )
 
     def level(self, z, y, x):
@@ -98,9 +94,7 @@ class Tube:
         (p, q), (r, s) = np.array(self.points_mm, float), self.radii_mm
         d = q - p
         along = np.clip(((x - p[0]) * d[0] + (y - p[1]) * d[1] + (z - p[2]) * d[2]) / (d @ d), 0, 1)
-        gap = np.sqrt(
-            (x - p[0] - along * d[0]) ** 2 + (y - p[1] - along * d[1]) ** 2 + (z - p[2] - along * d[2]) ** 2
-        )
+        gap = np.sqrt((x - p[0] - along * d[0]) ** 2 + (y - p[1] - along * d[1]) ** 2 + (z - p[2] - along * d[2]) ** 2)
         # dividing by the slope of the cone keeps this from overstating the distance
         return (gap - r - along * (s - r)) / math.hypot(1, (s - r) / math.sqrt(d @ d))
 
@@ -114,9 +108,7 @@ def window(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...]) -> t
     )
 
 
-def coverage(
-    shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...], subdivisions: int = 4
-) -> np.ndarray:
+def coverage(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...], subdivisions: int = 4) -> np.ndarray:
     """Share (float32, 0 to 1) of each voxel that lies inside the shape.
 
     axes          voxel centres along z, y and x, mm
@@ -141,10 +133,7 @@ def coverage(
     for piece in shape.pieces():
         low, high = piece.bounds_mm()
         near = np.all(
-            [
-                (p >= low[i] - s) & (p <= high[i] + s)
-                for p, s, i in zip(points, spacing, (2, 1, 0), strict=True)
-            ],
+            [(p >= low[i] - s) & (p <= high[i] + s) for p, s, i in zip(points, spacing, (2, 1, 0), strict=True)],
             axis=0,
         )
         inside[near] |= piece.level(*(p[near, None] + o for p, o in zip(points, offsets.T, strict=True))) < 0

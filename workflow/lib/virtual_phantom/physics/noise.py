@@ -60,6 +60,7 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
 
 def acquisition_seed(study_seed: int, geometry: str, noise: str, seed: int) -> np.random.SeedSequence:
     """The random stream of one acquisition: the same whatever the order of jobs, distinct for every argument."""
+
     def words(label):
         return np.frombuffer(hashlib.sha256(label.encode()).digest()[:8], dtype=np.uint32).tolist()
 

@@ -36,7 +36,8 @@ class AstraCudaProjector:
         depth, height, width = grid.extent_mm
         nz, ny, nx = grid.shape
         self._volume_geometry = astra.create_vol_geom(
-            ny, nx, nz, -width / 2, width / 2, -height / 2, height / 2, -depth / 2, depth / 2)
+            ny, nx, nz, -width / 2, width / 2, -height / 2, height / 2, -depth / 2, depth / 2
+        )
 
     def empty_volume(self) -> np.ndarray:
         """Zeros, [lane, z, y, x]."""
@@ -78,8 +79,9 @@ class AstraCudaProjector:
         return out
 
     def _projection_geometry(self, views):
-        return astra.create_proj_geom("cone_vec", self.geometry.rows, self.geometry.columns,
-                                      cone_vectors(self.geometry, views))
+        return astra.create_proj_geom(
+            "cone_vec", self.geometry.rows, self.geometry.columns, cone_vectors(self.geometry, views)
+        )
 
     def _run(self, algorithm, projection_geometry, volume, projections):
         """Run one ASTRA algorithm on arrays that it reads and writes in place."""

@@ -29,14 +29,20 @@ class CpuProjector:
         if half_diagonal >= geometry.source_to_isocentre_mm:
             raise InputError(
                 f"grid: its corners lie {half_diagonal:.0f} mm from the isocentre, outside the source's orbit of "
-                f"{geometry.source_to_isocentre_mm:g} mm; shrink the grid or move the source out")
+                f"{geometry.source_to_isocentre_mm:g} mm; shrink the grid or move the source out"
+            )
         self.geometry, self.grid, self.lanes, self.threads = geometry, grid, lanes, threads
         self._lanes = (0,) * lanes
         self._sine, self._cosine = np.sin(geometry.angles_rad), np.cos(geometry.angles_rad)
         self._source_z = np.array(geometry.source_z_mm)
-        self._geometry = (geometry.source_to_isocentre_mm, geometry.source_to_detector_mm,
-                          float(geometry.column_positions_mm()[0]), geometry.column_pitch_mm,
-                          float(geometry.row_positions_mm()[0]), geometry.row_pitch_mm)
+        self._geometry = (
+            geometry.source_to_isocentre_mm,
+            geometry.source_to_detector_mm,
+            float(geometry.column_positions_mm()[0]),
+            geometry.column_pitch_mm,
+            float(geometry.row_positions_mm()[0]),
+            geometry.row_pitch_mm,
+        )
 
     def empty_volume(self) -> np.ndarray:
         """Zeros in the kernels' layout."""
@@ -78,8 +84,13 @@ class CpuProjector:
         self._share_out(run, len(projections))
         return projections
 
-    def back(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None,
-             distance_weight: bool = False) -> np.ndarray:
+    def back(
+        self,
+        projections: np.ndarray,
+        views: slice = slice(None),
+        out: np.ndarray | None = None,
+        distance_weight: bool = False,
+    ) -> np.ndarray:
         """Voxel-driven back-projection of packed projections, added to `out` (a new volume if None).
 
         distance_weight   True weighs each view by (source to isocentre / depth)^2, as FDK asks
@@ -87,15 +98,33 @@ class CpuProjector:
         volume = self.empty_volume() if out is None else out
 
         def run(first, last):
-            kernels.back_project(volume.reshape(-1), projections.reshape(-1), self._start(views), first, last,
-                                 self.grid.shape, self.grid.spacing, self._detector(projections), self._sine,
-                                 self._cosine, self._source_z, self._geometry, distance_weight, self._lanes)
+            kernels.back_project(
+                volume.reshape(-1),
+                projections.reshape(-1),
+                self._start(views),
+                first,
+                last,
+                self.grid.shape,
+                self.grid.spacing,
+                self._detector(projections),
+                self._sine,
+                self._cosine,
+                self._source_z,
+                self._geometry,
+                distance_weight,
+                self._lanes,
+            )
 
         self._share_out(run, self.grid.shape[1])
         return volume
 
-    def adjoint(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None,
-                overwrite: bool = False) -> np.ndarray:
+    def adjoint(
+        self,
+        projections: np.ndarray,
+        views: slice = slice(None),
+        out: np.ndarray | None = None,
+        overwrite: bool = False,
+    ) -> np.ndarray:
         """The exact transpose of `forward`, added to `out`: <forward(x), y> = <x, adjoint(y)>.
 
         overwrite   True scales `projections` where they stand instead of in a copy
@@ -120,13 +149,32 @@ class CpuProjector:
         return projections.shape[0], self.geometry.columns, self.geometry.rows
 
     def _trace(self, volume, projections, first_view, transpose):
-        kernels.trace(volume.reshape(-1), projections.reshape(-1), first_view, self.grid.shape, self.grid.spacing,
-                      self._detector(projections), self._sine, self._cosine, self._source_z, self._geometry, transpose,
-                      self._lanes)
+        kernels.trace(
+            volume.reshape(-1),
+            projections.reshape(-1),
+            first_view,
+            self.grid.shape,
+            self.grid.spacing,
+            self._detector(projections),
+            self._sine,
+            self._cosine,
+            self._source_z,
+            self._geometry,
+            transpose,
+            self._lanes,
+        )
 
     def _scale(self, projections, first_view):
-        kernels.path_lengths(projections.reshape(-1), first_view, self.grid.spacing, self._detector(projections),
-                             self._sine, self._cosine, self._geometry, self._lanes)
+        kernels.path_lengths(
+            projections.reshape(-1),
+            first_view,
+            self.grid.spacing,
+            self._detector(projections),
+            self._sine,
+            self._cosine,
+            self._geometry,
+            self._lanes,
+        )
 
     def _share_out(self, run, count):
         """Run over [0, count) in one contiguous share per thread. Shares write to separate places: order is no matter."""

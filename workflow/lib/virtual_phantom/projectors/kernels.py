@@ -75,7 +75,9 @@ def _columns_of_tile(view, x0, x1, y0, y1, shape, spacing, columns, sine, cosine
 
 
 @njit(**_options)
-def trace(volume, projections, first_view, shape, spacing, detector, sine, cosine, source_z, geometry, transpose, lanes):
+def trace(
+    volume, projections, first_view, shape, spacing, detector, sine, cosine, source_z, geometry, transpose, lanes
+):
     """Joseph projection of every view from `first_view` on, or (transpose) its exact adjoint.
 
     shape (z, y, x), spacing (z, y, x) mm, detector (views in `projections`, columns, rows), geometry
@@ -91,13 +93,43 @@ def trace(volume, projections, first_view, shape, spacing, detector, sine, cosin
                 view = first_view + i
                 first, last = _columns_of_tile(view, *tile, shape, spacing, detector[1], sine, cosine, geometry)
                 for column in range(first, last):
-                    _trace_ray(volume, projections, i, view, column, tile, shape, spacing, detector, sine, cosine,
-                               source_z, geometry, transpose, lanes)
+                    _trace_ray(
+                        volume,
+                        projections,
+                        i,
+                        view,
+                        column,
+                        tile,
+                        shape,
+                        spacing,
+                        detector,
+                        sine,
+                        cosine,
+                        source_z,
+                        geometry,
+                        transpose,
+                        lanes,
+                    )
 
 
 @njit(inline="always", **_options)
-def _trace_ray(volume, projections, i, view, column, tile, shape, spacing, detector, sine, cosine, source_z, geometry,
-               transpose, lanes):
+def _trace_ray(
+    volume,
+    projections,
+    i,
+    view,
+    column,
+    tile,
+    shape,
+    spacing,
+    detector,
+    sine,
+    cosine,
+    source_z,
+    geometry,
+    transpose,
+    lanes,
+):
     """The part of one detector column's rays, all rows, that lies in a tile."""
     count = len(lanes)
     nz, ny, nx = shape
@@ -134,11 +166,31 @@ def _trace_ray(volume, projections, i, view, column, tile, shape, spacing, detec
             low = np.float32(1.0) - up
             at = base + k * count
             if transpose:
-                scatter_bilinear(volume, at, at + step_other, projections, pixel + row * count,
-                                 near * low, near * up, weight * low, weight * up, lanes)
+                scatter_bilinear(
+                    volume,
+                    at,
+                    at + step_other,
+                    projections,
+                    pixel + row * count,
+                    near * low,
+                    near * up,
+                    weight * low,
+                    weight * up,
+                    lanes,
+                )
             else:
-                gather_bilinear(projections, pixel + row * count, volume, at, at + step_other,
-                                near * low, near * up, weight * low, weight * up, lanes)
+                gather_bilinear(
+                    projections,
+                    pixel + row * count,
+                    volume,
+                    at,
+                    at + step_other,
+                    near * low,
+                    near * up,
+                    weight * low,
+                    weight * up,
+                    lanes,
+                )
 
 
 @njit(**_options)
@@ -159,8 +211,22 @@ def path_lengths(projections, first_view, spacing, detector, sine, cosine, geome
 
 
 @njit(**_options)
-def back_project(volume, projections, first_view, first_y, last_y, shape, spacing, detector, sine, cosine, source_z,
-                 geometry, distance_weight, lanes):
+def back_project(
+    volume,
+    projections,
+    first_view,
+    first_y,
+    last_y,
+    shape,
+    spacing,
+    detector,
+    sine,
+    cosine,
+    source_z,
+    geometry,
+    distance_weight,
+    lanes,
+):
     """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
 
     distance_weight   True multiplies by (source to isocentre / depth)^2, the weight of FDK
@@ -194,7 +260,8 @@ def back_project(volume, projections, first_view, first_y, last_y, shape, spacin
                             near *= scale
                         slope = np.float32(magnification * dz / row_pitch)
                         first = np.float32(
-                            ((-(nz - 1) * 0.5 * dz - source_z[view]) * magnification - first_row) / row_pitch + 1.0)
+                            ((-(nz - 1) * 0.5 * dz - source_z[view]) * magnification - first_row) / row_pitch + 1.0
+                        )
                         start, stop = _span(first, slope, rows, nz)
                         voxel = (((y + 1) * (nx + 2) + x + 1) * (nz + 2) + 1) * count
                         base = (i * (columns + 2) + j) * step
@@ -204,5 +271,15 @@ def back_project(volume, projections, first_view, first_y, last_y, shape, spacin
                             up = height - np.float32(k)
                             low = np.float32(1.0) - up
                             at = base + k * count
-                            gather_bilinear(volume, voxel + z * count, projections, at, at + step,
-                                            near * low, near * up, weight * low, weight * up, lanes)
+                            gather_bilinear(
+                                volume,
+                                voxel + z * count,
+                                projections,
+                                at,
+                                at + step,
+                                near * low,
+                                near * up,
+                                weight * low,
+                                weight * up,
+                                lanes,
+                            )

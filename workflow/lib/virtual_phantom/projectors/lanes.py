@@ -18,7 +18,7 @@ def aligned_zeros(shape: tuple[int, ...]) -> np.ndarray:
     size = int(np.prod(shape))
     buffer = np.zeros(size + CACHE_LINE_BYTES // 4, dtype=np.float32)
     start = -buffer.ctypes.data % CACHE_LINE_BYTES // 4
-    return buffer[start:start + size].reshape(shape)
+    return buffer[start : start + size].reshape(shape)
 
 
 class _Lanes:

@@ -32,17 +32,13 @@ def repeat_variance(
     rows = []
     for index, image in enumerate(images):
         if image.shape != union.shape:
-            raise InputError(
-                f"{name}: repeat {index + 1} has shape {image.shape}, the ROI masks {union.shape}"
-            )
+            raise InputError(f"{name}: repeat {index + 1} has shape {image.shape}, the ROI masks {union.shape}")
         voxels = image[union].astype(np.float64)
         if not np.isfinite(voxels).all():
             raise InputError(f"{name}: repeat {index + 1} has voxels that are not finite inside an ROI")
         rows.append(voxels)
     if len(rows) < MINIMUM_REPEATS:
-        raise InputError(
-            f"{name}: {len(rows)} repeats; at least {MINIMUM_REPEATS} give a variance and its error"
-        )
+        raise InputError(f"{name}: {len(rows)} repeats; at least {MINIMUM_REPEATS} give a variance and its error")
     values = np.stack(rows)
     n = len(values)
     deviation = (values - values.mean(axis=0)) ** 2
@@ -93,6 +89,4 @@ def linear_fit(noise_level: np.ndarray, variance: np.ndarray) -> LinearFit:
     if np.unique(noise_level).size < 2:
         raise InputError("noise calibration: a line needs at least two different noise levels")
     line = linregress(noise_level, np.asarray(variance, dtype=np.float64))
-    return LinearFit(
-        slope=float(line.slope), intercept=float(line.intercept), r_squared=float(line.rvalue**2)
-    )
+    return LinearFit(slope=float(line.slope), intercept=float(line.intercept), r_squared=float(line.rvalue**2))

@@ -60,9 +60,7 @@ def project(
         raise InputError(f"pca.fit_on: {fit_on!r} needs measured features; choose simulated")
     tables = {"simulated": simulated} if measured is None else {"simulated": simulated, "measured": measured}
     features = [feature for feature in FEATURES if all(feature in table for table in tables.values())]
-    values = {
-        source: finite_values(table, features, f"{source} features") for source, table in tables.items()
-    }
+    values = {source: finite_values(table, features, f"{source} features") for source, table in tables.items()}
     fitted = list(values) if fit_on == "pooled" else [fit_on]
     if standardise == "each":
         values = {source: StandardScaler().fit_transform(array) for source, array in values.items()}

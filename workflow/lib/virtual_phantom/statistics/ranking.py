@@ -84,9 +84,7 @@ def overlap(simulated: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
     expected, lower, upper = np.array([uncorrelated_overlap(len(common), n) for n in n_top]).T
     result = pd.DataFrame({"n_top": n_top, "percent": 100 * n_top / len(common)})
     for kind in KINDS:
-        shared = [
-            expected_overlap(simulated[f"{kind}_percent"], measured[f"{kind}_percent"], n) for n in n_top
-        ]
+        shared = [expected_overlap(simulated[f"{kind}_percent"], measured[f"{kind}_percent"], n) for n in n_top]
         result[f"overlap_{kind}_percent"] = 100 * np.array(shared) / n_top
     for name, count in (("expected", expected), ("lower", lower), ("upper", upper)):
         result[f"{name}_percent"] = 100 * count / n_top

@@ -75,19 +75,14 @@ def scores(
     groups = sorted(table["group"].unique())
     for kind, found in (("group", groups), ("tissue class", set(class_of.values()))):
         if len(found) < 2:
-            raise InputError(
-                f"{source}: {len(found)} {kind}; stability and discrimination compare at least two"
-            )
+            raise InputError(f"{source}: {len(found)} {kind}; stability and discrimination compare at least two")
     for group in groups:
         for unit in class_of:
             if (group, unit) not in samples:
-                raise InputError(
-                    f"{source}: group {group} has no {compare} {unit}; every group needs every one"
-                )
+                raise InputError(f"{source}: group {group} has no {compare} {unit}; every group needs every one")
     w = TESTS[test]
     stable = {
-        unit: np.array([w(samples[a, unit], samples[b, unit]) for a, b in combinations(groups, 2)])
-        < threshold
+        unit: np.array([w(samples[a, unit], samples[b, unit]) for a, b in combinations(groups, 2)]) < threshold
         for unit in class_of
     }
     apart = (
