@@ -15,6 +15,7 @@ include: "workflow/rules/reconstruct.smk"
 include: "workflow/rules/extract.smk"
 include: "workflow/rules/stats.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/recordings.smk"
 
 
 localrules:

@@ -20,8 +20,8 @@ INTRODUCTION = """# Configuration
 | `paper.yaml` | overlay: the paper's own scale, for a GPU |
 | `abdomen.yaml` | overlay: a clinical CT instead of the virtual phantom |
 
-A key of `protocols`, `scans`, `noise.levels`, `analyses` or `analyses.pca` that an overlay sets to `null` is taken
-away. In the table `*` stands for a name of your own and `[]` for each entry of a list. This page is made from
+A key of `protocols`, `scans`, `noise.levels`, `recordings`, `analyses` or `analyses.pca` that an overlay sets to `null`
+is taken away. In the table `*` stands for a name of your own and `[]` for each entry of a list. This page is made from
 `workflow/schemas/config.schema.yaml` by `docs/config_reference.py`.
 
 | key | meaning | type | default | range | the paper |

@@ -33,15 +33,6 @@ def summarise(table: pd.DataFrame, keys: list[str], features: tuple[str, ...]) -
     )
 
 
-def dose_table(path: Path) -> pd.DataFrame:
-    raw = pd.read_csv(path)
-    return raw.assign(
-        dose_mgy=raw["dose_mGy"],
-        reconstruction=raw["recon_code"].map(measured.DOSE_RECONSTRUCTIONS),
-        roi=raw["roi6"].map(measured.DOSE_ROIS),
-    )
-
-
 def write(table: pd.DataFrame, name: str) -> None:
     """Eight significant digits: far below the spread over scans, and half the size."""
     with replacing(HERE / name) as temporary:

@@ -23,12 +23,23 @@ def check(config: dict, schema_path: str | Path) -> dict:
     """
     schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
     config = _without_nulls(copy.deepcopy(dict(config)))
-    error = best_match(Draft202012Validator(schema).iter_errors(config), key=_depth_first)
-    if error is not None:
-        raise InputError(_one_line(error))
+    validate(config, schema, "config")
     _fill_defaults(config, schema)
     _check_names(config)
     return config
+
+
+def validate(document: dict, schema: dict, source: str) -> None:
+    """Raise InputError, one line that begins with `source` and names the key, for what the schema refuses."""
+    error = best_match(Draft202012Validator(schema).iter_errors(document), key=_depth_first)
+    if error is not None:
+        raise InputError(_one_line(error, source))
+
+
+def fill_defaults(document: dict, schema: dict) -> None:
+    """Add to a valid document, in place, every key that it leaves out and the schema has a default for."""
+    for _ in _with_defaults(Draft202012Validator)(schema).iter_errors(document):
+        pass
 
 
 def grid_of(config: dict) -> Grid:
@@ -67,7 +78,7 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> ScanGeometry:
 
 
 def _without_nulls(config):
-    for path in (("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",)):
+    for path in (("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)):
         section = config
         for key in path:
             section = section.get(key) if isinstance(section, dict) else None
@@ -81,20 +92,20 @@ def _depth_first(error):
     return -len(error.absolute_path), error.validator not in ("additionalProperties", "required")
 
 
-def _one_line(error):
-    where = ".".join(str(part) for part in error.absolute_path) or "config"
+def _one_line(error, source):
+    where = ".".join(str(part) for part in error.absolute_path) or Path(source).name
     if error.validator == "additionalProperties":
         known = list(error.schema.get("properties", ()))
         unknown = sorted(set(error.instance) - set(known), key=str)[0]
         close = difflib.get_close_matches(str(unknown), known, 1)
         hint = f"did you mean '{close[0]}'?" if close else f"known keys: {', '.join(known)}"
-        return f"config: unknown key '{unknown}' in {where}; {hint}"
+        return f"{source}: unknown key '{unknown}' in {where}; {hint}"
     if error.validator == "enum":
         choices = ", ".join(str(value) for value in error.validator_value)
-        return f"config: {where} is '{error.instance}'; use one of {choices}"
+        return f"{source}: {where} is '{error.instance}'; use one of {choices}"
     what = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
     message = " ".join(error.message.split())
-    return f"config: {where}: {message[:300]}" + (f" ({what})" if what else "")
+    return f"{source}: {where}: {message[:300]}" + (f" ({what})" if what else "")
 
 
 def _with_defaults(validator_class):
@@ -111,8 +122,7 @@ def _with_defaults(validator_class):
 def _fill_defaults(config, schema):
     # The named scans replace keys of the default one: their own defaults would undo it.
     scans = config.pop("scans", {})
-    for _ in _with_defaults(Draft202012Validator)(schema).iter_errors(config):
-        pass
+    fill_defaults(config, schema)
     config["scans"] = {name: {**config["scan"], **changes} for name, changes in scans.items()}
 
 

@@ -45,7 +45,7 @@ def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> No
 
 def read_line_integrals(path: str | Path) -> tuple[np.ndarray, ScanGeometry]:
     """Line integrals [view, row, column] and their geometry. Raises InputError for a missing, broken or other file."""
-    with _open(path) as file:
+    with opened(path) as file:
         data = file["exchange/data"]
         if not data.attrs["log"]:
             raise InputError(f"{path}: holds counts, not line integrals (attribute log of /exchange/data is false)")
@@ -54,7 +54,7 @@ def read_line_integrals(path: str | Path) -> tuple[np.ndarray, ScanGeometry]:
 
 def read_counts(path: str | Path) -> tuple[Counts, ScanGeometry]:
     """One noisy acquisition and its geometry. Raises InputError for a missing, broken or other file."""
-    with _open(path) as file:
+    with opened(path) as file:
         data = file["exchange/data"]
         if data.attrs["log"]:
             raise InputError(f"{path}: holds line integrals, not counts (attribute log of /exchange/data is true)")
@@ -83,11 +83,11 @@ def _geometry(file):
     )
 
 
-class _open:
-    """h5py.File for reading, whose failures name the file and what to do."""
+class opened:  # noqa: N801  used like a function, as contextlib.closing is
+    """h5py.File for reading, whose failures are InputErrors that name the file and end in `advice`."""
 
-    def __init__(self, path):
-        self.path = Path(path)
+    def __init__(self, path: str | Path, advice: str = "delete it and run again"):
+        self.path, self.advice = Path(path), advice
 
     def __enter__(self):
         if not self.path.exists():
@@ -95,7 +95,7 @@ class _open:
         try:
             self.file = h5py.File(self.path, "r")
         except OSError as error:
-            raise InputError(f"{self.path}: not a complete HDF5 file ({error}); delete it and run again") from error
+            raise InputError(f"{self.path}: not a complete HDF5 file ({error}); {self.advice}") from error
         return self.file
 
     def __exit__(self, kind, error, _):

@@ -144,6 +144,39 @@ def load_full_table(path: str | Path) -> pd.DataFrame:
     return pd.concat([keys, raw[list(STUDY_FEATURES)]], axis="columns")
 
 
+def load_full_dose_series(path: str | Path) -> pd.DataFrame:
+    """The full table of the dose series of CT4Harmonization-Multicentric, in this project's names, HU.
+
+    Columns dose_mgy, reconstruction (fbp | iterative), repeat (1, 2, ...), roi, tissue_class, 86 features.
+    Raises InputError if the file is missing, lacks a column, or holds an ROI, a reconstruction or values that
+    do not belong.
+    """
+    path = Path(path)
+    try:
+        raw = pd.read_csv(path)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as CSV ({error})") from error
+    needed = ["dose_mGy", "recon_code", "repeat", "roi6", *FEATURES]
+    if missing := [column for column in needed if column not in raw]:
+        raise InputError(f"{path}: lacks {len(missing)} column(s) of the dose series, the first {missing[0]!r}")
+    for column, known in (("roi6", DOSE_ROIS), ("recon_code", DOSE_RECONSTRUCTIONS)):
+        if strange := sorted(map(str, set(raw[column]) - set(known))):
+            raise InputError(f"{path}: {column} {strange[0]!r} is unknown; known are {', '.join(map(str, known))}")
+    if not np.isfinite(raw[list(FEATURES)].to_numpy(dtype=np.float64)).all():
+        raise InputError(f"{path}: has features that are not finite")
+    roi = raw["roi6"].map(DOSE_ROIS)
+    keys = pd.DataFrame(
+        {
+            "dose_mgy": raw["dose_mGy"],
+            "reconstruction": raw["recon_code"].map(DOSE_RECONSTRUCTIONS),
+            "repeat": raw["repeat"],
+            "roi": roi,
+            "tissue_class": roi.map(TISSUE_CLASSES),
+        }
+    )
+    return pd.concat([keys, raw[list(FEATURES)]], axis="columns")
+
+
 def to_hu(table: pd.DataFrame) -> pd.DataFrame:
     """First-order features of `load_full_table` in HU instead of stored values.
 

@@ -41,7 +41,8 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     way, and on a body that does not fit the grid in-plane.
     """
     entries = _check_settings(settings)
-    image = _read_image(Path(settings["image"]))
+    image = read_hu(Path(settings["image"]))
+    image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     if "keep_mm" in settings:
         image = _crop(image, settings["keep_mm"])
     centre = _triple(settings.get("centre_mm", image.grid.centre_mm), "centre_mm")
@@ -61,21 +62,23 @@ def _check_settings(settings: dict) -> tuple[RoiEntry, ...]:
     return read_entries(settings["rois"], settings.get("labels"))
 
 
-def _read_image(path: Path) -> Volume:
+def read_hu(path: Path) -> Volume:
+    """A CT in HU (float32) from a NIfTI file or the folder of one DICOM series.
+
+    Raises InputError if it cannot be read, has voxels that are not finite, or no value below 0.
+    """
     if path.is_dir():
         image = read_series(path)
     elif path.name.endswith((".nii", ".nii.gz")):
         image = read_nifti(path)
-        # NIfTI does not say that its values are HU; a CT always has some air or fat in view
-        if np.isfinite(image.array).all() and image.array.min() >= 0:
-            raise InputError(
-                f"{path}: has no value below 0, so these are not HU; perhaps HU + 1024: subtract 1024 first"
-            )
     else:
         raise InputError(f"{path}: no such CT; give a NIfTI file (.nii, .nii.gz) or the folder of a DICOM series")
     if bad := int(np.count_nonzero(~np.isfinite(image.array))):
         raise InputError(f"{path}: {bad} voxels are NaN or infinite; replace them (air is -1000 HU)")
-    return Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
+    # NIfTI does not say that its values are HU, and a rescale may have been lost; a CT always has some air or fat in view
+    if image.array.min() >= 0:
+        raise InputError(f"{path}: has no value below 0, so these are not HU; perhaps HU + 1024: subtract 1024 first")
+    return image
 
 
 def _world_axes(grid: Grid) -> tuple[np.ndarray, ...]:
@@ -131,17 +134,26 @@ def _check_fit(image: Volume, grid: Grid) -> None:
         )
 
 
+def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
+    """The masks of one entry, bool [z, y, x], on the grid of the CT that it was drawn on.
+
+    opened   the files of regions that are open already, by name; this one is added
+    Raises InputError for a file or label that is not there, or a region that is empty or lost by its margin.
+    """
+    if entry.file not in opened:
+        opened[entry.file] = open_regions(entry.file, grid)
+    region = opened[entry.file].mask(entry.label)
+    _require(region, entry.name, f"is empty in {entry.file}; draw it, or correct its label")
+    region = shrink(region, entry.margin_mm, grid)
+    _require(region, entry.name, f"is lost by margin_mm {entry.margin_mm:g}; make it smaller")
+    return cut(region, entry.parts, grid)
+
+
 def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid) -> tuple[Roi, ...]:
     opened: dict = {}
     rois = []
     for entry in entries:
-        if entry.file not in opened:
-            opened[entry.file] = open_regions(entry.file, ct_grid)
-        region = opened[entry.file].mask(entry.label)
-        _require(region, entry.name, f"is empty in {entry.file}; draw it, or correct its label")
-        region = shrink(region, entry.margin_mm, ct_grid)
-        _require(region, entry.name, f"is lost by margin_mm {entry.margin_mm:g}; make it smaller")
-        pieces = cut(region, entry.parts, ct_grid)
+        pieces = draw(entry, ct_grid, opened)
         masks = [
             _resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces
         ]
@@ -160,7 +172,7 @@ def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid) -> tupl
 
 def _require(mask: np.ndarray, name: str, problem: str) -> None:
     if not mask.any():
-        raise InputError(f"phantom: ct: ROI {name} {problem}")
+        raise InputError(f"ROI {name} {problem}")
 
 
 def _resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:

@@ -27,7 +27,7 @@ def read_series(folder: str | Path) -> Volume:
     or doubled slice.
     """
     folder = Path(folder)
-    headers = _headers(folder)
+    headers = read_headers(folder)
     first = next(iter(headers.values()))
     if len({str(h.get("SeriesInstanceUID", "")) for h in headers.values()}) > 1:
         raise InputError(f"{folder}: holds more than one DICOM series; give a folder with one")
@@ -53,7 +53,7 @@ def read_series(folder: str | Path) -> Volume:
     return upright(array.T, LPS_TO_RAS @ affine, folder)
 
 
-def _headers(folder: Path) -> dict[Path, pydicom.Dataset]:
+def read_headers(folder: Path) -> dict[Path, pydicom.Dataset]:
     """Headers of all DICOM files in the folder; other files are not part of a series and are passed over."""
     headers = {}
     for path in sorted(folder.iterdir()):

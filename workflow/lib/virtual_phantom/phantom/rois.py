@@ -38,19 +38,19 @@ class RoiEntry:
         return (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
 
 
-def read_entries(entries: list[dict], default_file: str | None) -> tuple[RoiEntry, ...]:
-    """Check the list of ROI entries. Raises InputError on anything unknown or impossible."""
+def read_entries(entries: list[dict], default_file: str | None, source: str = "phantom: ct") -> tuple[RoiEntry, ...]:
+    """Check the list of ROI entries. Raises InputError, naming `source`, on anything unknown or impossible."""
     if not isinstance(entries, list) or not entries:
-        raise InputError("phantom: ct: rois: give a list of at least one ROI")
-    read = [_read_entry(number, entry, default_file) for number, entry in enumerate(entries, start=1)]
+        raise InputError(f"{source}: rois: give a list of at least one ROI")
+    read = [_read_entry(number, entry, default_file, source) for number, entry in enumerate(entries, start=1)]
     names = [name for entry in read for name in entry.names]
     if doubled := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"phantom: ct: rois: the name {doubled[0]} is given twice; names must differ")
+        raise InputError(f"{source}: rois: the name {doubled[0]} is given twice; names must differ")
     return tuple(read)
 
 
-def _read_entry(number: int, entry: dict, default_file: str | None) -> RoiEntry:
-    where = f"phantom: ct: rois: entry {number}"
+def _read_entry(number: int, entry: dict, default_file: str | None, source: str) -> RoiEntry:
+    where = f"{source}: rois: entry {number}"
     if not isinstance(entry, dict):
         raise InputError(f"{where}: must be a mapping with name and tissue_class")
     known = {field.name for field in fields(RoiEntry)}

@@ -1,0 +1,119 @@
+"""Features: tables read back value by value, and columns, names and rows that do not belong."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from recording_folders import changed, features_folder, features_table, refused, write_yaml
+
+from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.recordings.features import read
+from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.summary import summary
+
+
+@pytest.fixture
+def table(tmp_path):
+    return features_folder(tmp_path / "table")
+
+
+def test_values_come_back_bit_for_bit(table):
+    recording = load(table[0])
+    written = pd.concat([features_table(), features_table(start=3)], ignore_index=True)
+    pd.testing.assert_frame_equal(recording.repeats, written[recording.repeats.columns], check_exact=True)
+    assert recording.features == FEATURES and recording.held_out.empty
+    assert recording.images_per_condition().to_dict() == {10: 6}
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=2))
+@settings(max_examples=25, deadline=None)
+def test_any_finite_value_survives(tmp_path_factory, values):
+    path = tmp_path_factory.mktemp("t") / "t.csv"
+    features_table(1).assign(original_glcm_Id=values).to_csv(path, index=False)
+    np.testing.assert_array_equal(read(path, FEATURES, [])["original_glcm_Id"], values)
+
+
+def spoiled(table, change):
+    folder, _ = table
+    change(features_table(start=3)).to_csv(folder / "b.csv", index=False)
+    return folder
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda t: t.drop(columns="roi"), "b.csv: lacks the column roi"),
+        (lambda t: t.drop(columns="tissue_class"), "b.csv: lacks the column tissue_class"),
+        (lambda t: t.drop(columns="dose_mgy"), "b.csv: lacks the column dose_mgy"),
+        (
+            lambda t: t.drop(columns=list(FEATURES[3:5])),
+            f"b.csv: lacks the column {FEATURES[3]} and 1 more; if they were not",
+        ),
+        (lambda t: t.rename(columns={FEATURES[0]: "original_firstorder_10Percentil"}), f"did you mean {FEATURES[0]}?"),
+        (lambda t: t.assign(original_ngtdm_Busyness=1.0), "unknown feature original_ngtdm_Busyness"),
+        (lambda t: t.assign(original_glcm_MCC=1.0), "unknown feature original_glcm_MCC"),
+        (lambda t: t.assign(**{"wavelet-LLH_glcm_Idmn": 1.0}), "unknown feature wavelet-LLH_glcm_Idmn"),
+        (lambda t: t.assign(**{FEATURES[7]: np.nan}), f"{FEATURES[7]} is nan for roi cyst_1"),
+        (lambda t: t.assign(**{FEATURES[7]: "high"}), f"{FEATURES[7]} holds text"),
+        (lambda t: t.assign(roi="cyst_1", tissue_class="cyst"), "two rows for ROI cyst_1 of image i3"),
+        (lambda t: t.assign(tissue_class=[f"c{i}" for i in range(6)]), "roi cyst_1 has more than one tissue_class"),
+        (lambda t: t.assign(dose_mgy=range(6)), "image i3 has more than one dose_mgy"),
+        (lambda t: t.assign(image=[None, *t["image"][1:]]), "image is empty in row 2"),
+        (lambda t: t.iloc[:0], "b.csv: holds no rows"),
+        (lambda t: t.assign(image=t["image"].replace("i3", "i0")), "b.csv: image i0 is in a.csv too"),
+        (lambda t: t.assign(original_firstorder_Mean=1100.0), "set features.stored_offset_hu: 1024"),
+    ],
+)
+def test_tables_that_are_something_else(table, change, message):
+    refused(spoiled(table, change), message)
+
+
+def test_a_column_written_twice_is_refused(table):
+    folder, _ = table
+    lines = (folder / "b.csv").read_text().splitlines()
+    (folder / "b.csv").write_text("\n".join(f"{line},{'roi' if i == 0 else 'x'}" for i, line in enumerate(lines)))
+    refused(folder, "the column 'roi' is there twice")
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b'a,"b\n1'])
+def test_what_is_not_csv_is_refused(table, content):
+    (table[0] / "b.csv").write_bytes(content)
+    refused(table[0], "b.csv: ")
+
+
+def test_absent_features_must_be_named_and_known(table):
+    folder, content = table
+    for name, start in (("a", 0), ("b", 3)):
+        features_table(start=start).drop(columns=FEATURES[15]).to_csv(folder / f"{name}.csv", index=False)
+    refused(folder, f"lacks the column {FEATURES[15]}; if they were not extracted, list them under features.absent")
+    recording = load(write_yaml(folder, changed(content, "features.absent", [FEATURES[15]])))
+    assert len(recording.features) == 85 and FEATURES[15] not in recording.features
+    refused(write_yaml(folder, changed(content, "features.absent", ["original_glcm_MC"])), "unknown feature")
+
+
+def test_stored_values_must_be_announced_and_are_then_left_alone(table):
+    folder, content = table
+    for name, start in (("a", 0), ("b", 3)):
+        features_table(start=start, mean=1064.0).to_csv(folder / f"{name}.csv", index=False)
+    refused(folder, "set features.stored_offset_hu: 1024")
+    recording = load(write_yaml(folder, changed(content, "features.stored_offset_hu", 1024)))
+    assert recording.stored_offset_hu == 1024 and "HU + 1024" in recording.notes[0]
+    assert recording.repeats["original_firstorder_Mean"].between(1060, 1070).all()
+    features_table().to_csv(folder / "a.csv", index=False)
+    refused(folder, "set features.stored_offset_hu: 0")
+
+
+def test_summary_counts_images_by_condition(table):
+    folder, content = table
+    features_table(start=3).query("image != 'i3' or roi != 'cyst_1'").assign(dose_mgy=3).to_csv(
+        folder / "b.csv", index=False
+    )
+    features_table(2, start=9).to_csv(folder / "c.csv", index=False)
+    found = summary(load(write_yaml(folder, content | {"held_out": ["c.csv"]})))
+    assert (found["repeats"], found["held_out"]) == (6, 2)
+    assert found["content"]["conditions"] == {"dose_mgy": [10, 3]} and found["content"]["images_per_condition"] == [
+        3,
+        3,
+    ]
+    assert found["notes"] == ["1 of 6 images lack some of the ROIs"]

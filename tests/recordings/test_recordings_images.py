@@ -1,0 +1,187 @@
+"""Images: NIfTI and DICOM repeats, their ROIs, and every way in which they are not HU on one grid."""
+
+import json
+
+import nibabel
+import numpy as np
+import phantom_files
+import pytest
+from phantom_files import CT_GRID, ball, ct_slices, object_hu, write_nifti_array, write_series
+from recording_folders import changed, images_folder, refused, write_yaml
+
+from virtual_phantom.geometry import Grid
+from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.summary import summary
+
+
+@pytest.fixture
+def scanner(tmp_path):
+    return images_folder(tmp_path / "scanner")
+
+
+def dicom_folder(folder, **tags):
+    """Two DICOM repeats; `tags` change attributes of the second one's slices."""
+    content = {"name": "clinic", "kind": "images", "repeats": ["one", "two"]}
+    write_yaml(folder, content)
+    facts = {"KVP": 120, "ConvolutionKernel": ["Br38f", "3"], "ManufacturerModelName": "Edge", "SliceThickness": 3}
+    for name in ("one", "two"):
+        slices = ct_slices()
+        for number, ds in enumerate(slices):
+            for tag, value in (facts | {"Exposure": 100 + number} | (tags if name == "two" else {})).items():
+                setattr(ds, tag, value)
+        write_series(slices, folder / name)
+    return folder, content
+
+
+def test_repeats_and_rois_are_read_in_place(scanner):
+    recording = load(scanner[0])
+    assert recording.grid.matches(CT_GRID) and len(recording.repeats) == 2 and len(recording.held_out) == 0
+    for image in recording.repeats:
+        np.testing.assert_array_equal(image.array, object_hu())
+    for roi in recording.rois():
+        np.testing.assert_array_equal(roi.mask, ball(roi.name))
+    assert [roi.tissue_class for roi in recording.rois()] == ["tumour", "fat"]
+
+
+def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
+    """PatientName is A^B, PatientID 1, StudyDate 20200101 in every slice."""
+    folder, _ = dicom_folder(tmp_path / "clinic", PatientName="Doe^Jane", PatientBirthDate="19440101")
+    recording = load(folder)
+    assert recording.provenance.dicom == {
+        "tube_kvp": 120,
+        "kernel": "Br38f/3",
+        "slice_thickness_mm": 3,
+        "model": "Edge",
+        "spacing_mm": [2, 2],
+        "mas": pytest.approx(106.5),
+    }
+    np.testing.assert_array_equal(recording.repeats[1].array, object_hu())
+    text = json.dumps(summary(recording)) + repr(recording)
+    for private in ("Doe", "Jane", "1944", "A^B", "20200101"):
+        assert private not in text
+    digests = summary(recording)["sha256"]
+    assert len(digests["one"]) == len(digests["two"]) == 14 and all(len(digest) == 64 for digest in digests["one"])
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        Grid((14, 40, 48), (3.0, 2.0, 2.0), (5.0, -40.0, 301.0)),
+        Grid((14, 40, 48), (3.0, 2.0, 2.05), phantom_files.CENTRE),
+        Grid((13, 40, 48), (3.0, 2.0, 2.0), phantom_files.CENTRE),
+    ],
+)
+def test_a_repeat_on_another_grid_is_refused(scanner, grid):
+    write_nifti_array(object_hu()[: grid.shape[0]], scanner[0] / "two.nii.gz", grid=grid)
+    refused(scanner[0], "two.nii.gz: is on another grid")
+
+
+@pytest.mark.parametrize("offset", [1000, 1024])
+@pytest.mark.parametrize("padding", [None, -2000])
+def test_stored_values_are_refused(scanner, offset, padding):
+    """Padding gives stored values a minimum below 0: the tissue alone gives them away."""
+    array = object_hu() + offset
+    if padding:
+        array[:, :3] = padding
+    write_nifti_array(array, scanner[0] / "two.nii.gz")
+    refused(scanner[0], f"two.nii.gz: {'5' if padding else 'has no value below 0'}")
+
+
+def test_dicom_without_its_rescale_is_refused(tmp_path):
+    refused(dicom_folder(tmp_path / "r", RescaleIntercept=0)[0], "two: has no value below 0, so these are not HU")
+
+
+@pytest.mark.parametrize(
+    "tags, message",
+    [
+        ({"ImageOrientationPatient": [1, 0, 0, 0, 0.9848, 0.1736]}, "tilted"),
+        ({"GantryDetectorTilt": 12}, "tilted"),
+        ({"ConvolutionKernel": ["Br59d", "3"]}, "one is Br38f/3: these are not repeats"),
+        ({"KVP": 100}, "two: tube_kvp is 100.0, that of"),
+        ({"SliceThickness": 2}, "two: slice_thickness_mm is 2.0"),
+        ({"Modality": "MR"}, "modality is MR"),
+    ],
+)
+def test_series_that_are_no_repeats_or_no_axial_ct(tmp_path, tags, message):
+    refused(dicom_folder(tmp_path / "r", **tags)[0], message)
+
+
+def test_mixed_orientations_and_sheared_series_are_refused(tmp_path):
+    folder, _ = dicom_folder(tmp_path / "r")
+    slices = ct_slices()
+    slices[5].ImageOrientationPatient = [-1, 0, 0, 0, 1, 0]
+    write_series(slices, folder / "two")
+    refused(folder, "orientation differs from the other slices'")
+    slices = ct_slices()
+    for number, ds in enumerate(slices):
+        x, y, z = ds.ImagePositionPatient
+        ds.ImagePositionPatient = [x, y + 0.5 * number, z]
+    write_series(slices, folder / "two")
+    refused(folder, "gantry tilt")
+
+
+def test_slices_that_disagree_are_refused(tmp_path):
+    folder, _ = dicom_folder(tmp_path / "r")
+    slices = ct_slices()
+    for number, ds in enumerate(slices):
+        ds.KVP = 120 if number else 80
+    write_series(slices, folder / "two")
+    refused(folder, "two: its slices disagree on KVP (120.0, 80.0)")
+
+
+def test_nominal_must_not_contradict_dicom(tmp_path):
+    folder, content = dicom_folder(tmp_path / "r")
+    refused(
+        write_yaml(folder, content | {"nominal": {"kernel": "Br59d"}}), "nominal.kernel is Br59d, the DICOM headers"
+    )
+    assert load(write_yaml(folder, content | {"nominal": {"kernel": "Br38f/3", "tube_kvp": 120}}))
+
+
+@pytest.mark.parametrize("factor", [0.1, 100.0])
+def test_lengths_in_other_units_are_refused(scanner, factor):
+    spacing = tuple(factor * s for s in CT_GRID.spacing)
+    write_nifti_array(object_hu(), scanner[0] / "one.nii.gz", grid=Grid(CT_GRID.shape, spacing))
+    refused(scanner[0], "one.nii.gz: is")
+
+
+def test_a_header_in_metres_is_refused(scanner):
+    image = nibabel.Nifti1Image(object_hu().T, CT_GRID.affine)
+    image.header.set_xyzt_units("meter")
+    nibabel.save(image, scanner[0] / "one.nii.gz")
+    refused(scanner[0], "its header gives lengths in meter")
+
+
+def test_broken_images_are_refused(scanner):
+    array = object_hu()
+    array[3, 4, 5] = np.nan
+    write_nifti_array(array, scanner[0] / "two.nii.gz")
+    refused(scanner[0], "two.nii.gz: 1 voxels are NaN")
+    whole = (scanner[0] / "one.nii.gz").read_bytes()
+    (scanner[0] / "two.nii.gz").write_bytes(whole[: len(whole) // 2])
+    refused(scanner[0], "two.nii.gz: cannot be read as NIfTI")
+
+
+@pytest.mark.parametrize(
+    "path, value, message",
+    [
+        ("labels", None, "has no file"),
+        ("labels", "one.nii.gz", "no voxel has the label 1"),
+        ("rois", [{"name": "a", "tissue_class": "b", "label": 7}], "no voxel has the label 7"),
+        ("rois", [{"name": "a", "tissue_class": "b", "label": 1, "margin_mm": 50}], "ROI a is lost by margin_mm"),
+        ("rois", [{"name": "a", "tissue_class": "b", "label": 1}] * 2, "the name a is given twice"),
+        ("scan", {"source_to_isocentre_mm": 1000, "source_to_detector_mm": 595}, "is not more than"),
+    ],
+)
+def test_regions_and_scan_facts_that_cannot_be(scanner, path, value, message):
+    folder, content = scanner
+    refused(write_yaml(folder, changed(content, path, value)), message)
+
+
+def test_padding_is_mentioned(scanner):
+    array = object_hu()
+    array[:, :3] = -3024
+    write_nifti_array(array, scanner[0] / "two.nii.gz")
+    recording = load(scanner[0])
+    assert len(recording.notes) == 1 and recording.notes[0].startswith(
+        "two.nii.gz: 8 % of the voxels are below -1100 HU"
+    )

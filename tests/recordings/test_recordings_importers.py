@@ -1,0 +1,156 @@
+"""Importers: what they write loads and says the same as their source; broken sources leave nothing behind."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from phantom_files import CT_GRID, ct_slices, object_hu, write_seg, write_series
+from scipy.io import savemat
+
+from virtual_phantom.errors import InputError
+from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
+from virtual_phantom.recordings.importers.feature_tables import import_features
+from virtual_phantom.recordings.importers.htc2022 import import_htc2022
+
+SCRIPT = Path(__file__).resolve().parents[2] / "workflow" / "scripts" / "import_recording.py"
+PARAMETERS = {
+    "distanceSourceOrigin": 410.66,
+    "distanceSourceDetector": 553.74,
+    "distanceUnit": "mm",
+    "angles": np.arange(0, 360.5, 30.0),
+    "numDetectorsPost": 112,
+    "pixelSizePost": 1.0,
+    "voltage": "45",
+    "target": "Mo",
+    "xRayFilter": "Al",
+    "xRayFilterThickness": "0.5",
+}
+
+
+def mat_file(path, sinogram=None, **parameters):
+    """A challenge file in miniature; a parameter set to None is left out."""
+    sinogram = np.random.default_rng(0).random((13, 112)) if sinogram is None else sinogram
+    fields = {key: value for key, value in (PARAMETERS | parameters).items() if value is not None}
+    savemat(path, {"CtDataFull": {"type": "2d", "sinogram": sinogram, "parameters": fields}})
+    return sinogram
+
+
+def import_refused(folder, run, message):
+    with pytest.raises(InputError) as error:
+        run()
+    assert message in str(error.value), str(error.value)
+    assert "\n" not in str(error.value)
+    assert not folder.exists() and not list(folder.parent.glob(".partial*"))
+
+
+def test_a_sinogram_becomes_a_fan_beam(tmp_path):
+    sinogram = mat_file(tmp_path / "s.mat")
+    recording = import_htc2022(tmp_path / "s.mat", tmp_path / "disc", phantom="disc")
+    np.testing.assert_array_equal(recording.repeats[0].data[:, 0], sinogram.astype(np.float32))
+    geometry = recording.geometry
+    assert (geometry.views, geometry.views_per_rotation, geometry.rows) == (13, 12, 1)
+    np.testing.assert_allclose(np.rad2deg(geometry.angles_rad), PARAMETERS["angles"], atol=1e-9)
+    assert recording.nominal == {"tube_kvp": 45, "anode": "Mo", "filtration": "0.5 mm Al"}
+    assert (recording.name, recording.phantom, recording.log) == ("disc", "disc", True)
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"distanceUnit": "cm"}, "distances are in cm"),
+        ({"angles": np.arange(12.0)}, "sinogram of (13, 112) for 12 angles"),
+        ({"angles": np.r_[np.arange(12.0), 20]}, "not evenly spaced"),
+        ({"distanceSourceOrigin": None}, "has no field distanceSourceOrigin"),
+        ({"distanceSourceOrigin": 41.066}, "scan.source_to_isocentre_mm: 41.066 is less than the minimum of 100"),
+        ({"sinogram": np.full((13, 112), np.nan)}, "disc/projections.h5: 1456 line integrals are NaN"),
+    ],
+)
+def test_sinograms_that_cannot_be_right(tmp_path, changes, message):
+    mat_file(tmp_path / "s.mat", **changes)
+    import_refused(tmp_path / "disc", lambda: import_htc2022(tmp_path / "s.mat", tmp_path / "disc"), message)
+
+
+def test_other_and_truncated_mat_files_are_refused(tmp_path):
+    savemat(tmp_path / "seg.mat", {"reconFullFbpSeg": np.ones((4, 4))})
+    mat_file(tmp_path / "s.mat")
+    whole = (tmp_path / "s.mat").read_bytes()
+    (tmp_path / "half.mat").write_bytes(whole[: len(whole) // 2])
+    for name, message in (
+        ("seg", "holds no CtDataFull or CtDataLimited but reconFullFbpSeg"),
+        ("half", "cannot be read as MATLAB v5"),
+        ("none", "no such file"),
+    ):
+        run = lambda name=name: import_htc2022(tmp_path / f"{name}.mat", tmp_path / "disc")  # noqa: E731
+        import_refused(tmp_path / "disc", run, message)
+
+
+def test_an_existing_folder_is_never_touched(tmp_path):
+    mat_file(tmp_path / "s.mat")
+    (tmp_path / "disc").mkdir()
+    (tmp_path / "disc" / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match="is there already"):
+        import_htc2022(tmp_path / "s.mat", tmp_path / "disc")
+    assert [path.name for path in (tmp_path / "disc").iterdir()] == ["mine.txt"]
+    with pytest.raises(InputError, match="letters, digits and underscores"):
+        import_htc2022(tmp_path / "s.mat", tmp_path / "a disc")
+
+
+def test_a_table_of_another_layout_is_refused(tmp_path):
+    (tmp_path / "t.csv").write_text("roi,original_firstorder_Mean\na,1\n")
+    run = lambda: import_features(tmp_path / "t.csv", tmp_path / "table")  # noqa: E731
+    import_refused(tmp_path / "table", run, "has neither a column scan_id")
+    (tmp_path / "t.csv").write_text("recon_code,roi6\n1,a\n")
+    import_refused(tmp_path / "table", run, "column(s) of the dose series, the first 'dose_mGy'")
+
+
+def dicom_tree(root, kernels=("Br38f", "Br38f", "Br59d")):
+    """Series as archives lay them out, and a SEG among them."""
+    for number, kernel in enumerate(kernels):
+        slices = ct_slices()
+        for ds in slices:
+            ds.ConvolutionKernel, ds.KVP, ds.PatientName = kernel, 120, "Doe^Jane"
+        folder = root / "patient" / f"study{number}" / "series"
+        folder.mkdir(parents=True)
+        write_series(slices, folder)
+    (root / "patient" / "seg").mkdir()
+    write_seg(ct_slices(), root / "patient" / "seg" / "seg.dcm")
+    return root
+
+
+def test_a_dicom_tree_gives_one_repeat_per_series_and_no_patient(tmp_path):
+    recording = import_dicom_tree(dicom_tree(tmp_path / "tree"), tmp_path / "clinic", kernel="Br38f")
+    assert len(recording.repeats) == 2 and recording.grid.matches(CT_GRID)
+    for image in recording.repeats:
+        np.testing.assert_array_equal(image.array, object_hu())
+    content = yaml.safe_load((tmp_path / "clinic" / "recording.yaml").read_text())
+    assert content["nominal"] == {"tube_kvp": 120, "kernel": "Br38f", "slice_thickness_mm": 3}
+    assert len(content["origin"]["sha256"]) == 28
+    assert all(b"Doe" not in path.read_bytes() for path in (tmp_path / "clinic").iterdir())
+
+
+def test_series_that_are_no_repeats_are_refused(tmp_path):
+    tree = dicom_tree(tmp_path / "tree")
+    folder = tmp_path / "clinic"
+    import_refused(folder, lambda: import_dicom_tree(tree, folder), "study0/series is Br38f")
+    import_refused(folder, lambda: import_dicom_tree(tree, folder, kernel="B3"), "there are: Br38f, Br59d")
+    slices = ct_slices()[:-1]
+    for ds in slices:
+        ds.ConvolutionKernel, ds.KVP = "Br38f", 120
+    (tmp_path / "tree" / "short").mkdir()
+    write_series(slices, tmp_path / "tree" / "short")
+    import_refused(folder, lambda: import_dicom_tree(tree, folder, kernel="Br38f"), "is on another grid")
+    import_refused(folder, lambda: import_dicom_tree(tree / "patient" / "seg", folder), "holds no CT slice in DICOM")
+
+
+def test_the_importer_on_the_command_line(tmp_path, monkeypatch, capsys):
+    mat_file(tmp_path / "s.mat")
+    main = runpy.run_path(str(SCRIPT))["main"]
+    monkeypatch.setattr(sys, "argv", ["x", "htc2022", f"{tmp_path}/s.mat", f"{tmp_path}/disc", "--phantom", "disc"])
+    assert main() == 0 and "disc: projections, 1 repeats" in capsys.readouterr().out
+    monkeypatch.setattr(sys, "argv", ["x", "htc2022", f"{tmp_path}/none.mat", f"{tmp_path}/other"])
+    assert main() == 1
+    errors = capsys.readouterr().err
+    assert errors.count("\n") == 1 and errors.startswith(f"Error: {tmp_path}/none.mat: no such file")

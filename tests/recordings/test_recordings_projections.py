@@ -1,0 +1,154 @@
+"""Projections: what is read back, and every way in which a file is not what recording.yaml says."""
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from recording_folders import (
+    SCAN,
+    angles_deg,
+    changed,
+    line_integrals,
+    projections_folder,
+    refused,
+    write_projections,
+    write_yaml,
+)
+
+from virtual_phantom.recordings.projections import Projections
+from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.summary import summary
+
+SHAPE = (SCAN["views"], SCAN["rows"], SCAN["columns"])
+
+
+@pytest.mark.parametrize("log", [True, False])
+def test_both_ways_of_storing_give_the_same_line_integrals(tmp_path, log):
+    recording = load(projections_folder(tmp_path / "r", log)[0])
+    assert (len(recording.repeats), len(recording.held_out), recording.log) == (2, 1, log)
+    for acquisition in (*recording.repeats, *recording.held_out):
+        np.testing.assert_allclose(acquisition.line_integrals(1e-6), line_integrals(), atol=1e-5)
+    assert recording.geometry.views == 24 and recording.notes == ()
+
+
+def test_files_of_our_own_workflow_can_be_recordings(tmp_path):
+    from virtual_phantom import exchange
+    from virtual_phantom.recordings.scan import scan_geometry
+
+    write_yaml(tmp_path, {"name": "own", "kind": "projections", "scan": SCAN, "repeats": ["clean.h5"]})
+    exchange.write_line_integrals(tmp_path / "clean.h5", line_integrals(), scan_geometry(SCAN, "own"))
+    np.testing.assert_array_equal(load(tmp_path).repeats[0].data, line_integrals())
+
+
+@pytest.mark.parametrize("share", [0.2, 0.6, 0.98])
+@pytest.mark.parametrize("log", [True, False])
+def test_a_truncated_file_is_named(tmp_path, log, share):
+    folder, _ = projections_folder(tmp_path / "r", log)
+    whole = (folder / "b.h5").read_bytes()
+    (folder / "b.h5").write_bytes(whole[: int(share * len(whole))])
+    refused(folder, "b.h5: not a complete")
+
+
+FRAME = np.full(SHAPE[1:], 1000.0)
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"data_white": None}, "b.h5: has no /exchange/data_white, which counts need"),
+        ({"data_dark": None}, "b.h5: has no /exchange/data_dark"),
+        ({"data": None}, "b.h5: has no /exchange/data;"),
+        ({"data": np.ones((23, 4, 40))}, "b.h5: holds 23 views, recording.yaml says 24"),
+        ({"data": np.ones((24, 5, 40))}, "b.h5: holds 5 rows, recording.yaml says 4"),
+        ({"data": np.ones((24, 4, 41))}, "b.h5: holds 41 columns"),
+        ({"data": np.ones((24, 40))}, "has 2 dimensions"),
+        ({"theta": np.arange(23.0)}, "holds 23 angles for 24 views"),
+        ({"theta": np.deg2rad(angles_deg())}, "/exchange/theta of view"),
+        ({"theta": angles_deg(SCAN | {"direction": 1})}, "/exchange/theta of view"),
+        ({"theta": np.full(24, np.nan)}, "/exchange/theta of view"),
+        ({"data_white": FRAME[:, :-1]}, "/exchange/data_white is (4, 39), the projections (4, 40)"),
+        ({"data_white": np.full((1, 4, 40), 20.0)}, "white field is not above the dark one in 100 % of pixels"),
+        ({"data_white": FRAME * np.nan}, "/exchange/data_white holds NaN"),
+        ({"data": np.full(SHAPE, np.inf)}, f"{np.prod(SHAPE)} counts are NaN or infinite"),
+        ({"data": np.full(SHAPE, 5000.0)}, "counts exceed twice the white field"),
+    ],
+)
+def test_counts_that_cannot_be_right(tmp_path, changes, message):
+    refused(projections_folder(tmp_path / "r", **changes)[0], message)
+
+
+@pytest.mark.parametrize(
+    "data, message",
+    [
+        (np.full(SHAPE, 40000.0), "line integrals reach 40000; if they are counts"),
+        (-line_integrals(), "negative on the whole"),
+        (np.full(SHAPE, np.nan), "are NaN or infinite"),
+    ],
+)
+def test_line_integrals_that_cannot_be_right(tmp_path, data, message):
+    refused(projections_folder(tmp_path / "r", True, data=data)[0], message)
+
+
+def test_counts_of_the_astra_noise_model_are_refused(tmp_path):
+    folder, _ = projections_folder(tmp_path / "r")
+    with h5py.File(folder / "b.h5", "a") as file:
+        file["exchange/data"].attrs["line_integral_scale"] = 2.0
+    refused(folder, "noise.model astra")
+
+
+@pytest.mark.parametrize("value, message", [("false", None), (b"False", None), ("perhaps", "is 'perhaps'; set it to")])
+def test_a_flag_stored_as_text(tmp_path, value, message):
+    folder, _ = projections_folder(tmp_path / "r")
+    with h5py.File(folder / "b.h5", "a") as file:
+        file["exchange/data"].attrs["log"] = value
+    if message:
+        refused(folder, message)
+    else:
+        assert not load(folder).log
+
+
+def test_counts_beside_line_integrals_are_refused(tmp_path):
+    folder, _ = projections_folder(tmp_path / "r")
+    write_projections(folder / "b.h5", log=True)
+    refused(folder, "b.h5: holds line integrals, a.h5 counts")
+
+
+def test_dead_pixels_and_missing_theta_are_mentioned(tmp_path):
+    white = np.full((1, *SHAPE[1:]), 1000.0)
+    white[0, 2, 7] = 50.0
+    folder, _ = projections_folder(tmp_path / "r", data_white=white, theta=None)
+    recording = load(folder)
+    assert any("b.h5: 1 dead pixels" in note for note in recording.notes)
+    assert any("b.h5: no /exchange/theta" in note for note in recording.notes)
+    values = recording.repeats[1].line_integrals(1e-6)
+    assert np.isnan(values[:, 2, 7]).all() and np.isnan(values).sum() == SHAPE[0]
+
+
+def test_views_beyond_a_turn_are_mentioned(tmp_path):
+    folder, content = projections_folder(tmp_path / "r")
+    scan = SCAN | {"views": 25}
+    for name in "abc":
+        write_projections(folder / f"{name}.h5", scan=scan)
+    assert load(write_yaml(folder, content | {"scan": scan})).notes[0].startswith("1 of the views")
+
+
+@given(arrays(np.float64, (2, 1, 3), elements=st.floats(-10, 2000)), st.floats(1, 100), st.floats(1e-6, 0.1))
+def test_line_integrals_are_finite_and_fall_with_the_counts(data, dark, smallest):
+    white = np.full((1, 3), dark + 500.0)
+    values = Projections(data, white, np.full((1, 3), dark)).line_integrals(smallest)
+    assert np.isfinite(values).all() and values.max() <= -np.log(smallest) + 1e-5
+    more = Projections(data + 50, white, np.full((1, 3), dark)).line_integrals(smallest)
+    assert (more <= values).all()
+
+
+def test_summary_says_what_is_missing(tmp_path):
+    folder, content = projections_folder(tmp_path / "r")
+    found = summary(load(folder))
+    assert (found["repeats"], found["held_out"], found["content"]["shape"]) == (2, 1, list(SHAPE))
+    assert found["content"]["values"] == "counts" and set(found["sha256"]) == {"recording.yaml", "a.h5", "b.h5", "c.h5"}
+    assert found["missing"] == ["phantom", "nominal.tube_kvp", "nominal.anode", "nominal.filtration"]
+    content = changed(content, "repeats", ["a.h5"]) | {"phantom": "synthetic", "nominal": {"tube_kvp": 80}}
+    missing = summary(load(write_yaml(folder, content)))["missing"]
+    assert missing == ["a second repeat (without one there is no noise floor)", "nominal.anode", "nominal.filtration"]

@@ -1,0 +1,64 @@
+"""`snakemake recordings`: the list of what was found, and one line for what cannot be read."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "phantom"))
+sys.path.insert(0, str(ROOT / "tests" / "recordings"))
+
+from recording_folders import features_folder, projections_folder, write_projections  # noqa: E402
+
+
+@pytest.fixture
+def target(tmp_path):
+    """Runs the target with two recordings in the configuration, b and t."""
+    bench, table = projections_folder(tmp_path / "bench")[0], features_folder(tmp_path / "table")[0]
+    overlay = tmp_path / "overlay.yaml"
+    content = {"results_dir": f"{tmp_path}/r", "recordings": {"b": str(bench), "t": str(table)}}
+    overlay.write_text(yaml.safe_dump(content))
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--cores",
+        "2",
+        "--nolock",
+        "--configfile",
+        "config/tiny.yaml",
+        overlay,
+    ]
+
+    def run(*arguments):
+        whole = [*command, *arguments, "--", "recordings"]
+        return subprocess.run(whole, cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+    return run
+
+
+def test_the_target_lists_recordings_and_stops_at_a_bad_one(target, tmp_path):
+    process = target()
+    assert process.returncode == 0, process.stderr[-3000:]
+    assert "b: projections, 2 repeats, 1 held out" in process.stdout and "t: features, 6 repeats" in process.stdout
+    rows = pd.read_csv(tmp_path / "r" / "recordings" / "recordings.csv")
+    assert rows["recording"].tolist() == ["b", "t"] and rows["kind"].tolist() == ["projections", "features"]
+    found = json.loads((tmp_path / "r" / "recordings" / "b" / "summary.json").read_text())
+    assert found["content"]["values"] == "counts"
+
+    write_projections(tmp_path / "bench" / "b.h5", data=np.ones((23, 4, 40)))
+    process = target()
+    assert process.returncode == 1
+    assert f"Error: {tmp_path}/bench/b.h5: holds 23 views, recording.yaml says 24" in process.stderr
+
+    (tmp_path / "bench" / "recording.yaml").write_text("kind: projections")
+    process = target("-n")
+    errors = [line for line in (process.stderr + process.stdout).splitlines() if line.startswith("Error:")]
+    assert process.returncode == 1 and len(errors) == 1 and "Traceback" not in process.stderr
+    assert errors[0].startswith(f"Error: {tmp_path}/bench/recording.yaml: ")

@@ -1,0 +1,136 @@
+"""recording.yaml: read, checked against its schema, and its paths kept inside the folder."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path, PureWindowsPath
+
+import yaml
+
+from ..config import fill_defaults, validate
+from ..errors import InputError
+
+FILE_NAME = "recording.yaml"
+SCHEMA = Path(__file__).resolve().parents[3] / "schemas" / "recording.schema.yaml"
+SECTIONS = {"images": {"labels", "rois", "isocentre_mm", "scan"}, "projections": {"isocentre_mm", "scan"}}
+SECTIONS["features"] = {"features"}
+
+
+@dataclass(frozen=True)
+class Document:
+    """What recording.yaml says, complete with defaults, and the folder that it stands in."""
+
+    folder: Path
+    content: dict
+
+    @property
+    def path(self) -> Path:
+        """recording.yaml itself, which messages name."""
+        return self.folder / FILE_NAME
+
+    @property
+    def repeats(self) -> tuple[Path, ...]:
+        return tuple(self.folder / name for name in self.content["repeats"])
+
+    @property
+    def held_out(self) -> tuple[Path, ...]:
+        return tuple(self.folder / name for name in self.content["held_out"])
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file of the recording, recording.yaml first; of a DICOM folder each file in it."""
+        regions = (self.folder / name for name in _region_files(self.content))
+        named = [self.path, *self.repeats, *self.held_out, *regions]
+        return tuple(file for path in dict.fromkeys(named) for file in files_of(path))
+
+    def relative(self, path: Path) -> str:
+        """A path as recording.yaml writes it."""
+        return path.relative_to(self.folder).as_posix()
+
+
+def files_of(path: Path) -> list[Path]:
+    """The path itself, or the files in a DICOM folder, hidden ones left out as the reader leaves them out."""
+    if not path.is_dir():
+        return [path]
+    return sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
+
+
+def read_document(folder: str | Path) -> Document:
+    """Read and check recording.yaml in `folder`.
+
+    Raises InputError, one line, if it is missing, not YAML, refused by workflow/schemas/recording.schema.yaml, holds a
+    number that is not finite or a section of another kind of recording, names a file twice, or names a path that is
+    not there or leads out of the folder.
+    """
+    folder = Path(folder)
+    path = folder / FILE_NAME
+    content = _parse(path)
+    for number in _numbers(content):
+        if not math.isfinite(number):
+            raise InputError(f"{path}: holds a number that is not finite ({number}); correct it or leave the key out")
+    validate(content, _schema(), str(path))
+    foreign = set().union(*SECTIONS.values()) - SECTIONS[content["kind"]]
+    if wrong := sorted(foreign & content.keys()):
+        raise InputError(f"{path}: '{wrong[0]}' has no meaning in a recording of {content['kind']}; take it out")
+    fill_defaults(content, _schema())
+    _check_files(path, content)
+    return Document(folder, content)
+
+
+def _parse(path: Path) -> dict:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; a recording is a folder with a {FILE_NAME} in it") from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from None
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: is not a mapping of keys to values; see docs/recordings.md for an example")
+    return content
+
+
+@cache
+def _schema() -> dict:
+    return yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+
+
+def _numbers(value) -> Iterator[float]:
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        for item in value:
+            yield from _numbers(item)
+    elif isinstance(value, float):
+        yield value
+
+
+def _region_files(content: dict) -> list[str]:
+    own = [roi["file"] for roi in content.get("rois", []) if "file" in roi]
+    return [content["labels"], *own] if "labels" in content else own
+
+
+def _check_files(path: Path, content: dict) -> None:
+    repeats = [*content["repeats"], *content["held_out"]]
+    places: dict[Path, str] = {}
+    for name in [*repeats, *_region_files(content)]:
+        place = _inside(path, name)
+        if name in repeats and places.setdefault(place, name) != name:
+            raise InputError(f"{path}: '{places[place]}' and '{name}' are the same file; every repeat needs its own")
+    if twice := sorted(set(content["repeats"]) & set(content["held_out"])):
+        raise InputError(f"{path}: '{twice[0]}' is among the repeats and held out; it can only be one of the two")
+
+
+def _inside(path: Path, name: str) -> Path:
+    """Where a named file lies; InputError if that is outside the folder or nowhere."""
+    folder = path.parent.resolve()
+    if Path(name).is_absolute() or PureWindowsPath(name).is_absolute() or ".." in PureWindowsPath(name).parts:
+        raise InputError(f"{path}: '{name}' leads out of the folder; put the file into it and name it relative to it")
+    place = (folder / name).resolve()
+    if place == folder or folder not in place.parents:
+        raise InputError(f"{path}: '{name}' is a link out of the folder; put the file itself into it")
+    if not place.exists():
+        raise InputError(f"{path}: '{name}' is not there; correct the name or put the file into the folder")
+    return place

@@ -1,0 +1,149 @@
+"""Recordings of features: CSV tables with one row per image and ROI."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from ..errors import InputError
+from ..feature_table import finite_values
+from ..radiomics import FAMILIES, FEATURES
+from .document import Document
+from .provenance import checksums
+from .recording import Provenance, Recording
+
+KEYS = ("image", "roi", "tissue_class")
+# Names that pyradiomics gives features: of the original image, or of a filtered one.
+FAMILY_MARKS = tuple(f"_{family}_" for family in (*FAMILIES, "ngtdm", "shape", "shape2D"))
+MEAN = "original_firstorder_Mean"
+STORED_ABOVE = 500.0  # mean of a soft-tissue ROI: under this in HU, over it in stored values
+
+
+@dataclass(frozen=True)
+class FeaturesRecording(Recording):
+    """Features measured on repeated images.
+
+    repeats, held_out   tables with the columns image, roi, tissue_class, the conditions, whatever else the files hold,
+                        and `features`; values as in the files
+    features            those of radiomics.FEATURES that the tables have, in that order
+    """
+
+    repeats: pd.DataFrame
+    held_out: pd.DataFrame
+    features: tuple[str, ...]
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        return tuple(self.document.content["features"]["conditions"])
+
+    @property
+    def stored_offset_hu(self) -> float:
+        """What was added to HU before the features were extracted."""
+        return float(self.document.content["features"]["stored_offset_hu"])
+
+    @property
+    def dimensions(self) -> int:
+        """2 if features were extracted from single slices, else 3."""
+        return int(self.document.content["features"]["dimensions"])
+
+    def images_per_condition(self) -> pd.Series:
+        """Number of images of each condition, held-out ones not counted."""
+        if not self.conditions:
+            return pd.Series([self.repeats["image"].nunique()], index=["all"])
+        return self.repeats.groupby(list(self.conditions))["image"].nunique()
+
+
+def load(document: Document) -> FeaturesRecording:
+    """Read all tables, and refuse the recording if any is not what recording.yaml says."""
+    settings = document.content["features"]
+    if unknown := [name for name in settings["absent"] if name not in FEATURES]:
+        raise InputError(f"{document.path}: features.absent: {_unknown(unknown[0])}")
+    features = tuple(feature for feature in FEATURES if feature not in settings["absent"])
+    tables = {path: read(path, features, settings["conditions"]) for path in (*document.repeats, *document.held_out)}
+    places: dict[str, Path] = {}
+    for path, table in tables.items():
+        for image in table["image"].unique():
+            if image in places:
+                raise InputError(f"{path}: image {image} is in {places[image].name} too; name every image differently")
+            places[image] = path
+        _check_offset(path, table, settings["stored_offset_hu"])
+    repeats = pd.concat([tables[path] for path in document.repeats], ignore_index=True)
+    held_out = [tables[path] for path in document.held_out]
+    held_out = pd.concat(held_out, ignore_index=True) if held_out else repeats.iloc[:0]
+    notes = []
+    if settings["stored_offset_hu"]:
+        notes.append(f"features are of HU + {settings['stored_offset_hu']} (measured.to_hu corrects first-order ones)")
+    incomplete = repeats.groupby("image")["roi"].nunique() < repeats["roi"].nunique()
+    if incomplete.any():
+        notes.append(f"{int(incomplete.sum())} of {incomplete.size} images lack some of the ROIs")
+    provenance = Provenance(document.content["origin"], checksums(document))
+    return FeaturesRecording(document, provenance, None, tuple(notes), repeats, held_out, features)
+
+
+def read(path: Path, features: tuple[str, ...], conditions: list[str]) -> pd.DataFrame:
+    """Read one table; keys come first, then its other columns, then `features`.
+
+    Raises InputError if it is not CSV or empty; if a column of KEYS, a condition or a feature is missing, empty
+    somewhere or there twice; if a column is named as a feature but is none of ours; if two rows are of one ROI of one
+    image, or an image has two conditions or an ROI two tissue classes; if a feature is not a finite number.
+    """
+    try:
+        head = pd.read_csv(path, header=None, nrows=1, dtype=str).iloc[0].tolist()
+        table = pd.read_csv(path, dtype=dict.fromkeys(KEYS, str))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
+    if twice := sorted({str(name) for name in head if head.count(name) > 1}):
+        raise InputError(f"{path}: the column {twice[0]!r} is there twice; keep one")
+    needed = (*KEYS, *conditions, *features)
+    for name in table.columns:
+        if name not in needed and any(mark in name for mark in FAMILY_MARKS):
+            raise InputError(f"{path}: {_unknown(name)}; correct it or take the column out")
+    if missing := [name for name in needed if name not in table]:
+        more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+        advice = "; if they were not extracted, list them under features.absent" if missing[0] in FEATURES else ""
+        raise InputError(f"{path}: lacks the column {missing[0]}{more}{advice}")
+    if table.empty:
+        raise InputError(f"{path}: holds no rows")
+    for name in (*KEYS, *conditions):
+        if table[name].isna().any():
+            raise InputError(f"{path}: {name} is empty in row {int(table[name].isna().to_numpy().argmax()) + 2}")
+    _check_keys(path, table, conditions)
+    for name in features:
+        if not pd.api.types.is_numeric_dtype(table[name]) or pd.api.types.is_bool_dtype(table[name]):
+            raise InputError(f"{path}: {name} holds text; give numbers")
+    finite_values(table, features, str(path))
+    others = [name for name in table.columns if name not in needed]
+    return table[[*KEYS, *conditions, *others, *features]]
+
+
+def _unknown(name: str) -> str:
+    close = difflib.get_close_matches(name, FEATURES, 1)
+    hint = f"did you mean {close[0]}?" if close else "none of the 86 features of the study"
+    return f"unknown feature {name}, {hint}"
+
+
+def _check_keys(path: Path, table: pd.DataFrame, conditions: list[str]) -> None:
+    if (double := table.duplicated(["image", "roi"])).any():
+        row = table[double].iloc[0]
+        raise InputError(f"{path}: two rows for ROI {row['roi']} of image {row['image']}")
+    for owner, names in (("image", conditions), ("roi", ["tissue_class"])):
+        for name in names:
+            several = table.groupby(owner)[name].nunique() > 1
+            if several.any():
+                raise InputError(f"{path}: {owner} {several.idxmax()} has more than one {name}")
+
+
+def _check_offset(path: Path, table: pd.DataFrame, stored_offset_hu: float) -> None:
+    if MEAN not in table:
+        return
+    typical = float(table[MEAN].median())
+    if (typical > STORED_ABOVE) == (stored_offset_hu > 0):
+        return
+    advice = "set features.stored_offset_hu: 1024" if typical > STORED_ABOVE else "set features.stored_offset_hu: 0"
+    raise InputError(
+        f"{path}: the mean of an ROI is {typical:.0f}, but recording.yaml says that values are HU + "
+        f"{stored_offset_hu}; {advice}, or correct the table"
+    )

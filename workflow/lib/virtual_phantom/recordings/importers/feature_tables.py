@@ -1,0 +1,100 @@
+"""Published tables of radiomics features to recordings of features, in this project's names of ROIs and features.
+
+Two are known, both of the phantom that the paper simulates (see measured.py for sources and what is inferred):
+  the tandem study CT-Phantom4Radiomics (recognised by its column scan_id),
+  a dose series of CT4Harmonization-Multicentric on one scanner (recognised by its column recon_code).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+
+from ... import measured
+from ...errors import InputError
+from ...files import write_csv
+from ...radiomics import FEATURES
+from ..provenance import sha256
+from ..recording import Recording
+from . import write_folder
+
+STUDY_CITATION = (
+    "CT-Phantom4Radiomics, The Cancer Imaging Archive, doi 10.7937/a1v1-rc66; features Joingl/radiomic-features"
+)
+DOSE_CITATION = (
+    "CT4Harmonization-Multicentric, The Cancer Imaging Archive; "
+    "features mariamartinasiain/radiomics_phantom_dose_analysis"
+)
+
+
+def import_features(csv_file: str | Path, folder: str | Path, phantom: str | None = None) -> Recording:
+    """Write a recording of features with the table's values as they are, and load it.
+
+    Raises InputError if the table is missing, of neither layout, or not what its layout asks for
+    (measured.load_full_table, measured.load_full_dose_series).
+    """
+    csv_file = Path(csv_file)
+    try:
+        columns = set(pd.read_csv(csv_file, nrows=0).columns)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{csv_file}: cannot be read as CSV ({error})") from None
+    if "scan_id" in columns:
+        table, content = _study(csv_file)
+    elif "recon_code" in columns:
+        table, content = _dose_series(csv_file)
+    else:
+        raise InputError(
+            f"{csv_file}: has neither a column scan_id (CT-Phantom4Radiomics) nor recon_code (the dose series); "
+            "write any other table as docs/recordings.md shows"
+        )
+    content["origin"] |= {"importer": "features", "sha256": [sha256(csv_file)]}
+    content = {"kind": "features", **({"phantom": phantom} if phantom else {}), **content, "repeats": ["features.csv"]}
+    return write_folder(folder, content, lambda target: write_csv(table, target / "features.csv"))
+
+
+def _study(csv_file: Path) -> tuple[pd.DataFrame, dict]:
+    table = measured.load_full_table(csv_file)
+    image = "scan" + table["scan"].astype(str)
+    absent = [feature for feature in FEATURES if feature not in measured.STUDY_FEATURES]
+    content = {
+        "nominal": {
+            # Flouris et al., Sci. Rep. 12, 4732 (2022), methods
+            "tube_kvp": 120,
+            "mas": 147,
+            "dose_mgy": 10,
+            "pitch": 1,
+            "notes": "Acquisitions 1 to 20 without, 21 to 30 with re-positioning.",
+        },
+        "features": {
+            "conditions": ["group"],
+            "absent": absent,
+            "stored_offset_hu": measured.STORED_OFFSET_HU,
+            "dimensions": 2,
+        },
+        "origin": {"citation": STUDY_CITATION, "licence": "scans CC BY 4.0; features without a licence file"},
+    }
+    return _image_first(table.drop(columns="scan"), image), content
+
+
+def _dose_series(csv_file: Path) -> tuple[pd.DataFrame, dict]:
+    table = measured.load_full_dose_series(csv_file)
+    dose, repeat = table["dose_mgy"].map("{:g}mgy".format), table["repeat"].map("{:02d}".format)
+    content = {
+        "nominal": {
+            "manufacturer": "Siemens",
+            "model": "SOMATOM Definition Edge",
+            "slice_thickness_mm": 2,
+            "voxel_mm": [1, 0.684, 0.684],
+            "notes": "Which reconstruction is fbp and which iterative is inferred from their noise.",
+        },
+        "features": {"conditions": ["dose_mgy", "reconstruction"]},
+        "origin": {"citation": DOSE_CITATION, "licence": "scans CC BY 4.0; features MIT"},
+    }
+    return _image_first(table, dose + "_" + table["reconstruction"] + "_" + repeat), content
+
+
+def _image_first(table: pd.DataFrame, image: pd.Series) -> pd.DataFrame:
+    table = table.copy()
+    table.insert(0, "image", image)
+    return table

@@ -1,0 +1,116 @@
+"""Helsinki Tomography Challenge 2022 sinograms (MATLAB v5 .mat) to a recording of projections.
+
+Data: Zenodo 6984868 (later versions: 8041800). By its description the sinograms are corrected for background and flat
+field, compensated for a misaligned centre of rotation, and logged. They have one detector row: a fan beam.
+
+The frame: with the source at +y in the first view and turning from +y towards -x, images come out as the data set's own
+segmentations show them, row 0 at the top (+y), column 0 at the left (-x).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+from scipy.io import loadmat
+
+from ...errors import InputError
+from ...files import replacing
+from ..provenance import sha256
+from ..recording import Recording
+from . import write_folder
+
+VARIABLES = ("CtDataFull", "CtDataLimited")
+CITATION = "Helsinki Tomography Challenge 2022 (HTC2022) open tomographic dataset, Zenodo, 10.5281/zenodo.6984868"
+STEP_TOLERANCE_DEG = 1e-3
+
+
+def import_htc2022(mat_file: str | Path, folder: str | Path, phantom: str | None = None) -> Recording:
+    """Write a recording of projections (line integrals, one detector row) and load it.
+
+    phantom   what was scanned, for recording.yaml
+    Raises InputError if the file is missing, truncated or something else, lacks a field, is not in mm, or has angles
+    that are not evenly spaced.
+    """
+    mat_file = Path(mat_file)
+    data = _read(mat_file)
+    sinogram = np.asarray(_field(mat_file, data, "sinogram"), np.float32)
+    parameters = _field(mat_file, data, "parameters")
+    angles = np.atleast_1d(np.asarray(_field(mat_file, parameters, "angles"), float))
+    scan = _scan(mat_file, parameters, sinogram.shape, angles)
+
+    def write(target: Path) -> None:
+        with replacing(target / "projections.h5") as temporary, h5py.File(temporary, "w") as file:
+            stored = file.create_dataset("exchange/data", data=sinogram[:, None, :], compression="gzip", shuffle=True)
+            stored.attrs["log"] = True
+            file.create_dataset("exchange/theta", data=angles).attrs["units"] = "degree"
+
+    content = {
+        "kind": "projections",
+        **({"phantom": phantom} if phantom else {}),
+        "scan": scan,
+        "nominal": _nominal(parameters),
+        "origin": {"citation": CITATION, "importer": "htc2022", "sha256": [sha256(mat_file)]},
+        "repeats": ["projections.h5"],
+    }
+    return write_folder(folder, content, write)
+
+
+def _read(mat_file: Path):
+    if not mat_file.is_file():
+        raise InputError(f"{mat_file}: no such file; give a sinogram of the HTC 2022 data set (.mat)")
+    try:
+        # One-by-one arrays of objects, as MATLAB stores structs, come back as the struct itself.
+        content = loadmat(mat_file, struct_as_record=False, squeeze_me=True)
+    except Exception as error:  # scipy raises many types on broken files
+        raise InputError(f"{mat_file}: cannot be read as MATLAB v5 ({error}); is the file complete?") from None
+    for name in VARIABLES:
+        if name in content:
+            return content[name]
+    there = ", ".join(name for name in content if not name.startswith("__"))
+    raise InputError(f"{mat_file}: holds no {' or '.join(VARIABLES)} but {there or 'nothing'}; give a sinogram file")
+
+
+def _field(mat_file: Path, struct, name: str):
+    if not hasattr(struct, name):
+        raise InputError(f"{mat_file}: has no field {name}; is it a sinogram of the HTC 2022 data set?")
+    return getattr(struct, name)
+
+
+def _scan(mat_file: Path, parameters, shape: tuple[int, ...], angles: np.ndarray) -> dict:
+    if (unit := str(_field(mat_file, parameters, "distanceUnit"))) != "mm":
+        raise InputError(f"{mat_file}: distances are in {unit}, not mm")
+    columns = int(_field(mat_file, parameters, "numDetectorsPost"))
+    if shape != (angles.size, columns):
+        raise InputError(f"{mat_file}: sinogram of {shape} for {angles.size} angles and {columns} detector columns")
+    steps = np.diff(angles)
+    if angles.size < 2 or np.ptp(steps) > STEP_TOLERANCE_DEG or steps[0] == 0:
+        raise InputError(f"{mat_file}: angles are not evenly spaced")
+    pitch = float(_field(mat_file, parameters, "pixelSizePost"))
+    step = float((angles[-1] - angles[0]) / (angles.size - 1))
+    return {
+        "trajectory": "circular",
+        "detector": "flat",
+        "source_to_isocentre_mm": float(_field(mat_file, parameters, "distanceSourceOrigin")),
+        "source_to_detector_mm": float(_field(mat_file, parameters, "distanceSourceDetector")),
+        "columns": columns,
+        "rows": 1,
+        "column_pitch_mm": pitch,
+        "row_pitch_mm": pitch,
+        "views": angles.size,
+        "views_per_rotation": 360 / abs(step),
+        "start_angle_deg": float(angles[0]),
+        "direction": 1 if step > 0 else -1,
+    }
+
+
+def _nominal(parameters) -> dict:
+    """What the file says of tube and detector; fields that it leaves out are left out."""
+    texts = {"model": "scanner", "anode": "target", "detector_model": "detector"}
+    numbers = {"tube_kvp": "voltage", "tube_current_ma": "current", "exposure_time_ms": "exposureTime"}
+    found = {key: str(getattr(parameters, name)) for key, name in texts.items() if hasattr(parameters, name)}
+    found |= {key: float(getattr(parameters, name)) for key, name in numbers.items() if hasattr(parameters, name)}
+    if hasattr(parameters, "xRayFilter") and hasattr(parameters, "xRayFilterThickness"):
+        found["filtration"] = f"{parameters.xRayFilterThickness} mm {parameters.xRayFilter}"
+    return found

@@ -1,0 +1,87 @@
+"""The scan section of recording.yaml: a ScanGeometry where it says enough, and lengths that cannot be millimetres."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..errors import InputError
+from ..geometry import ScanGeometry
+
+DETECTOR = ("source_to_isocentre_mm", "source_to_detector_mm", "columns", "rows", "column_pitch_mm", "row_pitch_mm")
+REQUIRED = ("trajectory", *DETECTOR, "views", "views_per_rotation", "start_angle_deg", "direction")
+HELICAL = ("table_feed_mm", "start_z_mm")
+# Scanners for bodies and phantoms: body CT has fans of 45 to 60 degrees and fields of view of 500 mm, bench scanners of
+# small objects start at some 80 mm. One length in centimetres among millimetres moves these by a factor of ten.
+LARGEST_FAN_DEG = 120.0
+FIELD_OF_VIEW_MM = (60.0, 2000.0)
+LARGEST_PIXEL_ASPECT = 5.0
+
+
+def missing_for_geometry(scan: dict) -> list[str]:
+    """The keys that a ScanGeometry still needs; empty if the section is complete."""
+    needed = (*REQUIRED, *HELICAL) if scan.get("trajectory") == "helical" else REQUIRED
+    return [key for key in needed if key not in scan]
+
+
+def scan_geometry(scan: dict, source: str) -> ScanGeometry:
+    """The geometry of a recording of projections.
+
+    scan     the scan section; offsets and, for a circular scan, start_z_mm count as 0 where they are absent
+    source   what messages name
+    View i stands at start + direction 2 pi i / views_per_rotation, its source at start_z + table_feed i /
+    views_per_rotation (see geometry.py). Raises InputError for a missing key, a curved detector, a helix without feed,
+    a circle with one, and for lengths that cannot all be millimetres.
+    """
+    if scan.get("detector", "flat") != "flat":
+        raise InputError(f"{source}: scan.detector is curved; only flat ones can be simulated: rebin the views first")
+    if missing := missing_for_geometry(scan):
+        raise InputError(f"{source}: scan.{missing[0]} is missing; a {scan.get('trajectory', '')} scan needs it")
+    if scan["trajectory"] == "helical":
+        if scan["table_feed_mm"] == 0:
+            raise InputError(f"{source}: scan.table_feed_mm is 0 in a helical scan; set trajectory: circular")
+    elif scan.get("table_feed_mm", 0) != 0:
+        raise InputError(f"{source}: scan.table_feed_mm is not 0 in a circular scan; set trajectory: helical")
+    check_lengths(scan, source)
+    turns = np.arange(scan["views"]) / scan["views_per_rotation"]
+    return ScanGeometry(
+        **{key: scan[key] for key in DETECTOR},
+        angles_rad=math.radians(scan["start_angle_deg"]) + scan["direction"] * 2 * np.pi * turns,
+        source_z_mm=scan.get("start_z_mm", 0.0) + scan.get("table_feed_mm", 0.0) * turns,
+        views_per_rotation=scan["views_per_rotation"],
+        column_offset_px=scan.get("column_offset_px", 0.0),
+        row_offset_px=scan.get("row_offset_px", 0.0),
+    )
+
+
+def check_lengths(scan: dict, source: str) -> None:
+    """Raise InputError if the lengths that are known, all of them or a few, cannot all be millimetres."""
+    advice = "are all lengths in mm, none in cm?"
+    if not {"source_to_isocentre_mm", "source_to_detector_mm"} <= scan.keys():
+        return
+    isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]
+    if detector <= isocentre:
+        raise InputError(
+            f"{source}: scan.source_to_detector_mm {detector:g} is not more than source_to_isocentre_mm {isocentre:g}; "
+            f"{advice}"
+        )
+    if not {"columns", "column_pitch_mm"} <= scan.keys():
+        return
+    fan = math.atan(scan["columns"] * scan["column_pitch_mm"] / 2 / detector)
+    width = 2 * isocentre * math.sin(fan)
+    if math.degrees(2 * fan) > LARGEST_FAN_DEG:
+        raise InputError(f"{source}: scan: the fan would be {math.degrees(2 * fan):.0f} degrees wide; {advice}")
+    if not FIELD_OF_VIEW_MM[0] <= width <= FIELD_OF_VIEW_MM[1]:
+        low, high = FIELD_OF_VIEW_MM
+        raise InputError(
+            f"{source}: scan: the detector would see a circle of {width:.3g} mm, where {low:g} to {high:g} mm are "
+            f"expected; {advice}"
+        )
+    if scan.get("rows", 1) > 1 and "row_pitch_mm" in scan:
+        aspect = scan["row_pitch_mm"] / scan["column_pitch_mm"]
+        if max(aspect, 1 / aspect) > LARGEST_PIXEL_ASPECT:
+            raise InputError(
+                f"{source}: scan: pixels of {scan['column_pitch_mm']:g} x {scan['row_pitch_mm']:g} mm are implausible; "
+                f"{advice}"
+            )

@@ -1,0 +1,147 @@
+"""What was found in a recording, what is known of its scan, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pandas as pd
+
+from .features import FeaturesRecording
+from .images import ImagesRecording
+from .projections import ProjectionsRecording
+from .recording import Recording
+from .scan import missing_for_geometry
+
+COLUMNS = ("recording", "kind", "repeats", "held_out", "content", "known", "missing", "notes")
+# What a comparison with a simulation asks for, beyond the geometry.
+WANTED = {
+    "images": ("tube_kvp", "dose_mgy", "kernel", "slice_thickness_mm"),
+    "projections": ("tube_kvp", "anode", "filtration"),
+    "features": (),
+}
+
+
+def summary(recording: Recording) -> dict:
+    """Everything worth knowing of a recording, ready for JSON.
+
+    Keys: name; kind; phantom; repeats and held_out (how many); content (grid, views or table, in numbers); text (the
+    same in a line); known (scan, and nominal with DICOM facts); missing (what a comparison would want to know); notes;
+    origin; sha256.
+    """
+    labelled = {**recording.provenance.dicom, **recording.nominal}
+    repeats, held_out, content, text = DESCRIPTIONS[type(recording)](recording)
+    missing = [] if recording.phantom else ["phantom"]
+    if repeats < 2:
+        missing.append("a second repeat (without one there is no noise floor)")
+    if not held_out:
+        missing.append("held_out")
+    if recording.kind != "features" and (keys := missing_for_geometry(recording.scan)):
+        missing.append(f"scan ({', '.join(keys)})")
+    missing += [f"nominal.{key}" for key in WANTED[recording.kind] if key not in labelled]
+    return {
+        "name": recording.name,
+        "kind": recording.kind,
+        "phantom": recording.phantom,
+        "repeats": repeats,
+        "held_out": held_out,
+        "content": content,
+        "text": text,
+        "known": {"scan": recording.scan, "nominal": labelled},
+        "missing": missing,
+        "notes": list(recording.notes),
+        "origin": recording.provenance.origin,
+        "sha256": recording.provenance.sha256,
+    }
+
+
+def table(summaries: dict[str, dict]) -> pd.DataFrame:
+    """One row per recording (COLUMNS), lists joined by semicolons; `summaries` by the name in the configuration."""
+    rows = [
+        {
+            "recording": name,
+            **{key: one[key] for key in ("kind", "repeats", "held_out")},
+            "content": one["text"],
+            "known": _join(
+                f"{key} {_short(value)}"
+                for section in ("nominal", "scan")
+                for key, value in one["known"][section].items()
+            ),
+            "missing": _join(one["missing"]),
+            "notes": _join(one["notes"]),
+        }
+        for name, one in summaries.items()
+    ]
+    return pd.DataFrame(rows, columns=list(COLUMNS))
+
+
+def readable(rows: pd.DataFrame) -> str:
+    """The table as a block of lines per recording."""
+    blocks = []
+    for row in rows.to_dict("records"):
+        lines = [f"{row['recording']}: {row['kind']}, {row['repeats']} repeats, {row['held_out']} held out"]
+        lines += [f"  {key:<8} {row[key]}" for key in ("content", "known", "missing", "notes") if row[key]]
+        blocks.append("\n".join(lines))
+    return "\n\n".join(blocks)
+
+
+def _join(words: Iterable[str]) -> str:
+    return "; ".join(words)
+
+
+def _short(value) -> str:
+    if isinstance(value, list):
+        return " x ".join(map(_short, value))
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _images(recording: ImagesRecording) -> tuple[int, int, dict, str]:
+    grid = recording.grid
+    content = {"shape": list(grid.shape), "spacing_mm": list(grid.spacing), "centre_mm": list(grid.centre_mm)}
+    content["rois"] = {
+        roi.name: {"tissue_class": roi.tissue_class, "n_voxels": int(roi.mask.sum())} for roi in recording.rois()
+    }
+    rois = f"; {len(content['rois'])} ROIs" if content["rois"] else ""
+    return len(recording.repeats), len(recording.held_out), content, f"{grid}{rois}"
+
+
+def _projections(recording: ProjectionsRecording) -> tuple[int, int, dict, str]:
+    geometry = recording.geometry
+    turns = geometry.views / geometry.views_per_rotation
+    content = {
+        "values": "line integrals" if recording.log else "counts",
+        "shape": [geometry.views, geometry.rows, geometry.columns],
+        "turns": turns,
+        "field_of_view_mm": 2 * geometry.field_of_view_radius_mm,
+        "feed_per_rotation_mm": geometry.feed_per_rotation_mm,
+        "largest_angle_step_deg": float(np.rad2deg(np.abs(np.diff(geometry.angles_rad)).max(initial=0))),
+    }
+    size = " x ".join(map(str, content["shape"]))
+    seen = f"{turns:.4g} turns, sees {content['field_of_view_mm']:.0f} mm"
+    text = f"{content['values']}, {size} (views, rows, columns), {seen}"
+    return len(recording.repeats), len(recording.held_out), content, text
+
+
+def _features(recording: FeaturesRecording) -> tuple[int, int, dict, str]:
+    counts = recording.images_per_condition()
+    rois = list(dict.fromkeys(recording.repeats["roi"]))
+    content = {
+        "rows": len(recording.repeats),
+        "rois": rois,
+        "features": len(recording.features),
+        "conditions": {name: recording.repeats[name].unique().tolist() for name in recording.conditions},
+        "images_per_condition": [int(counts.min()), int(counts.max())],
+        "stored_offset_hu": recording.stored_offset_hu,
+        "dimensions": recording.dimensions,
+    }
+    low, high = content["images_per_condition"]
+    each = f"{low}" if low == high else f"{low} to {high}"
+    text = (
+        f"{len(recording.features)} features ({recording.dimensions}D) of {len(rois)} ROIs, {counts.size} conditions "
+        f"of {each} images"
+    )
+    images = recording.repeats["image"].nunique()
+    return images, recording.held_out["image"].nunique(), content, text
+
+
+DESCRIPTIONS = {ImagesRecording: _images, ProjectionsRecording: _projections, FeaturesRecording: _features}

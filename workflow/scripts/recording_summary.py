@@ -1,0 +1,13 @@
+"""Read and check one recording, and write what was found as JSON."""
+
+import json
+
+from virtual_phantom import files
+from virtual_phantom.job import job
+from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.summary import summary
+
+with job(snakemake) as log:
+    found = summary(load(snakemake.params.folder))
+    files.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", snakemake.output[0])
+    log.info("%s: %s, %s", found["name"], found["kind"], found["text"])
