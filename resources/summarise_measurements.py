@@ -52,7 +52,9 @@ def main() -> None:
     scores = wilcoxon.scores(study, measured.STUDY_FEATURES, source=str(arguments.study_table))
     write(scores[["feature", "stability_percent", "discrimination_percent"]], "ct_phantom4radiomics_scores.csv")
     write(
-        summarise(dose_table(arguments.dose_table), ["dose_mgy", "reconstruction", "roi"], FEATURES),
+        summarise(
+            measured.load_full_dose_series(arguments.dose_table), ["dose_mgy", "reconstruction", "roi"], FEATURES
+        ),
         "edge_dose_series_summary.csv",
     )
 

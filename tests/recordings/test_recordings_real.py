@@ -10,7 +10,7 @@ import pytest
 from recording_folders import write_yaml
 from scipy.io import loadmat
 
-from virtual_phantom import measured, solvers
+from virtual_phantom import fbp, measured
 from virtual_phantom.geometry import Grid, ScanGeometry
 from virtual_phantom.projectors import projector
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
@@ -49,7 +49,7 @@ def reconstruction(recording, size):
     data, geometry = first_turn(recording)
     pixel = 512 * 0.2 * 410.66 / 553.74 / size
     grid = Grid((1, size, size), (0.1, pixel, pixel))
-    return solvers.fdk(projector("cpu", geometry, grid), data[None], normalise="none")[0, 0], pixel
+    return fbp.fbp(projector("cpu", geometry, grid), data[None], normalise="none")[0, 0], pixel
 
 
 def solid(image):

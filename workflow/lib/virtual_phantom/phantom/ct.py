@@ -75,7 +75,7 @@ def read_hu(path: Path) -> Volume:
         raise InputError(f"{path}: no such CT; give a NIfTI file (.nii, .nii.gz) or the folder of a DICOM series")
     if bad := int(np.count_nonzero(~np.isfinite(image.array))):
         raise InputError(f"{path}: {bad} voxels are NaN or infinite; replace them (air is -1000 HU)")
-    # NIfTI does not say that its values are HU, and a rescale may have been lost; a CT always has some air or fat in view
+    # NIfTI does not say that its values are HU, and a rescale may get lost; a CT always has some air or fat in view.
     if image.array.min() >= 0:
         raise InputError(f"{path}: has no value below 0, so these are not HU; perhaps HU + 1024: subtract 1024 first")
     return image
