@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import difflib
+import math
 from pathlib import Path
 
 import yaml
@@ -49,8 +50,6 @@ def grid_of(config: dict) -> Grid:
 
 def scan_geometry(scan: dict, projections: int, grid: Grid) -> ScanGeometry:
     """The geometry of one complete `scan` section with `projections` views around `grid`."""
-    import math
-
     detector = {
         key: scan[key]
         for key in (
