@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .errors import InputError
-from .geometry import ScanGeometry
+from .geometry import Grid, ScanGeometry
+from .parallel_rays import ParallelRays
 from .projectors.cpu import CpuProjector
 from .units import hu_to_attenuation
 from .volumes import Volume
@@ -25,6 +26,33 @@ def clean_line_integrals(
     projector = CpuProjector(geometry, phantom.grid, threads=threads)
     volume = projector.pack_volume(hu_to_attenuation(phantom.array, mu_water_per_mm)[None])
     return projector.unpack_projections(projector.forward(volume))[0]
+
+
+def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndarray]) -> None:
+    """Raise InputError, naming the ROI, if one of its voxels is not seen from every direction of half a turn.
+
+    masks   boolean arrays [z, y, x] on `grid` by ROI
+
+    Such a voxel cannot be reconstructed rightly by any algorithm (H. K. Tuy, SIAM J. Appl. Math. 43, 546, 1983), and
+    would change every feature of its ROI in silence.
+    """
+    rays = ParallelRays(geometry)
+    z, y, x = grid.axes_mm()
+    for name, mask in masks.items():
+        # The lowest and the highest voxel of every column are the hardest to see.
+        columns = np.argwhere(mask.any(axis=0))
+        along = mask[:, columns[:, 0], columns[:, 1]]
+        lowest, highest = along.argmax(axis=0), len(z) - 1 - along[::-1].argmax(axis=0)
+        points = np.concatenate(
+            [np.column_stack([x[columns[:, 1]], y[columns[:, 0]], z[end]]) for end in (lowest, highest)]
+        )
+        share = rays.directions_seen(points).min() / rays.half_turn
+        if share < 1:
+            raise InputError(
+                f"scan: ROI {name} is not seen from every direction: {100 * share:.0f} % of half a turn where it is "
+                "worst; give the detector more rows or columns, a helix a smaller pitch or more turns, or the protocol "
+                "more projections"
+            )
 
 
 def _refuse_truncation(phantom, geometry, threshold_hu=-500.0):

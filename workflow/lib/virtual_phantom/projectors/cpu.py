@@ -148,11 +148,13 @@ class CpuProjector:
         return volume
 
     def back_parallel_stack(self, rays) -> np.ndarray:
-        """Zeros for projections rebinned to parallel rays (fbp.ParallelRays), in the kernels' layout."""
+        """Zeros for projections rebinned to parallel rays (ParallelRays), in the kernels' layout."""
         return aligned_zeros((len(rays.angles_rad), len(rays.t_mm) + 2, self.geometry.rows + 2, self.lanes))
 
     def back_parallel(self, projections: np.ndarray, rays, full_rows: float) -> np.ndarray:
         """Mean over directions of rebinned projections, each voxel by the views that see it; packed.
+
+        Zero where any direction is missing.
 
         full_rows   share of the rows, from the middle, that count fully where views of one direction overlap
         """
@@ -160,7 +162,6 @@ class CpuProjector:
         nz, ny, nx = self.grid.shape
         seen = np.zeros((ny, nx, nz), dtype=np.float32)
         z = self._source_z
-        z_step = float(z[1] - z[0]) if len(z) > 1 else 0.0
 
         def run(first, last):
             parallel.back_project_parallel(
@@ -177,10 +178,8 @@ class CpuProjector:
                 np.sin(rays.angles_rad),
                 np.cos(rays.angles_rad),
                 rays.view_of_angle,
-                self.geometry.views,
-                rays.periodic,
                 float(z[0]),
-                z_step,
+                float(z[1] - z[0]),
                 rays.view_step,
                 self._geometry,
                 float(rays.t_mm[0]),
@@ -190,7 +189,7 @@ class CpuProjector:
             )
 
         self._share_out(run, ny)
-        volume[1:-1, 1:-1, 1:-1] *= np.divide(1, seen, out=np.zeros_like(seen), where=seen > 0)[..., None]
+        volume[1:-1, 1:-1, 1:-1] *= (seen == rays.half_turn)[..., None] / np.float32(rays.half_turn)
         return volume
 
     def _start(self, views: slice) -> int:

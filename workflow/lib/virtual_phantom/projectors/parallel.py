@@ -14,8 +14,11 @@ from .lanes import gather_bilinear
 
 @njit(inline="always", **OPTIONS)
 def _row_weight(height, rows, full):
-    """1 in the middle share `full` of the rows, falling smoothly to 0 at the edges; height in padded rows."""
-    off_centre = abs(height - np.float32((rows + 1) * 0.5)) / np.float32(rows * 0.5)
+    """1 in the middle share `full` of the rows, falling smoothly to 0 at the outermost rows' centres; padded rows.
+
+    One row counts to half its height off its centre.
+    """
+    off_centre = abs(height - np.float32((rows + 1) * 0.5)) / np.float32(max(rows - 1, 1) * 0.5)
     s = min(np.float32(1.0), max(np.float32(0.0), (np.float32(1.0) - off_centre) / np.float32(1.0 - full)))
     return s * s * (np.float32(3.0) - np.float32(2.0) * s)
 
@@ -35,8 +38,6 @@ def back_project_parallel(
     sine,
     cosine,
     view_of_angle,
-    views,
-    periodic,
     source_z0,
     source_step,
     view_step,
@@ -74,12 +75,10 @@ def back_project_parallel(
                                 s, c = sine[i], cosine[i]
                                 t = position_x * c + position_y * s
                                 across = (t - first_t) / t_pitch + 1.0
-                                if across < 1.0 or across >= columns or abs(t) >= radius:
+                                if across < 1.0 or across > columns or abs(t) >= radius:
                                     continue
                                 fan = math.asin(t / radius)
                                 view = view_of_angle[i] - fan / view_step
-                                if not periodic and (view < 0 or view > views - 1):
-                                    continue
                                 depth = radius * math.cos(fan) + position_x * s - position_y * c
                                 magnification = distance / (math.cos(fan) * depth)
                                 source_z = source_z0 + view * source_step
@@ -100,6 +99,8 @@ def back_project_parallel(
                                         continue
                                     height = first + slope * np.float32(z)
                                     share = _row_weight(height, rows, full) / total[z]
+                                    # Only a single row is ever read off its centre.
+                                    height = min(max(height, np.float32(1.0)), np.float32(rows))
                                     k = np.int32(height)
                                     up = (height - np.float32(k)) * share
                                     low = share - up
