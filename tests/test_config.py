@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from virtual_phantom.config import check, grid_of, scan_geometry
+from virtual_phantom.config import check
 from virtual_phantom.errors import InputError
+from virtual_phantom.geometry import grid_of, scan_geometry
 from virtual_phantom.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -89,7 +90,7 @@ def test_named_scan_replaces_keys_of_the_default_scan():
     assert plan.geometry_of("sirt_150") == "short_views150"
     settings = plan.geometry_settings("short_views150")
     assert (settings["scan"]["rows"], settings["scan"]["columns"], settings["projections"]) == (8, 160, 150)
-    geometry = scan_geometry(settings["scan"], 150, grid_of(plan.config))
+    geometry = scan_geometry(settings["scan"], 150, grid_of(plan.config["grid"]))
     assert geometry.feed_per_rotation_mm == 0 and geometry.rows == 8
     assert plan.geometry_settings(plan.geometry_of("fbp_150"))["scan"]["rows"] == 48
 
@@ -128,6 +129,17 @@ def test_bundles_hold_every_acquisition_once_and_keep_levels_whole():
     assert sorted(seen) == sorted(expected)
     assert all(len(bundle) <= plan.config["seeds_per_job"] for bundle in plan.bundles())
     assert tuple([("dose10", seed) for seed in plan.seeds("dose10")]) in plan.bundles()
+
+
+def test_bundles_stay_when_an_analysis_asks_for_more():
+    """A further level for one protocol leaves every bundle that does not share its group as it was."""
+    before = Plan(check(DEFAULT, SCHEMA)).bundles()
+    more = changed("analyses.pca.multicentre.noise", ["dose10", "dose10_plus6", "dose10_plus16", "quadruple"])
+    after = Plan(check(more, SCHEMA)).bundles()
+    gone = {(bundle, protocol) for bundle in before for protocol in before[bundle]} - {
+        (bundle, protocol) for bundle in after for protocol in after[bundle]
+    }
+    assert not gone
 
 
 def test_reference_page_is_up_to_date():

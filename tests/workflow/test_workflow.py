@@ -1,5 +1,6 @@
 """The workflow itself: every shipped config plans, the tiny study runs, mistakes stop it with one clear line."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,9 @@ import pytest
 import SimpleITK as sitk
 import yaml
 
+from virtual_phantom import exchange, volumes
+from virtual_phantom.reconstruct import reconstruct
+
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "config" / "tiny.yaml"
 FIGURES = (
@@ -25,6 +29,8 @@ FIGURES = (
     "pca_fbp",
     "pca_multicentre",
 )
+PCA = ("sirt", "fbp", "multicentre")
+PROTOCOL = {"algorithm": "sirt", "projections": 150, "group": 1}
 
 
 def snakemake(*arguments, cores=2):
@@ -33,12 +39,13 @@ def snakemake(*arguments, cores=2):
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=900)
 
 
-def tiny(folder, *targets, cores=2, overlay=None):
-    """The tiny study into `folder`; `overlay` is a dict of config keys on top of it."""
+def tiny(folder, *targets, cores=2, overlay=None, beside=None):
+    """The tiny study into `folder`; `overlay` is a dict of config keys on top of it, written to `beside`."""
     files = [TINY]
     if overlay is not None:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        files.append(folder.parent / "overlay.yaml")
+        beside = beside or folder.parent
+        beside.mkdir(parents=True, exist_ok=True)
+        files.append(beside / "overlay.yaml")
         files[-1].write_text(yaml.safe_dump(overlay))
     # Targets go first: --config and --configfile would swallow them.
     return snakemake(*targets, "--configfile", *files, "--config", f"results_dir={folder}", cores=cores)
@@ -110,9 +117,31 @@ def test_noise_variance_is_linear_in_the_noise_level(study):
     assert np.corrcoef(table["noise_level"], table["variance_hu2"])[0, 1] ** 2 > 0.98
 
 
-def test_noisy_projections_are_cleared_away(study):
+def test_nothing_half_written_is_left(study):
     assert not list((study / "projections").rglob("seed*.h5"))
     assert not list(study.rglob(".partial-*"))
+
+
+def test_kept_projections_are_those_of_the_images(study, tmp_path):
+    """The image from a kept file of counts is, voxel for voxel, the one that the study drew for itself."""
+    file = study / "projections" / "views150" / "double" / "seed01.h5"
+    process = tiny(study, file, overlay={"keep_projections": True}, beside=tmp_path)
+    assert process.returncode == 0, process.stderr[-2000:]
+    counts, geometry = exchange.read_counts(file)
+    file.unlink()
+    image = volumes.read_nifti(study / "images" / "sirt_150" / "double" / "seed01.nii.gz")
+    (again,) = reconstruct(
+        counts.line_integrals(0.5)[None],
+        geometry,
+        image.grid,
+        "sirt",
+        {"iterations": 100, "terms": 25},
+        engine="cpu",
+        mu_water_per_mm=0.0193,
+    )
+    # One lane sums in another order than several: rounding may tip a voxel by one unit.
+    assert np.abs(again.array - image.array).max() <= 1
+    assert (again.array == image.array).mean() > 0.999
 
 
 def test_a_second_run_does_nothing(study):
@@ -121,17 +150,88 @@ def test_a_second_run_does_nothing(study):
     assert "Nothing to be done" in process.stderr + process.stdout
 
 
-def test_a_new_protocol_runs_its_own_jobs_only(study, tmp_path):
-    """Adding sirt_180 plans its own acquisitions and what all protocols share, and touches no other protocol."""
-    overlay = tmp_path / "more.yaml"
-    overlay.write_text("protocols:\n  sirt_180:\n    algorithm: sirt\n    projections: 180\n    group: 9\n")
-    process = snakemake("-n", "--configfile", TINY, overlay, "--config", f"results_dir={study}")
+def planned(process):
+    """{rule: [wildcards]} of a dry run."""
     assert process.returncode == 0, process.stderr[-2000:]
-    wildcards = [line for line in process.stdout.splitlines() if line.startswith("    wildcards: ")]
-    scans = [line for line in wildcards if "protocol=" in line or "geometry=" in line]
-    assert any("protocol=sirt_180" in line for line in scans)
-    assert all("sirt_180" in line or "views180" in line for line in scans), scans
-    assert "rule phantom:" not in process.stdout
+    jobs: dict[str, list[str]] = {}
+    for line in process.stdout.splitlines():
+        if match := re.fullmatch(r"(?:local)?rule (\w+):", line):
+            jobs.setdefault(match[1], [])
+            last = match[1]
+        elif line.startswith("    wildcards: "):
+            jobs[last].append(line.removeprefix("    wildcards: "))
+    return jobs
+
+
+AFTER_STABILITY = {"stability", "top_features", "overlap", "figure_overlap", "figure_stability_discrimination", "all"}
+AFTER_FEATURES = AFTER_STABILITY | {"merge_features", "pca", *(f"figure_pca_{name}" for name in PCA)}
+
+
+@pytest.mark.parametrize(
+    "settings, projected",
+    [({"projections": 180}, ["geometry=views180"]), ({"algorithm": "fbp"}, [])],
+    ids=["of a new geometry", "of a geometry that is there"],
+)
+def test_a_new_protocol_runs_its_own_jobs_only(study, tmp_path, settings, projected):
+    """And what all protocols share: the merged table, the statistics, their figures, kernels for its bundle's size."""
+    overlay = {"protocols": {"new": PROTOCOL | settings | {"group": 9}}}
+    jobs = planned(tiny(study, "-n", overlay=overlay, beside=tmp_path))
+    own = {rule for rule in jobs if rule.startswith(("reconstruct", "extract"))}
+    assert own and all(one.startswith("protocol=new") for rule in own for one in jobs[rule])
+    assert jobs.pop("project", []) == projected
+    assert jobs.keys() - own <= AFTER_FEATURES | {"compile_kernels"}
+
+
+def test_a_threshold_redoes_the_statistics_only(study, tmp_path):
+    jobs = planned(tiny(study, "-n", overlay={"statistics": {"threshold": 1.5}}, beside=tmp_path))
+    assert set(jobs) == AFTER_STABILITY
+
+
+def test_a_noise_model_leaves_the_line_integrals(study, tmp_path):
+    jobs = planned(tiny(study, "-n", overlay={"noise": {"model": "physical"}}, beside=tmp_path))
+    assert not {"phantom", "project", "compile_kernels"} & set(jobs)
+    assert sum(len(jobs[rule]) for rule in jobs if rule.startswith("extract")) == 10
+
+
+def test_a_solver_setting_leaves_the_other_algorithm(study, tmp_path):
+    jobs = planned(tiny(study, "-n", overlay={"reconstruction": {"sirt": {"terms": 30}}}, beside=tmp_path))
+    made = [one for rule, wildcards in jobs.items() if rule.startswith("reconstruct") for one in wildcards]
+    assert made and all("protocol=sirt_" in one for one in made)
+    assert not {"phantom", "project"} & set(jobs)
+
+
+def test_another_noise_level_leaves_the_images_that_are_there(study, tmp_path):
+    """Five repeats more than fill the bundle of the levels before it up, so they have jobs of their own."""
+    overlay = {
+        "noise": {"levels": {"loud": {"A": 5.0e-5, "repeats": 5}}},
+        "analyses": {"pca": {"fbp": {"noise": ["dose10", "dose10_plus12", "loud"]}}},
+    }
+    jobs = planned(tiny(study, "-n", overlay=overlay, beside=tmp_path))
+    extracted = [one for rule, wildcards in jobs.items() if rule.startswith("extract") for one in wildcards]
+    assert sorted(extracted) == ["protocol=fbp_150, noise=loud", "protocol=fbp_300, noise=loud"]
+
+
+def test_an_edited_mask_is_noticed(tmp_path):
+    z, y, x = np.mgrid[-6:6, -20:20, -20:20]
+    body, core = np.hypot(x, y) < 15, np.hypot(x, y) < 5
+    affine = np.diag([4.0, 4.0, 4.0, 1.0])
+    for name, array in (("ct", np.where(body, 20, -1000)), ("core", core), ("rim", body & ~core)):
+        nibabel.save(nibabel.Nifti1Image(array.T.astype(np.int16), affine), tmp_path / f"{name}.nii.gz")
+    rois = [
+        {"name": name, "tissue_class": name, "file": str(tmp_path / f"{name}.nii.gz"), "margin_mm": 4}
+        for name in ("core", "rim")
+    ]
+    grid = {"shape": [12, 40, 40], "spacing_mm": [4.0, 4.0, 4.0]}
+    phantom = {"source": "ct", "ct": {"image": str(tmp_path / "ct.nii.gz"), "rois": rois}}
+    overlay = {"phantom": phantom, "grid": grid, "measured": {"overlay": False}}
+    folder = tmp_path / "r"
+    target = folder / "phantom" / "image.nii.gz"
+    process = tiny(folder, target, overlay=overlay)
+    assert process.returncode == 0, process.stderr[-3000:]
+    assert not planned(tiny(folder, target, "-n", overlay=overlay))
+    smaller = (body & (np.hypot(x, y) > 7)).T.astype(np.int16)
+    nibabel.save(nibabel.Nifti1Image(smaller, affine), tmp_path / "rim.nii.gz")
+    assert set(planned(tiny(folder, target, "-n", overlay=overlay))) == {"phantom"}
 
 
 def test_one_core_makes_the_same_features(study, tmp_path):
@@ -139,9 +239,6 @@ def test_one_core_makes_the_same_features(study, tmp_path):
     process = tiny(tmp_path / "r", tmp_path / "r" / "features.csv", cores=1)
     assert process.returncode == 0, process.stderr[-4000:]
     assert (tmp_path / "r" / "features.csv").read_bytes() == (study / "features.csv").read_bytes()
-
-
-PROTOCOL = {"algorithm": "sirt", "projections": 150, "group": 1}
 
 
 @pytest.mark.parametrize(

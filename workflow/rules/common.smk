@@ -11,7 +11,9 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 )
 
 from virtual_phantom.config import check
+from virtual_phantom.dependencies import files_behind
 from virtual_phantom.errors import InputError
+from virtual_phantom.files import files_of
 from virtual_phantom.plan import Plan
 from virtual_phantom.projectors import choose_engine
 
@@ -40,9 +42,14 @@ wildcard_constraints:
     seed="[0-9]{2}",
 
 
-def library(*names):
-    """Library files that a stage depends on: Snakemake does not follow imports."""
-    return [os.path.join(LIBRARY, "virtual_phantom", name) for name in names]
+def code(script):
+    """A script and the library files behind it, as inputs of its rule. Relative, so that a moved folder stays valid."""
+    return [
+        os.path.relpath(path)
+        for path in files_behind(
+            os.path.join(workflow.basedir, "workflow", "scripts", script)
+        )
+    ]
 
 
 def megabytes(
@@ -90,8 +97,15 @@ def targets():
     if "stability" in ANALYSES:
         wanted += [
             figure("stability_discrimination"),
-            figure("overlap"),
             f"{RESULTS}/tables/top_features.csv",
         ]
+        if PLAN.config["measured"]["overlay"]:
+            wanted.append(figure("overlap"))
     wanted += [figure(f"pca_{name}") for name in ANALYSES.get("pca", {})]
+    if PLAN.config["keep_projections"]:
+        wanted += [
+            f"{RESULTS}/projections/{PLAN.geometry_of(protocol)}/{noise}/seed{seed}.h5"
+            for protocol, noise in ACQUISITIONS
+            for seed in PLAN.seeds(noise)
+        ]
     return wanted

@@ -10,7 +10,7 @@ for batch, levels in PLAN.seed_batches().items():
             ],
             rois=rules.phantom.output.table,
             masks=rules.phantom.output.rois,
-            code=library("radiomics.py", "volumes.py"),
+            code=code("extract.py"),
         output:
             [
                 f"{RESULTS}/features/{{protocol}}/{{noise}}/seed{seed}.csv"
@@ -45,7 +45,7 @@ rule merge_features:
             for protocol, noise in PLAN.featured()
             for seed in PLAN.seeds(noise)
         ],
-        rois=rules.phantom.output.table,
+        code=code("merge_features.py"),
     output:
         f"{RESULTS}/features.csv",
     log:

@@ -4,7 +4,6 @@ PCA_TITLES = {
     "multicentre": "Wider noise range (multi-centre)",
 }
 FIGURE_RESOURCES = {"mem_mb": 2000, "runtime": 10}
-FIGURE_STYLE = library("figures/style.py", "figures/tables.py")
 
 
 def measured_noise():
@@ -31,7 +30,7 @@ rule figure_rois:
         image=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=FIGURE_STYLE + library("figures/rois.py", "figures/axial.py"),
+        code=code("figures/rois.py"),
     output:
         png=report(
             f"{RESULTS}/figures/rois.png",
@@ -60,7 +59,7 @@ rule figure_scans:
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=FIGURE_STYLE + library("figures/scans.py", "figures/axial.py"),
+        code=code("figures/scans.py"),
     output:
         png=report(
             f"{RESULTS}/figures/scans.png",
@@ -86,9 +85,7 @@ rule figure_scans:
 rule figure_noise_calibration:
     input:
         table=rules.noise_calibration.output[0],
-        doses="resources/edge_dose_series_summary.csv",
-        code=FIGURE_STYLE
-        + library("figures/noise_calibration.py", "statistics/noise.py"),
+        code=code("figures/noise_calibration.py"),
     output:
         png=report(
             f"{RESULTS}/figures/noise_calibration.png",
@@ -120,7 +117,7 @@ rule figure_stability_discrimination:
     input:
         table=rules.stability.output[0],
         scores="resources/ct_phantom4radiomics_scores.csv",
-        code=FIGURE_STYLE + library("figures/stability_discrimination.py"),
+        code=code("figures/stability_discrimination.py"),
     output:
         png=report(
             f"{RESULTS}/figures/stability_discrimination.png",
@@ -143,7 +140,7 @@ rule figure_stability_discrimination:
 rule figure_overlap:
     input:
         table=rules.overlap.output[0],
-        code=FIGURE_STYLE + library("figures/overlap.py"),
+        code=code("figures/overlap.py"),
     output:
         png=report(
             f"{RESULTS}/figures/overlap.png",
@@ -167,7 +164,7 @@ for name, title in PCA_TITLES.items():
             f"figure_pca_{name}"
         input:
             table=f"{RESULTS}/tables/pca_{name}.csv",
-            code=FIGURE_STYLE + library("figures/pca.py"),
+            code=code("figures/pca.py"),
         output:
             png=report(
                 f"{RESULTS}/figures/pca_{name}.png",

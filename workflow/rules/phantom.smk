@@ -1,27 +1,28 @@
-PHANTOM = [
-    f"phantom/{name}.py"
-    for name in (
-        "__init__",
-        "layout",
-        "synthetic",
-        "texture",
-        "shapes",
-        "ct",
-        "dicom_series",
-        "masks",
-        "rois",
-    )
-]
+def present(*paths):
+    """The files at these paths, those in folders too. What is missing is left to the script, which says so in a line."""
+    return [
+        str(file)
+        for path in paths
+        if path and os.path.exists(path)
+        for file in files_of(path)
+    ]
+
+
+def phantom_sources():
+    """Every file that the phantom is made from."""
+    settings = PLAN.config["phantom"]
+    if settings["source"] == "synthetic":
+        return present(settings["layout"])
+    ct = settings["ct"]
+    regions = [ct.get("labels"), *(roi.get("file") for roi in ct["rois"])]
+    return present(ct["image"], *dict.fromkeys(regions))
 
 
 rule phantom:
     """The object that every scan sees, and its ROIs."""
     input:
-        layout=branch(
-            PLAN.config["phantom"]["source"] == "synthetic",
-            then=PLAN.config["phantom"]["layout"],
-        ),
-        code=library("geometry.py", "volumes.py", *PHANTOM),
+        sources=phantom_sources(),
+        code=code("phantom.py"),
     output:
         image=f"{RESULTS}/phantom/image.nii.gz",
         fine=f"{RESULTS}/phantom/fine.nii.gz",

@@ -5,20 +5,10 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
         name:
             f"reconstruct_{number}"
         input:
-            counts=lambda wildcards, bundle=bundle: [
-                f"{RESULTS}/projections/{PLAN.geometry_of(wildcards.protocol)}/{noise}/seed{seed}.h5"
-                for noise, seed in bundle
-            ],
+            clean=lambda wildcards: f"{RESULTS}/projections/{PLAN.geometry_of(wildcards.protocol)}/clean.h5",
             phantom=f"{RESULTS}/phantom/image.nii.gz",
             kernels=f"{RESULTS}/logs/kernels/{len(bundle)}.txt",
-            code=library(
-                "reconstruct.py",
-                "solvers.py",
-                "fbp.py",
-                "units.py",
-                "projectors/cpu.py",
-                *KERNELS,
-            ),
+            code=code("reconstruct.py"),
         output:
             [
                 f"{RESULTS}/images/{{protocol}}/{noise}/seed{seed}.nii.gz"
@@ -36,7 +26,7 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
                 volumes=6,
                 volume_lanes=len(bundle),
                 projections=2,
-                projection_lanes=len(bundle),
+                projection_lanes=len(bundle) + 4,
                 scan=PLAN.geometry_of(wildcards.protocol),
             ),
             runtime=240,
@@ -45,12 +35,15 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
                 and PLAN.config["protocols"][wildcards.protocol]["algorithm"] == "sirt"
             ),
         params:
+            **NOISE,
             algorithm=lambda wildcards: PLAN.config["protocols"][wildcards.protocol][
                 "algorithm"
             ],
             settings=lambda wildcards: PLAN.config["reconstruction"][
                 PLAN.config["protocols"][wildcards.protocol]["algorithm"]
             ],
+            geometry=lambda wildcards: PLAN.geometry_of(wildcards.protocol),
+            acquisitions=[acquisition(noise, seed) for noise, seed in bundle],
             engine=ENGINE,
             mu_water_per_mm=PLAN.config["mu_water_per_mm"],
             zero_counts_as=PLAN.config["noise"]["zero_counts_as"],

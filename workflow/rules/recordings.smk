@@ -1,11 +1,12 @@
 from virtual_phantom.recordings.document import read_document
 
 try:
-    RECORDINGS = {name: read_document(folder) for name, folder in PLAN.config["recordings"].items()}
+    RECORDINGS = {
+        name: read_document(folder)
+        for name, folder in PLAN.config["recordings"].items()
+    }
 except InputError as error:
     sys.exit(f"Error: {error}")
-
-RECORDING_CODE = [f"recordings/{name}.py" for name in ("document", "features", "images", "projections", "provenance", "reading", "recording", "scan", "summary")]
 
 
 wildcard_constraints:
@@ -19,19 +20,24 @@ localrules:
 rule recording_summary:
     """Read and check one recording; what was found, what is known of the scan, what is missing."""
     input:
-        files=lambda wildcards: [str(path) for path in RECORDINGS[wildcards.recording].files],
+        files=lambda wildcards: [
+            str(path) for path in RECORDINGS[wildcards.recording].files
+        ],
         schema="workflow/schemas/recording.schema.yaml",
-        code=library("exchange.py", "volumes.py", "phantom/dicom_series.py", *RECORDING_CODE),
+        code=code("recording_summary.py"),
     output:
         f"{RESULTS}/recordings/{{recording}}/summary.json",
     log:
         f"{RESULTS}/logs/recording_summary/{{recording}}.log",
-    params:
-        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
     resources:
         # One acquisition at a time, compressed on disk, and masks and copies beside it.
-        mem_mb=lambda wildcards: 1000 + 12 * max(path.stat().st_size for path in RECORDINGS[wildcards.recording].files) // 10**6,
+        mem_mb=lambda wildcards: 1000
+        + 12
+        * max(path.stat().st_size for path in RECORDINGS[wildcards.recording].files)
+        // 10**6,
         runtime=30,
+    params:
+        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
     script:
         "../scripts/recording_summary.py"
 
@@ -40,15 +46,15 @@ rule recordings:
     """All configured recordings in one table, printed."""
     input:
         summaries=[f"{RESULTS}/recordings/{name}/summary.json" for name in RECORDINGS],
-        code=library("recordings/summary.py"),
+        code=code("recordings.py"),
     output:
         f"{RESULTS}/recordings/recordings.csv",
     log:
         f"{RESULTS}/logs/recordings.log",
-    params:
-        names=list(RECORDINGS),
     resources:
         mem_mb=500,
         runtime=5,
+    params:
+        names=list(RECORDINGS),
     script:
         "../scripts/recordings.py"

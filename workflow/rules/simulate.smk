@@ -1,10 +1,17 @@
-KERNELS = [f"projectors/{name}.py" for name in ("kernels", "parallel", "lanes")]
+# What all acquisitions share.
+NOISE = {"model": PLAN.config["noise"]["model"], "study_seed": PLAN.config["seed"]}
+
+
+def acquisition(noise, seed):
+    """What tells the acquisitions of one geometry apart."""
+    level = PLAN.config["noise"]["levels"][noise]["A"]
+    return {"noise": noise, "noise_level": level, "seed": int(seed)}
 
 
 rule compile_kernels:
     """Compile the kernels once for a number of realisations, so that no two jobs do it side by side."""
     input:
-        code=library(*KERNELS),
+        code=code("compile_kernels.py"),
     output:
         f"{RESULTS}/logs/kernels/{{lanes}}.txt",
     log:
@@ -22,16 +29,11 @@ rule project:
     """Noise-free line integrals of one geometry, shared by all its noise levels, seeds and algorithms."""
     input:
         phantom=rules.phantom.output.fine,
+        image=rules.phantom.output.image,
+        rois=rules.phantom.output.table,
+        masks=rules.phantom.output.rois,
         kernels=f"{RESULTS}/logs/kernels/1.txt",
-        code=library(
-            "geometry.py",
-            "units.py",
-            "simulate.py",
-            "config.py",
-            "exchange.py",
-            "projectors/cpu.py",
-            *KERNELS,
-        ),
+        code=code("project.py"),
     output:
         f"{RESULTS}/projections/{{geometry}}/clean.h5",
     log:
@@ -52,38 +54,20 @@ rule project:
         "../scripts/project.py"
 
 
-for batch, levels in PLAN.seed_batches().items():
-
-    rule:
-        name:
-            f"acquire_seeds_{batch[0]}_to_{batch[-1]}"
-        input:
-            clean=f"{RESULTS}/projections/{{geometry}}/clean.h5",
-            code=library("physics/noise.py", "exchange.py"),
-        output:
-            [
-                (
-                    f"{RESULTS}/projections/{{geometry}}/{{noise}}/seed{seed}.h5"
-                    if PLAN.config["keep_projections"]
-                    else temp(
-                        f"{RESULTS}/projections/{{geometry}}/{{noise}}/seed{seed}.h5"
-                    )
-                )
-                for seed in batch
-            ],
-        log:
-            f"{RESULTS}/logs/acquire/{{geometry}}/{{noise}}/seed{batch[0]}_to_{batch[-1]}.log",
-        wildcard_constraints:
-            noise="|".join(levels),
-        resources:
-            mem_mb=lambda wildcards: megabytes(projections=6, scan=wildcards.geometry),
-            runtime=30,
-        params:
-            seeds=[int(seed) for seed in batch],
-            noise_level=lambda wildcards: PLAN.config["noise"]["levels"][
-                wildcards.noise
-            ]["A"],
-            model=PLAN.config["noise"]["model"],
-            study_seed=PLAN.config["seed"],
-        script:
-            "../scripts/acquire.py"
+rule acquire:
+    """One noisy acquisition as a file. Reconstruction draws the same counts itself; this is for keep_projections."""
+    input:
+        clean=f"{RESULTS}/projections/{{geometry}}/clean.h5",
+        code=code("acquire.py"),
+    output:
+        f"{RESULTS}/projections/{{geometry}}/{{noise}}/seed{{seed}}.h5",
+    log:
+        f"{RESULTS}/logs/acquire/{{geometry}}/{{noise}}/seed{{seed}}.log",
+    resources:
+        mem_mb=lambda wildcards: megabytes(projections=8, scan=wildcards.geometry),
+        runtime=30,
+    params:
+        **NOISE,
+        acquisition=lambda wildcards: acquisition(wildcards.noise, wildcards.seed),
+    script:
+        "../scripts/acquire.py"

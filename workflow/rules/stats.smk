@@ -2,7 +2,7 @@ rule stability:
     """W over pairs of groups and pairs of classes, for every feature."""
     input:
         features=f"{RESULTS}/features.csv",
-        code=library("statistics/wilcoxon.py"),
+        code=code("stability.py"),
     output:
         f"{RESULTS}/tables/stability.csv",
     log:
@@ -28,7 +28,7 @@ rule top_features:
     input:
         stability=rules.stability.output[0],
         published="resources/published_top_features.csv",
-        code=library("statistics/ranking.py"),
+        code=code("top_features.py"),
     output:
         report(
             f"{RESULTS}/tables/top_features.csv",
@@ -50,7 +50,7 @@ rule overlap:
     input:
         stability=rules.stability.output[0],
         scores="resources/ct_phantom4radiomics_scores.csv",
-        code=library("statistics/ranking.py", "measured.py"),
+        code=code("overlap.py"),
     output:
         f"{RESULTS}/tables/overlap.csv",
     log:
@@ -62,11 +62,22 @@ rule overlap:
         "../scripts/overlap.py"
 
 
+def measured_tables():
+    """The measured features that the principal components are shown with."""
+    measured = PLAN.config["measured"]
+    if not measured["overlay"]:
+        return []
+    if measured["table"] is not None:
+        return present(measured["table"])
+    return ["resources/ct_phantom4radiomics_groups.csv"]
+
+
 rule pca:
     """The first two principal components of all images and ROIs of a selection of protocols."""
     input:
         features=f"{RESULTS}/features.csv",
-        code=library("statistics/pca.py", "measured.py"),
+        measured=measured_tables(),
+        code=code("pca.py"),
     output:
         table=f"{RESULTS}/tables/pca_{{pca}}.csv",
         separability=f"{RESULTS}/tables/separability_{{pca}}.csv",
@@ -100,7 +111,7 @@ rule noise_calibration:
         ],
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=library("statistics/noise.py", "volumes.py"),
+        code=code("noise_calibration.py"),
     output:
         f"{RESULTS}/tables/noise_calibration.csv",
     log:

@@ -3,19 +3,23 @@
 from virtual_phantom.job import job
 
 with job(snakemake) as log:
-    from virtual_phantom.config import grid_of, scan_geometry
     from virtual_phantom.exchange import write_line_integrals
-    from virtual_phantom.simulate import clean_line_integrals
+    from virtual_phantom.geometry import grid_of, scan_geometry
+    from virtual_phantom.radiomics import read_masks
+    from virtual_phantom.simulate import check_rois_seen, clean_line_integrals
     from virtual_phantom.volumes import read_nifti
 
     params = snakemake.params
     phantom = read_nifti(snakemake.input.phantom)
-    geometry = scan_geometry(params.geometry["scan"], params.geometry["projections"], grid_of({"grid": params.grid}))
+    grid = grid_of(params.grid)
+    geometry = scan_geometry(params.geometry["scan"], params.geometry["projections"], grid)
     log.info(
         "%d views, %.3f turns, feed %.1f mm per turn",
         geometry.views,
         geometry.views / geometry.views_per_rotation,
         geometry.feed_per_rotation_mm,
     )
+    _, masks = read_masks(snakemake.input.rois, read_nifti(snakemake.input.image))
+    check_rois_seen(geometry, grid, masks)
     line_integrals = clean_line_integrals(phantom, geometry, params.mu_water_per_mm, snakemake.threads)
     write_line_integrals(snakemake.output[0], line_integrals, geometry)

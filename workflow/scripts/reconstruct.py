@@ -1,21 +1,36 @@
-"""Images of one protocol at one noise level, all seeds of the batch at once."""
+"""Images of one protocol, as many acquisitions at once as the job has outputs."""
 
 from virtual_phantom.job import job
 
 with job(snakemake) as log:
+    import numpy as np
+
+    from virtual_phantom.exchange import read_line_integrals
+    from virtual_phantom.physics.noise import acquire
     from virtual_phantom.reconstruct import reconstruct
     from virtual_phantom.volumes import read_nifti, write_nifti
 
     params = snakemake.params
     grid = read_nifti(snakemake.input.phantom).grid
+    clean, geometry = read_line_integrals(snakemake.input.clean)
+    noisy = np.empty((len(params.acquisitions), *clean.shape), dtype=np.float32)
+    for lane, acquisition in enumerate(params.acquisitions):
+        counts = acquire(
+            clean, geometry=params.geometry, model=params.model, study_seed=params.study_seed, **acquisition
+        )
+        noisy[lane] = counts.line_integrals(params.zero_counts_as)
+        log.info(
+            "%s: fewest counts %d, pixels without any %d", acquisition, counts.data.min(), (counts.data == 0).sum()
+        )
+    del clean, counts
     volumes = reconstruct(
-        snakemake.input.counts,
+        noisy,
+        geometry,
         grid,
         params.algorithm,
         params.settings,
         engine=params.engine,
         mu_water_per_mm=params.mu_water_per_mm,
-        zero_counts_as=params.zero_counts_as,
         threads=snakemake.threads,
     )
     for volume, path in zip(volumes, snakemake.output, strict=True):

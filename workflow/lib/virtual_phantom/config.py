@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import difflib
-import math
 from pathlib import Path
 
 import yaml
@@ -12,7 +11,6 @@ from jsonschema import Draft202012Validator, validators
 from jsonschema.exceptions import best_match
 
 from .errors import InputError
-from .geometry import Grid, ScanGeometry, circular, helical
 
 
 def check(config: dict, schema_path: str | Path) -> dict:
@@ -41,39 +39,6 @@ def fill_defaults(document: dict, schema: dict) -> None:
     """Add to a valid document, in place, every key that it leaves out and the schema has a default for."""
     for _ in _with_defaults(Draft202012Validator)(schema).iter_errors(document):
         pass
-
-
-def grid_of(config: dict) -> Grid:
-    """The reconstruction grid, its centre at the isocentre."""
-    return Grid(tuple(config["grid"]["shape"]), tuple(config["grid"]["spacing_mm"]))
-
-
-def scan_geometry(scan: dict, projections: int, grid: Grid) -> ScanGeometry:
-    """The geometry of one complete `scan` section with `projections` views around `grid`."""
-    detector = {
-        key: scan[key]
-        for key in (
-            "source_to_isocentre_mm",
-            "source_to_detector_mm",
-            "columns",
-            "rows",
-            "column_pitch_mm",
-            "row_pitch_mm",
-            "column_offset_px",
-            "row_offset_px",
-        )
-    }
-    start = math.radians(scan["start_angle_deg"])
-    if scan["trajectory"] == "circular":
-        return circular(views=projections, turns=scan["turns"] or 1.0, start_angle_rad=start, **detector)
-    return helical(
-        views=projections,
-        volume_height_mm=grid.extent_mm[0],
-        pitch=scan["pitch"],
-        turns=scan["turns"],
-        start_angle_rad=start,
-        **detector,
-    )
 
 
 def _without_nulls(config):

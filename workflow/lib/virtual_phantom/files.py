@@ -39,3 +39,11 @@ def write_text(text: str, path: str | Path) -> None:
     """Write a UTF-8 text file."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def files_of(path: str | Path) -> list[Path]:
+    """The path itself, or the files in a DICOM folder, hidden ones left out as the reader leaves them out."""
+    path = Path(path)
+    if not path.is_dir():
+        return [path]
+    return sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))

@@ -204,3 +204,36 @@ def helical(
     turn = (np.arange(views) - (views - 1) / 2) / views_per_rotation
     angles = start_angle_rad + direction * 2 * np.pi * np.arange(views) / views_per_rotation
     return ScanGeometry(angles_rad=angles, source_z_mm=turn * feed, views_per_rotation=views_per_rotation, **detector)
+
+
+def grid_of(settings: dict) -> Grid:
+    """The reconstruction grid of the configuration's `grid` section, its centre at the isocentre."""
+    return Grid(tuple(settings["shape"]), tuple(settings["spacing_mm"]))
+
+
+def scan_geometry(scan: dict, projections: int, grid: Grid) -> ScanGeometry:
+    """The geometry of a complete `scan` section of the configuration with `projections` views around `grid`."""
+    detector = {
+        key: scan[key]
+        for key in (
+            "source_to_isocentre_mm",
+            "source_to_detector_mm",
+            "columns",
+            "rows",
+            "column_pitch_mm",
+            "row_pitch_mm",
+            "column_offset_px",
+            "row_offset_px",
+        )
+    }
+    start = math.radians(scan["start_angle_deg"])
+    if scan["trajectory"] == "circular":
+        return circular(views=projections, turns=scan["turns"] or 1.0, start_angle_rad=start, **detector)
+    return helical(
+        views=projections,
+        volume_height_mm=grid.extent_mm[0],
+        pitch=scan["pitch"],
+        turns=scan["turns"],
+        start_angle_rad=start,
+        **detector,
+    )

@@ -43,22 +43,25 @@ class Plan:
     def bundles(self) -> dict[tuple[tuple[str, str], ...], list[str]]:
         """Every bundle of (noise level, seed) that one job reconstructs, and the protocols that have it.
 
-        Levels are kept whole where seeds_per_job allows: realisations are lanes, and full registers cost no more.
+        Levels are kept whole where seeds_per_job allows, and fill bundles up in the order of noise.levels: realisations
+        are lanes, and full registers cost no more. Which levels go together does not depend on which of them a
+        protocol is asked for, so that another analysis does not repack what is there.
         """
         size = self.config["seeds_per_job"]
-        bundles: dict[tuple[tuple[str, str], ...], list[str]] = {}
+        together: list[list[tuple[str, str]]] = []
+        for noise in self.config["noise"]["levels"]:
+            seeds = [(noise, seed) for seed in self.seeds(noise)]
+            for part in (seeds[start : start + size] for start in range(0, len(seeds), size)):
+                if together and len(together[-1]) + len(part) <= size:
+                    together[-1] += part
+                else:
+                    together.append(part)
         wanted = self.acquisitions()
+        bundles: dict[tuple[tuple[str, str], ...], list[str]] = {}
         for protocol in self.config["protocols"]:
-            full = []
-            for noise in (level for level in self.config["noise"]["levels"] if (protocol, level) in wanted):
-                seeds = [(noise, seed) for seed in self.seeds(noise)]
-                for part in (tuple(seeds[start : start + size]) for start in range(0, len(seeds), size)):
-                    if full and len(full[-1]) + len(part) <= size:
-                        full[-1] += part
-                    else:
-                        full.append(part)
-            for bundle in full:
-                bundles.setdefault(bundle, []).append(protocol)
+            for group in together:
+                if bundle := tuple(one for one in group if (protocol, one[0]) in wanted):
+                    bundles.setdefault(bundle, []).append(protocol)
         return bundles
 
     def repeats(self, noise: list[str]) -> int:

@@ -1,51 +1,42 @@
-"""From noisy counts to images in HU."""
+"""From line integrals to images in HU."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from . import fbp, solvers
 from .errors import InputError
-from .exchange import read_counts
-from .geometry import Grid, circular
+from .geometry import Grid, ScanGeometry, circular
 from .projectors import projector
 from .units import attenuation_to_hu
 from .volumes import Volume
 
 
 def reconstruct(
-    acquisitions: Sequence[str | Path],
+    line_integrals: np.ndarray,
+    geometry: ScanGeometry,
     grid: Grid,
     algorithm: str,
     settings: dict,
     *,
     engine: str,
     mu_water_per_mm: float,
-    zero_counts_as: float,
     threads: int = 1,
 ) -> list[Volume]:
-    """Images of acquisitions that share one geometry, int16 HU on `grid`, in the order given.
+    """One image per acquisition, int16 HU on `grid`.
 
+    line_integrals        [acquisition, view, row, column]
     algorithm, settings   "sirt" with solvers.sirt's keywords, or "fbp" with fbp.fbp's
-    Raises InputError if an acquisition is missing or broken, or was made in another geometry than the first.
+    Raises InputError for an unknown algorithm or a scan that it cannot use.
     """
-    stack, geometry = None, None
-    for lane, path in enumerate(acquisitions):
-        counts, own = read_counts(path)
-        if stack is None:
-            geometry = own
-            stack = np.empty((len(acquisitions), *counts.data.shape), dtype=np.float32)
-        elif stack.shape[1:] != counts.data.shape or not np.array_equal(own.angles_rad, geometry.angles_rad):
-            raise InputError(f"{path}: made in another geometry than {acquisitions[0]}; delete both and run again")
-        stack[lane] = counts.line_integrals(zero_counts_as)
+    count = len(line_integrals)
     if algorithm == "sirt":
-        attenuation = solvers.sirt(projector(engine, geometry, grid, len(stack), threads), stack, **settings)
+        attenuation = solvers.sirt(projector(engine, geometry, grid, count, threads), line_integrals, **settings)
     elif algorithm == "fbp":
         # One pass, and ASTRA's back-projection has a scale of its own: always on the CPU engine.
-        attenuation = fbp.fbp(projector("cpu", geometry, grid, len(stack), threads), stack, **settings)
+        attenuation = fbp.fbp(projector("cpu", geometry, grid, count, threads), line_integrals, **settings)
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     hu = attenuation_to_hu(attenuation, mu_water_per_mm)

@@ -65,3 +65,17 @@ def acquisition_seed(study_seed: int, geometry: str, noise: str, seed: int) -> n
         return np.frombuffer(hashlib.sha256(label.encode()).digest()[:8], dtype=np.uint32).tolist()
 
     return np.random.SeedSequence(study_seed, spawn_key=(1, *words(geometry), *words(noise), seed))
+
+
+def acquire(
+    line_integrals: np.ndarray,
+    *,
+    geometry: str,
+    noise: str,
+    noise_level: float,
+    seed: int,
+    model: str,
+    study_seed: int,
+) -> Counts:
+    """The noisy acquisition of a study that these labels name: `simulate_counts` with its own random stream."""
+    return simulate_counts(line_integrals, noise_level, model, acquisition_seed(study_seed, geometry, noise, seed))

@@ -5,12 +5,29 @@ length of a tuple, which numba knows when it compiles, so LLVM keeps a whole set
 loops over the same axis ran 1.5 to 3 times slower: LLVM cannot prove that input and output do not overlap.
 """
 
+import hashlib
+from pathlib import Path
+
+import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
 
 CACHE_LINE_BYTES = 64
+KERNEL_FILES = ("kernels.py", "lanes.py", "parallel.py")
+
+
+def _cache_folder() -> str:
+    """A folder for compiled kernels that changes with any of their files."""
+    here = Path(__file__).resolve().parent
+    content = b"".join((here / name).read_bytes() for name in KERNEL_FILES)
+    return str(here / "__pycache__" / hashlib.sha256(content).hexdigest()[:16])
+
+
+# Numba notices a change in a kernel's own file only, and would run old machine code of what it calls from the others.
+if not numba.config.CACHE_DIR:
+    numba.config.CACHE_DIR = _cache_folder()
 
 
 def aligned_zeros(shape: tuple[int, ...]) -> np.ndarray:

@@ -12,6 +12,7 @@ import yaml
 
 from ..config import fill_defaults, validate
 from ..errors import InputError
+from ..files import files_of
 
 FILE_NAME = "recording.yaml"
 SCHEMA = Path(__file__).resolve().parents[3] / "schemas" / "recording.schema.yaml"
@@ -49,13 +50,6 @@ class Document:
     def relative(self, path: Path) -> str:
         """A path as recording.yaml writes it."""
         return path.relative_to(self.folder).as_posix()
-
-
-def files_of(path: Path) -> list[Path]:
-    """The path itself, or the files in a DICOM folder, hidden ones left out as the reader leaves them out."""
-    if not path.is_dir():
-        return [path]
-    return sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
 
 
 def read_document(folder: str | Path) -> Document:

@@ -6,8 +6,9 @@ import hashlib
 from pathlib import Path
 
 from ..errors import InputError
+from ..files import files_of
 from ..phantom.dicom_series import read_headers
-from .document import Document, files_of
+from .document import Document
 
 # Nothing but what is listed here leaves a DICOM header (attributes of PS3.3 C.7.5.1, C.7.6.2 and C.8.2.1).
 TEXTS = {"manufacturer": "Manufacturer", "model": "ManufacturerModelName"}

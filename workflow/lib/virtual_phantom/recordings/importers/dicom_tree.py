@@ -14,11 +14,11 @@ import numpy as np
 import pydicom
 
 from ...errors import InputError
+from ...files import files_of
 from ...geometry import Grid
 from ...phantom.dicom_series import read_series
 from ...phantom.masks import GRID_TOLERANCE_MM
 from ...volumes import Volume, write_nifti
-from ..document import files_of
 from ..provenance import SHARED, check_shared, dicom_facts, sha256
 from ..recording import Recording
 from . import write_folder

@@ -1,0 +1,37 @@
+"""The files behind a script are those that Python really loads for it."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from virtual_phantom.dependencies import LIBRARY, WITHOUT_EFFECT, files_behind
+
+SCRIPTS = LIBRARY.parents[1] / "scripts"
+
+
+@pytest.mark.parametrize("module", ["reconstruct", "simulate", "phantom.ct", "statistics.pca", "recordings.summary"])
+def test_no_loaded_module_is_missed(module, tmp_path):
+    """Against the modules that an interpreter holds after the import."""
+    script = tmp_path / "script.py"
+    script.write_text(f"import virtual_phantom.{module}\n")
+    report = (
+        "import sys; print(*(m.__file__ for n, m in sys.modules.items() if n.startswith('virtual_phantom')), sep='\\n')"
+    )
+    loaded = subprocess.run(
+        [sys.executable, "-c", f"{script.read_text()}\n{report}"],
+        env={"PYTHONPATH": str(LIBRARY.parent)},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split()
+    expected = {Path(file) for file in loaded} - {LIBRARY / "__init__.py"}
+    expected = {file for file in expected if file.stem not in WITHOUT_EFFECT}
+    assert expected and expected <= set(files_behind(script))
+
+
+def test_imports_inside_a_script_and_inside_functions_count():
+    names = {file.name for file in files_behind(SCRIPTS / "reconstruct.py")}
+    assert {"reconstruct.py", "noise.py", "lanes.py", "astra_cuda.py", "cpu.py", "volumes.py"} <= names
+    assert not {"radiomics.py", "wilcoxon.py", "errors.py"} & names

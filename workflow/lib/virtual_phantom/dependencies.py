@@ -1,0 +1,55 @@
+"""Which files of the library a script depends on: Snakemake does not follow imports."""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from pathlib import Path
+
+LIBRARY = Path(__file__).resolve().parent
+# They word mistakes and write logs; no result depends on them.
+WITHOUT_EFFECT = ("errors", "job")
+
+
+def files_behind(script: str | Path) -> list[Path]:
+    """The script and every file of the library that it imports, directly or not, sorted; also in functions."""
+    found: set[Path] = set()
+    waiting = [Path(script).resolve()]
+    while waiting:
+        path = waiting.pop()
+        if path not in found:
+            found.add(path)
+            waiting += imported(path)
+    return sorted(found)
+
+
+@cache
+def imported(path: Path) -> tuple[Path, ...]:
+    """The library's files that one file imports itself."""
+    inside = LIBRARY in path.parents
+    package = path.relative_to(LIBRARY).parts[:-1] if inside else ()
+    modules: set[tuple[str, ...]] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+            modules |= {tuple(name.split(".")[1:]) for name in names if name.split(".")[0] == LIBRARY.name}
+        elif isinstance(node, ast.ImportFrom):
+            parts = tuple(filter(None, (node.module or "").split(".")))
+            if node.level:
+                parts = package[: len(package) - node.level + 1] + parts
+            elif parts[:1] == (LIBRARY.name,):
+                parts = parts[1:]
+            else:
+                continue
+            modules |= {parts} | {(*parts, alias.name) for alias in node.names}
+    return tuple(file for module in sorted(modules) for file in _files(module))
+
+
+def _files(module: tuple[str, ...]) -> list[Path]:
+    """A module's file and the __init__ of each package around it; nothing if the last name is no module."""
+    if module[-1:] and module[-1] in WITHOUT_EFFECT:
+        return []
+    place = LIBRARY.joinpath(*module)
+    candidates = [place.with_suffix(".py")] if module else []
+    candidates += [LIBRARY.joinpath(*module[: depth + 1], "__init__.py") for depth in range(len(module))]
+    return [file for file in candidates if file.is_file()]
