@@ -14,13 +14,24 @@ from jsonschema.exceptions import best_match
 from .errors import InputError
 from .geometry import Grid, ScanGeometry, circular, helical
 
+# Python's types are not JSON's: range() takes no 150.0, and callers hand in points as tuples.
+_Validator = validators.extend(
+    Draft202012Validator,
+    type_checker=Draft202012Validator.TYPE_CHECKER.redefine_many(
+        {
+            "integer": lambda _, value: isinstance(value, int) and not isinstance(value, bool),
+            "array": lambda _, value: isinstance(value, list | tuple),
+        }
+    ),
+)
+
 
 def check(config: dict, schema_path: str | Path) -> dict:
     """A complete configuration from the user's.
 
-    Keys set to null in `protocols`, `noise.levels`, `scans`, `analyses` or `analyses.pca` are dropped, which lets an
-    overlay take away what the file under it has. Raises InputError, naming the key, for anything that the schema
-    refuses and for names that point nowhere.
+    Keys set to null in `protocols` and in each protocol, `noise.levels`, `scans`, `recordings`, `analyses` or
+    `analyses.pca` are dropped, which lets an overlay take away what the file under it has. Raises InputError, naming
+    the key, for anything that the schema refuses, and for names that point nowhere.
     """
     schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
     config = _without_nulls(copy.deepcopy(dict(config)))
@@ -31,8 +42,12 @@ def check(config: dict, schema_path: str | Path) -> dict:
 
 
 def validate(document: dict, schema: dict, source: str) -> None:
-    """Raise InputError, one line that begins with `source` and names the key, for what the schema refuses."""
-    error = best_match(Draft202012Validator(schema).iter_errors(document), key=_depth_first)
+    """Raise InputError, one line that begins with `source` and names the key, for what the schema refuses.
+
+    Keys that are not text, which YAML makes of 1 or yes, are refused too.
+    """
+    _check_keys(document, (), source)
+    error = best_match(_Validator(schema).iter_errors(document), key=_depth_first)
     if error is not None:
         raise InputError(_one_line(error, source))
 
@@ -77,7 +92,10 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> ScanGeometry:
 
 
 def _without_nulls(config):
-    for path in (("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)):
+    paths = [("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)]
+    if isinstance(config.get("protocols"), dict):
+        paths += [("protocols", name) for name in config["protocols"]]
+    for path in paths:
         section = config
         for key in path:
             section = section.get(key) if isinstance(section, dict) else None
@@ -87,12 +105,30 @@ def _without_nulls(config):
     return config
 
 
+def _check_keys(value, path, source):
+    if isinstance(value, dict):
+        for key in value:
+            if not isinstance(key, str):
+                raise InputError(
+                    f"{source}: the key {key} in {_where(path, source)} is not text to YAML; correct it, or put it in "
+                    "quotes if it is a name"
+                )
+    elif not isinstance(value, list | tuple):
+        return
+    for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+        _check_keys(item, (*path, key), source)
+
+
+def _where(path, source):
+    return ".".join(map(str, path)) or Path(source).name
+
+
 def _depth_first(error):
     return -len(error.absolute_path), error.validator not in ("additionalProperties", "required")
 
 
 def _one_line(error, source):
-    where = ".".join(str(part) for part in error.absolute_path) or Path(source).name
+    where = _where(error.absolute_path, source)
     if error.validator == "additionalProperties":
         known = list(error.schema.get("properties", ()))
         unknown = sorted(set(error.instance) - set(known), key=str)[0]
@@ -102,9 +138,30 @@ def _one_line(error, source):
     if error.validator == "enum":
         choices = ", ".join(str(value) for value in error.validator_value)
         return f"{source}: {where} is '{error.instance}'; use one of {choices}"
+    if error.validator == "pattern" and "title" in error.schema:
+        return f"{source}: {where}: {error.instance!r} must be of {error.schema['title']}"
+    if error.validator == "type" and (number := _number_meant(error.instance, error.validator_value)):
+        kind = "text" if isinstance(error.instance, str) else "not a whole number"
+        return f"{source}: {where}: {error.instance!r} is {kind} to YAML; write {number}"
     what = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
     message = " ".join(error.message.split())
-    return f"{source}: {where}: {message[:300]}" + (f" ({what})" if what else "")
+    place = source if where == source else f"{source}: {where}"
+    return f"{place}: {message[:300]}" + (f" ({what})" if what else "")
+
+
+def _number_meant(value, kinds) -> str | None:
+    """How YAML 1.1, which asks for a point and a signed exponent, writes the number that a value reads as, if one."""
+    kinds = [kinds] if isinstance(kinds, str) else kinds
+    try:
+        number = float(value) if isinstance(value, str | float) else math.nan
+    except ValueError:
+        return None
+    if "number" in kinds and math.isfinite(number):
+        mantissa, exponential, exponent = value.strip().lower().partition("e")
+        if not exponential:
+            return mantissa
+        return f"{mantissa if '.' in mantissa else mantissa + '.0'}e{int(exponent):+d}"
+    return str(int(number)) if "integer" in kinds and number.is_integer() else None
 
 
 def _with_defaults(validator_class):
@@ -134,7 +191,7 @@ def _check_names(config):
 
     levels, protocols = config["noise"]["levels"], config["protocols"]
     for name, protocol in protocols.items():
-        if protocol.get("scan") is not None:
+        if "scan" in protocol:
             known(protocol["scan"], config["scans"], f"protocols.{name}.scan")
     groups = [protocol["group"] for protocol in protocols.values() if "group" in protocol]
     if len(groups) != len(set(groups)):
