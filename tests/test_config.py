@@ -11,6 +11,7 @@ import yaml
 
 from virtual_phantom.config import check, grid_of, scan_geometry
 from virtual_phantom.errors import InputError
+from virtual_phantom.measured import TISSUE_CLASSES
 from virtual_phantom.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -80,6 +81,20 @@ def test_defaults_are_filled_in():
             "analyses.stability.noise names 'dose1', which is not there; did you mean",
         ),
         ("analyses.pca.sirt.protocols", ["sirt_15"], "names 'sirt_15', which is not there; did you mean 'sirt_150'"),
+        ("noise.levels.dose10.repeats", 1, "dose10.repeats is 1; analyses.stability needs at least 2"),
+        (
+            "analyses.noise_calibration.noise",
+            ["dose10", "same"],
+            "analyses.noise_calibration.noise names levels of one A only",
+        ),
+        (
+            "analyses.optimal.sirt",
+            "fbp_450",
+            "analyses.optimal.sirt names 'fbp_450', whose algorithm is fbp; name a protocol of algorithm sirt",
+        ),
+        ("analyses.optimal.fbp", "sirt_450", "names 'sirt_450', whose algorithm is sirt"),
+        ("analyses.pca.sirt.protocols", ["sirt_150", "fbp_150"], "analyses.pca.sirt.protocols names 'fbp_150', whose"),
+        ("analyses.pca.fbp.protocols", ["sirt_150"], "analyses.pca.fbp.protocols names 'sirt_150', whose"),
         ("protocols.sirt_150.scan", "narrow", "protocols.sirt_150.scan names 'narrow'"),
         ("grid.shape", [48, 128], "grid.shape"),
         ("grid.spacing_mm", [1, 1, 0], "grid.spacing_mm.2"),
@@ -89,7 +104,9 @@ def test_defaults_are_filled_in():
     ],
 )
 def test_mistakes_are_told_in_one_line(path, value, message):
-    refuse(changed(path, value), message)
+    config = changed(path, value)
+    config["noise"]["levels"]["same"] = {"A": DEFAULT["noise"]["levels"]["dose10"]["A"], "repeats": 8}
+    refuse(config, message)
 
 
 @pytest.mark.parametrize("key", [1, 2.5, True, None])
@@ -116,6 +133,39 @@ def test_numbers_are_suggested_as_yaml_reads_them(text, value):
         with pytest.raises(InputError) as error:
             check(changed(path, text), SCHEMA)
         assert yaml.safe_load(str(error.value).rsplit("write ", 1)[1]) == value
+
+
+def test_calibration_takes_levels_of_one_a_beside_another():
+    config = changed("analyses.noise_calibration.noise", ["dose10", "same", "half"])
+    config["noise"]["levels"]["same"] = {"A": DEFAULT["noise"]["levels"]["dose10"]["A"], "repeats": 8}
+    check(config, SCHEMA)
+
+
+def test_multicentre_takes_any_algorithm():
+    check(changed("analyses.pca.multicentre.protocols", ["sirt_150", "fbp_150"]), SCHEMA)
+
+
+def ct_of(*names, **more):
+    rois = [{"name": name, "tissue_class": "liver", **more} for name in names]
+    return {"source": "ct", "ct": {"image": "ct.nii.gz", "labels": "labels.nii.gz", "rois": rois}}
+
+
+def test_measured_overlay_needs_the_printed_phantoms_rois():
+    refuse(changed("phantom", ct_of("liver")), "phantom.ct.rois gives liver; set measured.overlay: false")
+    refuse(changed("phantom", ct_of(*list(TISSUE_CLASSES)[:5])), "phantom.ct.rois lacks metastasis; set measured")
+    refuse(changed("phantom", ct_of(*TISSUE_CLASSES, "liver")), "phantom.ct.rois gives liver; set measured")
+    check(changed("phantom", ct_of("liver")) | {"measured": {"overlay": False}}, SCHEMA)
+    check(changed("phantom", ct_of(*TISSUE_CLASSES)), SCHEMA)
+    in_parts = ct_of("normal", "cyst", parts=2)
+    in_parts["ct"]["rois"] += ct_of("hemangioma", "metastasis")["ct"]["rois"]
+    check(changed("phantom", in_parts), SCHEMA)
+
+
+@pytest.mark.parametrize("fit_on", ["measured", "pooled"])
+def test_components_cannot_be_fitted_on_measured_data_left_out(fit_on):
+    config = changed("analyses.pca.fbp.fit_on", fit_on)
+    check(config, SCHEMA)
+    refuse(config | {"measured": {"overlay": False}}, f"analyses.pca.fbp.fit_on is {fit_on}, but measured.overlay")
 
 
 def test_reading_a_configuration_loads_no_heavy_library():

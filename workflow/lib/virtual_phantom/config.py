@@ -13,6 +13,7 @@ from jsonschema.exceptions import best_match
 
 from .errors import InputError
 from .geometry import Grid, ScanGeometry, circular, helical
+from .statistics import MINIMUM_REPEATS, RANKSUM_REPEATS
 
 # Python's types are not JSON's: range() takes no 150.0, and callers hand in points as tuples.
 _Validator = validators.extend(
@@ -31,13 +32,15 @@ def check(config: dict, schema_path: str | Path) -> dict:
 
     Keys set to null in `protocols` and in each protocol, `noise.levels`, `scans`, `recordings`, `analyses` or
     `analyses.pca` are dropped, which lets an overlay take away what the file under it has. Raises InputError, naming
-    the key, for anything that the schema refuses, and for names that point nowhere.
+    the key, for anything that the schema refuses, for names that point nowhere or to what does not fit, and for
+    sections that contradict one another.
     """
     schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
     config = _without_nulls(copy.deepcopy(dict(config)))
     validate(config, schema, "config")
     _fill_defaults(config, schema)
     _check_names(config)
+    _check_measured(config)
     return config
 
 
@@ -189,6 +192,17 @@ def _check_names(config):
             hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(section)}"
             raise InputError(f"config: {where} names '{name}', which is not there; {hint}")
 
+    def of_algorithm(name, algorithm, where):
+        known(name, protocols, where)
+        if (actual := protocols[name]["algorithm"]) != algorithm:
+            raise InputError(
+                f"config: {where} names '{name}', whose algorithm is {actual}; name a protocol of algorithm {algorithm}"
+            )
+
+    def repeated(level, least, reason):
+        if (repeats := levels[level]["repeats"]) < least:
+            raise InputError(f"config: noise.levels.{level}.repeats is {repeats}; {reason}")
+
     levels, protocols = config["noise"]["levels"], config["protocols"]
     for name, protocol in protocols.items():
         if "scan" in protocol:
@@ -199,24 +213,33 @@ def _check_names(config):
     analyses = config["analyses"]
     if "stability" in analyses:
         known(analyses["stability"]["noise"], levels, "analyses.stability.noise")
+        repeated(
+            analyses["stability"]["noise"],
+            RANKSUM_REPEATS,
+            f"analyses.stability needs at least {RANKSUM_REPEATS} for a rank-sum test",
+        )
         if len(groups) < 2:
             raise InputError("config: analyses.stability needs at least two protocols with a group number")
     if "optimal" in analyses:
         known(analyses["optimal"]["noise"], levels, "analyses.optimal.noise")
         for algorithm in ("sirt", "fbp"):
-            known(analyses["optimal"][algorithm], protocols, f"analyses.optimal.{algorithm}")
+            of_algorithm(analyses["optimal"][algorithm], algorithm, f"analyses.optimal.{algorithm}")
     if "noise_calibration" in analyses:
         known(analyses["noise_calibration"]["protocol"], protocols, "analyses.noise_calibration.protocol")
         for level in analyses["noise_calibration"]["noise"]:
             known(level, levels, "analyses.noise_calibration.noise")
-            if levels[level]["repeats"] < 3:
-                raise InputError(
-                    f"config: noise.levels.{level}.repeats is {levels[level]['repeats']}; the noise "
-                    "calibration needs at least 3 to measure a variance"
-                )
+            repeated(
+                level, MINIMUM_REPEATS, f"the noise calibration needs at least {MINIMUM_REPEATS} to measure a variance"
+            )
+        if len({levels[level]["A"] for level in analyses["noise_calibration"]["noise"]}) < 2:
+            raise InputError(
+                "config: analyses.noise_calibration.noise names levels of one A only; give two different ones, as no "
+                "line goes through one point"
+            )
     for figure, selection in analyses.get("pca", {}).items():
         for name in selection["protocols"]:
-            known(name, protocols, f"analyses.pca.{figure}.protocols")
+            where = f"analyses.pca.{figure}.protocols"
+            known(name, protocols, where) if figure == "multicentre" else of_algorithm(name, figure, where)
         for level in selection["noise"]:
             known(level, levels, f"analyses.pca.{figure}.noise")
     if config["phantom"]["source"] == "ct" and "ct" not in config["phantom"]:
@@ -224,3 +247,27 @@ def _check_names(config):
     for name, scan in {"scan": config["scan"], **{f"scans.{k}": v for k, v in config["scans"].items()}}.items():
         if scan["source_to_detector_mm"] <= scan["source_to_isocentre_mm"]:
             raise InputError(f"config: {name}.source_to_detector_mm must be larger than source_to_isocentre_mm")
+
+
+def _check_measured(config):
+    """Measured data need the printed phantom's ROIs, and components fitted on them need the data."""
+    if not config["measured"]["overlay"]:
+        for figure, selection in config["analyses"].get("pca", {}).items():
+            if selection["fit_on"] != "simulated":
+                raise InputError(
+                    f"config: analyses.pca.{figure}.fit_on is {selection['fit_on']}, but measured.overlay is false; "
+                    "set fit_on: simulated"
+                )
+    elif config["phantom"]["source"] == "ct":
+        # Here, because they take seconds to load and every job of the workflow reads the configuration.
+        from .measured import TISSUE_CLASSES
+        from .phantom.rois import read_entries
+
+        settings = config["phantom"]["ct"]
+        names = {name for entry in read_entries(settings["rois"], settings.get("labels")) for name in entry.names}
+        for verb, odd in (("gives", names - set(TISSUE_CLASSES)), ("lacks", set(TISSUE_CLASSES) - names)):
+            if odd:
+                raise InputError(
+                    f"config: measured.overlay is for the ROIs {', '.join(TISSUE_CLASSES)} alone, and phantom.ct.rois "
+                    f"{verb} {', '.join(sorted(odd)[:3])}; set measured.overlay: false"
+                )
