@@ -168,6 +168,11 @@ def test_components_cannot_be_fitted_on_measured_data_left_out(fit_on):
     refuse(config | {"measured": {"overlay": False}}, f"analyses.pca.fbp.fit_on is {fit_on}, but measured.overlay")
 
 
+def test_background_is_no_label():
+    config = changed("phantom", ct_of("liver", label=0)) | {"measured": {"overlay": False}}
+    refuse(config, "phantom.ct.rois.0.label: 0 is less than the minimum of 1")
+
+
 def test_reading_a_configuration_loads_no_heavy_library():
     """Every job of the workflow does it."""
     code = "import sys, virtual_phantom.config; print({'pandas', 'scipy', 'sklearn', 'radiomics'} & set(sys.modules))"

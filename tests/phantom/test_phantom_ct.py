@@ -317,13 +317,15 @@ def test_broken_slice_and_empty_folder_are_refused(slices, nifti, tmp_path):
         ({"label": 9}, "no voxel has the label 9; there are: 3, 7"),
         ({"label": "liver"}, "label 'liver' must be a whole number"),
         ({"label": 3, "margin_mm": 20}, "ROI bright is lost by margin_mm 20"),
-        ({"label": 3, "margin_mm": -1}, "margin_mm -1 must be a length"),
-        ({"label": 3, "parts": 0}, "parts 0 must be a whole number"),
+        ({"label": 0}, "phantom: ct: rois.0.label: 0 is less than the minimum of 1"),
+        ({"label": 3, "margin_mm": -1}, "rois.0.margin_mm: -1 is less than the minimum of 0"),
+        ({"label": 3, "parts": 0}, "rois.0.parts: 0 is less than the minimum of 1"),
+        ({"label": 3, "parts": 2.0}, "rois.0.parts: 2.0 is not a whole number to YAML; write 2"),
         ({"label": 3, "parts": 60}, "ROI bright_[0-9]+ (is lost between|fills no voxel)"),
-        ({"label": 3, "colour": "red"}, "entry 1: unknown key colour"),
+        ({"label": 3, "colour": "red"}, "unknown key 'colour' in rois.0; known keys: name, tissue_class"),
         ({"label": 3, "name": "dark"}, "the name dark is given twice"),
-        ({"label": 3, "name": "a-b"}, "name 'a-b' must be of letters"),
-        ({"label": 3, "tissue_class": None}, "tissue_class None must be of letters"),
+        ({"label": 3, "name": "a-b"}, "rois.0.name: 'a-b' must be of letters"),
+        ({"label": 3, "tissue_class": None}, "rois.0.tissue_class: None is not of type 'string'"),
         ({"file": "nowhere.nii.gz"}, "nowhere.nii.gz: no such file"),
     ],
 )
@@ -338,11 +340,12 @@ def test_names_of_parts_may_not_meet_other_names(nifti):
 
 
 def test_bad_settings_are_refused(nifti):
-    refuse({**nifti, "scale": 2}, "unknown key scale")
-    refuse({k: v for k, v in nifti.items() if k != "image"}, "image is missing")
-    refuse({**nifti, "rois": []}, "at least one ROI")
+    refuse({**nifti, "scale": 2}, "phantom: ct: unknown key 'scale'")
+    refuse({k: v for k, v in nifti.items() if k != "image"}, "^phantom: ct: 'image' is a required property")
+    refuse({**nifti, "rois": []}, "phantom: ct: rois: ")
     refuse({k: v for k, v in nifti.items() if k != "labels"}, "bright: has no file")
     refuse({**nifti, "centre_mm": [0, 0]}, "centre_mm")
+    refuse({**nifti, "centre_mm": [np.nan, 0, 0]}, "misses the CT|does not fit|nothing in the CT")
     refuse({**nifti, "centre_mm": [CENTRE[0], CENTRE[1], 0]}, "misses the CT")
     refuse({**nifti, "keep_mm": [0, 1]}, "keep_mm")
     refuse({**nifti, "keep_mm": [[900, 990], [0, 1]]}, "leaves nothing of the CT")

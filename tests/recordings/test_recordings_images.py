@@ -164,9 +164,11 @@ def test_broken_images_are_refused(scanner):
 @pytest.mark.parametrize(
     "path, value, message",
     [
+        ("labels", None, "recording.yaml: rois: "),
         ("labels", None, "has no file"),
         ("labels", "one.nii.gz", "no voxel has the label 1"),
         ("rois", [{"name": "a", "tissue_class": "b", "label": 7}], "no voxel has the label 7"),
+        ("rois", [{"name": "a", "tissue_class": "b", "label": 0}], "recording.yaml: rois.0.label: 0 is less than"),
         ("rois", [{"name": "a", "tissue_class": "b", "label": 1, "margin_mm": 50}], "ROI a is lost by margin_mm"),
         ("rois", [{"name": "a", "tissue_class": "b", "label": 1}] * 2, "the name a is given twice"),
         ("scan", {"source_to_isocentre_mm": 1000, "source_to_detector_mm": 595}, "is not more than"),

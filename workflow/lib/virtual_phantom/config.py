@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import difflib
 import math
+from functools import cache
 from pathlib import Path
 
 import yaml
@@ -15,6 +16,7 @@ from .errors import InputError
 from .geometry import Grid, ScanGeometry, circular, helical
 from .statistics import MINIMUM_REPEATS, RANKSUM_REPEATS
 
+SCHEMA = Path(__file__).resolve().parents[2] / "schemas" / "config.schema.yaml"
 # Python's types are not JSON's: range() takes no 150.0, and callers hand in points as tuples.
 _Validator = validators.extend(
     Draft202012Validator,
@@ -53,6 +55,15 @@ def validate(document: dict, schema: dict, source: str) -> None:
     error = best_match(_Validator(schema).iter_errors(document), key=_depth_first)
     if error is not None:
         raise InputError(_one_line(error, source))
+
+
+@cache
+def schema_of(*section: str) -> dict:
+    """The schema of a section of the configuration, given by its keys, as `validate` takes it."""
+    whole = part = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    for key in section:
+        part = part["properties"][key]
+    return {**part, "$defs": whole["$defs"]}
 
 
 def fill_defaults(document: dict, schema: dict) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
+from ..config import schema_of, validate
 from ..errors import InputError
 from ..geometry import Grid
 from ..units import HU_AIR
@@ -18,7 +19,6 @@ from .dicom_series import read_series
 from .masks import open_regions
 from .rois import RoiEntry, cut, read_entries, separate, shrink
 
-KEYS = {"image", "labels", "rois", "centre_mm", "keep_mm"}
 BODY_HU = -500.0  # between air and lung or fat: what is denser belongs to the object
 SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
 
@@ -26,7 +26,8 @@ SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
 def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     """Load a CT and its ROIs.
 
-    settings  image      NIfTI file, or folder with one DICOM CT series, in HU
+    settings  as phantom.ct in the configuration, whose schema they are checked against
+              image      NIfTI file, or folder with one DICOM CT series, in HU
               rois       list of entries: see rois.RoiEntry
               labels     file of the regions whose entry names no file of its own
               centre_mm  NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
@@ -40,26 +41,18 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     Raises InputError on an unusable image, region or setting, on an ROI that is empty or gets lost on the
     way, and on a body that does not fit the grid in-plane.
     """
-    entries = _check_settings(settings)
+    validate(settings, schema_of("phantom", "ct"), "phantom: ct")
+    entries = read_entries(settings["rois"], settings.get("labels"))
     image = read_hu(Path(settings["image"]))
     image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     if "keep_mm" in settings:
-        image = _crop(image, settings["keep_mm"])
-    centre = _triple(settings.get("centre_mm", image.grid.centre_mm), "centre_mm")
-    grid = replace(grid, centre_mm=centre)
+        kept = _box(settings["keep_mm"], image.grid)
+        image = Volume(np.where(kept, image.array, np.float32(HU_AIR)), image.grid)
+    grid = replace(grid, centre_mm=settings.get("centre_mm", image.grid.centre_mm))
     _check_fit(image, grid)
     fine = _resample(image, grid.refined(oversampling), outside=HU_AIR)
     rois = _load_rois(entries, image.grid, grid)
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
-
-
-def _check_settings(settings: dict) -> tuple[RoiEntry, ...]:
-    if unknown := sorted(map(str, settings.keys() - KEYS)):
-        raise InputError(f"phantom: ct: unknown key {unknown[0]}; known are {', '.join(sorted(KEYS))}")
-    for key in ("image", "rois"):
-        if settings.get(key) is None:
-            raise InputError(f"phantom: ct: {key} is missing")
-    return read_entries(settings["rois"], settings.get("labels"))
 
 
 def read_hu(path: Path) -> Volume:
@@ -85,31 +78,17 @@ def _world_axes(grid: Grid) -> tuple[np.ndarray, ...]:
     return tuple(axis + centre for axis, centre in zip(grid.axes_mm(), grid.centre_mm[::-1], strict=True))
 
 
-def _crop(image: Volume, keep_mm) -> Volume:
-    try:
-        (x_low, x_high), (y_low, y_high) = ((float(a), float(b)) for a, b in keep_mm)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"phantom: ct: keep_mm {keep_mm!r}: give [[x, x], [y, y]], lowest and highest, in mm"
-        ) from None
-    _, y, x = _world_axes(image.grid)
+def _box(keep_mm: list, grid: Grid) -> np.ndarray:
+    """Bool [y, x]: the voxels of the CT whose centres lie in keep_mm. InputError if there are none."""
+    (x_low, x_high), (y_low, y_high) = keep_mm
+    _, y, x = _world_axes(grid)
     inside = ((y >= y_low) & (y <= y_high))[:, None] & ((x >= x_low) & (x <= x_high))
     if not inside.any():
         raise InputError(
             f"phantom: ct: keep_mm {keep_mm!r} leaves nothing of the CT; it spans "
             f"x {x[0]:g} to {x[-1]:g} and y {y[0]:g} to {y[-1]:g} mm"
         )
-    return Volume(np.where(inside, image.array, np.float32(HU_AIR)), image.grid)
-
-
-def _triple(value, key: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(v) for v in value)
-    except (TypeError, ValueError):
-        raise InputError(f"phantom: ct: {key} {value!r}: give three numbers (x, y, z) in mm") from None
-    if not all(map(math.isfinite, (x, y, z))):
-        raise InputError(f"phantom: ct: {key} {value!r}: must be finite")
-    return x, y, z
+    return inside
 
 
 def _check_fit(image: Volume, grid: Grid) -> None:
