@@ -409,9 +409,61 @@ def test_roi_outside_the_grid_is_refused(nifti):
     nifti["rois"] = [roi(label=3)]
     refuse(
         {**nifti, "centre_mm": [CENTRE[0], CENTRE[1], CENTRE[2] - 16]},
-        "ROI bright fills no voxel of the grid by half",
+        "ROI bright: 100 % of it lies outside the grid; enlarge grid.shape",
         Grid((4, 40, 48), (3.0, 2.0, 2.0)),
     )
+
+
+def test_roi_too_small_for_the_grid_is_refused(nifti, tmp_path):
+    dot = np.zeros(CT_GRID.shape, np.uint8)
+    dot[7, 20, 24] = 1
+    nifti["rois"] = [roi(file=write_nifti_array(dot, tmp_path / "dot.nii.gz"))]
+    refuse(nifti, "ROI bright fills no voxel of the grid by half", Grid((7, 20, 24), (6.0, 4.0, 4.0)))
+
+
+def test_roi_that_the_grid_cuts_is_refused_with_the_share(nifti):
+    """The share is that of the volume: the border passes through voxels, too."""
+    nifti["rois"] = [roi(label=3)]
+    z = CT_GRID.axes_mm()[0]
+    for top in (13.5, 12.0, 10.0):
+        above = np.clip((z + 1.5 - top) / 3, 0, 1)
+        share = 100 * (ball("bright") * above[:, None, None]).sum() / ball("bright").sum()
+        assert share > 1
+        centre = [*CENTRE[:2], CENTRE[2] + top - 21]
+        message = rf"ROI bright: {share:.3g} % of it lies outside the grid; enlarge grid\.shape or grid\.spacing_mm"
+        refuse({**nifti, "centre_mm": centre}, message)
+    ct.load({**nifti, "centre_mm": [*CENTRE[:2], CENTRE[2] - 6]}, GRID, 1)  # its last slice ends at 15 mm
+
+
+def test_roi_that_keep_mm_cuts_is_refused_with_the_share(nifti):
+    nifti["rois"] = [roi(label=3)]
+    x = CT_GRID.axes_mm()[2]
+    beyond = ball("bright") & (x > 20)
+    share = 100 * beyond.sum() / ball("bright").sum()
+    keep = [[-90, CENTRE[0] + 20], [-90, 90]]
+    refuse({**nifti, "keep_mm": keep}, rf"ROI bright: {share:.3g} % of it lies outside phantom\.ct\.keep_mm")
+    keep[0][1] = CENTRE[0] + 24
+    ct.load({**nifti, "keep_mm": keep}, GRID, 1)
+
+
+def test_a_part_is_refused_where_the_whole_would_pass(nifti, tmp_path):
+    """Cut away: three voxels at the end of a bar, under 1 % of the bar and over 1 % of its last part."""
+    bar = np.zeros(CT_GRID.shape, np.uint8)
+    bar[5:9, 18:22, 6:42] = 1
+    bar[5, 18:21, 42] = 1
+    nifti["rois"] = [roi(file=write_nifti_array(bar, tmp_path / "bar.nii.gz"))]
+    nifti["keep_mm"] = [[-90, CENTRE[0] + CT_GRID.axes_mm()[2][41]], [-90, 90]]
+    ct.load(nifti, GRID, 1)
+    nifti["rois"][0]["parts"] = 6
+    refuse(nifti, r"ROI bright_1: [1-5][.0-9]* % of it lies outside phantom\.ct\.keep_mm")
+
+
+def test_roi_that_ends_with_the_ct_is_not_cut_by_the_grid(nifti, tmp_path):
+    column = np.zeros(CT_GRID.shape, np.uint8)
+    column[:, 18:22, 20:24] = 1
+    nifti["rois"] = [roi(file=write_nifti_array(column, tmp_path / "column.nii.gz"))]
+    (loaded,) = ct.load(nifti, GRID, 1).rois
+    assert loaded.mask.sum() == column.sum()
 
 
 # ---- a clinical CT -------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from .masks import open_regions
 from .rois import RoiEntry, cut, read_entries, separate, shrink
 
 BODY_HU = -500.0  # between air and lung or fat: what is denser belongs to the object
+LARGEST_LOSS = 0.01  # share of an ROI that keep_mm or the grid may cut off: rounding of a box to voxels, no more
 SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
 
 
@@ -39,19 +40,21 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     belongs to an ROI if at least half of it does; parts of one region are kept one voxel apart.
 
     Raises InputError on an unusable image, region or setting, on an ROI that is empty or gets lost on the
-    way, and on a body that does not fit the grid in-plane.
+    way, on one that loses more than LARGEST_LOSS of its volume to keep_mm or the grid's border, and on a body that
+    does not fit the grid in-plane. What ends with the CT itself is not cut by the grid.
     """
     validate(settings, schema_of("phantom", "ct"), "phantom: ct")
     entries = read_entries(settings["rois"], settings.get("labels"))
     image = read_hu(Path(settings["image"]))
     image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
+    kept = np.ones(image.grid.shape[1:], bool)
     if "keep_mm" in settings:
         kept = _box(settings["keep_mm"], image.grid)
         image = Volume(np.where(kept, image.array, np.float32(HU_AIR)), image.grid)
     grid = replace(grid, centre_mm=settings.get("centre_mm", image.grid.centre_mm))
     _check_fit(image, grid)
     fine = _resample(image, grid.refined(oversampling), outside=HU_AIR)
-    rois = _load_rois(entries, image.grid, grid)
+    rois = _load_rois(entries, image.grid, grid, kept)
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
 
 
@@ -128,11 +131,13 @@ def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
     return cut(region, entry.parts, grid)
 
 
-def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid) -> tuple[Roi, ...]:
+def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid, kept: np.ndarray) -> tuple[Roi, ...]:
     opened: dict = {}
     rois = []
     for entry in entries:
         pieces = draw(entry, ct_grid, opened)
+        for name, piece in zip(entry.names, pieces, strict=True):
+            _check_whole(name, piece, kept, ct_grid, grid)
         masks = [
             _resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces
         ]
@@ -140,13 +145,44 @@ def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid) -> tupl
             _require(
                 mask,
                 name,
-                "fills no voxel of the grid by half (too small, or outside the grid); use a finer or larger "
-                "grid, or a smaller margin_mm, or fewer parts",
+                "fills no voxel of the grid by half; use a finer grid, or a smaller margin_mm, or fewer parts",
             )
         for name, mask in zip(entry.names, separate(masks), strict=True):
             _require(mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer")
             rois.append(Roi(name, entry.tissue_class, mask))
     return tuple(rois)
+
+
+def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:
+    """Refuse an ROI, on the CT's grid, of which keep_mm (`kept`, bool [y, x]) or the grid's border cuts off a part."""
+    voxels = np.count_nonzero(piece)
+    if voxels == 0:
+        return  # a part too many, refused as one that fills no voxel
+    lost = np.count_nonzero(piece & ~kept) / voxels
+    if lost > LARGEST_LOSS:
+        raise InputError(
+            f"ROI {name}: {100 * lost:.3g} % of it lies outside phantom.ct.keep_mm and would become air; widen "
+            "keep_mm, or draw the ROI within it"
+        )
+    z, y, x = _shares_inside(ct_grid, grid)
+    lost = 1 - float(np.einsum("zyx,z,y,x->", piece, z, y, x, optimize=True)) / voxels
+    if lost > LARGEST_LOSS:
+        raise InputError(
+            f"ROI {name}: {100 * lost:.3g} % of it lies outside the grid; enlarge grid.shape or grid.spacing_mm, move "
+            "phantom.ct.centre_mm, or draw the ROI within the grid"
+        )
+
+
+def _shares_inside(ct_grid: Grid, grid: Grid) -> list[np.ndarray]:
+    """Along z, y and x: which share of each of the CT's voxels lies within the grid's borders."""
+    shares = []
+    for places, wide, middle, extent in zip(
+        _world_axes(ct_grid), ct_grid.spacing, grid.centre_mm[::-1], grid.extent_mm, strict=True
+    ):
+        low = np.maximum(places - wide / 2, middle - extent / 2)
+        high = np.minimum(places + wide / 2, middle + extent / 2)
+        shares.append(np.clip((high - low) / wide, 0, 1))
+    return shares
 
 
 def _require(mask: np.ndarray, name: str, problem: str) -> None:
