@@ -1,6 +1,7 @@
 """Images: NIfTI and DICOM repeats, their ROIs, and every way in which they are not HU on one grid."""
 
 import json
+import re
 
 import nibabel
 import numpy as np
@@ -57,6 +58,7 @@ def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
     }
     np.testing.assert_array_equal(recording.repeats[1].array, object_hu())
     text = json.dumps(summary(recording)) + repr(recording)
+    text = re.sub("[0-9a-f]{64}", "", text)  # among 28 checksums 1944 stands by chance now and then
     for private in ("Doe", "Jane", "1944", "A^B", "20200101"):
         assert private not in text
     digests = summary(recording)["sha256"]
