@@ -21,7 +21,8 @@ INTRODUCTION = """# Configuration
 | `abdomen.yaml` | overlay: a clinical CT instead of the virtual phantom |
 
 A key of `protocols`, `scans`, `noise.levels`, `recordings`, `analyses` or `analyses.pca` that an overlay sets to `null`
-is taken away. In the table `*` stands for a name of your own and `[]` for each entry of a list. This page is made from
+is taken away, as is a key inside a protocol (`group: null` takes the protocol out of the groups). In the table `*`
+stands for a name of your own and `[]` for each entry of a list. This page is made from
 `workflow/schemas/config.schema.yaml` by `docs/config_reference.py`.
 
 | key | meaning | type | default | range | the paper |

@@ -1,6 +1,9 @@
 """The configuration: defaults, overlays, and one clear line for every mistake."""
 
 import copy
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,6 +12,7 @@ import yaml
 from virtual_phantom.config import check
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import grid_of, scan_geometry
+from virtual_phantom.measured import TISSUE_CLASSES
 from virtual_phantom.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -25,6 +29,13 @@ def changed(path, value):
         section = section.setdefault(key, {})
     section[last] = value
     return config
+
+
+def refuse(config, message):
+    with pytest.raises(InputError) as error:
+        check(config, SCHEMA)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_defaults_are_filled_in():
@@ -53,6 +64,17 @@ def test_defaults_are_filled_in():
         ("protocols.a/b", {"algorithm": "sirt", "projections": 3}, "protocols"),
         ("engine", "gpu", "engine is 'gpu'; use one of auto, cpu, astra_cuda"),
         ("noise.levels.dose10.A", 0, "noise.levels.dose10.A"),
+        ("3", {}, "unknown key '3' in config"),
+        ("noise.levels.dose10.A", "1e-4", "noise.levels.dose10.A: '1e-4' is text to YAML; write 1.0e-4"),
+        ("noise.levels.dose10.A", "2.5E-03", "write 2.5e-3"),
+        ("scan.pitch", " 0.5 ", "scan.pitch: ' 0.5 ' is text to YAML; write 0.5"),
+        ("scan.turns", "1e1", "scan.turns: '1e1' is text to YAML; write 1.0e+1"),
+        ("protocols.sirt_150.projections", "1e2", "projections: '1e2' is text to YAML; write 100"),
+        ("protocols.sirt_150.projections", 150.0, "projections: 150.0 is not a whole number to YAML; write 150"),
+        ("noise.levels.dose10.A", "nan", "'nan' is not of type 'number'"),
+        ("protocols.sirt_150.algorithm", None, "protocols.sirt_150: 'algorithm' is a required property"),
+        ("protocols.a-b", {}, "protocols: 'a-b' must be of letters, digits and underscores only"),
+        ("protocols.ends\n", {}, "protocols: 'ends\\n' must be of letters, digits and underscores only"),
         ("noise.levels.dose10.repeats", 2, "noise.levels.dose10.repeats is 2; the noise calibration needs at least 3"),
         (
             "analyses.stability.noise",
@@ -60,6 +82,20 @@ def test_defaults_are_filled_in():
             "analyses.stability.noise names 'dose1', which is not there; did you mean",
         ),
         ("analyses.pca.sirt.protocols", ["sirt_15"], "names 'sirt_15', which is not there; did you mean 'sirt_150'"),
+        ("noise.levels.dose10.repeats", 1, "dose10.repeats is 1; analyses.stability needs at least 2"),
+        (
+            "analyses.noise_calibration.noise",
+            ["dose10", "same"],
+            "analyses.noise_calibration.noise names levels of one A only",
+        ),
+        (
+            "analyses.optimal.sirt",
+            "fbp_450",
+            "analyses.optimal.sirt names 'fbp_450', whose algorithm is fbp; name a protocol of algorithm sirt",
+        ),
+        ("analyses.optimal.fbp", "sirt_450", "names 'sirt_450', whose algorithm is sirt"),
+        ("analyses.pca.sirt.protocols", ["sirt_150", "fbp_150"], "analyses.pca.sirt.protocols names 'fbp_150', whose"),
+        ("analyses.pca.fbp.protocols", ["sirt_150"], "analyses.pca.fbp.protocols names 'sirt_150', whose"),
         ("protocols.sirt_150.scan", "narrow", "protocols.sirt_150.scan names 'narrow'"),
         ("grid.shape", [48, 128], "grid.shape"),
         ("grid.spacing_mm", [1, 1, 0], "grid.spacing_mm.2"),
@@ -69,10 +105,81 @@ def test_defaults_are_filled_in():
     ],
 )
 def test_mistakes_are_told_in_one_line(path, value, message):
-    with pytest.raises(InputError) as error:
-        check(changed(path, value), SCHEMA)
-    assert message in str(error.value)
-    assert "\n" not in str(error.value)
+    config = changed(path, value)
+    config["noise"]["levels"]["same"] = {"A": DEFAULT["noise"]["levels"]["dose10"]["A"], "repeats": 8}
+    refuse(config, message)
+
+
+@pytest.mark.parametrize("key", [1, 2.5, True, None])
+@pytest.mark.parametrize("section", ["", "protocols", "noise.levels", "scans", "protocols.sirt_150", "analyses.pca"])
+def test_keys_that_are_not_text_are_refused(section, key):
+    config = changed("scans.short", {"rows": 8})
+    place = config
+    for name in filter(None, section.split(".")):
+        place = place[name]
+    place[key] = {"algorithm": "sirt", "projections": 3}
+    refuse(config, f"config: the key {key} in {section or 'config'} is not text to YAML")
+
+
+def test_a_key_that_is_not_text_is_found_in_a_list():
+    config = changed("phantom.ct", {"image": "a", "rois": [{"name": "a", "tissue_class": "b", 1: 2}]})
+    refuse(config, "the key 1 in phantom.ct.rois.0 is not text")
+
+
+@pytest.mark.parametrize(
+    "text, value", [("1e-4", 1e-4), ("2.5e3", 2.5e3), ("-3E+02", -300), (".5e-6", 5e-7), ("5.e2", 500), ("7", 7)]
+)
+def test_numbers_are_suggested_as_yaml_reads_them(text, value):
+    for path in ("scan.start_angle_deg", "scan.column_offset_px"):
+        with pytest.raises(InputError) as error:
+            check(changed(path, text), SCHEMA)
+        assert yaml.safe_load(str(error.value).rsplit("write ", 1)[1]) == value
+
+
+def test_calibration_takes_levels_of_one_a_beside_another():
+    config = changed("analyses.noise_calibration.noise", ["dose10", "same", "half"])
+    config["noise"]["levels"]["same"] = {"A": DEFAULT["noise"]["levels"]["dose10"]["A"], "repeats": 8}
+    check(config, SCHEMA)
+
+
+def test_multicentre_takes_any_algorithm():
+    check(changed("analyses.pca.multicentre.protocols", ["sirt_150", "fbp_150"]), SCHEMA)
+
+
+def ct_of(*names, **more):
+    rois = [{"name": name, "tissue_class": "liver", **more} for name in names]
+    return {"source": "ct", "ct": {"image": "ct.nii.gz", "labels": "labels.nii.gz", "rois": rois}}
+
+
+def test_measured_overlay_needs_the_printed_phantoms_rois():
+    refuse(changed("phantom", ct_of("liver")), "phantom.ct.rois gives liver; set measured.overlay: false")
+    refuse(changed("phantom", ct_of(*list(TISSUE_CLASSES)[:5])), "phantom.ct.rois lacks metastasis; set measured")
+    refuse(changed("phantom", ct_of(*TISSUE_CLASSES, "liver")), "phantom.ct.rois gives liver; set measured")
+    check(changed("phantom", ct_of("liver")) | {"measured": {"overlay": False}}, SCHEMA)
+    check(changed("phantom", ct_of(*TISSUE_CLASSES)), SCHEMA)
+    in_parts = ct_of("normal", "cyst", parts=2)
+    in_parts["ct"]["rois"] += ct_of("hemangioma", "metastasis")["ct"]["rois"]
+    check(changed("phantom", in_parts), SCHEMA)
+
+
+@pytest.mark.parametrize("fit_on", ["measured", "pooled"])
+def test_components_cannot_be_fitted_on_measured_data_left_out(fit_on):
+    config = changed("analyses.pca.fbp.fit_on", fit_on)
+    check(config, SCHEMA)
+    refuse(config | {"measured": {"overlay": False}}, f"analyses.pca.fbp.fit_on is {fit_on}, but measured.overlay")
+
+
+def test_background_is_no_label():
+    config = changed("phantom", ct_of("liver", label=0)) | {"measured": {"overlay": False}}
+    refuse(config, "phantom.ct.rois.0.label: 0 is less than the minimum of 1")
+
+
+def test_reading_a_configuration_loads_no_heavy_library():
+    """Every job of the workflow does it."""
+    code = "import sys, virtual_phantom.config; print({'pandas', 'scipy', 'sklearn', 'radiomics'} & set(sys.modules))"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "workflow" / "lib")}
+    result = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "set()"
 
 
 def test_null_takes_away():
@@ -81,6 +188,15 @@ def test_null_takes_away():
     )
     assert "sirt_450" not in config["protocols"]
     assert "pca" not in config["analyses"]
+
+
+def test_null_takes_away_a_key_of_a_protocol():
+    config = changed("protocols.sirt_150.group", None)
+    config["protocols"]["sirt_200"]["scan"] = None
+    config = check(config, SCHEMA)
+    assert config["protocols"]["sirt_150"] == {"algorithm": "sirt", "projections": 150}
+    assert "scan" not in config["protocols"]["sirt_200"]
+    assert "sirt_150" not in Plan(config).groups()
 
 
 def test_named_scan_replaces_keys_of_the_default_scan():

@@ -317,13 +317,15 @@ def test_broken_slice_and_empty_folder_are_refused(slices, nifti, tmp_path):
         ({"label": 9}, "no voxel has the label 9; there are: 3, 7"),
         ({"label": "liver"}, "label 'liver' must be a whole number"),
         ({"label": 3, "margin_mm": 20}, "ROI bright is lost by margin_mm 20"),
-        ({"label": 3, "margin_mm": -1}, "margin_mm -1 must be a length"),
-        ({"label": 3, "parts": 0}, "parts 0 must be a whole number"),
+        ({"label": 0}, "phantom: ct: rois.0.label: 0 is less than the minimum of 1"),
+        ({"label": 3, "margin_mm": -1}, "rois.0.margin_mm: -1 is less than the minimum of 0"),
+        ({"label": 3, "parts": 0}, "rois.0.parts: 0 is less than the minimum of 1"),
+        ({"label": 3, "parts": 2.0}, "rois.0.parts: 2.0 is not a whole number to YAML; write 2"),
         ({"label": 3, "parts": 60}, "ROI bright_[0-9]+ (is lost between|fills no voxel)"),
-        ({"label": 3, "colour": "red"}, "entry 1: unknown key colour"),
+        ({"label": 3, "colour": "red"}, "unknown key 'colour' in rois.0; known keys: name, tissue_class"),
         ({"label": 3, "name": "dark"}, "the name dark is given twice"),
-        ({"label": 3, "name": "a-b"}, "name 'a-b' must be of letters"),
-        ({"label": 3, "tissue_class": None}, "tissue_class None must be of letters"),
+        ({"label": 3, "name": "a-b"}, "rois.0.name: 'a-b' must be of letters"),
+        ({"label": 3, "tissue_class": None}, "rois.0.tissue_class: None is not of type 'string'"),
         ({"file": "nowhere.nii.gz"}, "nowhere.nii.gz: no such file"),
     ],
 )
@@ -338,11 +340,12 @@ def test_names_of_parts_may_not_meet_other_names(nifti):
 
 
 def test_bad_settings_are_refused(nifti):
-    refuse({**nifti, "scale": 2}, "unknown key scale")
-    refuse({k: v for k, v in nifti.items() if k != "image"}, "image is missing")
-    refuse({**nifti, "rois": []}, "at least one ROI")
+    refuse({**nifti, "scale": 2}, "phantom: ct: unknown key 'scale'")
+    refuse({k: v for k, v in nifti.items() if k != "image"}, "^phantom: ct: 'image' is a required property")
+    refuse({**nifti, "rois": []}, "phantom: ct: rois: ")
     refuse({k: v for k, v in nifti.items() if k != "labels"}, "bright: has no file")
     refuse({**nifti, "centre_mm": [0, 0]}, "centre_mm")
+    refuse({**nifti, "centre_mm": [np.nan, 0, 0]}, "misses the CT|does not fit|nothing in the CT")
     refuse({**nifti, "centre_mm": [CENTRE[0], CENTRE[1], 0]}, "misses the CT")
     refuse({**nifti, "keep_mm": [0, 1]}, "keep_mm")
     refuse({**nifti, "keep_mm": [[900, 990], [0, 1]]}, "leaves nothing of the CT")
@@ -406,9 +409,61 @@ def test_roi_outside_the_grid_is_refused(nifti):
     nifti["rois"] = [roi(label=3)]
     refuse(
         {**nifti, "centre_mm": [CENTRE[0], CENTRE[1], CENTRE[2] - 16]},
-        "ROI bright fills no voxel of the grid by half",
+        "ROI bright: 100 % of it lies outside the grid; enlarge grid.shape",
         Grid((4, 40, 48), (3.0, 2.0, 2.0)),
     )
+
+
+def test_roi_too_small_for_the_grid_is_refused(nifti, tmp_path):
+    dot = np.zeros(CT_GRID.shape, np.uint8)
+    dot[7, 20, 24] = 1
+    nifti["rois"] = [roi(file=write_nifti_array(dot, tmp_path / "dot.nii.gz"))]
+    refuse(nifti, "ROI bright fills no voxel of the grid by half", Grid((7, 20, 24), (6.0, 4.0, 4.0)))
+
+
+def test_roi_that_the_grid_cuts_is_refused_with_the_share(nifti):
+    """The share is that of the volume: the border passes through voxels, too."""
+    nifti["rois"] = [roi(label=3)]
+    z = CT_GRID.axes_mm()[0]
+    for top in (13.5, 12.0, 10.0):
+        above = np.clip((z + 1.5 - top) / 3, 0, 1)
+        share = 100 * (ball("bright") * above[:, None, None]).sum() / ball("bright").sum()
+        assert share > 1
+        centre = [*CENTRE[:2], CENTRE[2] + top - 21]
+        message = rf"ROI bright: {share:.3g} % of it lies outside the grid; enlarge grid\.shape or grid\.spacing_mm"
+        refuse({**nifti, "centre_mm": centre}, message)
+    ct.load({**nifti, "centre_mm": [*CENTRE[:2], CENTRE[2] - 6]}, GRID, 1)  # its last slice ends at 15 mm
+
+
+def test_roi_that_keep_mm_cuts_is_refused_with_the_share(nifti):
+    nifti["rois"] = [roi(label=3)]
+    x = CT_GRID.axes_mm()[2]
+    beyond = ball("bright") & (x > 20)
+    share = 100 * beyond.sum() / ball("bright").sum()
+    keep = [[-90, CENTRE[0] + 20], [-90, 90]]
+    refuse({**nifti, "keep_mm": keep}, rf"ROI bright: {share:.3g} % of it lies outside phantom\.ct\.keep_mm")
+    keep[0][1] = CENTRE[0] + 24
+    ct.load({**nifti, "keep_mm": keep}, GRID, 1)
+
+
+def test_a_part_is_refused_where_the_whole_would_pass(nifti, tmp_path):
+    """Cut away: three voxels at the end of a bar, under 1 % of the bar and over 1 % of its last part."""
+    bar = np.zeros(CT_GRID.shape, np.uint8)
+    bar[5:9, 18:22, 6:42] = 1
+    bar[5, 18:21, 42] = 1
+    nifti["rois"] = [roi(file=write_nifti_array(bar, tmp_path / "bar.nii.gz"))]
+    nifti["keep_mm"] = [[-90, CENTRE[0] + CT_GRID.axes_mm()[2][41]], [-90, 90]]
+    ct.load(nifti, GRID, 1)
+    nifti["rois"][0]["parts"] = 6
+    refuse(nifti, r"ROI bright_1: [1-5][.0-9]* % of it lies outside phantom\.ct\.keep_mm")
+
+
+def test_roi_that_ends_with_the_ct_is_not_cut_by_the_grid(nifti, tmp_path):
+    column = np.zeros(CT_GRID.shape, np.uint8)
+    column[:, 18:22, 20:24] = 1
+    nifti["rois"] = [roi(file=write_nifti_array(column, tmp_path / "column.nii.gz"))]
+    (loaded,) = ct.load(nifti, GRID, 1).rois
+    assert loaded.mask.sum() == column.sum()
 
 
 # ---- a clinical CT -------------------------------------------------------------------------------

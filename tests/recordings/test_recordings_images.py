@@ -1,6 +1,7 @@
 """Images: NIfTI and DICOM repeats, their ROIs, and every way in which they are not HU on one grid."""
 
 import json
+import re
 
 import nibabel
 import numpy as np
@@ -57,6 +58,7 @@ def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
     }
     np.testing.assert_array_equal(recording.repeats[1].array, object_hu())
     text = json.dumps(summary(recording)) + repr(recording)
+    text = re.sub("[0-9a-f]{64}", "", text)  # among 28 checksums 1944 stands by chance now and then
     for private in ("Doe", "Jane", "1944", "A^B", "20200101"):
         assert private not in text
     digests = summary(recording)["sha256"]
@@ -164,9 +166,11 @@ def test_broken_images_are_refused(scanner):
 @pytest.mark.parametrize(
     "path, value, message",
     [
+        ("labels", None, "recording.yaml: rois: "),
         ("labels", None, "has no file"),
         ("labels", "one.nii.gz", "no voxel has the label 1"),
         ("rois", [{"name": "a", "tissue_class": "b", "label": 7}], "no voxel has the label 7"),
+        ("rois", [{"name": "a", "tissue_class": "b", "label": 0}], "recording.yaml: rois.0.label: 0 is less than"),
         ("rois", [{"name": "a", "tissue_class": "b", "label": 1, "margin_mm": 50}], "ROI a is lost by margin_mm"),
         ("rois", [{"name": "a", "tissue_class": "b", "label": 1}] * 2, "the name a is given twice"),
         ("scan", {"source_to_isocentre_mm": 1000, "source_to_detector_mm": 595}, "is not more than"),

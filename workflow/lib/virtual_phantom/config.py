@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import difflib
+import math
+from functools import cache
 from pathlib import Path
 
 import yaml
@@ -11,28 +13,56 @@ from jsonschema import Draft202012Validator, validators
 from jsonschema.exceptions import best_match
 
 from .errors import InputError
+from .statistics import MINIMUM_REPEATS, RANKSUM_REPEATS
+
+SCHEMA = Path(__file__).resolve().parents[2] / "schemas" / "config.schema.yaml"
+# Python's types are not JSON's: range() takes no 150.0, and callers hand in points as tuples.
+_Validator = validators.extend(
+    Draft202012Validator,
+    type_checker=Draft202012Validator.TYPE_CHECKER.redefine_many(
+        {
+            "integer": lambda _, value: isinstance(value, int) and not isinstance(value, bool),
+            "array": lambda _, value: isinstance(value, list | tuple),
+        }
+    ),
+)
 
 
 def check(config: dict, schema_path: str | Path) -> dict:
     """A complete configuration from the user's.
 
-    Keys set to null in `protocols`, `noise.levels`, `scans`, `analyses` or `analyses.pca` are dropped, which lets an
-    overlay take away what the file under it has. Raises InputError, naming the key, for anything that the schema
-    refuses and for names that point nowhere.
+    Keys set to null in `protocols` and in each protocol, `noise.levels`, `scans`, `recordings`, `analyses` or
+    `analyses.pca` are dropped, which lets an overlay take away what the file under it has. Raises InputError, naming
+    the key, for anything that the schema refuses, for names that point nowhere or to what does not fit, and for
+    sections that contradict one another.
     """
     schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
     config = _without_nulls(copy.deepcopy(dict(config)))
     validate(config, schema, "config")
     _fill_defaults(config, schema)
     _check_names(config)
+    _check_measured(config)
     return config
 
 
 def validate(document: dict, schema: dict, source: str) -> None:
-    """Raise InputError, one line that begins with `source` and names the key, for what the schema refuses."""
-    error = best_match(Draft202012Validator(schema).iter_errors(document), key=_depth_first)
+    """Raise InputError, one line that begins with `source` and names the key, for what the schema refuses.
+
+    Keys that are not text, which YAML makes of 1 or yes, are refused too.
+    """
+    _check_keys(document, (), source)
+    error = best_match(_Validator(schema).iter_errors(document), key=_depth_first)
     if error is not None:
         raise InputError(_one_line(error, source))
+
+
+@cache
+def schema_of(*section: str) -> dict:
+    """The schema of a section of the configuration, given by its keys, as `validate` takes it."""
+    whole = part = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    for key in section:
+        part = part["properties"][key]
+    return {**part, "$defs": whole["$defs"]}
 
 
 def fill_defaults(document: dict, schema: dict) -> None:
@@ -42,7 +72,10 @@ def fill_defaults(document: dict, schema: dict) -> None:
 
 
 def _without_nulls(config):
-    for path in (("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)):
+    paths = [("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)]
+    if isinstance(config.get("protocols"), dict):
+        paths += [("protocols", name) for name in config["protocols"]]
+    for path in paths:
         section = config
         for key in path:
             section = section.get(key) if isinstance(section, dict) else None
@@ -52,12 +85,30 @@ def _without_nulls(config):
     return config
 
 
+def _check_keys(value, path, source):
+    if isinstance(value, dict):
+        for key in value:
+            if not isinstance(key, str):
+                raise InputError(
+                    f"{source}: the key {key} in {_where(path, source)} is not text to YAML; correct it, or put it in "
+                    "quotes if it is a name"
+                )
+    elif not isinstance(value, list | tuple):
+        return
+    for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+        _check_keys(item, (*path, key), source)
+
+
+def _where(path, source):
+    return ".".join(map(str, path)) or Path(source).name
+
+
 def _depth_first(error):
     return -len(error.absolute_path), error.validator not in ("additionalProperties", "required")
 
 
 def _one_line(error, source):
-    where = ".".join(str(part) for part in error.absolute_path) or Path(source).name
+    where = _where(error.absolute_path, source)
     if error.validator == "additionalProperties":
         known = list(error.schema.get("properties", ()))
         unknown = sorted(set(error.instance) - set(known), key=str)[0]
@@ -67,9 +118,30 @@ def _one_line(error, source):
     if error.validator == "enum":
         choices = ", ".join(str(value) for value in error.validator_value)
         return f"{source}: {where} is '{error.instance}'; use one of {choices}"
+    if error.validator == "pattern" and "title" in error.schema:
+        return f"{source}: {where}: {error.instance!r} must be of {error.schema['title']}"
+    if error.validator == "type" and (number := _number_meant(error.instance, error.validator_value)):
+        kind = "text" if isinstance(error.instance, str) else "not a whole number"
+        return f"{source}: {where}: {error.instance!r} is {kind} to YAML; write {number}"
     what = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
     message = " ".join(error.message.split())
-    return f"{source}: {where}: {message[:300]}" + (f" ({what})" if what else "")
+    place = source if where == source else f"{source}: {where}"
+    return f"{place}: {message[:300]}" + (f" ({what})" if what else "")
+
+
+def _number_meant(value, kinds) -> str | None:
+    """How YAML 1.1, which asks for a point and a signed exponent, writes the number that a value reads as, if one."""
+    kinds = [kinds] if isinstance(kinds, str) else kinds
+    try:
+        number = float(value) if isinstance(value, str | float) else math.nan
+    except ValueError:
+        return None
+    if "number" in kinds and math.isfinite(number):
+        mantissa, exponential, exponent = value.strip().lower().partition("e")
+        if not exponential:
+            return mantissa
+        return f"{mantissa if '.' in mantissa else mantissa + '.0'}e{int(exponent):+d}"
+    return str(int(number)) if "integer" in kinds and number.is_integer() else None
 
 
 def _with_defaults(validator_class):
@@ -97,9 +169,20 @@ def _check_names(config):
             hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(section)}"
             raise InputError(f"config: {where} names '{name}', which is not there; {hint}")
 
+    def of_algorithm(name, algorithm, where):
+        known(name, protocols, where)
+        if (actual := protocols[name]["algorithm"]) != algorithm:
+            raise InputError(
+                f"config: {where} names '{name}', whose algorithm is {actual}; name a protocol of algorithm {algorithm}"
+            )
+
+    def repeated(level, least, reason):
+        if (repeats := levels[level]["repeats"]) < least:
+            raise InputError(f"config: noise.levels.{level}.repeats is {repeats}; {reason}")
+
     levels, protocols = config["noise"]["levels"], config["protocols"]
     for name, protocol in protocols.items():
-        if protocol.get("scan") is not None:
+        if "scan" in protocol:
             known(protocol["scan"], config["scans"], f"protocols.{name}.scan")
     groups = [protocol["group"] for protocol in protocols.values() if "group" in protocol]
     if len(groups) != len(set(groups)):
@@ -107,24 +190,33 @@ def _check_names(config):
     analyses = config["analyses"]
     if "stability" in analyses:
         known(analyses["stability"]["noise"], levels, "analyses.stability.noise")
+        repeated(
+            analyses["stability"]["noise"],
+            RANKSUM_REPEATS,
+            f"analyses.stability needs at least {RANKSUM_REPEATS} for a rank-sum test",
+        )
         if len(groups) < 2:
             raise InputError("config: analyses.stability needs at least two protocols with a group number")
     if "optimal" in analyses:
         known(analyses["optimal"]["noise"], levels, "analyses.optimal.noise")
         for algorithm in ("sirt", "fbp"):
-            known(analyses["optimal"][algorithm], protocols, f"analyses.optimal.{algorithm}")
+            of_algorithm(analyses["optimal"][algorithm], algorithm, f"analyses.optimal.{algorithm}")
     if "noise_calibration" in analyses:
         known(analyses["noise_calibration"]["protocol"], protocols, "analyses.noise_calibration.protocol")
         for level in analyses["noise_calibration"]["noise"]:
             known(level, levels, "analyses.noise_calibration.noise")
-            if levels[level]["repeats"] < 3:
-                raise InputError(
-                    f"config: noise.levels.{level}.repeats is {levels[level]['repeats']}; the noise "
-                    "calibration needs at least 3 to measure a variance"
-                )
+            repeated(
+                level, MINIMUM_REPEATS, f"the noise calibration needs at least {MINIMUM_REPEATS} to measure a variance"
+            )
+        if len({levels[level]["A"] for level in analyses["noise_calibration"]["noise"]}) < 2:
+            raise InputError(
+                "config: analyses.noise_calibration.noise names levels of one A only; give two different ones, as no "
+                "line goes through one point"
+            )
     for figure, selection in analyses.get("pca", {}).items():
         for name in selection["protocols"]:
-            known(name, protocols, f"analyses.pca.{figure}.protocols")
+            where = f"analyses.pca.{figure}.protocols"
+            known(name, protocols, where) if figure == "multicentre" else of_algorithm(name, figure, where)
         for level in selection["noise"]:
             known(level, levels, f"analyses.pca.{figure}.noise")
     if config["phantom"]["source"] == "ct" and "ct" not in config["phantom"]:
@@ -132,3 +224,27 @@ def _check_names(config):
     for name, scan in {"scan": config["scan"], **{f"scans.{k}": v for k, v in config["scans"].items()}}.items():
         if scan["source_to_detector_mm"] <= scan["source_to_isocentre_mm"]:
             raise InputError(f"config: {name}.source_to_detector_mm must be larger than source_to_isocentre_mm")
+
+
+def _check_measured(config):
+    """Measured data need the printed phantom's ROIs, and components fitted on them need the data."""
+    if not config["measured"]["overlay"]:
+        for figure, selection in config["analyses"].get("pca", {}).items():
+            if selection["fit_on"] != "simulated":
+                raise InputError(
+                    f"config: analyses.pca.{figure}.fit_on is {selection['fit_on']}, but measured.overlay is false; "
+                    "set fit_on: simulated"
+                )
+    elif config["phantom"]["source"] == "ct":
+        # Here, because they take seconds to load and every job of the workflow reads the configuration.
+        from .measured import TISSUE_CLASSES
+        from .phantom.rois import read_entries
+
+        settings = config["phantom"]["ct"]
+        names = {name for entry in read_entries(settings["rois"], settings.get("labels")) for name in entry.names}
+        for verb, odd in (("gives", names - set(TISSUE_CLASSES)), ("lacks", set(TISSUE_CLASSES) - names)):
+            if odd:
+                raise InputError(
+                    f"config: measured.overlay is for the ROIs {', '.join(TISSUE_CLASSES)} alone, and phantom.ct.rois "
+                    f"{verb} {', '.join(sorted(odd)[:3])}; set measured.overlay: false"
+                )

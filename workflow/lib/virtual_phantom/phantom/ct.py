@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
+from ..config import schema_of, validate
 from ..errors import InputError
 from ..geometry import Grid
 from ..units import HU_AIR
@@ -18,15 +19,16 @@ from .dicom_series import read_series
 from .masks import open_regions
 from .rois import RoiEntry, cut, read_entries, separate, shrink
 
-KEYS = {"image", "labels", "rois", "centre_mm", "keep_mm"}
 BODY_HU = -500.0  # between air and lung or fat: what is denser belongs to the object
+LARGEST_LOSS = 0.01  # share of an ROI that keep_mm or the grid may cut off: rounding of a box to voxels, no more
 SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
 
 
 def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     """Load a CT and its ROIs.
 
-    settings  image      NIfTI file, or folder with one DICOM CT series, in HU
+    settings  as phantom.ct in the configuration, whose schema they are checked against
+              image      NIfTI file, or folder with one DICOM CT series, in HU
               rois       list of entries: see rois.RoiEntry
               labels     file of the regions whose entry names no file of its own
               centre_mm  NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
@@ -38,28 +40,22 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     belongs to an ROI if at least half of it does; parts of one region are kept one voxel apart.
 
     Raises InputError on an unusable image, region or setting, on an ROI that is empty or gets lost on the
-    way, and on a body that does not fit the grid in-plane.
+    way, on one that loses more than LARGEST_LOSS of its volume to keep_mm or the grid's border, and on a body that
+    does not fit the grid in-plane. What ends with the CT itself is not cut by the grid.
     """
-    entries = _check_settings(settings)
+    validate(settings, schema_of("phantom", "ct"), "phantom: ct")
+    entries = read_entries(settings["rois"], settings.get("labels"))
     image = read_hu(Path(settings["image"]))
     image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
+    kept = np.ones(image.grid.shape[1:], bool)
     if "keep_mm" in settings:
-        image = _crop(image, settings["keep_mm"])
-    centre = _triple(settings.get("centre_mm", image.grid.centre_mm), "centre_mm")
-    grid = replace(grid, centre_mm=centre)
+        kept = _box(settings["keep_mm"], image.grid)
+        image = Volume(np.where(kept, image.array, np.float32(HU_AIR)), image.grid)
+    grid = replace(grid, centre_mm=settings.get("centre_mm", image.grid.centre_mm))
     _check_fit(image, grid)
     fine = _resample(image, grid.refined(oversampling), outside=HU_AIR)
-    rois = _load_rois(entries, image.grid, grid)
+    rois = _load_rois(entries, image.grid, grid, kept)
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
-
-
-def _check_settings(settings: dict) -> tuple[RoiEntry, ...]:
-    if unknown := sorted(map(str, settings.keys() - KEYS)):
-        raise InputError(f"phantom: ct: unknown key {unknown[0]}; known are {', '.join(sorted(KEYS))}")
-    for key in ("image", "rois"):
-        if settings.get(key) is None:
-            raise InputError(f"phantom: ct: {key} is missing")
-    return read_entries(settings["rois"], settings.get("labels"))
 
 
 def read_hu(path: Path) -> Volume:
@@ -85,31 +81,17 @@ def _world_axes(grid: Grid) -> tuple[np.ndarray, ...]:
     return tuple(axis + centre for axis, centre in zip(grid.axes_mm(), grid.centre_mm[::-1], strict=True))
 
 
-def _crop(image: Volume, keep_mm) -> Volume:
-    try:
-        (x_low, x_high), (y_low, y_high) = ((float(a), float(b)) for a, b in keep_mm)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"phantom: ct: keep_mm {keep_mm!r}: give [[x, x], [y, y]], lowest and highest, in mm"
-        ) from None
-    _, y, x = _world_axes(image.grid)
+def _box(keep_mm: list, grid: Grid) -> np.ndarray:
+    """Bool [y, x]: the voxels of the CT whose centres lie in keep_mm. InputError if there are none."""
+    (x_low, x_high), (y_low, y_high) = keep_mm
+    _, y, x = _world_axes(grid)
     inside = ((y >= y_low) & (y <= y_high))[:, None] & ((x >= x_low) & (x <= x_high))
     if not inside.any():
         raise InputError(
             f"phantom: ct: keep_mm {keep_mm!r} leaves nothing of the CT; it spans "
             f"x {x[0]:g} to {x[-1]:g} and y {y[0]:g} to {y[-1]:g} mm"
         )
-    return Volume(np.where(inside, image.array, np.float32(HU_AIR)), image.grid)
-
-
-def _triple(value, key: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(v) for v in value)
-    except (TypeError, ValueError):
-        raise InputError(f"phantom: ct: {key} {value!r}: give three numbers (x, y, z) in mm") from None
-    if not all(map(math.isfinite, (x, y, z))):
-        raise InputError(f"phantom: ct: {key} {value!r}: must be finite")
-    return x, y, z
+    return inside
 
 
 def _check_fit(image: Volume, grid: Grid) -> None:
@@ -149,11 +131,13 @@ def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
     return cut(region, entry.parts, grid)
 
 
-def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid) -> tuple[Roi, ...]:
+def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid, kept: np.ndarray) -> tuple[Roi, ...]:
     opened: dict = {}
     rois = []
     for entry in entries:
         pieces = draw(entry, ct_grid, opened)
+        for name, piece in zip(entry.names, pieces, strict=True):
+            _check_whole(name, piece, kept, ct_grid, grid)
         masks = [
             _resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces
         ]
@@ -161,13 +145,44 @@ def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid) -> tupl
             _require(
                 mask,
                 name,
-                "fills no voxel of the grid by half (too small, or outside the grid); use a finer or larger "
-                "grid, or a smaller margin_mm, or fewer parts",
+                "fills no voxel of the grid by half; use a finer grid, or a smaller margin_mm, or fewer parts",
             )
         for name, mask in zip(entry.names, separate(masks), strict=True):
             _require(mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer")
             rois.append(Roi(name, entry.tissue_class, mask))
     return tuple(rois)
+
+
+def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:
+    """Refuse an ROI, on the CT's grid, of which keep_mm (`kept`, bool [y, x]) or the grid's border cuts off a part."""
+    voxels = np.count_nonzero(piece)
+    if voxels == 0:
+        return  # a part too many, refused as one that fills no voxel
+    lost = np.count_nonzero(piece & ~kept) / voxels
+    if lost > LARGEST_LOSS:
+        raise InputError(
+            f"ROI {name}: {100 * lost:.3g} % of it lies outside phantom.ct.keep_mm and would become air; widen "
+            "keep_mm, or draw the ROI within it"
+        )
+    z, y, x = _shares_inside(ct_grid, grid)
+    lost = 1 - float(np.einsum("zyx,z,y,x->", piece, z, y, x, optimize=True)) / voxels
+    if lost > LARGEST_LOSS:
+        raise InputError(
+            f"ROI {name}: {100 * lost:.3g} % of it lies outside the grid; enlarge grid.shape or grid.spacing_mm, move "
+            "phantom.ct.centre_mm, or draw the ROI within the grid"
+        )
+
+
+def _shares_inside(ct_grid: Grid, grid: Grid) -> list[np.ndarray]:
+    """Along z, y and x: which share of each of the CT's voxels lies within the grid's borders."""
+    shares = []
+    for places, wide, middle, extent in zip(
+        _world_axes(ct_grid), ct_grid.spacing, grid.centre_mm[::-1], grid.extent_mm, strict=True
+    ):
+        low = np.maximum(places - wide / 2, middle - extent / 2)
+        high = np.minimum(places + wide / 2, middle + extent / 2)
+        shares.append(np.clip((high - low) / wide, 0, 1))
+    return shares
 
 
 def _require(mask: np.ndarray, name: str, problem: str) -> None:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
 from sklearn.cluster import KMeans
 
+from ..config import schema_of, validate
 from ..errors import InputError
 from ..geometry import Grid
 
-NAME = re.compile(r"[A-Za-z0-9_]+")
 FIT_VOXELS = 20_000  # enough to place a few cluster centres
 
 
@@ -21,7 +20,7 @@ class RoiEntry:
     """One entry under `rois`: where the region is drawn, and how it is made into ROIs.
 
     file       file of the region; by default the common one
-    label      which region of the file
+    label      which region of the file: a number from 1, or a name
     margin_mm  leave out what is nearer than this to the region's surface: a conservative ROI
     parts      cut into this many compact ROIs, named name_1, name_2, ...
     """
@@ -39,36 +38,22 @@ class RoiEntry:
 
 
 def read_entries(entries: list[dict], default_file: str | None, source: str = "phantom: ct") -> tuple[RoiEntry, ...]:
-    """Check the list of ROI entries. Raises InputError, naming `source`, on anything unknown or impossible."""
-    if not isinstance(entries, list) or not entries:
-        raise InputError(f"{source}: rois: give a list of at least one ROI")
-    read = [_read_entry(number, entry, default_file, source) for number, entry in enumerate(entries, start=1)]
+    """The entries of a list as under phantom.ct.rois of the configuration.
+
+    Raises InputError, naming `source`, for what the configuration's schema refuses, a name given twice (parts have
+    names too), and an entry without a file.
+    """
+    validate({"rois": entries}, {**schema_of("phantom", "ct"), "required": ["rois"]}, source)
+    read = [RoiEntry(**{"file": default_file, **entry}) for entry in entries]
+    for entry in read:
+        if entry.file is None:
+            raise InputError(
+                f"{source}: rois: {entry.name}: has no file, and there is no common labels file; give one of them"
+            )
     names = [name for entry in read for name in entry.names]
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"{source}: rois: the name {doubled[0]} is given twice; names must differ")
     return tuple(read)
-
-
-def _read_entry(number: int, entry: dict, default_file: str | None, source: str) -> RoiEntry:
-    where = f"{source}: rois: entry {number}"
-    if not isinstance(entry, dict):
-        raise InputError(f"{where}: must be a mapping with name and tissue_class")
-    known = {field.name for field in fields(RoiEntry)}
-    if unknown := sorted(map(str, entry.keys() - known)):
-        raise InputError(f"{where}: unknown key {unknown[0]}; known are {', '.join(sorted(known))}")
-    for key in ("name", "tissue_class"):
-        if not isinstance(entry.get(key), str) or not NAME.fullmatch(entry[key]):
-            raise InputError(f"{where}: {key} {entry.get(key)!r} must be of letters, digits and underscores only")
-    where = f"phantom: ct: rois: {entry['name']}"
-    file = entry.get("file", default_file)
-    if file is None:
-        raise InputError(f"{where}: has no file, and there is no common labels file; give one of them")
-    margin, parts = entry.get("margin_mm", 0.0), entry.get("parts", 1)
-    if isinstance(margin, bool) or not isinstance(margin, int | float) or not 0 <= margin < np.inf:
-        raise InputError(f"{where}: margin_mm {margin!r} must be a length of at least 0")
-    if isinstance(parts, bool) or not isinstance(parts, int) or parts < 1:
-        raise InputError(f"{where}: parts {parts!r} must be a whole number of at least 1")
-    return RoiEntry(entry["name"], entry["tissue_class"], str(file), entry.get("label"), float(margin), parts)
 
 
 def shrink(mask: np.ndarray, margin_mm: float, grid: Grid) -> np.ndarray:

@@ -10,8 +10,7 @@ import pandas as pd
 from scipy.stats import linregress
 
 from ..errors import InputError
-
-MINIMUM_REPEATS = 3
+from . import MINIMUM_REPEATS
 
 
 def repeat_variance(
