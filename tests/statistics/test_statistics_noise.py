@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 
 from virtual_phantom.errors import InputError
@@ -64,9 +65,57 @@ def test_a_line_is_found_and_inverted():
     assert (fit.slope, fit.intercept, fit.r_squared) == pytest.approx((0.5, 0.5, 0.25))
 
 
+def calibration(variance):
+    """Three levels of one protocol, two ROIs whose mean variance is that of the argument."""
+    rows = [
+        {"protocol": "p", "noise_level": level, "roi": roi, "spatial_variance_hu2": value + sign}
+        for level, value in zip((1e-4, 2e-4, 4e-4), variance, strict=True)
+        for roi, sign in (("a", 1), ("b", -1))
+    ]
+    return pd.DataFrame(rows)
+
+
+def test_a_noise_level_is_matched_to_a_recording():
+    """variance = 3 + 5e5 A exactly, so 103 needs A = 2e-4; the only error is that of the recorded mean, 2 / sqrt 2."""
+    measured = pd.DataFrame({"a": [100.0, 104.0, np.nan], "b": [102.0, 106.0, 99.0]})
+    match = noise.match(calibration([53, 103, 203]), "p", ["a", "b"], measured)
+    assert (match.A, match.variance_hu2, match.extrapolated) == (pytest.approx(2e-4), pytest.approx(103), False)
+    assert match.A_standard_error == pytest.approx(2 / 5e5)
+    assert noise.match(calibration([53, 103, 203]), "p", ["a"], measured * 3).extrapolated
+
+
+def test_the_error_of_a_matched_level_covers():
+    """Lines with known scatter: the true level lies within 1.96 standard errors in about 95 %."""
+    random = np.random.default_rng(5)
+    levels = np.linspace(1e-4, 4e-4, 12)
+    inside = 0
+    for _ in range(300):
+        table = pd.DataFrame(
+            {
+                "protocol": "p",
+                "noise_level": levels,
+                "roi": "a",
+                "spatial_variance_hu2": 3 + 5e5 * levels + random.normal(0, 4, 12),
+            }
+        )
+        match = noise.match(table, "p", ["a"], pd.DataFrame({"a": 103 + random.normal(0, 6, 10)}))
+        inside += abs(match.A - 2e-4) < 1.96 * match.A_standard_error
+    assert 0.88 < inside / 300 < 0.98
+
+
 @pytest.mark.parametrize(
     "call, message",
     [
+        (lambda: noise.match(calibration([1, 2, 3]), "q", ["a"], pd.DataFrame({"a": [1.0]})), "no rows of protocol q"),
+        (lambda: noise.match(calibration([1, 2, 3]), "p", ["c"], pd.DataFrame({"c": [1.0]})), "has no ROI c"),
+        (
+            lambda: noise.match(calibration([1, 2, 3]), "p", ["a"], pd.DataFrame({"b": [1.0]})),
+            "no ROI a",
+        ),
+        (
+            lambda: noise.match(calibration([9, 2, 1]), "p", ["a"], pd.DataFrame({"a": [50.0]})),
+            "no positive noise level",
+        ),
         (lambda: noise.repeat_variance([np.zeros(BOX.shape)] * 2, {"roi": BOX}), "2 repeats; at least 3"),
         (
             lambda: noise.repeat_variance([np.zeros((1, 3, 4))] * 3, {"roi": BOX}),

@@ -7,21 +7,23 @@ FIGURE_RESOURCES = {"mem_mb": 2000, "runtime": 10}
 
 
 def measured_noise():
-    """The measured variances of the algorithm that the noise is calibrated with."""
+    """The measured variances of the algorithms that the noise is calibrated with."""
     from virtual_phantom.measured import dose_variance
 
-    protocol = ANALYSES.get("noise_calibration", {}).get("protocol")
-    if protocol is None or not PLAN.config["measured"]["overlay"]:
+    if not PLAN.config["measured"]["overlay"]:
         return []
-    reconstruction = {"sirt": "iterative", "fbp": "fbp"}[
-        PLAN.config["protocols"][protocol]["algorithm"]
-    ]
+    calibrated = ANALYSES.get("noise_calibration", {}).get("protocols", [])
+    algorithms = {
+        PLAN.config["protocols"][protocol]["algorithm"] for protocol in calibrated
+    }
+    reconstructions = {"sirt": "iterative", "fbp": "fbp"}
     return [
         {
-            "label": f"{dose} mGy",
-            "variance_hu2": float(dose_variance(reconstruction, dose)),
+            "label": f"{dose} mGy, {'FBP' if algorithm == 'fbp' else 'iterative'}",
+            "variance_hu2": float(dose_variance(reconstructions[algorithm], dose)),
         }
-        for dose in (1, 10)
+        for algorithm in sorted(algorithms, reverse=True)
+        for dose in (1, 3, 10)
     ]
 
 

@@ -101,13 +101,20 @@ rule pca:
         "../scripts/pca.py"
 
 
+CALIBRATION = [
+    {"protocol": protocol, "noise": noise, "seed": seed}
+    for protocol in ANALYSES.get("noise_calibration", {}).get("protocols", [])
+    for noise in ANALYSES["noise_calibration"]["noise"]
+    for seed in PLAN.seeds(noise)
+]
+
+
 rule noise_calibration:
     """Variance over repeats, averaged over voxels, against the noise level."""
     input:
         images=[
-            path
-            for noise in ANALYSES.get("noise_calibration", {}).get("noise", [])
-            for path in images(ANALYSES["noise_calibration"]["protocol"], noise)
+            f"{RESULTS}/images/{one['protocol']}/{one['noise']}/seed{one['seed']}.nii.gz"
+            for one in CALIBRATION
         ],
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
@@ -120,15 +127,9 @@ rule noise_calibration:
         mem_mb=megabytes(volumes=12),
         runtime=15,
     params:
-        protocol=ANALYSES.get("noise_calibration", {}).get("protocol"),
         acquisitions=[
-            {
-                "noise": noise,
-                "noise_level": PLAN.config["noise"]["levels"][noise]["A"],
-                "seed": int(seed),
-            }
-            for noise in ANALYSES.get("noise_calibration", {}).get("noise", [])
-            for seed in PLAN.seeds(noise)
+            {"protocol": one["protocol"], **acquisition(one["noise"], one["seed"])}
+            for one in CALIBRATION
         ],
     script:
         "../scripts/noise_calibration.py"

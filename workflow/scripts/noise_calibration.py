@@ -1,4 +1,4 @@
-"""Variance over repeats at every noise level of one protocol."""
+"""Variance over repeats at every noise level of the protocols of the noise calibration."""
 
 import pandas as pd
 
@@ -7,23 +7,23 @@ from virtual_phantom.errors import InputError
 from virtual_phantom.job import job
 from virtual_phantom.statistics import noise
 
+KEYS = ["protocol", "noise", "noise_level"]
+
 with job(snakemake) as log:
-    params = snakemake.params
-    acquisitions = pd.DataFrame(list(params.acquisitions))
+    acquisitions = pd.DataFrame(list(snakemake.params.acquisitions))
     paths = list(snakemake.input.images)
     if len(paths) != len(acquisitions):
         raise InputError(f"noise calibration: {len(paths)} images for {len(acquisitions)} acquisitions")
     first = volumes.read_nifti(paths[0])
     _, masks = radiomics.read_masks(str(snakemake.input.rois), first)
     parts = []
-    for (label, level), rows in acquisitions.groupby(["noise", "noise_level"], sort=False):
+    for (protocol, label, level), rows in acquisitions.groupby(KEYS, sort=False):
         images = (volumes.read_nifti(paths[index]).array for index in rows.index)
-        part = noise.repeat_variance(images, masks, name=f"noise calibration, {params.protocol}, noise {label}")
-        parts.append(part.assign(protocol=params.protocol, noise=label, noise_level=level))
-    columns = ["protocol", "noise", "noise_level", "repeats", "roi", "variance_hu2", "standard_error"]
-    table = pd.concat(parts).sort_values("noise_level", kind="stable")[columns]
+        part = noise.repeat_variance(images, masks, name=f"noise calibration, {protocol}, noise {label}")
+        parts.append(part.assign(protocol=protocol, noise=label, noise_level=level))
+    table = pd.concat(parts).sort_values(["protocol", "noise_level"], kind="stable")
+    table = table[KEYS + [column for column in table if column not in KEYS]]
     files.write_csv(table, snakemake.output[0])
-    pooled = table[table["roi"] == "all"]
-    if len(pooled) > 1:
+    for protocol, pooled in table[table["roi"] == "all"].groupby("protocol"):
         fit = noise.linear_fit(pooled["noise_level"], pooled["variance_hu2"])
-        log.info("variance = %.6g + %.6g A, R2 = %.4f", fit.intercept, fit.slope, fit.r_squared)
+        log.info("%s: variance = %.6g + %.6g A, R2 = %.4f", protocol, fit.intercept, fit.slope, fit.r_squared)

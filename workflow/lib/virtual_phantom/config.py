@@ -202,7 +202,8 @@ def _check_names(config):
         for algorithm in ("sirt", "fbp"):
             of_algorithm(analyses["optimal"][algorithm], algorithm, f"analyses.optimal.{algorithm}")
     if "noise_calibration" in analyses:
-        known(analyses["noise_calibration"]["protocol"], protocols, "analyses.noise_calibration.protocol")
+        for name in analyses["noise_calibration"]["protocols"]:
+            known(name, protocols, "analyses.noise_calibration.protocols")
         for level in analyses["noise_calibration"]["noise"]:
             known(level, levels, "analyses.noise_calibration.noise")
             repeated(

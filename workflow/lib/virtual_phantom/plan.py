@@ -82,7 +82,7 @@ class Plan:
             wanted |= {(analyses["optimal"][algorithm], analyses["optimal"]["noise"]) for algorithm in ("sirt", "fbp")}
         if "noise_calibration" in analyses:
             calibration = analyses["noise_calibration"]
-            wanted |= {(calibration["protocol"], noise) for noise in calibration["noise"]}
+            wanted |= {(protocol, noise) for protocol in calibration["protocols"] for noise in calibration["noise"]}
         for selection in analyses.get("pca", {}).values():
             wanted |= {(protocol, noise) for protocol in selection["protocols"] for noise in selection["noise"]}
         return sorted(wanted)

@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.stats import linregress
 
 from ..errors import InputError
-from . import MINIMUM_REPEATS
+from . import MINIMUM_LEVELS, MINIMUM_REPEATS
 
 
 def repeat_variance(
@@ -24,7 +24,8 @@ def repeat_variance(
     masks    boolean arrays [z, y, x] by ROI
     Returns one row per ROI and one for "all" (the union of the ROIs): roi, repeats, variance_hu2 (n - 1 in
     the denominator, so unbiased), standard_error (jackknife over repeats: neighbouring voxels share noise and
-    cannot be counted as independent).
+    cannot be counted as independent), spatial_variance_hu2 (among the voxels of one image, n in the denominator, as
+    pyradiomics' Variance: noise and what the object varies by; mean over repeats).
     Raises InputError for fewer than three repeats, another shape, an empty ROI or values that are not finite.
     """
     union = np.logical_or.reduce(list(masks.values()))
@@ -57,6 +58,7 @@ def repeat_variance(
                 "repeats": n,
                 "variance_hu2": squares[inside].mean() / (n - 1),
                 "standard_error": error,
+                "spatial_variance_hu2": values[:, inside].var(axis=1).mean(),
             }
         )
     return pd.DataFrame(result)
@@ -89,3 +91,53 @@ def linear_fit(noise_level: np.ndarray, variance: np.ndarray) -> LinearFit:
         raise InputError("noise calibration: a line needs at least two different noise levels")
     line = linregress(noise_level, np.asarray(variance, dtype=np.float64))
     return LinearFit(slope=float(line.slope), intercept=float(line.intercept), r_squared=float(line.rvalue**2))
+
+
+@dataclass(frozen=True)
+class Match:
+    """The noise level at which a protocol shows a measured variance.
+
+    A, A_standard_error   noise level and the error of it that the fit and the measurement leave
+    variance_hu2          what was measured
+    extrapolated          True if A lies outside the simulated levels
+    """
+
+    A: float
+    A_standard_error: float
+    variance_hu2: float
+    extrapolated: bool
+
+
+def match(calibration: pd.DataFrame, protocol: str, rois: list[str], measured: pd.DataFrame) -> Match:
+    """The A at which the variance within ROIs, averaged over them, meets a recording's.
+
+    calibration   protocol, noise_level, roi, spatial_variance_hu2, of at least three levels
+    measured      variance (HU^2) of each ROI (columns) in each recorded repeat (rows)
+    Standard error: that of a calibration line read backwards (N. R. Draper and H. Smith, Applied Regression Analysis,
+    3rd ed., 1998, section 3.2), with the recording's own over its repeats.
+    Raises InputError for an unknown protocol or ROI, fewer than three levels, or a variance that no A reaches.
+    """
+    rows = calibration[calibration["protocol"] == protocol]
+    if rows.empty:
+        raise InputError(f"noise calibration: no rows of protocol {protocol}; add it to analyses.noise_calibration")
+    for roi in rois:
+        for what, known in (("noise calibration", set(rows["roi"])), ("recording", set(measured.columns))):
+            if roi not in known:
+                raise InputError(f"{what}: has no ROI {roi}; there are {', '.join(sorted(known))}")
+    levels = rows[rows["roi"].isin(rois)].groupby("noise_level")["spatial_variance_hu2"].mean()
+    x, y = levels.index.to_numpy(dtype=np.float64), levels.to_numpy()
+    if len(x) < MINIMUM_LEVELS:
+        raise InputError(
+            f"noise calibration: {len(x)} noise levels of {protocol}; {MINIMUM_LEVELS} give a line and its error"
+        )
+    line = linear_fit(x, y)
+    repeats = measured[list(rois)].dropna().mean(axis=1).to_numpy(dtype=np.float64)
+    if not len(repeats):
+        raise InputError(f"recording: no repeat has all of the ROIs {', '.join(rois)}")
+    target = float(repeats.mean())
+    level = line.noise_level_for(target)
+    residual = ((y - line.intercept - line.slope * x) ** 2).sum() / (len(x) - 2)
+    of_line = residual * (1 / len(x) + (level - x.mean()) ** 2 / ((x - x.mean()) ** 2).sum())
+    of_recording = repeats.var(ddof=1) / len(repeats) if len(repeats) > 1 else 0.0
+    error = float(np.sqrt(of_line + of_recording) / line.slope)
+    return Match(level, error, target, not x.min() <= level <= x.max())
