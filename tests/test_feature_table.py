@@ -113,7 +113,7 @@ def test_selecting_takes_the_first_seeds():
             lambda: feature_table.select(feature_table.merge(TABLES), protocols=["mlem"], noise=["low"], seeds=1),
             "0 seeds for protocol mlem",
         ),
-        (lambda: feature_table.read("/nowhere/features.csv"), "cannot be read as CSV"),
+        (lambda: feature_table.read("/nowhere/features.csv"), "/nowhere/features.csv: no such file"),
         (
             lambda: feature_table.finite_values(TABLES[0].assign(**{FEATURES[4]: np.nan}), FEATURES, "features.csv"),
             "features.csv: original_firstorder_InterquartileRange is nan for protocol sirt_200",

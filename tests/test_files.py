@@ -109,3 +109,16 @@ def test_broken_projection_files_are_named(tmp_path):
     path.write_bytes(path.read_bytes()[:200])
     with pytest.raises(InputError, match="not a complete HDF5 file"):
         exchange.read_line_integrals(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "no such file"), ("", "cannot be read"), ("a,b\n1,2\n1,2,3\n", "cannot be read")],
+)
+def test_unreadable_tables(tmp_path, content, message):
+    path = tmp_path / "table.csv"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(InputError, match=message) as error:
+        files.read_csv(path)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)

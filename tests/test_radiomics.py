@@ -8,11 +8,11 @@ import SimpleITK as sitk
 from radiomics.featureextractor import RadiomicsFeatureExtractor
 from scipy import ndimage
 
-from virtual_phantom import files, radiomics
+from virtual_phantom import radiomics
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid
 from virtual_phantom.radiomics import FEATURES, RadiomicsWarning
-from virtual_phantom.volumes import Volume, write_nifti
+from virtual_phantom.volumes import Volume
 
 # Image Biomarker Standardisation Initiative, digital phantom (reference manual, arXiv:1612.07003v11, section
 # 5.1, CC BY 4.0): 5 x 4 x 4 voxels of 2 mm, here [z, y, x]; 0 marks voxels outside the ROI.
@@ -250,20 +250,3 @@ def test_bad_input_is_one_clear_line(spoil, message):
     with pytest.raises(InputError, match=message) as caught:
         radiomics.extract(volume(image), {"spot": mask})
     assert "\n" not in str(caught.value)
-
-
-def test_masks_are_read_beside_their_table_and_must_lie_on_the_images_grid(tmp_path):
-    image = volume(np.zeros((4, 5, 6), np.float32), (2.0, 1.0, 1.0))
-    mask = np.zeros((4, 5, 6), np.uint8)
-    mask[1, 2:4, 3] = 1
-    write_nifti(Volume(mask, image.grid), tmp_path / "rois" / "spot.nii.gz")
-    files.write_text("roi,tissue_class,label\nspot,cyst,1\n", tmp_path / "rois.csv")
-    table, masks = radiomics.read_masks(tmp_path / "rois.csv", image)
-    assert list(table["tissue_class"]) == ["cyst"]
-    assert masks["spot"].dtype == bool and np.array_equal(masks["spot"], mask > 0)
-    moved = Volume(image.array, Grid(shape=(4, 5, 6), spacing=(2.0, 1.0, 1.0), centre_mm=(0, 0, 2.0)))
-    with pytest.raises(InputError, match=r"spot\.nii\.gz: is on another grid"):
-        radiomics.read_masks(tmp_path / "rois.csv", moved)
-    with pytest.raises(InputError, match=r"rois\.csv: lacks the column\(s\) tissue_class"):
-        files.write_text("roi\nspot\n", tmp_path / "rois.csv")
-        radiomics.read_masks(tmp_path / "rois.csv", image)

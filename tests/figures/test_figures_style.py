@@ -177,19 +177,6 @@ def test_a_users_own_style_changes_nothing_and_is_left_alone(overlap, tmp_path):
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [(None, "no such file"), ("", "cannot be read"), ("a,b\n1,2\n1,2,3\n", "cannot be read")],
-)
-def test_unreadable_tables(tmp_path, content, message):
-    path = tmp_path / "table.csv"
-    if content is not None:
-        path.write_text(content)
-    with pytest.raises(InputError, match=message) as error:
-        tables.read_table(path)
-    assert str(path) in str(error.value) and "\n" not in str(error.value)
-
-
 def test_check_table():
     table = pandas.DataFrame({"roi": ["a", "b"], "pc1": [1.0, np.nan]})
     tables.check_table(table, "table", text=["roi"])

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 LAYOUT = ROOT / "resources/phantom.yaml"
 REAL = ROOT / "../shared/real"
 MIDDLE = Grid((48, 128, 128), (2.0, 2.35, 2.35))  # the default study's grid
-COARSE = Grid((12, 48, 48), (8.0, 6.3, 6.3))  # the tiny study's
+COARSE = Grid((12, 48, 48), (8.0, 6.3, 6.3))
 SEED = np.random.SeedSequence(1, spawn_key=(0,))
 
 # Printed phantom: centre mm (x, y, z), widths mm (x, y), volume mm3, HU; worked by hand from the tables that

@@ -103,7 +103,7 @@ def test_a_table_of_another_layout_is_refused(tmp_path):
     run = lambda: import_features(tmp_path / "t.csv", tmp_path / "table")  # noqa: E731
     import_refused(tmp_path / "table", run, "has neither a column scan_id")
     (tmp_path / "t.csv").write_text("recon_code,roi6\n1,a\n")
-    import_refused(tmp_path / "table", run, "column(s) of the dose series, the first 'dose_mGy'")
+    import_refused(tmp_path / "table", run, "column(s) of the published table, the first 'dose_mGy'")
 
 
 def dicom_tree(root, kernels=("Br38f", "Br38f", "Br59d")):

@@ -29,7 +29,6 @@ rule project:
     """Noise-free line integrals of one geometry, shared by all its noise levels, seeds and algorithms."""
     input:
         phantom=rules.phantom.output.fine,
-        image=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
         kernels=f"{RESULTS}/logs/kernels/1.txt",

@@ -1,6 +1,6 @@
 """Features of all ROIs of the images of one protocol and noise level, one table per image."""
 
-from virtual_phantom import feature_table, files, radiomics, volumes
+from virtual_phantom import feature_table, files, phantom, radiomics, volumes
 from virtual_phantom.errors import InputError
 from virtual_phantom.job import job
 
@@ -13,7 +13,7 @@ with job(snakemake) as log:
     for path, seed, output in zip(images, seeds, snakemake.output, strict=True):
         image = volumes.read_nifti(path)
         if masks is None:
-            rois, masks = radiomics.read_masks(str(snakemake.input.rois), image)
+            rois, masks = phantom.read_masks(snakemake.input.rois, image.grid)
             classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
             grid = image.grid
         if not image.grid.matches(grid):

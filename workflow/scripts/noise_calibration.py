@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from virtual_phantom import files, radiomics, volumes
+from virtual_phantom import files, phantom, volumes
 from virtual_phantom.errors import InputError
 from virtual_phantom.job import job
 from virtual_phantom.statistics import noise
@@ -14,8 +14,7 @@ with job(snakemake) as log:
     paths = list(snakemake.input.images)
     if len(paths) != len(acquisitions):
         raise InputError(f"noise calibration: {len(paths)} images for {len(acquisitions)} acquisitions")
-    first = volumes.read_nifti(paths[0])
-    _, masks = radiomics.read_masks(str(snakemake.input.rois), first)
+    _, masks = phantom.read_masks(snakemake.input.rois, volumes.read_nifti(paths[0]).grid)
     parts = []
     for (protocol, label, level), rows in acquisitions.groupby(KEYS, sort=False):
         images = (volumes.read_nifti(paths[index]).array for index in rows.index)

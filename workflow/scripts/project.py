@@ -5,7 +5,7 @@ from virtual_phantom.job import job
 with job(snakemake) as log:
     from virtual_phantom.exchange import write_line_integrals
     from virtual_phantom.geometry import grid_of, scan_geometry
-    from virtual_phantom.radiomics import read_masks
+    from virtual_phantom.phantom import read_masks
     from virtual_phantom.simulate import check_rois_seen, clean_line_integrals
     from virtual_phantom.volumes import read_nifti
 
@@ -19,7 +19,7 @@ with job(snakemake) as log:
         geometry.views / geometry.views_per_rotation,
         geometry.feed_per_rotation_mm,
     )
-    _, masks = read_masks(snakemake.input.rois, read_nifti(snakemake.input.image))
+    _, masks = read_masks(snakemake.input.rois, grid)
     check_rois_seen(geometry, grid, masks)
     line_integrals = clean_line_integrals(phantom, geometry, params.mu_water_per_mm, snakemake.threads)
     write_line_integrals(snakemake.output[0], line_integrals, geometry)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from .errors import InputError
+from .files import read_csv
 from .radiomics import FEATURES
 
 PROVENANCE = ("settings_hash", "pyradiomics_version", "numpy_version", "simpleitk_version")
@@ -28,10 +29,7 @@ def complete(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisitio
 def read(path: str | Path) -> pd.DataFrame:
     """Read a table of features; numbers come back bit for bit. Raises InputError if it is missing or lacks a
     column."""
-    try:
-        table = pd.read_csv(path, dtype=dict.fromkeys(TEXT, str))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as CSV ({error})") from error
+    table = read_csv(path, dtype=dict.fromkeys(TEXT, str))
     if missing := [column for column in (*METADATA, *FEATURES) if column not in table]:
         raise InputError(f"{path}: lacks {len(missing)} column(s) of a feature table, the first {missing[0]}")
     return table

@@ -6,6 +6,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from .errors import InputError
+
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
@@ -33,6 +35,20 @@ def write_csv(table, path: str | Path) -> None:
     """Write a pandas DataFrame without its index; floats as the shortest text that reads back to the same number."""
     with replacing(path) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n")
+
+
+def read_csv(path: str | Path, advice: str = "delete it and run again", **options):
+    """A pandas DataFrame of a CSV; `options` are pandas'. Raises InputError if it is missing, empty
+    or no table."""
+    import pandas
+
+    try:
+        return pandas.read_csv(path, **options)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # pandas' own errors on broken files are ValueErrors
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: cannot be read as CSV ({reason}); {advice}") from None
 
 
 def write_text(text: str, path: str | Path) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 from .errors import InputError
+from .files import read_csv
 from .radiomics import FEATURES
 
 RESOURCES = Path(__file__).resolve().parents[3] / "resources"
@@ -58,7 +59,7 @@ def load_group_summary() -> pd.DataFrame:
 
     Columns group (1 to 8), roi, tissue_class, feature (85 of the 86), mean, sd, n.
     """
-    return _with_classes(pd.read_csv(RESOURCES / "ct_phantom4radiomics_groups.csv"))
+    return _with_classes(read_csv(RESOURCES / "ct_phantom4radiomics_groups.csv"))
 
 
 def group_means() -> pd.DataFrame:
@@ -73,7 +74,7 @@ def load_scores() -> pd.DataFrame:
     Columns feature (85 of the 86), stability_percent, discrimination_percent; `statistics.wilcoxon.scores` at
     threshold 1, ROI by ROI, over 8 groups: 168 comparisons for stability, 104 for discrimination.
     """
-    return pd.read_csv(RESOURCES / "ct_phantom4radiomics_scores.csv")
+    return read_csv(RESOURCES / "ct_phantom4radiomics_scores.csv")
 
 
 def load_dose_series() -> pd.DataFrame:
@@ -82,7 +83,7 @@ def load_dose_series() -> pd.DataFrame:
 
     Columns dose_mgy (1, 3, 10), reconstruction (fbp | iterative), roi, tissue_class, feature, mean, sd, n.
     """
-    return _with_classes(pd.read_csv(RESOURCES / "edge_dose_series_summary.csv"))
+    return _with_classes(read_csv(RESOURCES / "edge_dose_series_summary.csv"))
 
 
 def dose_variance(reconstruction: str, dose_mgy: float, roi: str = "cyst_1") -> float:
@@ -113,23 +114,10 @@ def load_full_table(path: str | Path) -> pd.DataFrame:
     Raises InputError if the file is missing, lacks a column, or holds an ROI, a group or values that do not
     belong.
     """
-    path = Path(path)
-    try:
-        raw = pd.read_csv(path)
-    except (OSError, ValueError) as error:
-        raise InputError(f"measured.table: {path} cannot be read as CSV ({error})") from error
-    needed = ["scan_id", "group", "class", "mask size", *STUDY_FEATURES]
-    if missing := [column for column in needed if column not in raw]:
-        raise InputError(f"measured.table: {path} lacks {len(missing)} column(s), the first {missing[0]!r}")
-    if strange := set(raw["class"]) - set(STUDY_ROIS):
-        raise InputError(
-            f"measured.table: {path} has the class {sorted(map(str, strange))[0]!r}; known are {', '.join(STUDY_ROIS)}"
-        )
+    raw = _source_table(path, ["scan_id", "group", "class", "mask size"], STUDY_FEATURES, {"class": STUDY_ROIS})
     scan = raw["scan_id"].astype(str).str.extract(r"^(\d{3})-", expand=False)
     if scan.isna().any() or (scan.str[0].astype(int) != raw["group"]).any():
-        raise InputError(f"measured.table: {path} has a scan_id that does not begin with the digit of its group")
-    if not np.isfinite(raw[list(STUDY_FEATURES)].to_numpy(dtype=np.float64)).all():
-        raise InputError(f"measured.table: {path} has features that are not finite")
+        raise InputError(f"{path}: has a scan_id that does not begin with the digit of its group")
     roi = raw["class"].map(STUDY_ROIS)
     keys = pd.DataFrame(
         {
@@ -151,19 +139,8 @@ def load_full_dose_series(path: str | Path) -> pd.DataFrame:
     Raises InputError if the file is missing, lacks a column, or holds an ROI, a reconstruction or values that
     do not belong.
     """
-    path = Path(path)
-    try:
-        raw = pd.read_csv(path)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as CSV ({error})") from error
-    needed = ["dose_mGy", "recon_code", "repeat", "roi6", *FEATURES]
-    if missing := [column for column in needed if column not in raw]:
-        raise InputError(f"{path}: lacks {len(missing)} column(s) of the dose series, the first {missing[0]!r}")
-    for column, known in (("roi6", DOSE_ROIS), ("recon_code", DOSE_RECONSTRUCTIONS)):
-        if strange := sorted(map(str, set(raw[column]) - set(known))):
-            raise InputError(f"{path}: {column} {strange[0]!r} is unknown; known are {', '.join(map(str, known))}")
-    if not np.isfinite(raw[list(FEATURES)].to_numpy(dtype=np.float64)).all():
-        raise InputError(f"{path}: has features that are not finite")
+    known = {"roi6": DOSE_ROIS, "recon_code": DOSE_RECONSTRUCTIONS}
+    raw = _source_table(path, ["dose_mGy", "recon_code", "repeat", "roi6"], FEATURES, known)
     roi = raw["roi6"].map(DOSE_ROIS)
     keys = pd.DataFrame(
         {
@@ -175,6 +152,19 @@ def load_full_dose_series(path: str | Path) -> pd.DataFrame:
         }
     )
     return pd.concat([keys, raw[list(FEATURES)]], axis="columns")
+
+
+def _source_table(path, columns, features, known) -> pd.DataFrame:
+    """A published table as it is; InputError if it lacks columns, or holds words that are not `known` or no numbers."""
+    raw = read_csv(path, "give the published table as it is")
+    if missing := [column for column in (*columns, *features) if column not in raw]:
+        raise InputError(f"{path}: lacks {len(missing)} column(s) of the published table, the first {missing[0]!r}")
+    for column, words in known.items():
+        if strange := sorted(map(str, set(raw[column]) - set(words))):
+            raise InputError(f"{path}: {column} {strange[0]!r} is unknown; known are {', '.join(map(str, words))}")
+    if not np.isfinite(raw[list(features)].to_numpy(dtype=np.float64)).all():
+        raise InputError(f"{path}: has features that are not finite")
+    return raw
 
 
 def to_hu(table: pd.DataFrame) -> pd.DataFrame:
@@ -197,7 +187,7 @@ def load_published_top() -> pd.DataFrame:
     """The ten highest-ranked features of the paper's appendix table (Flouris et al., Sci. Rep. 2022), in
     pyradiomics' names. Columns kind (stability | discrimination), source (simulator | phantom), rank,
     feature."""
-    return pd.read_csv(RESOURCES / "published_top_features.csv")
+    return read_csv(RESOURCES / "published_top_features.csv")
 
 
 def _with_classes(table: pd.DataFrame) -> pd.DataFrame:

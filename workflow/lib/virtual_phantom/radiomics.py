@@ -16,7 +16,6 @@ import logging
 import warnings
 from collections.abc import Iterator
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -27,7 +26,7 @@ from radiomics.imageoperations import binImage
 from scipy import ndimage
 
 from .errors import InputError
-from .volumes import Volume, read_nifti
+from .volumes import Volume
 
 FAMILIES = {"firstorder": "first order", "glcm": "GLCM", "gldm": "GLDM", "glrlm": "GLRLM", "glszm": "GLSZM"}
 
@@ -138,29 +137,6 @@ def extract(volume: Volume, masks: dict[str, np.ndarray], name: str = "image") -
         )
         _warn_if_poor(name, rows[-1])
     return pd.DataFrame(rows)
-
-
-def read_masks(rois_csv: str | Path, image: Volume) -> tuple[pd.DataFrame, dict[str, np.ndarray]]:
-    """The table of ROIs (roi, tissue_class, ...) and their masks, read from rois/{roi}.nii.gz beside the
-    table.
-
-    Raises InputError if the table lacks a column, or a mask is missing or on another grid than `image`.
-    """
-    rois_csv = Path(rois_csv)
-    try:
-        table = pd.read_csv(rois_csv)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{rois_csv}: cannot be read as CSV ({error})") from error
-    if missing := {"roi", "tissue_class"} - set(table.columns):
-        raise InputError(f"{rois_csv}: lacks the column(s) {', '.join(sorted(missing))}")
-    masks = {}
-    for roi in table["roi"]:
-        path = rois_csv.parent / "rois" / f"{roi}.nii.gz"
-        mask = read_nifti(path, dtype=np.uint8)
-        if not mask.grid.matches(image.grid):
-            raise InputError(f"{path}: is on another grid ({mask.grid}) than the image ({image.grid})")
-        masks[roi] = mask.array > 0
-    return table, masks
 
 
 @cache

@@ -8,7 +8,7 @@ from .errors import InputError
 from .geometry import Grid, ScanGeometry
 from .parallel_rays import ParallelRays
 from .projectors.cpu import CpuProjector
-from .units import hu_to_attenuation
+from .units import HU_BODY, hu_to_attenuation
 from .volumes import Volume
 
 
@@ -55,10 +55,10 @@ def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndar
             )
 
 
-def _refuse_truncation(phantom, geometry, threshold_hu=-500.0):
+def _refuse_truncation(phantom, geometry):
     """Matter outside the field of view would make streaks that no reconstruction here allows for."""
     _, y, x = phantom.grid.axes_mm()
-    occupied = (phantom.array > threshold_hu).any(axis=0)
+    occupied = (phantom.array > HU_BODY).any(axis=0)
     reach = float(np.max(np.hypot(y[:, None], x[None, :]), where=occupied, initial=0))
     radius = geometry.field_of_view_radius_mm
     if reach > radius:

@@ -8,6 +8,7 @@ import numpy as np
 
 HU_AIR = -1000.0
 HU_WATER = 0.0
+HU_BODY = -500.0  # half-way from air to water: what is denser belongs to the object
 
 
 def hu_to_attenuation(hu, mu_water_per_mm: float):

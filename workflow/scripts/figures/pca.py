@@ -1,8 +1,9 @@
 """Figure of one principal component analysis."""
 
-from virtual_phantom.figures import pca, style, tables
+from virtual_phantom import files
+from virtual_phantom.figures import pca, style
 from virtual_phantom.job import job
 
 with job(snakemake):
-    figure = pca.draw(tables.read_table(snakemake.input.table), snakemake.params.title)
+    figure = pca.draw(files.read_csv(snakemake.input.table), snakemake.params.title)
     style.save(figure, [snakemake.output.png, snakemake.output.pdf])

@@ -13,10 +13,10 @@ from scipy import ndimage
 
 from ..errors import InputError
 from ..geometry import Grid
+from ..units import HU_BODY
 from ..volumes import Volume
 
 WINDOW_HU = (40 - 400 / 2, 40 + 400 / 2)  # the usual abdominal window: level 40, width 400
-BODY_THRESHOLD_HU = -500.0  # half-way from air to water
 OUTLINED = [patheffects.withStroke(linewidth=2, foreground="black")]
 
 
@@ -50,9 +50,9 @@ def body_mask(slice_hu: np.ndarray) -> np.ndarray:
 
     Raises InputError if no pixel is over the threshold.
     """
-    regions, count = ndimage.label(slice_hu > BODY_THRESHOLD_HU)
+    regions, count = ndimage.label(slice_hu > HU_BODY)
     if not count:
-        raise InputError(f"phantom image: no voxel of the slice is over {BODY_THRESHOLD_HU:g} HU; is it in HU?")
+        raise InputError(f"phantom image: no voxel of the slice is over {HU_BODY:g} HU; is it in HU?")
     largest = 1 + int(np.argmax(np.bincount(regions.ravel())[1:]))
     return ndimage.binary_fill_holes(regions == largest)
 

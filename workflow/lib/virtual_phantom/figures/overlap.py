@@ -30,22 +30,12 @@ def draw(table: pandas.DataFrame) -> Figure:
     figure = style.figure(style.SINGLE_COLUMN_MM, 92)
     axes = figure.subplots()
     percent = table["percent"]
-    axes.fill_between(
-        percent,
-        0,
-        table["lower_percent"],
-        color="#EEEEEE",
-        linewidth=0,
-        label="below the band: fewer in both lists than by chance",
-    )
-    axes.fill_between(
-        percent,
-        table["lower_percent"],
-        table["upper_percent"],
-        color="#CCCCCC",
-        linewidth=0,
-        label="uncorrelated lists, 95 % band",
-    )
+    lower, upper = table["lower_percent"], table["upper_percent"]
+    for bottom, top, colour, label in (
+        (0, lower, "#EEEEEE", "below the band: fewer in both lists than by chance"),
+        (lower, upper, "#CCCCCC", "uncorrelated lists, 95 % band"),
+    ):
+        axes.fill_between(percent, bottom, top, color=colour, linewidth=0, label=label)
     axes.plot(
         percent,
         table["expected_percent"],

@@ -1,23 +1,11 @@
-"""Read and check the tables that figures are drawn from."""
+"""Check the tables that figures are drawn from."""
 
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 import pandas
 
 from ..errors import InputError
-
-
-def read_table(path: str | Path) -> pandas.DataFrame:
-    """Read a CSV. Raises InputError if it is missing, empty or no table."""
-    try:
-        return pandas.read_csv(path)
-    except FileNotFoundError as error:
-        raise InputError(f"{path}: no such file; run the rule that makes it") from error
-    except (ValueError, UnicodeDecodeError) as error:  # pandas' own errors on broken files are ValueErrors
-        reason = str(error).splitlines()[0]
-        raise InputError(f"{path}: cannot be read as a table ({reason}); delete it and run again") from error
 
 
 def check_table(table: pandas.DataFrame, name: str, *, text: Iterable[str] = (), numbers: Iterable[str] = ()) -> None:

@@ -13,8 +13,10 @@ import numpy as np
 import pandas as pd
 from skimage.measure import block_reduce
 
-from ..files import write_csv
-from ..volumes import Volume, write_nifti
+from ..errors import InputError
+from ..files import read_csv, write_csv
+from ..geometry import Grid
+from ..volumes import Volume, read_nifti, write_nifti
 
 HALF_COVERED = 0.5  # a voxel of the grid belongs to an ROI if at least this share of it does
 
@@ -71,3 +73,22 @@ def save(phantom: Phantom, folder: str | Path) -> None:
             }
         )
     write_csv(pd.DataFrame(rows), folder / "rois.csv")
+
+
+def read_masks(rois_csv: str | Path, grid: Grid) -> tuple[pd.DataFrame, dict[str, np.ndarray]]:
+    """What `save` wrote: the table of ROIs (roi, tissue_class, ...) and their masks, bool [z, y, x] by name.
+
+    Raises InputError if the table lacks a column, or a mask is missing or on another grid than `grid`.
+    """
+    rois_csv = Path(rois_csv)
+    table = read_csv(rois_csv)
+    if missing := {"roi", "tissue_class"} - set(table.columns):
+        raise InputError(f"{rois_csv}: lacks the column(s) {', '.join(sorted(missing))}")
+    masks = {}
+    for roi in table["roi"]:
+        path = rois_csv.parent / "rois" / f"{roi}.nii.gz"
+        mask = read_nifti(path, dtype=np.uint8)
+        if not mask.grid.matches(grid):
+            raise InputError(f"{path}: is on another grid ({mask.grid}) than the images ({grid})")
+        masks[roi] = mask.array > 0
+    return table, masks

@@ -12,14 +12,13 @@ import SimpleITK as sitk
 from ..config import schema_of, validate
 from ..errors import InputError
 from ..geometry import Grid
-from ..units import HU_AIR
+from ..units import HU_AIR, HU_BODY
 from ..volumes import Volume, read_nifti
 from . import HALF_COVERED, Phantom, Roi, block_mean
 from .dicom_series import read_series
 from .masks import open_regions
 from .rois import RoiEntry, cut, read_entries, separate, shrink
 
-BODY_HU = -500.0  # between air and lung or fat: what is denser belongs to the object
 LARGEST_LOSS = 0.01  # share of an ROI that keep_mm or the grid may cut off: rounding of a box to voxels, no more
 SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
 
@@ -101,9 +100,9 @@ def _check_fit(image: Volume, grid: Grid) -> None:
     seen = np.abs(z - cz) <= half_z + image.grid.spacing[0] / 2
     if not seen.any():
         raise InputError(f"phantom: ct: the grid ({grid}) misses the CT ({image.grid}) along z; correct centre_mm")
-    body = (image.array[seen] > BODY_HU).any(axis=0)
+    body = (image.array[seen] > HU_BODY).any(axis=0)
     if not body.any():
-        raise InputError(f"phantom: ct: nothing in the CT is denser than {BODY_HU:g} HU within the grid; is it in HU?")
+        raise InputError(f"phantom: ct: nothing in the CT is denser than {HU_BODY:g} HU within the grid; is it in HU?")
     rows, columns = np.nonzero(body)
     reach_x = float(np.abs(x[columns] - cx).max()) + image.grid.spacing[2] / 2
     reach_y = float(np.abs(y[rows] - cy).max()) + image.grid.spacing[1] / 2
