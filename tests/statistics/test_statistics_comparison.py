@@ -1,4 +1,6 @@
 import warnings
+from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -7,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from virtual_phantom import radiomics
+from virtual_phantom import measured, radiomics
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid
 from virtual_phantom.measured import TISSUE_CLASSES
@@ -15,7 +17,8 @@ from virtual_phantom.radiomics import FEATURES
 from virtual_phantom.statistics import comparison
 from virtual_phantom.volumes import Volume
 
-MEAN, ENTROPY = "original_firstorder_Mean", "original_firstorder_Entropy"
+MEAN = "original_firstorder_Mean"
+REAL = Path(__file__).resolve().parents[2] / "../shared/real"
 
 
 def table(**repeats):
@@ -215,8 +218,6 @@ def test_order_of_rois_by_hand():
 
 
 def test_two_swaps_of_six_are_still_in_order_and_chance_gives_as_many_in_3_percent():
-    from itertools import permutations
-
     taus = [stats.kendalltau(range(6), order).statistic for order in permutations(range(6))]
     assert np.mean(np.array(taus) >= comparison.RANK_RIGHT) == pytest.approx(20 / 720)
 
@@ -336,3 +337,32 @@ def test_size_of_an_roi_from_its_features():
     assert np.isnan(comparison.roi_sizes(rows.drop(columns="original_firstorder_TotalEnergy"))["voxel_mm3"][0])
     with pytest.raises(InputError, match="Energy is missing"):
         comparison.roi_sizes(rows.drop(columns="original_firstorder_Energy"))
+
+
+real = pytest.mark.skipif(not REAL.exists(), reason="the real measurements are not beside this checkout")
+
+
+@pytest.mark.real
+@real
+def test_two_halves_of_one_real_scan_series_differ_in_nothing():
+    """Ten scans against ten others of the same setting: what a perfect simulation would look like."""
+    study = measured.load_full_table(REAL / "ct_phantom4radiomics" / "features_2d.csv")
+    for group in (1, 5):
+        scans = study[(study["group"] == group) & (study["acquisition"] <= 20)]
+        odd = scans["acquisition"] % 2 == 1
+        result = comparison.compare(scans[odd], scans[~odd], measured.STUDY_FEATURES)
+        assert not (result[["q_mean", "q_sd", "holm_mean", "holm_sd"]] < 0.05).any().any()
+        assert "no" not in set(result["mean_agrees"]) | set(result["sd_agrees"])
+        overall = comparison.family_summary(result).iloc[-1]
+        assert overall["share_within_margin"] > 0.9 and overall["median_abs_shift_sd"] < 0.4
+        assert 0.2 < overall["share_equivalent"] < 0.5  # ten scans show less than half of what is so
+
+
+@pytest.mark.real
+@real
+def test_two_reconstructions_of_the_same_real_scans_differ_but_order_the_rois_alike():
+    series = measured.load_full_dose_series(REAL / "edge_dose_series" / "features_3d.csv").query("dose_mgy == 10")
+    sides = (series[series["reconstruction"] == name] for name in ("iterative", "fbp"))
+    overall = comparison.family_summary(comparison.compare(*sides, FEATURES)).iloc[-1]
+    assert overall["median_abs_shift_sd"] == pytest.approx(5.1, abs=0.1) and overall["share_mean_differs"] > 0.8
+    assert overall["share_rank_right"] > 0.9 and overall["median_sd_ratio"] == pytest.approx(1.02, abs=0.02)
