@@ -53,9 +53,10 @@ def test_a_table_that_is_something_else_is_refused(tmp_path, changes, message):
         measured.load_full_table(tmp_path / "none.csv")
 
 
-def test_first_order_features_in_hu_are_those_of_the_shifted_values():
+@pytest.mark.parametrize("offset", [1000, 1024])
+def test_first_order_features_in_hu_are_those_of_the_shifted_values(offset):
     hu = np.random.default_rng(0).normal(5, 12, 300)
-    stored = hu + 1024
+    stored = hu + offset
 
     def first_order(x):
         return {
@@ -67,6 +68,7 @@ def test_first_order_features_in_hu_are_those_of_the_shifted_values():
             "Minimum": x.min(),
             "Variance": x.var(),
             "Energy": (x**2).sum(),
+            "TotalEnergy": 0.5 * (x**2).sum(),
             "RootMeanSquared": np.sqrt((x**2).mean()),
             "Range": np.ptp(x),
         }
@@ -74,7 +76,13 @@ def test_first_order_features_in_hu_are_those_of_the_shifted_values():
     def row(x):
         return pd.DataFrame([{f"original_firstorder_{k}": v for k, v in first_order(x).items()} | {"n_voxels": x.size}])
 
-    pd.testing.assert_frame_equal(measured.to_hu(row(stored)), row(hu), rtol=1e-9)
+    pd.testing.assert_frame_equal(measured.to_hu(row(stored), offset), row(hu), rtol=1e-9)
+    assert measured.to_hu(row(hu), 0).equals(row(hu))
+    few = row(stored)[["original_firstorder_Median", "original_firstorder_Range"]]
+    assert measured.to_hu(few, offset).iloc[0].tolist() == pytest.approx([np.median(hu), np.ptp(hu)])
+    with pytest.raises(InputError, match="Energy is of stored values .* without original_firstorder_Variance"):
+        bare = row(stored).drop(columns=["original_firstorder_Variance", "original_firstorder_RootMeanSquared"])
+        measured.to_hu(bare, offset)
 
 
 def test_summaries_are_complete():

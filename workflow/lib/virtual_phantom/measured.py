@@ -167,19 +167,41 @@ def _source_table(path, columns, features, known) -> pd.DataFrame:
     return raw
 
 
-def to_hu(table: pd.DataFrame) -> pd.DataFrame:
-    """First-order features of `load_full_table` in HU instead of stored values.
+def to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> pd.DataFrame:
+    """First-order features in HU instead of stored values, HU + `offset_hu`; by default those of `load_full_table`.
 
-    Means and quantiles shift by 1024; energy is N (variance + mean^2), the mean now in HU, and
-    RootMeanSquared the root of the same without N. Spreads stay. Histograms and textures cannot be converted:
-    1024 is not a whole number of bins of 25, so bin edges lie one unit off those of values in HU.
+    Means and quantiles shift; energy is N (variance + mean^2), the mean now in HU and N the stored energy over the
+    square of the stored root mean square; RootMeanSquared is the root of the same without N, and TotalEnergy keeps its
+    ratio to energy. Spreads stay. Histograms and textures cannot be converted: 1024 is not a whole number of bins of
+    25, so bin edges lie one unit off those of values in HU.
+    Features that the table lacks are passed over. Raises InputError if it has an energy or root mean square without
+    what their conversion needs.
     """
+    if offset_hu == 0:
+        return table
     table = table.copy()
-    for name in ("10Percentile", "90Percentile", "Maximum", "Mean", "Median", "Minimum"):
-        table[f"original_firstorder_{name}"] -= STORED_OFFSET_HU
-    square = table["original_firstorder_Variance"] + table["original_firstorder_Mean"] ** 2
-    table["original_firstorder_Energy"] = table["n_voxels"] * square
-    table["original_firstorder_RootMeanSquared"] = np.sqrt(square)
+    name = "original_firstorder_{}".format
+    for feature in map(name, ("10Percentile", "90Percentile", "Maximum", "Mean", "Median", "Minimum")):
+        if feature in table:
+            table[feature] -= offset_hu
+    square_root, energy, total = map(name, ("RootMeanSquared", "Energy", "TotalEnergy"))
+    # Of the energies, the stored root mean square tells the number of voxels.
+    needed = {square_root: ("Mean", "Variance"), energy: ("Mean", "Variance", "RootMeanSquared")}
+    needed[total] = needed[energy]
+    for feature, others in needed.items():
+        if feature in table and (missing := [other for other in map(name, others) if other not in table]):
+            raise InputError(
+                f"features: {feature} is of stored values (HU + {offset_hu:g}) and cannot be brought to HU without "
+                f"{missing[0]}; leave it out"
+            )
+    if square_root not in table:
+        return table
+    square = table[name("Variance")] + table[name("Mean")] ** 2
+    change = square / table[square_root] ** 2
+    for feature in (energy, total):
+        if feature in table:
+            table[feature] *= change
+    table[square_root] = np.sqrt(square)
     return table
 
 

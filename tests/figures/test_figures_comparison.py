@@ -1,0 +1,154 @@
+"""The page of all features and the strips of families: every cell is drawn, in its place and colour."""
+
+import matplotlib
+import numpy as np
+import pandas
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PathCollection, QuadMesh
+from matplotlib.text import Text
+
+from virtual_phantom.errors import InputError
+from virtual_phantom.figures import comparison as figures
+from virtual_phantom.figures import style
+from virtual_phantom.measured import TISSUE_CLASSES
+from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.statistics import comparison
+
+
+@pytest.fixture(scope="module")
+def table():
+    """Recorded repeats of SD 1; simulated ones with shifts of about -60 to 60 and SDs of 1/16 to 16."""
+    rng = np.random.default_rng(0)
+    parts = []
+    for simulated in (True, False):
+        rows = []
+        for roi, name in TISSUE_CLASSES.items():
+            centre = rng.normal(size=86) * 10 ** rng.uniform(-1, 1.3, 86) * simulated
+            spread = 2.0 ** rng.uniform(-4, 4, 86) if simulated else np.ones(86)
+            values = centre + spread * rng.normal(size=(8, 86))
+            rows.append(pandas.DataFrame(values, columns=list(FEATURES)).assign(roi=roi, tissue_class=name))
+        parts.append(pandas.concat(rows))
+    parts[0][FEATURES[0]] = parts[1][FEATURES[0]] = 3.0  # one is constant
+    parts[1][FEATURES[1]] = 3.0  # one only in the recording
+    return comparison.compare(*parts, FEATURES)
+
+
+def texts(figure):
+    return [text.get_text() for text in figure.findobj(Text) if text.get_text()]
+
+
+def meshes(axes):
+    return [child for child in axes.get_children() if isinstance(child, QuadMesh)]
+
+
+def cells(axes):
+    """Colours of all cells, top to bottom, [row, column]."""
+    found = []
+    for mesh in meshes(axes):
+        mesh.update_scalarmappable()
+        rows, columns = mesh.get_array().shape[:2]
+        found.append(mesh.get_facecolors().reshape(rows, columns, 4))
+    return np.concatenate(found)
+
+
+def test_every_cell_has_the_colour_of_its_step(table):
+    shuffled = table.sample(frac=1, random_state=1)
+    rois = list(dict.fromkeys(shuffled["roi"]))
+    figure = figures.draw(shuffled, comparison.ranks(table))
+    colours = cells(figure.axes[0])
+    assert colours.shape == (86, 6, 4)
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    family = [style.family_label(f.split("_")[1]) for f in FEATURES]
+    wide = table.pivot(index="feature", columns="roi", values="shift_sd")[rois]
+    # rows are grouped by family, in any order within
+    mesh_sizes = [mesh.get_array().shape[0] for mesh in meshes(figure.axes[0])]
+    assert sorted(mesh_sizes) == sorted(pandas.Series(family).value_counts())
+    by_family = dict(zip((label for label in texts(figure) if label in set(family)), mesh_sizes, strict=False))
+    assert by_family["First order"] == 18 and list(by_family)[0] == "First order"
+    order = [name for name, size in by_family.items() for _ in range(size)]
+    known = {(style.family_label(f.split("_")[1]), f.split("_")[2]): f for f in FEATURES}
+    white = matplotlib.colors.to_rgba(figures.NEUTRAL)
+    distinct = {}
+    for row, (name, label) in enumerate(zip(order, labels, strict=True)):
+        for column, shift in enumerate(wide.loc[known[name, label]]):
+            assert (tuple(colours[row, column]) == white) == (abs(shift) <= 1)
+            step = np.sign(shift) * np.searchsorted(figures.SHIFT_STEPS, abs(shift))
+            distinct.setdefault(step, set()).add(tuple(colours[row, column]))
+    assert all(len(of_step) == 1 for of_step in distinct.values())
+    assert len(set.union(*distinct.values())) == len(distinct) == 9
+
+
+def test_constant_cells_and_marks(table):
+    figure = figures.draw(table, comparison.summary(table), "title")
+    ratio = cells(figure.axes[1])
+    grey = np.all(np.isclose(ratio, matplotlib.colors.to_rgba(figures.MISSING)), axis=-1)
+    assert grey.sum() == 6 and grey[0].all()  # both constant
+    darkest = matplotlib.colormaps[figures.RATIO_COLOURS](1.0)
+    assert np.allclose(ratio[1], darkest)  # infinite
+    for axes, q, equivalent in (
+        (figure.axes[0], "q_mean", "mean_equivalent"),
+        (figure.axes[1], "q_sd", "sd_equivalent"),
+    ):
+        black, white, rings = (len(c.get_offsets()) for c in axes.collections if isinstance(c, PathCollection))
+        assert black + white == (table[q] < 0.05).sum() and rings == table[equivalent].sum()
+        assert white > 0 or q == "q_sd"
+    tau = comparison.ranks(table)["kendall_tau"]
+    said = texts(figure)
+    assert said.count("–") == tau.isna().sum() > 0
+    assert {"title", "cyst 1", "−30", "30", "1/8", "1/2", "8", "shown to agree"} <= set(said)
+    assert {"shift of the mean (repeat SDs of the recording)", "SD over repeats, simulated / recorded"} <= set(said)
+
+
+def test_another_margin_moves_the_steps(table):
+    said = texts(figures.draw(table.assign(margin_sd=0.5, sd_factor=1.5), comparison.ranks(table)))
+    assert {"−0.5", "0.5", "15", "1.5", "1/1.5"} <= set(said)
+
+
+def test_pages_hold_their_text(table):
+    summary = comparison.summary(table)
+    page, strips = figures.draw(table, summary), figures.draw_families(summary, 1.0, 2.0, "title")
+    one = table[(table["roi"] == "cyst_1") & table["feature"].isin(FEATURES[:2])]
+    little = comparison.summary(one)
+    for figure in (page, strips, figures.draw(one, little), figures.draw_families(little, 1.0, 2.0)):
+        with style.styled():
+            canvas = FigureCanvasAgg(figure)
+            canvas.draw()
+            tight = figure.get_tightbbox(canvas.get_renderer())
+        assert tight.x0 >= -0.02 and tight.y0 >= -0.02, tight
+        assert tight.x1 <= figure.get_figwidth() + 0.02 and tight.y1 <= figure.get_figheight() + 0.02, tight
+        assert min(text.get_fontsize() for text in figure.findobj(Text)) >= 7
+    assert page.get_figheight() * 25.4 < 260  # A4 has 297 mm
+
+
+def test_strips_show_every_feature_and_count_the_right_ones(table):
+    summary = comparison.summary(table)
+    figure = figures.draw_families(summary, 1.0, 2.0)
+    for axes, column, good in zip(
+        figure.axes,
+        ("median_abs_shift_sd", "median_sd_ratio", "kendall_tau"),
+        ("mean_right", "sd_right", "rank_right"),
+        strict=True,
+    ):
+        drawn = np.concatenate([np.asarray(c.get_offsets())[:, 0] for c in axes.findobj(PathCollection)])
+        known = summary[column].dropna()
+        low, high = min(drawn), max(drawn)
+        assert sorted(drawn) == pytest.approx(sorted(known.clip(low, high)))
+        counts = [text.get_text() for text in axes.texts if "/" in text.get_text()]
+        right = summary.groupby("family")[good].agg(["sum", "size"])
+        assert sorted(counts) == sorted(f"{int(row['sum'])}/{row['size']}" for _, row in right.iterrows())
+
+
+def test_refusals(table):
+    ranking = comparison.ranks(table)
+    for wrong, ranks, message in (
+        (table.iloc[:0], ranking, "has no rows"),
+        (table.iloc[1:], ranking, "not one row for every ROI and feature"),
+        (pandas.concat([table, table.iloc[:1]]), ranking, "not one row for every"),
+        (table.drop(columns="q_sd"), ranking, "lacks the column q_sd"),
+        (table, ranking.iloc[1:], f"ranks of the comparison: lack {FEATURES[0]}"),
+    ):
+        with pytest.raises(InputError, match=message):
+            figures.draw(wrong, ranks)
+    with pytest.raises(InputError, match="lacks the column sd_right"):
+        figures.draw_families(comparison.summary(table).drop(columns="sd_right"), 1.0, 2.0)

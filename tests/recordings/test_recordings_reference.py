@@ -1,0 +1,114 @@
+"""Features recordings as references: groups by conditions, values in HU, scores; and the two real tables."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from recording_folders import features_folder, features_table, write_yaml
+
+from virtual_phantom import measured
+from virtual_phantom.errors import InputError
+from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.recordings import reference
+from virtual_phantom.recordings.importers.feature_tables import import_features
+from virtual_phantom.recordings.reading import load
+from virtual_phantom.statistics import pca, ranking
+
+REAL = Path(__file__).resolve().parents[2] / "../shared/real"
+real = [
+    pytest.mark.real,
+    pytest.mark.skipif(not REAL.exists(), reason="the real measurements are not beside this checkout"),
+]
+
+
+@pytest.fixture
+def recording(tmp_path):
+    """Six images: doses 10, 20 and 20, 10, 10, 30 mGy."""
+    folder, _ = features_folder(tmp_path / "table")
+    for name, start, doses in (("a", 0, (10, 20, 20)), ("b", 3, (10, 10, 30))):
+        features_table(start=start).assign(dose_mgy=np.repeat(doses, 2)).to_csv(folder / f"{name}.csv", index=False)
+    return load(folder)
+
+
+def test_conditions_are_numbered_in_their_order(recording):
+    assert reference.grouped(recording)["group"].tolist() == [1, 1, 2, 2, 2, 2, 1, 1, 1, 1, 3, 3]
+    each = reference.reference(recording)
+    assert list(each.columns) == ["group", "roi", "tissue_class", *FEATURES] and len(each) == 12
+    means = reference.reference(recording, per="condition")
+    assert len(means) == 6
+    rows = recording.repeats.query("dose_mgy == 10 and roi == 'cyst_1'")
+    found = means.query("group == 1 and roi == 'cyst_1'")
+    assert found[list(FEATURES)].iloc[0].to_numpy() == pytest.approx(rows[list(FEATURES)].mean().to_numpy())
+    with pytest.raises(InputError, match="'roi' is not known; choose from image, condition"):
+        reference.reference(recording, per="roi")
+
+
+def test_stored_values_are_brought_to_hu(tmp_path):
+    folder, content = features_folder(tmp_path / "table")
+    write_yaml(folder, content | {"features": {"stored_offset_hu": 1000}})
+    for name, start in (("a", 0), ("b", 3)):
+        features_table(start=start, mean=1040).to_csv(folder / f"{name}.csv", index=False)
+    table = reference.reference(load(folder))
+    assert table["original_firstorder_Median"].mean() == pytest.approx(40, abs=1)
+    assert table["original_glcm_Contrast"].mean() == pytest.approx(1040, abs=1)
+    assert (table["group"] == 1).all()
+
+
+def test_a_condition_of_a_single_image_is_left_out_of_the_scores(recording):
+    assert reference.has_scores(recording)
+    scores = reference.scores(recording)
+    assert (scores["stability_comparisons"] == 2).all() and len(scores) == 86  # one pair of groups, two ROIs
+    assert ranking.overlap(scores, scores)["area_stability"][0] == pytest.approx(
+        ranking.overlap(scores, reference.scores(recording, threshold=1.0))["area_stability"][0]
+    )
+
+
+def test_one_condition_has_no_stability(tmp_path):
+    recording = load(features_folder(tmp_path / "table")[0])
+    assert not reference.has_scores(recording)
+    with pytest.raises(InputError) as caught:
+        reference.scores(recording)
+    assert "recording table: stability needs at least 2 conditions" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    return import_features(REAL / "ct_phantom4radiomics" / "features_2d.csv", tmp_path_factory.mktemp("r") / "study")
+
+
+@pytest.fixture(scope="module")
+def dose_series(tmp_path_factory):
+    return import_features(REAL / "edge_dose_series" / "features_3d.csv", tmp_path_factory.mktemp("r") / "dose")
+
+
+class TestReal:
+    pytestmark = real
+
+    def test_the_tandem_study_gives_the_published_picture(self, study):
+        scores = reference.scores(study)
+        assert scores["stability_percent"].mean() == pytest.approx(11, abs=0.5)
+        # 88.0 over the pairs of different classes; with those of one class counted too it is 87
+        assert scores["discrimination_percent"].mean() == pytest.approx(87.5, abs=0.6)
+        published = measured.load_published_top().query("kind == 'stability' and source == 'phantom'")["feature"]
+        best = scores.sort_values("stability_percent", ascending=False, kind="stable")["feature"][:12]
+        assert len(published) == 10 and len(set(best) & set(published)) >= 6
+        kept = measured.load_scores()
+        assert np.allclose(kept.iloc[:, 1:], scores[list(kept.columns)].iloc[:, 1:], rtol=1e-7)
+
+    def test_its_means_are_those_kept_in_resources(self, study):
+        means = reference.reference(study, per="condition").sort_values(["group", "roi"], ignore_index=True)
+        kept = measured.group_means()[list(means.columns)].sort_values(["group", "roi"], ignore_index=True)
+        pd.testing.assert_frame_equal(means, kept, rtol=1e-6, check_dtype=False)
+
+    def test_both_recordings_are_markers_and_lists(self, study, dose_series):
+        simulated = reference.reference(dose_series).rename(columns={"group": "seed"})
+        simulated = simulated.assign(protocol="a", algorithm="FBP", projections=1, noise="n", noise_level=1.0)
+        for per, count in (("image", len(study.repeats)), ("condition", 48)):
+            points = pca.project(simulated, reference.reference(study, per=per))
+            assert (points["source"] == "measured").sum() == count
+            assert points.loc[points["source"] == "measured", "group"].nunique() == 8
+        shared = ranking.overlap(reference.scores(dose_series), reference.scores(study))
+        assert shared["n_features"][0] == 85 and shared["area_stability"].between(0, 1).all()
+        assert dose_series.dimensions == 3 and reference.scores(dose_series)["stability_comparisons"][0] == 15 * 6

@@ -1,0 +1,296 @@
+"""Simulated against recorded features: every feature and ROI on one page, and the families side by side."""
+
+import matplotlib
+import numpy as np
+import pandas
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from ..errors import InputError
+from ..statistics.comparison import ALPHA, RANK_RIGHT
+from . import style, tables
+
+ROW_MM = 2.35  # the least for lines of 7 point type; so 86 of them and the rest fit a page of A4
+GAP_ROWS = 1.3  # between families, for their names
+# In margins: beyond the last there is one colour, since a shift of 300 SD is as wrong as one of 30.
+SHIFT_STEPS = (1, 3, 10, 30)
+RATIO_STEPS = (1, 2, 3)  # of the logarithm of the SD ratio over that of the margin: factors 2, 4 and 8
+# Both run from a dark hue over white to another that readers with the common forms of colour blindness tell from it.
+SHIFT_COLOURS, RATIO_COLOURS = "RdBu_r", "PuOr_r"
+NEUTRAL, MISSING, IN_ORDER = "#FFFFFF", "#BBBBBB", "#AAD4BF"
+DOT, RING = 1.5, 3.2  # across, points
+CLIP_SHIFT, LEAST_SHIFT, CLIP_RATIO = 300.0, 0.03, 32.0  # of the strips' axes
+
+
+@style.styled()
+def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None = None) -> Figure:
+    """A page of one row per feature, by family: shift of the mean, ratio of the SDs, and order of the ROIs.
+
+    table     from `statistics.comparison.compare`; ROIs are columns, in the table's order
+    ranking   from `statistics.comparison.ranks`, or `summary`: feature, kendall_tau
+    Cells within the margin are white; outside, colour goes in steps. A dot is a significant difference (false
+    discovery rate), a ring an equivalence that was shown. Cells without a number are grey.
+    Raises InputError if columns or rows lack, or a feature of an ROI is missing or there twice.
+    """
+    name = "comparison table"
+    numbers = ["margin_sd", "sd_factor"]
+    text = ["roi", "feature", "family", "shift_sd", "sd_ratio", "q_mean", "q_sd", "mean_equivalent", "sd_equivalent"]
+    tables.check_table(table, name, text=text, numbers=numbers)
+    tables.check_table(ranking, "ranks of the comparison", text=["feature", "kendall_tau"])
+    rois = list(dict.fromkeys(table["roi"]))
+    features = table[["feature", "family"]].drop_duplicates().reset_index(drop=True)
+    if len(table) != len(rois) * len(features) or table.duplicated(["roi", "feature"]).any():
+        raise InputError(f"{name}: not one row for every ROI and feature; make the table anew")
+    if missing := sorted(set(features["feature"]) - set(ranking["feature"])):
+        raise InputError(f"ranks of the comparison: lack {missing[0]}; make the table anew")
+    features = features.sort_values("family", kind="stable", key=lambda column: column.map(_order(column)))
+    y = _rows(features["family"])
+    wide = {
+        column: table.pivot(index="feature", columns="roi", values=column).loc[features["feature"], rois].to_numpy()
+        for column in text[3:]
+    }
+    tau = ranking.set_index("feature")["kendall_tau"].loc[features["feature"]].to_numpy(dtype=float)
+    margin, factor = table["margin_sd"].iloc[0], table["sd_factor"].iloc[0]
+
+    height = ROW_MM * (y[-1] + 1 + GAP_ROWS)
+    figure = style.figure(style.DOUBLE_COLUMN_MM, height + 41 + (5 if title else 0))
+    left, right, rank = figure.subplots(1, 3, sharey=True, gridspec_kw={"width_ratios": [len(rois), len(rois), 1.4]})
+    shift_steps = margin * np.array(SHIFT_STEPS)
+    _heat(
+        figure,
+        left,
+        y,
+        wide["shift_sd"].astype(float),
+        shift_steps,
+        SHIFT_COLOURS,
+        [style.number(step) for step in (*-shift_steps[::-1], *shift_steps)],
+        "shift of the mean (repeat SDs of the recording)",
+    )
+    ratio = wide["sd_ratio"].astype(float)
+    with np.errstate(divide="ignore"):
+        logarithm = np.log2(ratio)
+    ratio_steps = np.log2(factor) * np.array(RATIO_STEPS)
+    _heat(
+        figure,
+        right,
+        y,
+        logarithm,
+        ratio_steps,
+        RATIO_COLOURS,
+        [_fraction(factor**step) for step in (*(-step for step in RATIO_STEPS[::-1]), *RATIO_STEPS)],
+        "SD over repeats, simulated / recorded",
+    )
+    for axes, kind, dark in (
+        (left, "mean", np.abs(wide["shift_sd"].astype(float)) > shift_steps[-2]),
+        (right, "sd", np.abs(logarithm) > ratio_steps[-2]),
+    ):
+        _marks(axes, y, wide[f"q_{kind}"].astype(float) < ALPHA, wide[f"{kind}_equivalent"].astype(bool), dark)
+    for index, axes in enumerate((left, right)):
+        names = [style.label(roi) for roi in rois]
+        axes.set_xticks(range(len(rois)), names, rotation=40, ha="right", rotation_mode="anchor")
+        style.letter_panel(axes, index)
+    _rank_column(rank, y, tau)
+    left.set_yticks(y, [_short(feature) for feature in features["feature"]])
+    left.set_ylim(y[-1] + 0.5, -0.5 - GAP_ROWS)
+    for family, rows in pandas.Series(y).groupby(features["family"].to_numpy(), sort=False):
+        left.annotate(
+            _family(family),
+            (0, rows.min() - 0.5),
+            xycoords=("axes fraction", "data"),
+            xytext=(-3, 1),
+            textcoords="offset points",
+            ha="right",
+            va="bottom",
+            fontweight="bold",
+            annotation_clip=False,
+        )
+    handles = [
+        Line2D(
+            [],
+            [],
+            linestyle="none",
+            marker="o",
+            markersize=2.5,
+            color="black",
+            label=f"differs (q < {ALPHA:g}); white on dark cells",
+        ),
+        Line2D(
+            [],
+            [],
+            linestyle="none",
+            marker="o",
+            markersize=3.5,
+            color="black",
+            markerfacecolor="none",
+            markeredgewidth=0.7,
+            label="shown to agree",
+        ),
+        Line2D([], [], linestyle="none", marker="s", color=MISSING, label="constant: no ratio"),
+        Line2D([], [], linestyle="none", marker="s", color=IN_ORDER, label=f"τ ≥ {RANK_RIGHT:g}: ROIs in order"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4)
+    if title:
+        figure.suptitle(title, fontsize=style.FONT_POINTS + 1)
+    return figure
+
+
+@style.styled()
+def draw_families(summary: pandas.DataFrame, margin_sd: float, sd_factor: float, title: str | None = None) -> Figure:
+    """Strips of one point per feature by family: median |shift|, median SD ratio, and Kendall's tau of the ROIs.
+
+    summary   from `statistics.comparison.summary`
+    The ranges that count as right are grey; beside each strip stands how many of the family's features are right in
+    it, and a black bar is the median. Values beyond the axes lie at their ends.
+    Raises InputError if columns or rows lack.
+    """
+    columns = {
+        "median_abs_shift_sd": ("mean_right", "median |shift| over ROIs (repeat SDs)"),
+        "median_sd_ratio": ("sd_right", "median SD ratio, simulated / recorded"),
+        "kendall_tau": ("rank_right", "order of the ROIs: Kendall's τ"),
+    }
+    right = [name for name, _ in columns.values()]
+    tables.check_table(summary, "summary of the comparison", text=["feature", "family", *columns, *right])
+    families = sorted(set(summary["family"]), key=lambda family: _order(summary["family"])[family])
+    colours, markers = style.assign(families, style.ON_WHITE), style.assign(families, style.MARKERS)
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 22 + 9 * len(families) + (5 if title else 0))
+    panels = figure.subplots(1, 3, sharey=True)
+    limits = ((LEAST_SHIFT, CLIP_SHIFT), (1 / CLIP_RATIO, CLIP_RATIO), (-1.0, 1.0))
+    spans = ((LEAST_SHIFT / 2, margin_sd), (1 / sd_factor, sd_factor), (RANK_RIGHT, 1.05))
+    for index, (axes, (column, (good, text)), (low, high), span) in enumerate(
+        zip(panels, columns.items(), limits, spans, strict=True)
+    ):
+        axes.axvspan(*span, color="#E4E4E4", linewidth=0, zorder=0)
+        for place, family in enumerate(families):
+            rows = summary[summary["family"] == family]
+            values = rows[column].to_numpy(dtype=float)
+            known = values[~np.isnan(values)]
+            spread = 0.28 * (2 * ((np.arange(len(known)) * 0.618) % 1) - 1)
+            axes.scatter(
+                np.clip(known, low, high),
+                place + spread,
+                marker=markers[family],
+                s=style.marker_area(markers[family], 3),
+                color=colours[family],
+                edgecolors="white",
+                linewidths=0.3,
+                zorder=2,
+            )
+            if len(known):
+                median = np.clip(np.median(known), low, high)
+                axes.plot([median] * 2, [place - 0.36, place + 0.36], color="black", linewidth=1.4, zorder=3)
+            axes.annotate(
+                f"{int(rows[good].sum())}/{len(rows)}",
+                (1, place),
+                xycoords=("axes fraction", "data"),
+                xytext=(3, 0),
+                textcoords="offset points",
+                va="center",
+            )
+        if index < 2:
+            axes.set_xscale("log")
+            axes.xaxis.set_major_formatter(lambda value, _: style.number(value))
+            axes.minorticks_off()
+        room = (high - low) * 0.04 if index == 2 else 1.25
+        axes.set_xlim(*((low - room, high + room) if index == 2 else (low / room, high * room)))
+        axes.set_xlabel(text)
+        axes.annotate("right", (1, 1), xycoords="axes fraction", xytext=(3, 4), textcoords="offset points")
+        style.letter_panel(axes, index)
+        axes.grid(axis="y", visible=False)
+    panels[1].set_xticks([1 / 32, 1 / 8, 1 / 2, 2, 8, 32], ["1/32", "1/8", "1/2", "2", "8", "32"])
+    panels[0].set_yticks(range(len(families)), [_family(family) for family in families])
+    panels[0].set_ylim(len(families) - 0.5, -0.5)
+    if title:
+        figure.suptitle(title, fontsize=style.FONT_POINTS + 1)
+    return figure
+
+
+def _order(families: pandas.Series) -> dict[str, int]:
+    """First order first, then as they appear."""
+    distinct = list(dict.fromkeys(families))
+    return {family: -1 if family == "first order" else place for place, family in enumerate(distinct)}
+
+
+def _rows(families: pandas.Series) -> np.ndarray:
+    """Place of every row, from the top, a gap at each change of family."""
+    changes = families.ne(families.shift()).cumsum() - 1
+    return np.arange(len(families)) + GAP_ROWS * changes.to_numpy()
+
+
+def _family(family: str) -> str:
+    return "First order" if family == "first order" else style.family_label(family)
+
+
+def _short(feature: str) -> str:
+    return str(feature).removeprefix("original_").partition("_")[2] or str(feature)
+
+
+def _fraction(value: float) -> str:
+    return f"1/{style.number(1 / value)}" if value < 1 else style.number(value)
+
+
+def _heat(figure: Figure, axes: Axes, y, values, steps, colours: str, labels: list[str], text: str) -> None:
+    """Cells in steps of a diverging map, white between the first two; those beyond the last have the last colours."""
+    boundaries = np.array([*-steps[::-1], *steps])
+    count = len(steps)
+    diverging = matplotlib.colormaps[colours]
+    shades = [diverging(0.5 + side * 0.5 * (place + 1) / count) for side in (-1, 1) for place in range(count)]
+    below, above = shades[:count][::-1], shades[count:]
+    colour_map = ListedColormap([*below[1:], NEUTRAL, *above[:-1]]).with_extremes(
+        under=below[0], over=above[-1], bad=MISSING
+    )
+    norm = BoundaryNorm(boundaries, colour_map.N)
+    masked = np.ma.masked_invalid(np.where(np.isposinf(values), 1e300, np.where(np.isneginf(values), -1e300, values)))
+    for rows in np.split(np.arange(len(y)), np.flatnonzero(np.diff(y) > 1 + GAP_ROWS / 2) + 1):
+        axes.pcolormesh(
+            np.arange(values.shape[1] + 1) - 0.5,
+            np.append(y[rows] - 0.5, y[rows[-1]] + 0.5),
+            masked[rows],
+            cmap=colour_map,
+            norm=norm,
+            edgecolors="#DDDDDD",
+            linewidth=0.3,
+        )
+    axes.grid(False)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    bar = figure.colorbar(
+        ScalarMappable(norm, colour_map),
+        ax=axes,
+        location="top",
+        extend="both",
+        spacing="uniform",
+        aspect=28,
+        pad=0.005,
+    )
+    bar.set_ticks(boundaries, labels=labels)
+    bar.ax.tick_params(length=0)
+    bar.set_label(text)
+
+
+def _marks(axes: Axes, y: np.ndarray, differs: np.ndarray, agrees: np.ndarray, dark: np.ndarray) -> None:
+    """Dots, white on `dark` cells, and rings."""
+    for chosen, look in (
+        (differs & ~dark, {"s": DOT**2, "color": "black", "linewidths": 0}),
+        (differs & dark, {"s": DOT**2, "color": "white", "linewidths": 0}),
+        (agrees, {"s": RING**2, "facecolors": "none", "edgecolors": "black", "linewidths": 0.6}),
+    ):
+        rows, columns = np.nonzero(chosen)
+        axes.scatter(columns, y[rows], marker="o", zorder=3, **look)
+
+
+def _rank_column(axes: Axes, y: np.ndarray, tau: np.ndarray) -> None:
+    """Kendall's tau in figures, its cell green where the order is right."""
+    for place, value in zip(y, tau, strict=True):
+        if np.isfinite(value) and value >= RANK_RIGHT:
+            axes.fill_between([-0.5, 0.5], place - 0.5, place + 0.5, color=IN_ORDER, linewidth=0)
+        text = "–" if np.isnan(value) else f"{value:.2f}".replace("-", "−")
+        axes.text(0.38, place, text, ha="right", va="center")
+    axes.set_xlim(-0.5, 0.5)
+    axes.set_xticks([])
+    axes.grid(False)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    axes.set_title("order,\nτ", fontsize=style.FONT_POINTS)

@@ -1,0 +1,121 @@
+"""Simulated images with one property changed and the others kept, to find out which of them explains a misfit.
+
+Every function takes the mean image and the noise of repeats of one scan, as `split` gives them, and returns new images
+float64 [repeat, z, y, x] in HU on the same grid. An image is the mean plus its noise, so that each property is changed
+where it lies: amplitude and texture in the noise, resolution and contrast in the mean.
+
+A mean over n repeats still holds 1/n of the noise variance, which changes of the noise do not reach and a blur of the
+mean does. Where a noiseless simulation is at hand, take it as the mean and the differences from it as noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy import ndimage
+
+from .errors import InputError
+
+MINIMUM_REPEATS = 2
+TRUNCATE = 6.0  # of Gaussians, in SDs: what is cut off has no weight in single precision
+
+
+def split(images: np.ndarray, noiseless: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The mean image [z, y, x] and what each repeat differs from it by, [repeat, z, y, x].
+
+    images      repeats [repeat, z, y, x], HU
+    noiseless   the same scan without noise, to be used in place of the mean over repeats
+    The variance of this noise over repeats (n - 1) is that of the images, at every voxel.
+    Raises InputError for fewer than two repeats, other shapes, or values that are not finite.
+    """
+    images = np.asarray(images, dtype=np.float64)
+    if images.ndim != 4 or len(images) < MINIMUM_REPEATS:
+        raise InputError(
+            f"variants: images of shape {images.shape}; give at least {MINIMUM_REPEATS} repeats, [repeat, z, y, x]"
+        )
+    mean = images.mean(axis=0) if noiseless is None else np.asarray(noiseless, dtype=np.float64)
+    if mean.shape != images.shape[1:]:
+        raise InputError(f"variants: the noiseless image has shape {mean.shape}, the repeats {images.shape[1:]}")
+    if not np.isfinite(images).all() or not np.isfinite(mean).all():
+        raise InputError("variants: an image has voxels that are not finite; repair it first")
+    return mean, images - mean
+
+
+def scale_noise(mean: np.ndarray, noise: np.ndarray, factor: float) -> np.ndarray:
+    """Noise amplitude: its SD times `factor`, its variance times the square. Raises InputError if it is negative."""
+    if not factor >= 0:
+        raise InputError(f"variants: a noise factor of {factor} is none; give 0 or more")
+    return mean + factor * noise
+
+
+def filter_noise(
+    mean: np.ndarray, noise: np.ndarray, sigma_voxels: float | Sequence[float], within: np.ndarray | None = None
+) -> np.ndarray:
+    """Noise texture: the noise smoothed by a Gaussian, and scaled to the variance it had.
+
+    sigma_voxels   SD of the Gaussian along (z, y, x), or one for all; the autocorrelation of white noise becomes
+                   exp(-d^2 / (4 sigma^2)) at the distance d
+    within         boolean [z, y, x]: where the variance, averaged over voxels and repeats, is kept, such as the ROIs;
+                   everywhere if left out. One factor serves the whole image: where noise is stronger, it stays so
+    Noise can only be made coarser like this. Raises InputError for a negative sigma, a mask of another shape or
+    without voxels, or if nothing is left of the noise.
+    """
+    sigma = _sigma(sigma_voxels)
+    where = np.ones(mean.shape, bool) if within is None else np.asarray(within, dtype=bool)
+    if where.shape != mean.shape or not where.any():
+        raise InputError(
+            f"variants: the mask of shape {where.shape} is empty or of another shape than the images, {mean.shape}"
+        )
+    smooth = np.stack([_gaussian(repeat, sigma) for repeat in noise])
+    before, after = ((part[:, where] ** 2).mean() for part in (noise, smooth))
+    if not after > 0:
+        raise InputError("variants: there is no noise to give a texture to; give repeats that differ")
+    return mean + np.sqrt(before / after) * smooth
+
+
+def blur(mean: np.ndarray, noise: np.ndarray, sigma_voxels: float | Sequence[float]) -> np.ndarray:
+    """Resolution: the mean image smoothed by a Gaussian of this SD along (z, y, x), under the same noise.
+
+    Raises InputError for a negative sigma.
+    """
+    return _gaussian(mean, _sigma(sigma_voxels)) + noise
+
+
+def match_means(
+    mean: np.ndarray, noise: np.ndarray, masks: Mapping[str, np.ndarray], targets_hu: Mapping[str, float]
+) -> np.ndarray:
+    """Contrast: every ROI shifted by a constant so that its mean over voxels and repeats is the target.
+
+    masks        boolean [z, y, x] by ROI; ROIs without a target stay as they are
+    targets_hu   by ROI
+    What lies around an ROI is not moved, so its edge becomes a step: features of the ROI do not see it.
+    Raises InputError for a target without mask, ROIs that overlap, or masks that are empty or of another shape.
+    """
+    images = mean + noise
+    shift = np.zeros(mean.shape)
+    taken = np.zeros(mean.shape, bool)
+    for roi, target in targets_hu.items():
+        if roi not in masks:
+            raise InputError(f"variants: there is a target for ROI {roi} and no mask; name both alike")
+        mask = np.asarray(masks[roi], dtype=bool)
+        if mask.shape != mean.shape or not mask.any():
+            raise InputError(
+                f"variants: the mask of ROI {roi}, of shape {mask.shape}, is empty or of another shape than the images"
+            )
+        if (taken & mask).any():
+            raise InputError(f"variants: ROI {roi} overlaps another; their means cannot be set one by one")
+        taken |= mask
+        shift[mask] = target - images[:, mask].mean()
+    return images + shift
+
+
+def _sigma(sigma_voxels: float | Sequence[float]) -> np.ndarray:
+    sigma = np.broadcast_to(np.asarray(sigma_voxels, dtype=np.float64), 3)
+    if not (np.isfinite(sigma) & (sigma >= 0)).all():
+        raise InputError(f"variants: sigma {sigma_voxels} is none; give 0 or more voxels")
+    return sigma
+
+
+def _gaussian(image: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    return ndimage.gaussian_filter(image, sigma, mode="nearest", truncate=TRUNCATE)
