@@ -16,6 +16,7 @@ include: "workflow/rules/extract.smk"
 include: "workflow/rules/stats.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/recordings.smk"
+include: "workflow/rules/compare.smk"
 
 
 localrules:

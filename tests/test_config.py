@@ -19,6 +19,9 @@ ROOT = Path(__file__).resolve().parents[1]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
 DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
 
+MEETS = {"recording": "scanner", "rois": ["cyst_1"], "protocol": "sirt_300"}
+COMPARISON = {"recording": "scanner", "protocol": "sirt_300", "noise": "dose10"}
+
 
 def changed(path, value):
     """The default configuration with the key at a dotted path set to a value."""
@@ -83,6 +86,12 @@ def test_defaults_are_filled_in():
         ),
         ("analyses.pca.sirt.protocols", ["sirt_15"], "names 'sirt_15', which is not there; did you mean 'sirt_150'"),
         ("noise.levels.dose10.repeats", 1, "dose10.repeats is 1; analyses.stability needs at least 2"),
+        ("noise.levels.extra", {"repeats": 3}, "noise.levels.extra: give it either A or meets"),
+        ("noise.levels.extra", {"repeats": 3, "A": 1e-5, "meets": MEETS}, "give it either A or meets"),
+        ("noise.levels.extra", {"repeats": 3, "meets": MEETS}, "meets.recording names 'scanner', which is not there"),
+        ("analyses.comparison", {"x": COMPARISON}, "analyses.comparison.x.recording names 'scanner'"),
+        ("analyses.comparison", {"x": COMPARISON | {"where": {"dose": [1]}}}, "comparison.x.where.dose: [1] is not of"),
+        ("analyses.stability.recordings", ["scanner"], "analyses.stability.recordings names 'scanner'"),
         (
             "analyses.noise_calibration.noise",
             ["dose10", "same"],

@@ -22,6 +22,10 @@ real = [
 ]
 
 
+def of(recording, **options):
+    return reference.reference(reference.in_hu(recording), recording.conditions, **options)
+
+
 @pytest.fixture
 def recording(tmp_path):
     """Six images: doses 10, 20 and 20, 10, 10, 30 mGy."""
@@ -32,16 +36,38 @@ def recording(tmp_path):
 
 
 def test_conditions_are_numbered_in_their_order(recording):
-    assert reference.grouped(recording)["group"].tolist() == [1, 1, 2, 2, 2, 2, 1, 1, 1, 1, 3, 3]
-    each = reference.reference(recording)
+    assert reference.grouped(recording.repeats, recording.conditions)["group"].tolist() == [
+        1,
+        1,
+        2,
+        2,
+        2,
+        2,
+        1,
+        1,
+        1,
+        1,
+        3,
+        3,
+    ]
+    each = of(recording)
     assert list(each.columns) == ["group", "roi", "tissue_class", *FEATURES] and len(each) == 12
-    means = reference.reference(recording, per="condition")
+    means = of(recording, per="condition")
     assert len(means) == 6
     rows = recording.repeats.query("dose_mgy == 10 and roi == 'cyst_1'")
     found = means.query("group == 1 and roi == 'cyst_1'")
     assert found[list(FEATURES)].iloc[0].to_numpy() == pytest.approx(rows[list(FEATURES)].mean().to_numpy())
     with pytest.raises(InputError, match="'roi' is not known; choose from image, condition"):
-        reference.reference(recording, per="roi")
+        of(recording, per="roi")
+
+
+def test_conditions_choose_rows(recording):
+    assert len(reference.where(recording.repeats, {"dose_mgy": 20, "roi": "cyst_1"}, "r")) == 2
+    assert len(reference.where(recording.repeats, {}, "r")) == 12
+    with pytest.raises(InputError, match="recording r: no images with dose_mgy 40; there are 10, 20, 30"):
+        reference.where(recording.repeats, {"dose_mgy": 40}, "recording r")
+    with pytest.raises(InputError, match="recording r: has no column kernel"):
+        reference.where(recording.repeats, {"kernel": "B"}, "recording r")
 
 
 def test_stored_values_are_brought_to_hu(tmp_path):
@@ -49,7 +75,7 @@ def test_stored_values_are_brought_to_hu(tmp_path):
     write_yaml(folder, content | {"features": {"stored_offset_hu": 1000}})
     for name, start in (("a", 0), ("b", 3)):
         features_table(start=start, mean=1040).to_csv(folder / f"{name}.csv", index=False)
-    table = reference.reference(load(folder))
+    table = of(load(folder))
     assert table["original_firstorder_Median"].mean() == pytest.approx(40, abs=1)
     assert table["original_glcm_Contrast"].mean() == pytest.approx(1040, abs=1)
     assert (table["group"] == 1).all()
@@ -98,15 +124,15 @@ class TestReal:
         assert np.allclose(kept.iloc[:, 1:], scores[list(kept.columns)].iloc[:, 1:], rtol=1e-7)
 
     def test_its_means_are_those_kept_in_resources(self, study):
-        means = reference.reference(study, per="condition").sort_values(["group", "roi"], ignore_index=True)
+        means = of(study, per="condition").sort_values(["group", "roi"], ignore_index=True)
         kept = measured.group_means()[list(means.columns)].sort_values(["group", "roi"], ignore_index=True)
         pd.testing.assert_frame_equal(means, kept, rtol=1e-6, check_dtype=False)
 
     def test_both_recordings_are_markers_and_lists(self, study, dose_series):
-        simulated = reference.reference(dose_series).rename(columns={"group": "seed"})
+        simulated = of(dose_series).rename(columns={"group": "seed"})
         simulated = simulated.assign(protocol="a", algorithm="FBP", projections=1, noise="n", noise_level=1.0)
         for per, count in (("image", len(study.repeats)), ("condition", 48)):
-            points = pca.project(simulated, reference.reference(study, per=per))
+            points = pca.project(simulated, of(study, per=per))
             assert (points["source"] == "measured").sum() == count
             assert points.loc[points["source"] == "measured", "group"].nunique() == 8
         shared = ranking.overlap(reference.scores(dose_series), reference.scores(study))

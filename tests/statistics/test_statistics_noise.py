@@ -95,7 +95,7 @@ def test_the_error_of_a_matched_level_covers():
                 "protocol": "p",
                 "noise_level": levels,
                 "roi": "a",
-                "spatial_variance_hu2": 3 + 5e5 * levels + random.normal(0, 4, 12),
+                "spatial_variance_hu2": (3 + 5e5 * levels) * random.normal(1, 0.04, 12),
             }
         )
         match = noise.match(table, "p", ["a"], pd.DataFrame({"a": 103 + random.normal(0, 6, 10)}))

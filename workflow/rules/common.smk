@@ -102,6 +102,13 @@ def targets():
         if PLAN.config["measured"]["overlay"]:
             wanted.append(figure("overlap"))
     wanted += [figure(f"pca_{name}") for name in ANALYSES.get("pca", {})]
+    wanted += [figure(f"comparison_{name}") for name in ANALYSES.get("comparison", {})]
+    wanted += [
+        figure(f"overlap_{name}")
+        for name in ANALYSES.get("stability", {}).get("recordings", [])
+    ]
+    if any("meets" in level for level in PLAN.config["noise"]["levels"].values()):
+        wanted.append(f"{RESULTS}/tables/matched_noise.csv")
     if PLAN.config["keep_projections"]:
         wanted += [
             f"{RESULTS}/projections/{PLAN.geometry_of(protocol)}/{noise}/seed{seed}.h5"

@@ -8,6 +8,7 @@ for batch, levels in PLAN.seed_batches().items():
                 f"{RESULTS}/images/{{protocol}}/{{noise}}/seed{seed}.nii.gz"
                 for seed in batch
             ],
+            levels=lambda wildcards: level_files(wildcards.noise),
             rois=rules.phantom.output.table,
             masks=rules.phantom.output.rois,
             code=code("extract.py"),
@@ -29,11 +30,9 @@ for batch, levels in PLAN.seed_batches().items():
                 key: PLAN.config["protocols"][wildcards.protocol][key]
                 for key in ("algorithm", "projections")
             },
-            noise=lambda wildcards: wildcards.noise,
-            noise_level=lambda wildcards: PLAN.config["noise"]["levels"][
-                wildcards.noise
-            ]["A"],
-            seeds=[int(seed) for seed in batch],
+            acquisitions=lambda wildcards, batch=batch: [
+                acquisition(wildcards.noise, seed) for seed in batch
+            ],
         script:
             "../scripts/extract.py"
 

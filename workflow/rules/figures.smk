@@ -101,15 +101,11 @@ rule figure_noise_calibration:
     resources:
         **FIGURE_RESOURCES,
     params:
-        study_levels=(
-            {
-                ANALYSES["stability"]["noise"]: PLAN.config["noise"]["levels"][
-                    ANALYSES["stability"]["noise"]
-                ]["A"]
-            }
-            if "stability" in ANALYSES
-            else {}
-        ),
+        study_levels={
+            noise: PLAN.config["noise"]["levels"][noise]["A"]
+            for noise in [ANALYSES.get("stability", {}).get("noise")]
+            if "A" in PLAN.config["noise"]["levels"].get(noise, {})
+        },
         measured=measured_noise(),
     script:
         "../scripts/figures/noise_calibration.py"

@@ -6,6 +6,7 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
             f"reconstruct_{number}"
         input:
             clean=lambda wildcards: f"{RESULTS}/projections/{PLAN.geometry_of(wildcards.protocol)}/clean.h5",
+            levels=level_files(*(noise for noise, _ in bundle)),
             phantom=f"{RESULTS}/phantom/image.nii.gz",
             kernels=f"{RESULTS}/logs/kernels/{len(bundle)}.txt",
             code=code("reconstruct.py"),

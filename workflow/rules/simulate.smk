@@ -4,8 +4,17 @@ NOISE = {"model": PLAN.config["noise"]["model"], "study_seed": PLAN.config["seed
 
 def acquisition(noise, seed):
     """What tells the acquisitions of one geometry apart."""
-    level = PLAN.config["noise"]["levels"][noise]["A"]
+    level = PLAN.config["noise"]["levels"][noise].get("A")
     return {"noise": noise, "noise_level": level, "seed": int(seed)}
+
+
+def level_files(*levels):
+    """The files of those noise levels whose A is found by a job."""
+    return [
+        f"{RESULTS}/noise/{noise}.json"
+        for noise in dict.fromkeys(levels)
+        if "meets" in PLAN.config["noise"]["levels"][noise]
+    ]
 
 
 rule compile_kernels:
@@ -57,6 +66,7 @@ rule acquire:
     """One noisy acquisition as a file. Reconstruction draws the same counts itself; this is for keep_projections."""
     input:
         clean=f"{RESULTS}/projections/{{geometry}}/clean.h5",
+        levels=lambda wildcards: level_files(wildcards.noise),
         code=code("acquire.py"),
     output:
         f"{RESULTS}/projections/{{geometry}}/{{noise}}/seed{{seed}}.h5",

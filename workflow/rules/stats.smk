@@ -62,8 +62,10 @@ rule overlap:
         "../scripts/overlap.py"
 
 
-def measured_tables():
-    """The measured features that the principal components are shown with."""
+def reference_tables(wildcards):
+    """The measured features that a figure of principal components shows: of recordings, or those kept here."""
+    if names := ANALYSES["pca"][wildcards.pca]["recordings"]:
+        return [f"{RESULTS}/recordings/{name}/features.csv" for name in names]
     measured = PLAN.config["measured"]
     if not measured["overlay"]:
         return []
@@ -76,7 +78,7 @@ rule pca:
     """The first two principal components of all images and ROIs of a selection of protocols."""
     input:
         features=f"{RESULTS}/features.csv",
-        measured=measured_tables(),
+        measured=reference_tables,
         code=code("pca.py"),
     output:
         table=f"{RESULTS}/tables/pca_{{pca}}.csv",
@@ -97,6 +99,11 @@ rule pca:
             for key in ("fit_on", "standardise")
         },
         measured=PLAN.config["measured"],
+        recordings=lambda wildcards: ANALYSES["pca"][wildcards.pca]["recordings"],
+        conditions=lambda wildcards: {
+            name: conditions_of(name)
+            for name in ANALYSES["pca"][wildcards.pca]["recordings"]
+        },
     script:
         "../scripts/pca.py"
 

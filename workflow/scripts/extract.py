@@ -3,14 +3,14 @@
 from virtual_phantom import feature_table, files, phantom, radiomics, volumes
 from virtual_phantom.errors import InputError
 from virtual_phantom.job import job
+from virtual_phantom.matched_noise import resolve
 
 with job(snakemake) as log:
     params = snakemake.params
-    images, seeds = list(snakemake.input.images), list(params.seeds)
-    if not len(images) == len(seeds) == len(snakemake.output):
-        raise InputError(f"extract: {len(images)} images, {len(seeds)} seeds and {len(snakemake.output)} outputs")
+    images = list(snakemake.input.images)
+    acquisitions = resolve(params.acquisitions, snakemake.input.levels)
     masks = None
-    for path, seed, output in zip(images, seeds, snakemake.output, strict=True):
+    for path, one, output in zip(images, acquisitions, snakemake.output, strict=True):
         image = volumes.read_nifti(path)
         if masks is None:
             rois, masks = phantom.read_masks(snakemake.input.rois, image.grid)
@@ -22,9 +22,7 @@ with job(snakemake) as log:
             "protocol": params.protocol,
             "algorithm": params.settings["algorithm"],
             "projections": params.settings["projections"],
-            "noise": params.noise,
-            "noise_level": params.noise_level,
-            "seed": seed,
+            **one,
         }
         table = feature_table.complete(radiomics.extract(image, masks, name=str(path)), classes, acquisition)
         files.write_csv(table, output)

@@ -2,21 +2,28 @@
 
 from pathlib import Path
 
+import pandas as pd
+
 from virtual_phantom import feature_table, files, measured
 from virtual_phantom.job import job
+from virtual_phantom.recordings.reference import reference
 from virtual_phantom.statistics import pca
 
 with job(snakemake) as log:
     params, output = snakemake.params, snakemake.output
     features = feature_table.read(str(snakemake.input.features))
     simulated = feature_table.select(features, **params.selection)
-    if not params.measured["overlay"]:
-        reference = None
+    if params.recordings:
+        tables = zip(snakemake.input.measured, params.recordings, strict=True)
+        parts = [reference(files.read_csv(path), params.conditions[name], "condition") for path, name in tables]
+        shown = pd.concat(parts, join="inner", ignore_index=True)
+    elif not params.measured["overlay"]:
+        shown = None
     elif params.measured["table"] is None:
-        reference = measured.group_means()
+        shown = measured.group_means()
     else:
-        reference = measured.to_hu(measured.load_full_table(params.measured["table"]))
-    points = pca.project(simulated, reference, **params.pca)
+        shown = measured.to_hu(measured.load_full_table(params.measured["table"]))
+    points = pca.project(simulated, shown, **params.pca)
     separability = pca.separability(points, Path(output.table).stem)
     files.write_csv(points, output.table)
     files.write_csv(separability, output.separability)

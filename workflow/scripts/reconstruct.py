@@ -6,6 +6,7 @@ with job(snakemake) as log:
     import numpy as np
 
     from virtual_phantom.exchange import read_line_integrals
+    from virtual_phantom.matched_noise import resolve
     from virtual_phantom.physics.noise import acquire
     from virtual_phantom.reconstruct import reconstruct
     from virtual_phantom.volumes import read_nifti, write_nifti
@@ -14,7 +15,7 @@ with job(snakemake) as log:
     grid = read_nifti(snakemake.input.phantom).grid
     clean, geometry = read_line_integrals(snakemake.input.clean)
     noisy = np.empty((len(params.acquisitions), *clean.shape), dtype=np.float32)
-    for lane, acquisition in enumerate(params.acquisitions):
+    for lane, acquisition in enumerate(resolve(params.acquisitions, snakemake.input.levels)):
         counts = acquire(
             clean, geometry=params.geometry, model=params.model, study_seed=params.study_seed, **acquisition
         )

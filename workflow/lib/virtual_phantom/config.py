@@ -13,7 +13,7 @@ from jsonschema import Draft202012Validator, validators
 from jsonschema.exceptions import best_match
 
 from .errors import InputError
-from .statistics import MINIMUM_REPEATS, RANKSUM_REPEATS
+from .statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 
 SCHEMA = Path(__file__).resolve().parents[2] / "schemas" / "config.schema.yaml"
 # Python's types are not JSON's: range() takes no 150.0, and callers hand in points as tuples.
@@ -73,6 +73,7 @@ def fill_defaults(document: dict, schema: dict) -> None:
 
 def _without_nulls(config):
     paths = [("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)]
+    paths.append(("analyses", "comparison"))
     if isinstance(config.get("protocols"), dict):
         paths += [("protocols", name) for name in config["protocols"]]
     for path in paths:
@@ -166,7 +167,7 @@ def _check_names(config):
     def known(name, section, where):
         if name not in section:
             close = difflib.get_close_matches(name, list(section), 1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(section)}"
+            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(section) or 'none'}"
             raise InputError(f"config: {where} names '{name}', which is not there; {hint}")
 
     def of_algorithm(name, algorithm, where):
@@ -181,6 +182,9 @@ def _check_names(config):
             raise InputError(f"config: noise.levels.{level}.repeats is {repeats}; {reason}")
 
     levels, protocols = config["noise"]["levels"], config["protocols"]
+    for name, level in levels.items():
+        if ("A" in level) == ("meets" in level):
+            raise InputError(f"config: noise.levels.{name}: give it either A or meets")
     for name, protocol in protocols.items():
         if "scan" in protocol:
             known(protocol["scan"], config["scans"], f"protocols.{name}.scan")
@@ -209,12 +213,36 @@ def _check_names(config):
             repeated(
                 level, MINIMUM_REPEATS, f"the noise calibration needs at least {MINIMUM_REPEATS} to measure a variance"
             )
+            if "A" not in levels[level]:
+                raise InputError(
+                    f"config: analyses.noise_calibration.noise names '{level}', whose A it is to find; name levels "
+                    "that have an A"
+                )
         if len({levels[level]["A"] for level in analyses["noise_calibration"]["noise"]}) < 2:
             raise InputError(
                 "config: analyses.noise_calibration.noise names levels of one A only; give two different ones, as no "
                 "line goes through one point"
             )
+    calibrated = analyses.get("noise_calibration", {}).get("protocols", [])
+    for name, level in levels.items():
+        if "meets" in level:
+            known(level["meets"]["recording"], config["recordings"], f"noise.levels.{name}.meets.recording")
+            if level["meets"]["protocol"] not in calibrated:
+                raise InputError(
+                    f"config: noise.levels.{name}.meets.protocol is '{level['meets']['protocol']}', which the noise "
+                    "calibration does not hold; add it to analyses.noise_calibration.protocols"
+                )
+    for name, comparison in analyses.get("comparison", {}).items():
+        where = f"analyses.comparison.{name}"
+        known(comparison["recording"], config["recordings"], f"{where}.recording")
+        known(comparison["protocol"], protocols, f"{where}.protocol")
+        known(comparison["noise"], levels, f"{where}.noise")
+        repeated(comparison["noise"], COMPARED_REPEATS, f"{where} needs at least {COMPARED_REPEATS} for an SD")
+    for name in analyses.get("stability", {}).get("recordings", []):
+        known(name, config["recordings"], "analyses.stability.recordings")
     for figure, selection in analyses.get("pca", {}).items():
+        for name in selection["recordings"]:
+            known(name, config["recordings"], f"analyses.pca.{figure}.recordings")
         for name in selection["protocols"]:
             where = f"analyses.pca.{figure}.protocols"
             known(name, protocols, where) if figure == "multicentre" else of_algorithm(name, figure, where)
@@ -231,7 +259,7 @@ def _check_measured(config):
     """Measured data need the printed phantom's ROIs, and components fitted on them need the data."""
     if not config["measured"]["overlay"]:
         for figure, selection in config["analyses"].get("pca", {}).items():
-            if selection["fit_on"] != "simulated":
+            if selection["fit_on"] != "simulated" and not selection["recordings"]:
                 raise InputError(
                     f"config: analyses.pca.{figure}.fit_on is {selection['fit_on']}, but measured.overlay is false; "
                     "set fit_on: simulated"

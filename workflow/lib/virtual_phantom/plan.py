@@ -83,6 +83,7 @@ class Plan:
         if "noise_calibration" in analyses:
             calibration = analyses["noise_calibration"]
             wanted |= {(protocol, noise) for protocol in calibration["protocols"] for noise in calibration["noise"]}
+        wanted |= {(one["protocol"], one["noise"]) for one in analyses.get("comparison", {}).values()}
         for selection in analyses.get("pca", {}).values():
             wanted |= {(protocol, noise) for protocol in selection["protocols"] for noise in selection["noise"]}
         return sorted(wanted)

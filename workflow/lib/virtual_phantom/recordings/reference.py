@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import pandas as pd
 
 from .. import measured
 from ..errors import InputError
+from ..radiomics import FEATURES
 from ..statistics import wilcoxon
 from .features import FeaturesRecording
 
@@ -14,30 +17,34 @@ MINIMUM_GROUPS = 2
 MINIMUM_IMAGES = 2  # of a group: the rank-sum test knows no spread of a single one
 
 
-def grouped(recording: FeaturesRecording) -> pd.DataFrame:
-    """The repeats with a column `group`: 1, 2, ... for each combination of conditions, in their sorted order.
+def in_hu(recording: FeaturesRecording) -> pd.DataFrame:
+    """The repeats with first-order features in HU (measured.to_hu), whatever offset they were extracted with."""
+    return measured.to_hu(recording.repeats, recording.stored_offset_hu)
 
-    Values are as in the files. Without conditions all images are group 1. A condition of the name group, as the tandem
-    study has, is replaced by its number in order.
+
+def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
+    """A table of features with a column `group`: 1, 2, ... for each combination of conditions, in their sorted order.
+
+    Without conditions all images are group 1. A condition of the name group, as the tandem study has, is replaced by
+    its number in order.
     """
-    table = recording.repeats
-    if not recording.conditions:
+    if not conditions:
         return table.assign(group=1)
-    return table.assign(group=table.groupby(list(recording.conditions)).ngroup() + 1)
+    return table.assign(group=table.groupby(list(conditions)).ngroup() + 1)
 
 
-def reference(recording: FeaturesRecording, per: str = "image") -> pd.DataFrame:
-    """Measured features for `statistics.pca.project`: columns group, roi, tissue_class and the recording's features.
+def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image") -> pd.DataFrame:
+    """Measured features for `statistics.pca.project`: columns group, roi, tissue_class and those of radiomics.FEATURES
+    that the table has.
 
-    per   "image": every repeat; "condition": the mean over the repeats of each condition and ROI
-    First-order features are in HU (measured.to_hu), whatever offset they were extracted with.
-    Raises InputError for another `per`, or features that cannot be brought to HU.
+    table   one row per image and ROI, in HU
+    per     "image": every repeat; "condition": the mean over the repeats of each condition and ROI
+    Raises InputError for another `per`.
     """
     if per not in PER:
         raise InputError(f"reference: {per!r} is not known; choose from {', '.join(PER)}")
-    table = measured.to_hu(grouped(recording), recording.stored_offset_hu)
     columns = ["group", "roi", "tissue_class"]
-    table = table[[*columns, *recording.features]]
+    table = grouped(table, conditions)[[*columns, *(feature for feature in FEATURES if feature in table)]]
     return table if per == "image" else table.groupby(columns, sort=False).mean().reset_index()
 
 
@@ -59,6 +66,22 @@ def scores(recording: FeaturesRecording, **options) -> pd.DataFrame:
             f"{name}: stability needs at least {MINIMUM_GROUPS} conditions with at least {MINIMUM_IMAGES} images each; "
             "use it without scores, or name the columns that tell its conditions apart under features.conditions"
         )
-    table = grouped(recording)
+    table = grouped(recording.repeats, recording.conditions)
     images = table.groupby("group")["image"].transform("nunique")
     return wilcoxon.scores(table[images >= MINIMUM_IMAGES], recording.features, source=name, **options)
+
+
+def where(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:
+    """The rows of a recording's table whose condition columns have these values, the others' values being free.
+
+    Raises InputError naming `source` for a column that is not there, or values that no row has.
+    """
+    chosen = table
+    for name, value in conditions.items():
+        if name not in table:
+            raise InputError(f"{source}: has no column {name}; there are {', '.join(map(str, table.columns[:8]))}")
+        there = ", ".join(map(str, chosen[name].unique()))
+        chosen = chosen[chosen[name] == value]
+        if chosen.empty:
+            raise InputError(f"{source}: no images with {name} {value}; there are {there}")
+    return chosen

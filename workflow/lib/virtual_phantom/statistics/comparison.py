@@ -16,6 +16,7 @@ from scipy import stats
 from ..errors import InputError
 from ..feature_table import finite_values
 from ..radiomics import FAMILIES, FEATURES, SETTINGS, family
+from . import COMPARED_REPEATS
 
 # One repeat SD: a single scan of the recording is off its mean by as much in one of three cases anyway.
 MARGIN_SD = 1.0
@@ -26,7 +27,6 @@ LEVEL = 0.95
 ALPHA = 0.05  # of tests; two one-sided tests at 5 % are a 90 % interval within the margin
 # Relative: sums in another order differ by as much, and a feature that varies less is constant.
 ROUNDING = 1e-9
-MINIMUM_REPEATS = 2
 # About their median, both deviations of two repeats are equal: the test would find every SD different.
 BROWN_FORSYTHE_REPEATS = 3
 MINIMUM_ROIS = 3  # two can only be in the right order or not, each by a chance of one half
@@ -167,10 +167,10 @@ def samples(table: pd.DataFrame, features: Sequence[str], rois: Sequence[str], s
     values = finite_values(table, features, source)
     rows = table.groupby("roi", sort=False).indices
     for roi in rois:
-        if len(rows[roi]) < MINIMUM_REPEATS:
+        if len(rows[roi]) < COMPARED_REPEATS:
             raise InputError(
                 f"{source}: {len(rows[roi])} image of ROI {roi}; a mean and an SD over repeats need at least "
-                f"{MINIMUM_REPEATS}"
+                f"{COMPARED_REPEATS}"
             )
     return {roi: values[rows[roi]] for roi in rois}
 

@@ -113,8 +113,9 @@ def match(calibration: pd.DataFrame, protocol: str, rois: list[str], measured: p
 
     calibration   protocol, noise_level, roi, spatial_variance_hu2, of at least three levels
     measured      variance (HU^2) of each ROI (columns) in each recorded repeat (rows)
-    Standard error: that of a calibration line read backwards (N. R. Draper and H. Smith, Applied Regression Analysis,
-    3rd ed., 1998, section 3.2), with the recording's own over its repeats.
+    The line is fitted by weighted least squares. Standard error: that of a calibration line read backwards (N. R.
+    Draper and H. Smith, Applied Regression Analysis, 3rd ed., 1998, section 3.2), with the recording's own over its
+    repeats.
     Raises InputError for an unknown protocol or ROI, fewer than three levels, or a variance that no A reaches.
     """
     rows = calibration[calibration["protocol"] == protocol]
@@ -130,14 +131,14 @@ def match(calibration: pd.DataFrame, protocol: str, rois: list[str], measured: p
         raise InputError(
             f"noise calibration: {len(x)} noise levels of {protocol}; {MINIMUM_LEVELS} give a line and its error"
         )
-    line = linear_fit(x, y)
     repeats = measured[list(rois)].dropna().mean(axis=1).to_numpy(dtype=np.float64)
     if not len(repeats):
         raise InputError(f"recording: no repeat has all of the ROIs {', '.join(rois)}")
     target = float(repeats.mean())
-    level = line.noise_level_for(target)
-    residual = ((y - line.intercept - line.slope * x) ** 2).sum() / (len(x) - 2)
-    of_line = residual * (1 / len(x) + (level - x.mean()) ** 2 / ((x - x.mean()) ** 2).sum())
+    # The error of a variance is in proportion to it, so each point weighs by its own.
+    (slope, intercept), covariance = np.polyfit(x, y, 1, w=1 / y, cov=True)
+    level = LinearFit(slope, intercept, np.nan).noise_level_for(target)
+    of_line = np.array([level, 1]) @ covariance @ np.array([level, 1])
     of_recording = repeats.var(ddof=1) / len(repeats) if len(repeats) > 1 else 0.0
-    error = float(np.sqrt(of_line + of_recording) / line.slope)
-    return Match(level, error, target, not x.min() <= level <= x.max())
+    error = float(np.sqrt(of_line + of_recording) / slope)
+    return Match(float(level), error, target, not x.min() <= level <= x.max())

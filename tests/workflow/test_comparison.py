@@ -1,0 +1,101 @@
+"""Recordings in the study: what the tiny study itself measured, handed back to it as a recording."""
+
+import shutil
+
+import nibabel
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from test_workflow import study, tiny  # noqa: F401  a fixture
+
+from virtual_phantom import matched_noise
+from virtual_phantom.radiomics import FEATURES
+
+OVERLAY = {
+    "noise": {
+        "levels": {
+            "matched": {
+                "repeats": 3,
+                "meets": {
+                    "recording": "own",
+                    "where": {"protocol": "sirt_150"},
+                    "rois": ["cyst_1"],
+                    "protocol": "sirt_150",
+                },
+            }
+        }
+    },
+    "analyses": {
+        "stability": {"recordings": ["own"]},
+        "pca": {"sirt": {"recordings": ["own"]}},
+        "comparison": {
+            "same": {
+                "recording": "own",
+                "where": {"protocol": "sirt_150"},
+                "protocol": "sirt_150",
+                "noise": "matched",
+            },
+            "other": {
+                "recording": "own",
+                "where": {"protocol": "sirt_150"},
+                "protocol": "sirt_300",
+                "noise": "dose10",
+            },
+        },
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def compared(study, tmp_path_factory):  # noqa: F811
+    """The tiny study with its own features at noise level "double" as a recording of two conditions."""
+    folder = tmp_path_factory.mktemp("compared")
+    features = pd.read_csv(study / "features.csv").query("noise == 'double'")
+    features = features.assign(image=features["protocol"] + "_" + features["seed"].astype(str))
+    recording = folder / "own"
+    recording.mkdir()
+    features[["image", "roi", "tissue_class", "protocol", *FEATURES]].to_csv(recording / "features.csv", index=False)
+    content = {
+        "name": "own",
+        "kind": "features",
+        "repeats": ["features.csv"],
+        "features": {"conditions": ["protocol"]},
+    }
+    (recording / "recording.yaml").write_text(yaml.safe_dump(content))
+    results = folder / "results"
+    shutil.copytree(study, results)
+    process = tiny(results, overlay={"recordings": {"own": str(recording)}, **OVERLAY})
+    assert process.returncode == 0, process.stderr[-4000:]
+    return results
+
+
+def test_the_level_that_made_a_recording_is_found(compared):
+    """The recording was simulated at A = 12e-6; its own sampling error over three repeats is a few per cent."""
+    level = matched_noise.read(compared / "noise" / "matched.json")
+    assert level["A"] == pytest.approx(12e-6, rel=0.1)
+    table = pd.read_csv(compared / "tables" / "matched_noise.csv")
+    assert table["ratio"].iloc[0] == pytest.approx(1, abs=0.1)
+    features = pd.read_csv(compared / "features.csv").query("noise == 'matched'")
+    np.testing.assert_allclose(features["noise_level"], level["A"])
+
+
+def test_a_recording_agrees_with_what_made_it_and_not_with_another_protocol(compared):
+    families = {
+        name: pd.read_csv(compared / "tables" / f"comparison_{name}_families.csv").set_index("family")
+        for name in ("same", "other")
+    }
+    assert families["same"].loc["all", "share_mean_differs"] == 0
+    assert families["same"].loc["all", "median_abs_shift_sd"] < 1.5
+    assert families["other"].loc["all", "share_mean_differs"] > 0.2
+    assert families["other"].loc["all", "median_abs_shift_sd"] > 5
+
+
+def test_figures_and_tables_of_recordings_are_there(compared):
+    for name in ("comparison_same", "comparison_other", "overlap_own", "pca_sirt"):
+        assert (compared / "figures" / f"{name}.png").stat().st_size > 10_000
+    points = pd.read_csv(compared / "tables" / "pca_sirt.csv")
+    # One marker per condition and ROI.
+    assert (points["source"] == "measured").sum() == 2 * 6
+    assert len(pd.read_csv(compared / "recordings" / "own" / "scores.csv")) == 86
+    assert nibabel.load(compared / "images" / "sirt_150" / "matched" / "seed00.nii.gz").shape == (80, 80, 24)

@@ -1,0 +1,10 @@
+"""Figures of one comparison with a recording: every feature and ROI, and the families."""
+
+from virtual_phantom import files
+from virtual_phantom.figures import comparison, style
+from virtual_phantom.job import job
+
+with job(snakemake):
+    cells, summary = files.read_csv(snakemake.input.cells), files.read_csv(snakemake.input.features)
+    output, title = snakemake.output, snakemake.params.title
+    style.save(comparison.draw(cells, summary, title), [output.png, output.pdf])

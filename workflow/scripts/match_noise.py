@@ -1,0 +1,21 @@
+"""The noise level at which a protocol shows the variance that ROIs have in a recording."""
+
+from dataclasses import asdict
+
+from virtual_phantom import files, matched_noise
+from virtual_phantom.job import job
+from virtual_phantom.recordings.reference import where
+from virtual_phantom.statistics import noise
+
+VARIANCE = "original_firstorder_Variance"
+
+with job(snakemake) as log:
+    meets = snakemake.params.meets
+    source = f"recording {meets['recording']}"
+    recorded = where(files.read_csv(snakemake.input.recorded), meets["where"], source)
+    measured = recorded.pivot(index="image", columns="roi", values=VARIANCE)
+    found = noise.match(files.read_csv(snakemake.input.calibration), meets["protocol"], meets["rois"], measured)
+    matched_noise.write({**asdict(found), **meets}, snakemake.output[0])
+    log.info("%s: %s", snakemake.wildcards.noise, found)
+    if found.extrapolated:
+        log.warning("A lies outside the levels of the noise calibration; add a level beyond it")

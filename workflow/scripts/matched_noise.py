@@ -1,0 +1,42 @@
+"""How well the matched noise levels meet their recordings, once simulated."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from virtual_phantom import feature_table, files, matched_noise
+from virtual_phantom.job import job
+
+VARIANCE = "original_firstorder_Variance"
+
+with job(snakemake) as log:
+    features = feature_table.read(snakemake.input.features)
+    rows = []
+    for path in snakemake.input.levels:
+        level, name = matched_noise.read(path), Path(path).stem
+        chosen = features[
+            (features["noise"] == name)
+            & (features["protocol"] == level["protocol"])
+            & features["roi"].isin(level["rois"])
+        ]
+        repeats = chosen.groupby("seed")[VARIANCE].mean()
+        rows.append(
+            {
+                "noise": name,
+                "recording": level["recording"],
+                "where": ", ".join(f"{key} {value}" for key, value in level["where"].items()),
+                "protocol": level["protocol"],
+                "rois": ", ".join(level["rois"]),
+                "A": level["A"],
+                "A_standard_error": level["A_standard_error"],
+                "extrapolated": level["extrapolated"],
+                "recorded_variance_hu2": level["variance_hu2"],
+                "simulated_variance_hu2": repeats.mean(),
+                "standard_error": repeats.std(ddof=1) / np.sqrt(len(repeats)),
+                "ratio": repeats.mean() / level["variance_hu2"],
+            }
+        )
+    table = pd.DataFrame(rows)
+    files.write_csv(table, snakemake.output[0])
+    log.info("\n%s", table.to_string(index=False))

@@ -1,0 +1,27 @@
+"""Features of one recording in HU, one row per image and ROI: those of its tables, or extracted from its images."""
+
+import pandas as pd
+
+from virtual_phantom import files, phantom, radiomics
+from virtual_phantom.errors import InputError
+from virtual_phantom.job import job
+from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.reference import in_hu
+
+with job(snakemake) as log:
+    recording = load(snakemake.params.folder)
+    if recording.kind == "features":
+        table = in_hu(recording)
+    elif recording.kind == "images":
+        rois, masks = phantom.read_masks(snakemake.input.rois, recording.grid)
+        classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
+        tables = []
+        for path, image in zip(recording.repeats.paths, recording.repeats, strict=True):
+            features = radiomics.extract(image, masks, name=str(path))
+            tables.append(features.assign(image=recording.document.relative(path)))
+        table = pd.concat(tables, ignore_index=True)
+        table = table.assign(tissue_class=table["roi"].map(classes))
+    else:
+        raise InputError(f"recording {snakemake.wildcards.recording}: of {recording.kind} there are no features")
+    files.write_csv(table, snakemake.output[0])
+    log.info("%d rows of %d images", len(table), table["image"].nunique())
