@@ -17,6 +17,12 @@ localrules:
     recordings,
 
 
+def recording_megabytes(wildcards):
+    """Memory to read a recording: an acquisition at a time, compressed on disk, and masks and copies beside it, MB."""
+    largest = max(path.stat().st_size for path in RECORDINGS[wildcards.recording].files)
+    return 1000 + 12 * largest // 10**6
+
+
 rule recording_summary:
     """Read and check one recording; what was found, what is known of the scan, what is missing."""
     input:
@@ -30,11 +36,7 @@ rule recording_summary:
     log:
         f"{RESULTS}/logs/recording_summary/{{recording}}.log",
     resources:
-        # One acquisition at a time, compressed on disk, and masks and copies beside it.
-        mem_mb=lambda wildcards: 1000
-        + 12
-        * max(path.stat().st_size for path in RECORDINGS[wildcards.recording].files)
-        // 10**6,
+        mem_mb=recording_megabytes,
         runtime=30,
     params:
         folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
@@ -42,10 +44,41 @@ rule recording_summary:
         "../scripts/recording_summary.py"
 
 
+rule figure_recording:
+    """What a recording of projections or images looks like."""
+    input:
+        files=lambda wildcards: [
+            str(path) for path in RECORDINGS[wildcards.recording].files
+        ],
+        code=code("figures/recording.py"),
+    output:
+        png=report(
+            f"{RESULTS}/figures/recording_{{recording}}.png",
+            caption="../report/recording.rst",
+            category="Recordings",
+            labels={"figure": "recording {recording}"},
+        ),
+        pdf=f"{RESULTS}/figures/recording_{{recording}}.pdf",
+    log:
+        f"{RESULTS}/logs/figure_recording/{{recording}}.log",
+    resources:
+        mem_mb=recording_megabytes,
+        runtime=30,
+    params:
+        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
+    script:
+        "../scripts/figures/recording.py"
+
+
 rule recordings:
     """All configured recordings in one table, printed."""
     input:
         summaries=[f"{RESULTS}/recordings/{name}/summary.json" for name in RECORDINGS],
+        figures=[
+            figure(f"recording_{name}")
+            for name, document in RECORDINGS.items()
+            if document.content["kind"] != "features"
+        ],
         code=code("recordings.py"),
     output:
         f"{RESULTS}/recordings/recordings.csv",

@@ -1,0 +1,77 @@
+"""What a recording looks like: its sinogram and a slice through it, or its images."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..errors import InputError
+from ..fbp import fbp
+from ..geometry import Grid, ScanGeometry
+from ..projectors import projector
+from ..volumes import Volume
+from . import style
+
+MOST_PIXELS = 512  # along a side of the slice: more cannot be told apart in print
+PERCENTILES = (0.5, 99.5)
+SMALLEST_TRANSMISSION = 1e-5
+
+
+@style.styled()
+def draw_projections(line_integrals: np.ndarray, geometry: ScanGeometry, title: str) -> Figure:
+    """The sinogram of the middle row, and the slice through the isocentre by filtered back-projection.
+
+    line_integrals   [view, row, column]; pixels that are not finite are shown, and reconstructed, as 0
+    A scan that cannot be reconstructed is shown by its sinogram, and the reason stands in place of the slice.
+    """
+    known = np.where(np.isfinite(line_integrals), line_integrals, 0).astype(np.float32)
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 82)
+    left, right = figure.subplots(1, 2)
+    degrees = np.rad2deg(geometry.angles_rad)
+    columns = geometry.column_positions_mm()
+    extent = (columns[0], columns[-1], degrees[-1], degrees[0])
+    shown = left.imshow(known[:, geometry.rows // 2], extent=extent, aspect="auto", cmap="gray")
+    left.set(xlabel="detector column (mm)", ylabel="view angle (degrees)", title=f"{title}: sinogram, middle row")
+    figure.colorbar(shown, ax=left, label="line integral", location="bottom")
+    try:
+        image, half = _slice(known, geometry)
+    except InputError as error:
+        right.set_axis_off()
+        right.text(0.5, 0.5, f"no slice:\n{error}", ha="center", va="center", wrap=True, transform=right.transAxes)
+        return figure
+    low, high = np.percentile(image, PERCENTILES)
+    box = (-half, half, -half, half)
+    shown = right.imshow(image, extent=box, origin="lower", cmap="gray", vmin=min(low, 0), vmax=high)
+    right.set(xlabel="x (mm)", ylabel="y (mm)", title="slice at the isocentre, FBP")
+    figure.colorbar(shown, ax=right, label="attenuation (1/mm)", location="bottom")
+    return figure
+
+
+def _slice(line_integrals, geometry):
+    """FBP of the slice at z = 0, [y, x] in 1/mm, and half its side in mm."""
+    side = 2 * geometry.field_of_view_radius_mm
+    pixel = max(geometry.column_pitch_mm / geometry.magnification, side / MOST_PIXELS)
+    size = int(side / pixel)
+    grid = Grid((1, size, size), (geometry.row_pitch_mm / geometry.magnification, pixel, pixel))
+    return fbp(projector("cpu", geometry, grid), line_integrals[None])[0, 0], size * pixel / 2
+
+
+@style.styled()
+def draw_images(image: Volume, title: str, window: tuple[float, float] = (-160.0, 240.0)) -> Figure:
+    """The middle axial and coronal slices of an image in HU."""
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 92)
+    axes = figure.subplots(1, 2)
+    depth, height, width = image.grid.extent_mm
+    nz, ny, _ = image.grid.shape
+    views = (
+        ("axial", image.array[nz // 2], (width, height), ("x", "y")),
+        ("coronal", image.array[:, ny // 2], (width, depth), ("x", "z")),
+    )
+    for place, (name, slice_hu, (across, up), (horizontal, vertical)) in zip(axes, views, strict=True):
+        box = (-across / 2, across / 2, -up / 2, up / 2)
+        shown = place.imshow(slice_hu, extent=box, origin="lower", cmap="gray", vmin=window[0], vmax=window[1])
+        place.set(
+            xlabel=f"{horizontal} from the middle (mm)",
+            ylabel=f"{vertical} from the middle (mm)",
+            title=f"{title}: {name}",
+        )
+    figure.colorbar(shown, ax=axes, label="CT number (HU)", location="bottom", shrink=0.5)
+    return figure

@@ -1,0 +1,16 @@
+"""Figure of one recording of projections or images: its first repeat."""
+
+from virtual_phantom.figures import recording as figures
+from virtual_phantom.figures import style
+from virtual_phantom.job import job
+from virtual_phantom.recordings.reading import load
+
+with job(snakemake):
+    recording = load(snakemake.params.folder)
+    first = recording.repeats[0]
+    if recording.kind == "projections":
+        line_integrals = first.line_integrals(figures.SMALLEST_TRANSMISSION)
+        figure = figures.draw_projections(line_integrals, recording.geometry, recording.name)
+    else:
+        figure = figures.draw_images(first, recording.name)
+    style.save(figure, [snakemake.output.png, snakemake.output.pdf])
