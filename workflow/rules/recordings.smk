@@ -1,11 +1,27 @@
 from virtual_phantom.recordings.document import read_document
 
 try:
-    RECORDINGS = {name: read_document(folder) for name, folder in PLAN.config["recordings"].items()}
+    RECORDINGS = {
+        name: read_document(folder)
+        for name, folder in PLAN.config["recordings"].items()
+    }
 except InputError as error:
     sys.exit(f"Error: {error}")
 
-RECORDING_CODE = [f"recordings/{name}.py" for name in ("document", "features", "images", "projections", "provenance", "reading", "recording", "scan", "summary")]
+RECORDING_CODE = [
+    f"recordings/{name}.py"
+    for name in (
+        "document",
+        "features",
+        "images",
+        "projections",
+        "provenance",
+        "reading",
+        "recording",
+        "scan",
+        "summary",
+    )
+]
 
 
 wildcard_constraints:
@@ -14,24 +30,32 @@ wildcard_constraints:
 
 localrules:
     recordings,
+    alignment,
 
 
 rule recording_summary:
     """Read and check one recording; what was found, what is known of the scan, what is missing."""
     input:
-        files=lambda wildcards: [str(path) for path in RECORDINGS[wildcards.recording].files],
+        files=lambda wildcards: [
+            str(path) for path in RECORDINGS[wildcards.recording].files
+        ],
         schema="workflow/schemas/recording.schema.yaml",
-        code=library("exchange.py", "volumes.py", "phantom/dicom_series.py", *RECORDING_CODE),
+        code=library(
+            "exchange.py", "volumes.py", "phantom/dicom_series.py", *RECORDING_CODE
+        ),
     output:
         f"{RESULTS}/recordings/{{recording}}/summary.json",
     log:
         f"{RESULTS}/logs/recording_summary/{{recording}}.log",
-    params:
-        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
     resources:
         # One acquisition at a time, compressed on disk, and masks and copies beside it.
-        mem_mb=lambda wildcards: 1000 + 12 * max(path.stat().st_size for path in RECORDINGS[wildcards.recording].files) // 10**6,
+        mem_mb=lambda wildcards: 1000
+        + 12
+        * max(path.stat().st_size for path in RECORDINGS[wildcards.recording].files)
+        // 10**6,
         runtime=30,
+    params:
+        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
     script:
         "../scripts/recording_summary.py"
 
@@ -45,10 +69,92 @@ rule recordings:
         f"{RESULTS}/recordings/recordings.csv",
     log:
         f"{RESULTS}/logs/recordings.log",
-    params:
-        names=list(RECORDINGS),
     resources:
         mem_mb=500,
         runtime=5,
+    params:
+        names=list(RECORDINGS),
     script:
         "../scripts/recordings.py"
+
+
+ALIGNED = [
+    name
+    for name, document in RECORDINGS.items()
+    if document.content["kind"] == "images"
+]
+
+
+rule align_recording:
+    """Where the phantom lies in a recording of images, and its ROIs on the recording's own grid."""
+    input:
+        files=lambda wildcards: [
+            str(path) for path in RECORDINGS[wildcards.recording].files
+        ],
+        phantom=rules.phantom.output.image,
+        rois=rules.phantom.output.table,
+        masks=rules.phantom.output.rois,
+        code=library(
+            "radiomics.py",
+            "volumes.py",
+            "phantom/__init__.py",
+            "phantom/ct.py",
+            "recordings/alignment.py",
+            *RECORDING_CODE,
+        ),
+    output:
+        alignment=f"{RESULTS}/recordings/{{recording}}/alignment.json",
+        image=f"{RESULTS}/recordings/{{recording}}/image.nii.gz",
+        table=f"{RESULTS}/recordings/{{recording}}/rois.csv",
+        rois=directory(f"{RESULTS}/recordings/{{recording}}/rois"),
+    log:
+        f"{RESULTS}/logs/align_recording/{{recording}}.log",
+    resources:
+        # A few copies of an image and its mask, compressed on disk, and three levels of the phantom.
+        mem_mb=lambda wildcards: megabytes(volumes=12)
+        + 40
+        * max(path.stat().st_size for path in RECORDINGS[wildcards.recording].files)
+        // 10**6,
+        runtime=120,
+    params:
+        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
+        phantom=PLAN.config["phantom"],
+    script:
+        "../scripts/align_recording.py"
+
+
+rule figure_alignment:
+    """A recording with the phantom's outlines."""
+    input:
+        alignment=rules.align_recording.output.alignment,
+        image=rules.align_recording.output.image,
+        rois=rules.align_recording.output.table,
+        masks=rules.align_recording.output.rois,
+        phantom=rules.phantom.output.image,
+        code=FIGURE_STYLE + library("figures/alignment.py", "figures/axial.py"),
+    output:
+        png=report(
+            f"{RESULTS}/figures/alignment_{{recording}}.png",
+            caption="../report/alignment.rst",
+            category="Recordings",
+            labels={"figure": "alignment of {recording}"},
+        ),
+        pdf=f"{RESULTS}/figures/alignment_{{recording}}.pdf",
+    log:
+        f"{RESULTS}/logs/figure_alignment/{{recording}}.log",
+    resources:
+        **FIGURE_RESOURCES,
+    script:
+        "../scripts/figures/alignment.py"
+
+
+rule alignment:
+    """All configured recordings of images, aligned."""
+    input:
+        [
+            [
+                f"{RESULTS}/recordings/{name}/alignment.json",
+                *figure(f"alignment_{name}"),
+            ]
+            for name in ALIGNED
+        ],

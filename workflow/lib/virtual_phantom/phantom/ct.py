@@ -44,11 +44,11 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     image = read_hu(Path(settings["image"]))
     image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     if "keep_mm" in settings:
-        image = _crop(image, settings["keep_mm"])
+        image = trimmed(image, settings["keep_mm"])
     centre = _triple(settings.get("centre_mm", image.grid.centre_mm), "centre_mm")
     grid = replace(grid, centre_mm=centre)
     _check_fit(image, grid)
-    fine = _resample(image, grid.refined(oversampling), outside=HU_AIR)
+    fine = resample(image, grid.refined(oversampling), outside=HU_AIR)
     rois = _load_rois(entries, image.grid, grid)
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
 
@@ -85,7 +85,7 @@ def _world_axes(grid: Grid) -> tuple[np.ndarray, ...]:
     return tuple(axis + centre for axis, centre in zip(grid.axes_mm(), grid.centre_mm[::-1], strict=True))
 
 
-def _crop(image: Volume, keep_mm) -> Volume:
+def trimmed(image: Volume, keep_mm) -> Volume:
     try:
         (x_low, x_high), (y_low, y_high) = ((float(a), float(b)) for a, b in keep_mm)
     except (TypeError, ValueError):
@@ -155,7 +155,7 @@ def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid) -> tupl
     for entry in entries:
         pieces = draw(entry, ct_grid, opened)
         masks = [
-            _resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces
+            resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces
         ]
         for name, mask in zip(entry.names, masks, strict=True):
             _require(
@@ -175,7 +175,7 @@ def _require(mask: np.ndarray, name: str, problem: str) -> None:
         raise InputError(f"ROI {name} {problem}")
 
 
-def _resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
+def resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
     """Mean over each voxel of `grid` of the linearly interpolated volume, float32.
 
     Sampled at points no farther apart than the volume's own voxels, so that nothing falls between them.
