@@ -12,7 +12,7 @@ from recording_folders import write_yaml
 
 from virtual_phantom import fbp
 from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.geometry import Grid, helical
 from virtual_phantom.phantom import Roi, ct
 from virtual_phantom.physics.noise import acquisition_seed, simulate_counts
 from virtual_phantom.projectors import projector
@@ -71,6 +71,16 @@ def placed(rotation_deg, shift_mm):
     return alignment.euler(GRID.centre_mm, rotation_deg, centre + shift_mm)
 
 
+TURNED = placed((0.5, 1, 3), (5, -9, 3))
+
+
+@pytest.fixture(scope="module")
+def aligned(phantom):
+    """An image of the phantom at TURNED, and the alignment found."""
+    image = scanned(TURNED)
+    return image, align(image, phantom, name="a")
+
+
 def scanned(transform, noise_hu=20.0, table=False, function=object_hu, seed=1) -> Volume:
     array = sampled(function, OTHER_GRID, transform)
     array += noise_hu * np.random.default_rng(seed).normal(size=array.shape).astype(np.float32)
@@ -89,7 +99,7 @@ def errors(found, truth, grid=GRID) -> tuple[np.ndarray, float]:
 
 @pytest.mark.parametrize(
     ("rotation_deg", "shift_mm", "table"),
-    [((0, 0, 0), (0.7, -0.4, 0.5), False), ((1.5, -1, 6), (12, -9, 3), True), ((0, 2, -9), (-15, 14, -6), True)],
+    [((1.5, -1, 6), (12, -9, 3), True), ((0, 2, -9), (-15, 14, -6), False)],
 )
 def test_a_known_place_is_found_again(phantom, rotation_deg, shift_mm, table):
     truth = placed(rotation_deg, shift_mm)
@@ -100,10 +110,9 @@ def test_a_known_place_is_found_again(phantom, rotation_deg, shift_mm, table):
     assert found.edge_mm < 0.3 and abs(found.growth_mm) < 0.2 and found.undetermined == ()
 
 
-def test_the_same_image_gives_the_same_numbers(phantom):
-    image = scanned(placed((0, 1, 3), (5, -9, 3)))
+def test_the_same_image_gives_the_same_numbers(phantom, aligned):
+    image, first = aligned
     threads = sitk.ProcessObject.GetGlobalDefaultNumberOfThreads()
-    first = align(image, phantom, name="a")
     try:
         sitk.ProcessObject.SetGlobalDefaultNumberOfThreads(1 if threads > 1 else 2)
         assert align(image, phantom, name="a") == first
@@ -111,10 +120,8 @@ def test_the_same_image_gives_the_same_numbers(phantom):
         sitk.ProcessObject.SetGlobalDefaultNumberOfThreads(threads)
 
 
-def test_mutual_information_finds_an_image_of_inverted_contrast(phantom):
-    truth = placed((0, 1, 4), (8, -6, 2))
-    search = alignment.Search(scanned(truth), phantom, "a", "mutual_information")
-    shift, angle = errors(search.measure(search.run(None)), truth)
+def test_mutual_information_finds_it_too(phantom, aligned):
+    shift, angle = errors(align(aligned[0], phantom, name="a", metric="mutual_information"), TURNED)
     assert np.abs(shift).max() < 0.5 and angle < 0.3
 
 
@@ -128,7 +135,6 @@ def other_object(points):
     [
         (other_object, "the phantom does not fit it: correlation"),
         (lambda points: object_hu(points * [-1, 1, 1]), "with left and right swapped"),
-        (lambda points: object_hu(points * [1, -1, 1]), "with front and back swapped"),
         (lambda points: 0 * points[..., 0] - 1000, "nothing in it is denser than -500 HU"),
     ],
 )
@@ -153,21 +159,17 @@ def rois_on(grid, transform=None):
     return tuple(Roi(name, "tissue", sampled(lambda p: in_ball(name, p), grid, transform) >= 0.5) for name in BALLS)  # noqa: B023
 
 
-def test_rois_are_carried_to_where_they_are(phantom):
-    truth = placed((1.5, -1, 6), (12, -9, 3))
-    image = scanned(truth)
-    found = align(image, phantom, name="a")
+def test_rois_are_carried_to_where_they_are(aligned):
+    image, found = aligned
     carried = carried_rois(found, rois_on(GRID), GRID, image, "a")
-    for roi, right in zip(carried, rois_on(OTHER_GRID, truth), strict=True):
+    for roi, right in zip(carried, rois_on(OTHER_GRID, TURNED), strict=True):
         assert roi.name == right.name and roi.mask.shape == OTHER_GRID.shape
         overlap = 2 * (roi.mask & right.mask).sum() / (roi.mask.sum() + right.mask.sum())
-        assert overlap > 0.93, roi.name  # a ball of 9 mm has half of its voxels of 2.4 mm at its surface
+        assert overlap > 0.9, roi.name  # half of the voxels of a ball of 9 mm lie at its surface
 
 
-def test_rois_out_of_sight_are_refused(phantom):
-    truth = placed((0, 0, 0), (0, 0, 0))
-    image = scanned(truth)
-    found = align(image, phantom, name="a")
+def test_rois_out_of_sight_are_refused(aligned):
+    image, found = aligned
     lower = OTHER_GRID.shape[0] // 2 - 2
     middle = OTHER_GRID.centre_mm[2] - (OTHER_GRID.shape[0] - lower) / 2 * OTHER_GRID.spacing[0]
     half = Volume(image.array[:lower], replace(OTHER_GRID, shape=(lower, 90, 96), centre_mm=(30.0, 10.0, middle)))
@@ -218,8 +220,8 @@ def test_only_the_study_s_own_phantom(phantom, tmp_path):
         check_same_phantom(by_path, "synthetic", None)
 
 
-def simulated_scan(source: Volume, transform, grid: Grid, noise_level=1e-6) -> Volume:
-    """A noisy cone-beam scan, FBP, of a volume that a transform of its world puts somewhere else, HU on `grid`."""
+def simulated_scan(source: Volume, transform, grid: Grid, noise_level=1e-5) -> Volume:
+    """A noisy helical scan, FBP, of a volume that a transform of its world puts somewhere else, HU on `grid`."""
     fine = grid.refined(1)
     array = sitk.GetArrayFromImage(
         sitk.Resample(
@@ -234,14 +236,15 @@ def simulated_scan(source: Volume, transform, grid: Grid, noise_level=1e-6) -> V
             sitk.sitkFloat32,
         )
     )
-    geometry = circular(
-        views=240,
+    geometry = helical(
+        views=600,
+        volume_height_mm=grid.extent_mm[0],
         source_to_isocentre_mm=600.0,
         source_to_detector_mm=1000.0,
-        columns=300,
-        rows=44,
-        column_pitch_mm=2.8,
-        row_pitch_mm=4.0,
+        columns=280,
+        rows=24,
+        column_pitch_mm=3.0,
+        row_pitch_mm=3.2,
     )
     clean = clean_line_integrals(Volume(array, fine), geometry, MU_WATER, threads=2)
     counts = simulate_counts(clean, noise_level, "physical", acquisition_seed(1, "a", "b", 0))
