@@ -76,7 +76,7 @@ def draw(
         style.letter_panel(axes, index)
     figure.colorbar(shown, ax=panels[:, 0].tolist(), label="CT number (HU)", pad=0.02, aspect=30)
     figure.colorbar(shade, ax=panels[:, 1].tolist(), label="difference (HU)", pad=0.02, aspect=30)
-    handles = [Line2D([], [], color="black", linewidth=0.7, label="phantom's surfaces (white in a and c)")]
+    handles = [Line2D([], [], color=BODY_COLOUR, label="phantom's surfaces", path_effects=axial.OUTLINED)]
     handles += [Line2D([], [], color=colour, label=style.label(name)) for name, colour in colours.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
     return figure
@@ -127,7 +127,7 @@ def _outline(axes: Axes, array: np.ndarray, extent, level: float, colour: str, w
     dx, dy = (extent[1] - extent[0]) / columns, (extent[3] - extent[2]) / rows
     x, y = extent[0] + (np.arange(columns) + 0.5) * dx, extent[2] + (np.arange(rows) + 0.5) * dy
     if min(rows, columns) > 1:
-        axes.contour(x, y, array, levels=[level], colors=[colour], linewidths=width)
+        axes.contour(x, y, array, levels=[level], colors=[colour], linewidths=width, linestyles="solid")
 
 
 def _spread(differences: list[np.ndarray], carried: list[np.ndarray]) -> float:
