@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import nibabel
 import numpy as np
 import pandas as pd
 import pytest
@@ -62,3 +63,47 @@ def test_the_target_lists_recordings_and_stops_at_a_bad_one(target, tmp_path):
     errors = [line for line in (process.stderr + process.stdout).splitlines() if line.startswith("Error:")]
     assert process.returncode == 1 and len(errors) == 1 and "Traceback" not in process.stderr
     assert errors[0].startswith(f"Error: {tmp_path}/bench/recording.yaml: ")
+
+
+def test_the_alignment_target_carries_the_phantom_s_rois(tmp_path):
+    """The tiny study's own phantom, moved by a change of its NIfTI's origin, and named as somebody else's."""
+    folder, overlay = tmp_path / "moved", tmp_path / "overlay.yaml"
+    folder.mkdir()
+    content = {"name": "moved", "kind": "images", "phantom": "synthetic", "repeats": ["a.nii.gz"]}
+    (folder / "recording.yaml").write_text(yaml.safe_dump(content))
+    (folder / "a.nii.gz").touch()
+    overlay.write_text(yaml.safe_dump({"results_dir": f"{tmp_path}/r", "recordings": {"m": str(folder)}}))
+    command = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--cores",
+        "2",
+        "--nolock",
+        "--configfile",
+        "config/tiny.yaml",
+        overlay,
+    ]
+
+    def run(target):
+        return subprocess.run([*command, "--", target], cwd=ROOT, capture_output=True, text=True, timeout=300)
+
+    process = run(f"{tmp_path}/r/phantom/rois.csv")
+    assert process.returncode == 0, process.stderr[-3000:]
+    image = nibabel.load(tmp_path / "r" / "phantom" / "image.nii.gz")
+    affine = image.affine.copy()
+    affine[:3, 3] += (30, -20, 500)
+    nibabel.save(nibabel.Nifti1Image(image.get_fdata(dtype=np.float32), affine), folder / "a.nii.gz")
+    process = run("alignment")
+    assert process.returncode == 0, process.stderr[-3000:]
+    found = json.loads((tmp_path / "r" / "recordings" / "m" / "alignment.json").read_text())
+    assert found["translation_mm"] == pytest.approx([30, -20, 500], abs=0.05) and found["rois_from"] == "phantom"
+    own, carried = (pd.read_csv(tmp_path / "r" / place / "rois.csv") for place in ("phantom", "recordings/m"))
+    assert carried["roi"].tolist() == own["roi"].tolist()
+    assert carried["n_voxels"].tolist() == pytest.approx(own["n_voxels"].tolist(), rel=0.05)
+    assert (tmp_path / "r" / "figures" / "alignment_m.png").stat().st_size > 10_000
+
+    (folder / "recording.yaml").write_text(yaml.safe_dump(content | {"phantom": "bench"}))
+    process = run("alignment")
+    assert process.returncode == 1
+    assert f"Error: {folder}/recording.yaml: its phantom is 'bench', the study's is synthetic" in process.stderr

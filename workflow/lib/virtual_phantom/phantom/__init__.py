@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,24 +53,30 @@ def block_mean(array: np.ndarray, factor: int) -> np.ndarray:
 
 
 def save(phantom: Phantom, folder: str | Path) -> None:
-    """Write image.nii.gz and fine.nii.gz (HU, float32), rois/{roi}.nii.gz (uint8, 0 or 1) and rois.csv.
-
-    rois.csv holds one row per ROI: roi, tissue_class, label (1, 2, ... in the order of the configuration),
-    n_voxels and mean_hu on image.nii.gz.
-    """
+    """Write image.nii.gz and fine.nii.gz (HU, float32), and the ROIs as save_rois does."""
     folder = Path(folder)
     write_nifti(phantom.fine, folder / "fine.nii.gz")
     write_nifti(phantom.image, folder / "image.nii.gz")
+    save_rois(phantom.rois, phantom.image, folder)
+
+
+def save_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
+    """Write rois/{roi}.nii.gz (uint8, 0 or 1) and rois.csv of ROIs on the grid of `image` (HU).
+
+    rois.csv holds one row per ROI: roi, tissue_class, label (1, 2, ... in the order of the configuration),
+    n_voxels and mean_hu on `image`.
+    """
+    folder = Path(folder)
     rows = []
-    for label, roi in enumerate(phantom.rois, start=1):
-        write_nifti(Volume(roi.mask.astype(np.uint8), phantom.image.grid), folder / "rois" / f"{roi.name}.nii.gz")
+    for label, roi in enumerate(rois, start=1):
+        write_nifti(Volume(roi.mask.astype(np.uint8), image.grid), folder / "rois" / f"{roi.name}.nii.gz")
         rows.append(
             {
                 "roi": roi.name,
                 "tissue_class": roi.tissue_class,
                 "label": label,
                 "n_voxels": int(roi.mask.sum()),
-                "mean_hu": float(phantom.image.array[roi.mask].mean(dtype=np.float64)),
+                "mean_hu": float(image.array[roi.mask].mean(dtype=np.float64)),
             }
         )
     write_csv(pd.DataFrame(rows), folder / "rois.csv")

@@ -49,10 +49,10 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     kept = np.ones(image.grid.shape[1:], bool)
     if "keep_mm" in settings:
         kept = _box(settings["keep_mm"], image.grid)
-        image = Volume(np.where(kept, image.array, np.float32(HU_AIR)), image.grid)
+        image = trimmed(image, settings["keep_mm"])
     grid = replace(grid, centre_mm=settings.get("centre_mm", image.grid.centre_mm))
     _check_fit(image, grid)
-    fine = _resample(image, grid.refined(oversampling), outside=HU_AIR)
+    fine = resample(image, grid.refined(oversampling), outside=HU_AIR)
     rois = _load_rois(entries, image.grid, grid, kept)
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
 
@@ -78,6 +78,11 @@ def read_hu(path: Path) -> Volume:
 
 def _world_axes(grid: Grid) -> tuple[np.ndarray, ...]:
     return tuple(axis + centre for axis, centre in zip(grid.axes_mm(), grid.centre_mm[::-1], strict=True))
+
+
+def trimmed(image: Volume, keep_mm: list) -> Volume:
+    """The image with air outside keep_mm."""
+    return Volume(np.where(_box(keep_mm, image.grid), image.array, np.float32(HU_AIR)), image.grid)
 
 
 def _box(keep_mm: list, grid: Grid) -> np.ndarray:
@@ -138,7 +143,7 @@ def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid, kept: n
         for name, piece in zip(entry.names, pieces, strict=True):
             _check_whole(name, piece, kept, ct_grid, grid)
         masks = [
-            _resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces
+            resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces
         ]
         for name, mask in zip(entry.names, masks, strict=True):
             _require(
@@ -189,7 +194,7 @@ def _require(mask: np.ndarray, name: str, problem: str) -> None:
         raise InputError(f"ROI {name} {problem}")
 
 
-def _resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
+def resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
     """Mean over each voxel of `grid` of the linearly interpolated volume, float32.
 
     Sampled at points no farther apart than the volume's own voxels, so that nothing falls between them.

@@ -1,0 +1,41 @@
+"""Find the phantom in one recording of images; write the fit, the mean image and the ROIs on the recording's grid."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from virtual_phantom import files, volumes
+from virtual_phantom.errors import InputError
+from virtual_phantom.job import job
+from virtual_phantom.phantom import Roi, read_masks, save_rois
+from virtual_phantom.recordings import alignment
+from virtual_phantom.recordings.reading import load
+
+with job(snakemake) as log:
+    name, study = snakemake.wildcards.recording, snakemake.params.phantom
+    recording = load(snakemake.params.folder)
+    if recording.kind != "images":
+        raise InputError(f"recording {name}: holds {recording.kind}; only images can be aligned")
+    alignment.check_same_phantom(recording, study["source"], study.get("ct", {}).get("image"))
+    phantom = volumes.read_nifti(snakemake.input.phantom)
+    table, masks = read_masks(snakemake.input.rois, phantom.grid)
+    rois = [Roi(row.roi, row.tissue_class, masks[row.roi]) for row in table.itertuples()]
+
+    found, image, shifts = alignment.align_recording(recording, phantom)
+    own = recording.rois()
+    carried = own or alignment.carried_rois(found, rois, phantom.grid, image, name)
+    content = {
+        "recording": name,
+        "phantom": study["source"],
+        **asdict(found),
+        "undetermined": found.undetermined,
+        "covered_rois": {roi.name: alignment.covered_share(found, roi.mask, phantom.grid, image) for roi in rois},
+        "rois_from": "recording.yaml" if own else "phantom",
+        "repeats": [asdict(shift) for shift in shifts],
+    }
+    volumes.write_nifti(image, snakemake.output.image)
+    save_rois(carried, image, Path(snakemake.output.table).parent)
+    files.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", snakemake.output.alignment)
+    text = f"{name}: {alignment.describe(found)}"
+    log.info("%s", text)
+    print(text)

@@ -1,0 +1,22 @@
+"""Figure of the phantom's outlines on a recording."""
+
+import json
+
+from virtual_phantom import volumes
+from virtual_phantom.figures import alignment, style
+from virtual_phantom.job import job
+from virtual_phantom.phantom import read_masks
+
+with job(snakemake):
+    image = volumes.read_nifti(snakemake.input.image)
+    table, masks = read_masks(snakemake.input.rois, image.grid)
+    with open(snakemake.input.alignment, encoding="utf-8") as file:
+        found = json.load(file)
+    figure = alignment.draw(
+        image,
+        volumes.read_nifti(snakemake.input.phantom),
+        found["matrix"],
+        masks,
+        dict(zip(table["roi"], table["tissue_class"], strict=True)),
+    )
+    style.save(figure, [snakemake.output.png, snakemake.output.pdf])
