@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from test_workflow import study, tiny  # noqa: F401  a fixture
+from workflow_runs import tiny
 
 from virtual_phantom import matched_noise
 from virtual_phantom.radiomics import FEATURES
@@ -48,7 +48,7 @@ OVERLAY = {
 
 
 @pytest.fixture(scope="module")
-def compared(study, tmp_path_factory):  # noqa: F811
+def compared(study, tmp_path_factory):
     """The tiny study with its own features at noise level "double" as a recording of two conditions."""
     folder = tmp_path_factory.mktemp("compared")
     features = pd.read_csv(study / "features.csv").query("noise == 'double'")

@@ -1,10 +1,6 @@
 """The workflow itself: every shipped config plans, the tiny study runs, mistakes stop it with one clear line."""
 
-import re
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import astra
 import nibabel
@@ -13,12 +9,11 @@ import pandas as pd
 import pytest
 import SimpleITK as sitk
 import yaml
+from workflow_runs import ROOT, planned, snakemake, tiny
 
 from virtual_phantom import exchange, volumes
 from virtual_phantom.reconstruct import reconstruct
 
-ROOT = Path(__file__).resolve().parents[2]
-TINY = ROOT / "config" / "tiny.yaml"
 FIGURES = (
     "rois",
     "scans",
@@ -33,40 +28,22 @@ PCA = ("sirt", "fbp", "multicentre")
 PROTOCOL = {"algorithm": "sirt", "projections": 150, "group": 1}
 
 
-def snakemake(*arguments, cores=2):
-    """Run snakemake in the repository; returns the finished process, output and errors as text."""
-    command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--nolock", *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=900)
-
-
-def tiny(folder, *targets, cores=2, overlay=None, beside=None):
-    """The tiny study into `folder`; `overlay` is a dict of config keys on top of it, written to `beside`."""
-    files = [TINY]
-    if overlay is not None:
-        beside = beside or folder.parent
-        beside.mkdir(parents=True, exist_ok=True)
-        files.append(beside / "overlay.yaml")
-        files[-1].write_text(yaml.safe_dump(overlay))
-    # Targets go first: --config and --configfile would swallow them.
-    return snakemake(*targets, "--configfile", *files, "--config", f"results_dir={folder}", cores=cores)
-
-
-@pytest.fixture(scope="module")
-def study(tmp_path_factory):
-    """The tiny study, run for real on two cores."""
-    folder = tmp_path_factory.mktemp("study") / "results"
-    process = tiny(folder)
-    assert process.returncode == 0, process.stderr[-4000:]
+def recorded(folder):
+    """A recording that stands in for an imported one: planning reads its recording.yaml only."""
+    folder.mkdir()
+    (folder / "features.csv").write_text("image,roi\n")
+    content = {"name": folder.name, "kind": "features", "repeats": ["features.csv"]}
+    (folder / "recording.yaml").write_text(yaml.safe_dump(content))
     return folder
 
 
 @pytest.mark.parametrize("config", sorted(path.name for path in (ROOT / "config").glob("*.yaml")))
 def test_every_shipped_config_plans(config, tmp_path):
-    if config == "abdomen.yaml" and not (ROOT / "../shared/real/abdomen_ct").exists():
-        pytest.skip("the real abdominal CT is not beside this checkout")
-    process = snakemake(
-        "-n", "-q", "rules", "--configfile", f"config/{config}", "--config", f"results_dir={tmp_path}/r"
-    )
+    overlay = {"results_dir": f"{tmp_path}/r"}
+    if config == "recordings.yaml":
+        overlay["recordings"] = {name: str(recorded(tmp_path / name)) for name in ("tandem", "dose_series")}
+    (tmp_path / "overlay.yaml").write_text(yaml.safe_dump(overlay))
+    process = snakemake("-n", "-q", "rules", "--configfile", f"config/{config}", tmp_path / "overlay.yaml")
     assert process.returncode == 0, process.stderr[-2000:]
     assert "figure_stability_discrimination" in process.stdout
 
@@ -148,19 +125,6 @@ def test_a_second_run_does_nothing(study):
     process = tiny(study)
     assert process.returncode == 0
     assert "Nothing to be done" in process.stderr + process.stdout
-
-
-def planned(process):
-    """{rule: [wildcards]} of a dry run."""
-    assert process.returncode == 0, process.stderr[-2000:]
-    jobs: dict[str, list[str]] = {}
-    for line in process.stdout.splitlines():
-        if match := re.fullmatch(r"(?:local)?rule (\w+):", line):
-            jobs.setdefault(match[1], [])
-            last = match[1]
-        elif line.startswith("    wildcards: "):
-            jobs[last].append(line.removeprefix("    wildcards: "))
-    return jobs
 
 
 AFTER_STABILITY = {"stability", "top_features", "overlap", "figure_overlap", "figure_stability_discrimination", "all"}
@@ -265,7 +229,7 @@ def test_mistakes_in_the_config(overlay, message, tmp_path):
 
 def test_a_missing_ct_stops_the_phantom_rule(tmp_path):
     ct = {"image": f"{tmp_path}/none.nii.gz", "rois": [{"name": "a", "tissue_class": "b", "file": "m.nii.gz"}]}
-    process = tiny(tmp_path / "r", overlay={"phantom": {"source": "ct", "ct": ct}})
+    process = tiny(tmp_path / "r", overlay={"phantom": {"source": "ct", "ct": ct}, "measured": {"overlay": False}})
     assert process.returncode == 1
     assert f"Error: {tmp_path}/none.nii.gz" in process.stderr, process.stderr[-3000:]
     assert not (tmp_path / "r" / "phantom" / "image.nii.gz").exists()

@@ -10,6 +10,7 @@ from matplotlib.lines import Line2D
 
 from ..errors import InputError
 from ..geometry import Grid
+from ..units import HU_BODY
 from ..volumes import Volume
 from . import axial, style
 from .scans import round_up
@@ -38,7 +39,7 @@ def draw(
     Raises InputError if there is no ROI or an empty one, or if image and phantom do not overlap.
     """
     carried = _carry(phantom, np.array(matrix), image.grid)
-    if not (carried > axial.BODY_THRESHOLD_HU).any():
+    if not (carried > HU_BODY).any():
         raise InputError("figure of the alignment: the phantom lies outside the recording; align it again")
     z = axial.choose_slices(masks)[0]
     y = axial.choose_slices({name: np.moveaxis(mask, 1, 0) for name, mask in masks.items()})[0]
@@ -63,7 +64,7 @@ def draw(
         shown = _show(left, cut(image.array), extent, limits, axial.WINDOW_HU, "gray")
         shade = _show(right, cut(image.array) - cut(carried), extent, limits, (-limit, limit), "RdBu_r")
         right.set_facecolor(UNKNOWN)
-        _outline(left, np.nan_to_num(cut(carried), nan=-1000.0), extent, axial.BODY_THRESHOLD_HU, BODY_COLOUR, 0.7)
+        _outline(left, np.nan_to_num(cut(carried), nan=-1000.0), extent, HU_BODY, BODY_COLOUR, 0.7)
         for roi, mask in masks.items():
             if cut(mask).any():
                 _outline(left, (cut(mask) != 0).astype(float), extent, 0.5, colours[tissue_class[roi]], 1.1)
@@ -96,7 +97,7 @@ def _carry(phantom: Volume, matrix: np.ndarray, grid: Grid) -> np.ndarray:
 
 def _box_mm(carried: np.ndarray, grid: Grid, margin: float = 0.06) -> tuple[float, ...]:
     """Box around the carried body, widened: x low, x high, y low, y high, z low, z high, world mm."""
-    places = np.argwhere(np.nan_to_num(carried, nan=-1000.0) > axial.BODY_THRESHOLD_HU)[:, ::-1]
+    places = np.argwhere(np.nan_to_num(carried, nan=-1000.0) > HU_BODY)[:, ::-1]
     low = places.min(axis=0) * grid.spacing[::-1] + grid.affine[:3, 3]
     high = places.max(axis=0) * grid.spacing[::-1] + grid.affine[:3, 3]
     wider = margin * (high - low).max()
@@ -131,5 +132,5 @@ def _outline(axes: Axes, array: np.ndarray, extent, level: float, colour: str, w
 
 
 def _spread(differences: list[np.ndarray], carried: list[np.ndarray]) -> float:
-    inside = [d[c > axial.BODY_THRESHOLD_HU] for d, c in zip(differences, carried, strict=True)]
+    inside = [d[c > HU_BODY] for d, c in zip(differences, carried, strict=True)]
     return float(np.percentile(np.abs(np.concatenate(inside)), 98))

@@ -1,0 +1,42 @@
+"""Running the workflow from tests."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+TINY = ROOT / "config" / "tiny.yaml"
+
+
+def snakemake(*arguments, cores=2):
+    """Run snakemake in the repository; returns the finished process, output and errors as text."""
+    command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--nolock", *map(str, arguments)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=900)
+
+
+def tiny(folder, *targets, cores=2, overlay=None, beside=None):
+    """The tiny study into `folder`; `overlay` is a dict of config keys on top of it, written to `beside`."""
+    files = [TINY]
+    if overlay is not None:
+        beside = beside or folder.parent
+        beside.mkdir(parents=True, exist_ok=True)
+        files.append(beside / "overlay.yaml")
+        files[-1].write_text(yaml.safe_dump(overlay))
+    # Targets go first: --config and --configfile would swallow them.
+    return snakemake(*targets, "--configfile", *files, "--config", f"results_dir={folder}", cores=cores)
+
+
+def planned(process):
+    """{rule: [wildcards]} of a dry run."""
+    assert process.returncode == 0, process.stderr[-2000:]
+    jobs: dict[str, list[str]] = {}
+    for line in process.stdout.splitlines():
+        if match := re.fullmatch(r"(?:local)?rule (\w+):", line):
+            jobs.setdefault(match[1], [])
+            last = match[1]
+        elif line.startswith("    wildcards: "):
+            jobs[last].append(line.removeprefix("    wildcards: "))
+    return jobs
