@@ -331,13 +331,17 @@ class Search:
         return level_of(self.phantom, self.region, self.image, self.seen, self.coarse / 4)
 
     def run(self, isocentre_mm: Sequence[float] | None) -> sitk.Euler3DTransform:
+        """The whole search."""
+        return self.finish(self.place(isocentre_mm))
+
+    def place(self, isocentre_mm: Sequence[float] | None) -> sitk.Euler3DTransform:
+        """The search from nothing, right to a voxel."""
         coarse, middle = self.coarsest, self.middle
         starts = self.starts(coarse, isocentre_mm)
         fits = [refine(coarse, start, self.metric, 0.5) for start in starts]
         fits.sort(key=lambda fit: -coarse.score(fit))
         fits = [refine(middle, fit, self.metric) for fit in fits[:KEPT_STARTS]]
-        best = max(fits, key=middle.score)
-        return self.finish(best)
+        return max(fits, key=middle.score)
 
     def finish(self, start: sitk.Euler3DTransform) -> sitk.Euler3DTransform:
         """The last refinement, from a transform that is right to a voxel; twice, as the first places the table."""
@@ -511,9 +515,9 @@ def align_recording(
         search = Search(image, phantom, recording.name, metric)
         if total is None:
             total = image.array.astype(np.float64)
-            start = search.run(recording.isocentre_mm)
+            start = search.place(recording.isocentre_mm)
             if len(recording.repeats) == 1:
-                return search.result(start), image, ()
+                return search.result(search.finish(start)), image, ()
         else:
             total += image.array
         own = refine(search.middle, start, metric)
