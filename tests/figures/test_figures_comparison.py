@@ -4,9 +4,8 @@ import matplotlib
 import numpy as np
 import pandas
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from figure_checks import assert_text_fits, texts
 from matplotlib.collections import PathCollection, QuadMesh
-from matplotlib.text import Text
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.figures import comparison as figures
@@ -32,10 +31,6 @@ def table():
     parts[0][FEATURES[0]] = parts[1][FEATURES[0]] = 3.0  # one is constant
     parts[1][FEATURES[1]] = 3.0  # one only in the recording
     return comparison.compare(*parts, FEATURES)
-
-
-def texts(figure):
-    return [text.get_text() for text in figure.findobj(Text) if text.get_text()]
 
 
 def meshes(axes):
@@ -111,13 +106,7 @@ def test_pages_hold_their_text(table):
     one = table[(table["roi"] == "cyst_1") & table["feature"].isin(FEATURES[:2])]
     little = comparison.summary(one)
     for figure in (page, strips, figures.draw(one, little), figures.draw_families(little, 1.0, 2.0)):
-        with style.styled():
-            canvas = FigureCanvasAgg(figure)
-            canvas.draw()
-            tight = figure.get_tightbbox(canvas.get_renderer())
-        assert tight.x0 >= -0.02 and tight.y0 >= -0.02, tight
-        assert tight.x1 <= figure.get_figwidth() + 0.02 and tight.y1 <= figure.get_figheight() + 0.02, tight
-        assert min(text.get_fontsize() for text in figure.findobj(Text)) >= 7
+        assert_text_fits(figure)
     assert page.get_figheight() * 25.4 < 260  # A4 has 297 mm
 
 

@@ -4,18 +4,13 @@ import matplotlib
 import numpy as np
 import pandas
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from figure_checks import assert_text_fits, texts
 from matplotlib.collections import PathCollection
-from matplotlib.text import Text
 from scipy.stats import hypergeom
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.figures import noise_calibration, pca, stability_discrimination, style
 from virtual_phantom.figures import overlap as overlap_figure
-
-
-def texts(figure):
-    return [text.get_text() for text in figure.findobj(Text) if text.get_text()]
 
 
 def points(axes):
@@ -32,14 +27,7 @@ def test_no_text_is_smaller_than_seven_points_or_cut_off(calibration, stability,
         pca.draw(make_pca(), "SIRT"),
         pca.draw(make_pca(measured=60)),
     ):
-        with style.styled():
-            canvas = FigureCanvasAgg(figure)
-            canvas.draw()
-            tight = figure.get_tightbbox(canvas.get_renderer())
-        assert tight.x0 >= -0.02 and tight.y0 >= -0.02, tight
-        assert tight.x1 <= figure.get_figwidth() + 0.02 and tight.y1 <= figure.get_figheight() + 0.02, tight
-        sizes = [text.get_fontsize() for text in figure.findobj(Text)]
-        assert min(sizes) >= 7
+        assert_text_fits(figure)
 
 
 # Noise calibration

@@ -13,12 +13,13 @@ from recording_folders import write_yaml
 from virtual_phantom import fbp
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, helical
+from virtual_phantom.itk import itk_image, itk_resample, matrix_of
 from virtual_phantom.phantom import Roi, ct
 from virtual_phantom.physics.noise import acquisition_seed, simulate_counts
 from virtual_phantom.projectors import projector
-from virtual_phantom.recordings import alignment
-from virtual_phantom.recordings.alignment import align, align_recording, carried_rois, check_same_phantom
+from virtual_phantom.recordings.alignment import align_recording, carried_rois, check_same_phantom
 from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.registration import align, describe, euler
 from virtual_phantom.simulate import clean_line_integrals
 from virtual_phantom.units import attenuation_to_hu
 from virtual_phantom.volumes import Volume
@@ -49,7 +50,7 @@ def points_of(grid: Grid, transform=None) -> np.ndarray:
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     points = np.stack([x, y, z], axis=-1) + grid.centre_mm
     if transform is not None:
-        back = np.linalg.inv(alignment.matrix_of(transform))
+        back = np.linalg.inv(matrix_of(transform))
         points = points @ back[:3, :3].T + back[:3, 3]
     return points - GRID.centre_mm
 
@@ -68,7 +69,7 @@ def phantom():
 def placed(rotation_deg, shift_mm):
     """The phantom's centre at the recording's, then shifted; rotated about it."""
     centre = np.array(OTHER_GRID.centre_mm) - GRID.centre_mm
-    return alignment.euler(GRID.centre_mm, rotation_deg, centre + shift_mm)
+    return euler(GRID.centre_mm, rotation_deg, centre + shift_mm)
 
 
 TURNED = placed((0.5, 1, 3), (5, -9, 3))
@@ -91,7 +92,7 @@ def scanned(transform, noise_hu=20.0, table=False, function=object_hu, seed=1) -
 
 def errors(found, truth, grid=GRID) -> tuple[np.ndarray, float]:
     """Displacement of the phantom's centre, mm (x, y, z), and angle between the rotations, degrees."""
-    found, truth = np.array(found.matrix), alignment.matrix_of(truth)
+    found, truth = np.array(found.matrix), matrix_of(truth)
     turn = np.linalg.inv(truth[:3, :3]) @ found[:3, :3]
     angle = math.degrees(math.acos(min(1, (np.trace(turn) - 1) / 2)))
     return ((found - truth) @ [*grid.centre_mm, 1])[:3], angle
@@ -152,7 +153,7 @@ def test_what_a_uniform_cylinder_does_not_tell_is_said(phantom):
         return object_hu(points * [1, 1, 0])
 
     found = align(scanned(placed((0, 0, 3), (5, 5, 0)), 5, function=rods), Volume(sampled(rods, GRID), GRID), name="a")
-    assert found.undetermined == ("z",) and "its place along z cannot be told" in alignment.describe(found)
+    assert found.undetermined == ("z",) and "its place along z cannot be told" in describe(found)
 
 
 def rois_on(grid, transform=None):
@@ -222,20 +223,8 @@ def test_only_the_study_s_own_phantom(phantom, tmp_path):
 
 def simulated_scan(source: Volume, transform, grid: Grid, noise_level=1e-5) -> Volume:
     """A noisy helical scan, FBP, of a volume that a transform of its world puts somewhere else, HU on `grid`."""
-    fine = grid.refined(1)
-    array = sitk.GetArrayFromImage(
-        sitk.Resample(
-            alignment.itk_image(source.array, source.grid),
-            fine.shape[::-1],
-            transform.GetInverse(),
-            sitk.sitkLinear,
-            tuple(fine.affine[:3, 3]),
-            fine.spacing[::-1],
-            (1, 0, 0, 0, 1, 0, 0, 0, 1),
-            -1000.0,
-            sitk.sitkFloat32,
-        )
-    )
+    image = itk_image(source.array, source.grid)
+    array = itk_resample(image, grid, transform.GetInverse(), -1000.0)
     geometry = helical(
         views=600,
         volume_height_mm=grid.extent_mm[0],
@@ -246,7 +235,7 @@ def simulated_scan(source: Volume, transform, grid: Grid, noise_level=1e-5) -> V
         column_pitch_mm=3.0,
         row_pitch_mm=3.2,
     )
-    clean = clean_line_integrals(Volume(array, fine), geometry, MU_WATER, threads=2)
+    clean = clean_line_integrals(Volume(array, grid), geometry, MU_WATER, threads=2)
     counts = simulate_counts(clean, noise_level, "physical", acquisition_seed(1, "a", "b", 0))
     image = fbp.fbp(projector("cpu", geometry, grid, 1, 2), counts.line_integrals(0.5)[None])[0]
     return Volume(attenuation_to_hu(image, MU_WATER).astype(np.float32), grid)
@@ -262,7 +251,7 @@ def test_a_simulated_scan_of_the_clinical_ct_registered_back():
     study = Grid((20, 144, 144), (2.0, 2.6, 2.6), centre)
     phantom = Volume(ct.resample(trunk, study, outside=-1000.0), study)
     own = Grid((32, 220, 220), (2.0, 2.0, 2.0), (centre[0] + 3, centre[1] - 14, centre[2] + 4))
-    truth = alignment.euler(centre, (0.8, -0.6, 5), (9, -17, 5))
+    truth = euler(centre, (0.8, -0.6, 5), (9, -17, 5))
     found = align(simulated_scan(trunk, truth, own), phantom, name="abdomen")
     shift, angle = errors(found, truth, study)
     assert np.abs(shift).max() < 0.2 * 2.0 and angle < 0.1, (shift, angle)

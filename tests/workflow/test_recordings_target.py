@@ -1,17 +1,15 @@
 """`snakemake recordings`: the list of what was found, and one line for what cannot be read."""
 
 import json
-import subprocess
 import sys
-from pathlib import Path
 
 import nibabel
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from workflow_runs import ROOT, TINY, snakemake
 
-ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "phantom"))
 sys.path.insert(0, str(ROOT / "tests" / "recordings"))
 
@@ -25,23 +23,7 @@ def target(tmp_path):
     overlay = tmp_path / "overlay.yaml"
     content = {"results_dir": f"{tmp_path}/r", "recordings": {"b": str(bench), "t": str(table)}}
     overlay.write_text(yaml.safe_dump(content))
-    command = [
-        sys.executable,
-        "-m",
-        "snakemake",
-        "--cores",
-        "2",
-        "--nolock",
-        "--configfile",
-        "config/tiny.yaml",
-        overlay,
-    ]
-
-    def run(*arguments):
-        whole = [*command, *arguments, "--", "recordings"]
-        return subprocess.run(whole, cwd=ROOT, capture_output=True, text=True, timeout=300)
-
-    return run
+    return lambda *arguments: snakemake(*arguments, "recordings", "--configfile", TINY, overlay)
 
 
 def test_the_target_lists_recordings_and_stops_at_a_bad_one(target, tmp_path):
@@ -73,20 +55,9 @@ def test_the_alignment_target_carries_the_phantom_s_rois(tmp_path):
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
     (folder / "a.nii.gz").touch()
     overlay.write_text(yaml.safe_dump({"results_dir": f"{tmp_path}/r", "recordings": {"m": str(folder)}}))
-    command = [
-        sys.executable,
-        "-m",
-        "snakemake",
-        "--cores",
-        "2",
-        "--nolock",
-        "--configfile",
-        "config/tiny.yaml",
-        overlay,
-    ]
 
     def run(target):
-        return subprocess.run([*command, "--", target], cwd=ROOT, capture_output=True, text=True, timeout=300)
+        return snakemake(target, "--configfile", TINY, overlay)
 
     process = run(f"{tmp_path}/r/phantom/rois.csv")
     assert process.returncode == 0, process.stderr[-3000:]

@@ -8,7 +8,7 @@ from virtual_phantom import files, volumes
 from virtual_phantom.errors import InputError
 from virtual_phantom.job import job
 from virtual_phantom.phantom import Roi, read_masks, save_rois
-from virtual_phantom.recordings import alignment
+from virtual_phantom.recordings import alignment, registration
 from virtual_phantom.recordings.reading import load
 
 with job(snakemake) as log:
@@ -36,6 +36,6 @@ with job(snakemake) as log:
     volumes.write_nifti(image, snakemake.output.image)
     save_rois(carried, image, Path(snakemake.output.table).parent)
     files.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", snakemake.output.alignment)
-    text = f"{name}: {alignment.describe(found)}"
+    text = f"{name}: {registration.describe(found)}"
     log.info("%s", text)
     print(text)

@@ -12,6 +12,7 @@ import SimpleITK as sitk
 from ..config import schema_of, validate
 from ..errors import InputError
 from ..geometry import Grid
+from ..itk import itk_image, itk_resample
 from ..units import HU_AIR, HU_BODY
 from ..volumes import Volume, read_nifti
 from . import HALF_COVERED, Phantom, Roi, block_mean
@@ -200,9 +201,7 @@ def resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
     Sampled at points no farther apart than the volume's own voxels, so that nothing falls between them.
     """
     samples = max(math.ceil(wide / own - 1e-6) for wide, own in zip(grid.spacing, volume.grid.spacing, strict=True))
-    image = sitk.GetImageFromArray(volume.array)
-    image.SetSpacing(volume.grid.spacing[::-1])
-    image.SetOrigin(tuple(volume.grid.affine[:3, 3]))
+    image = itk_image(volume.array, volume.grid)
     result = np.empty(grid.shape, np.float32)
     for first in range(0, grid.shape[0], SLAB_SLICES):
         last = min(first + SLAB_SLICES, grid.shape[0])
@@ -210,16 +209,6 @@ def resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
         slab = replace(grid, shape=(last - first, *grid.shape[1:]), centre_mm=(*grid.centre_mm[:2], middle)).refined(
             samples
         )
-        part = sitk.Resample(
-            image,
-            slab.shape[::-1],
-            sitk.Transform(),
-            sitk.sitkLinear,
-            tuple(slab.affine[:3, 3]),
-            slab.spacing[::-1],
-            (1, 0, 0, 0, 1, 0, 0, 0, 1),
-            outside,
-            sitk.sitkFloat32,
-        )
-        result[first:last] = block_mean(sitk.GetArrayFromImage(part), samples)
+        part = itk_resample(image, slab, sitk.Transform(), outside)
+        result[first:last] = block_mean(part, samples)
     return result
