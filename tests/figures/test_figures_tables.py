@@ -245,6 +245,12 @@ def test_colour_follows_the_parameter(make_pca):
         assert len(set.union(*of_value.values())) == table[column].nunique()
 
 
+def test_thousands_of_projections_are_written_in_full(make_pca):
+    table = make_pca(("a",), 0)
+    said = texts(pca.draw(table.assign(projections=10 * table["projections"])))
+    assert {"1500", "4500"} <= set(said) and not any("e+" in text for text in said)
+
+
 def test_many_measured_lie_beneath_with_means_on_top(make_pca):
     table = make_pca(("a", "b"), 80)
     axes = pca.draw(table).axes[0]

@@ -72,7 +72,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
         if steps is not None:
             bar.set_ticks(
                 (mappable.norm.boundaries[1:] + mappable.norm.boundaries[:-1]) / 2,
-                labels=[f"{step:.3g}" for step in steps],
+                labels=[style.number(step) for step in steps],
             )
             bar.ax.tick_params(length=0)
         bar.ax.text(
