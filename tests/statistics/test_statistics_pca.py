@@ -173,6 +173,10 @@ def test_no_point_is_judged_by_repeats_of_its_own_setting():
             lambda: pca.separability(pca.project(simulated()).query("roi == 'cyst_1'"), "x"),
             "at least two tissue classes",
         ),
+        (
+            lambda: pca.separability(pca.project(simulated().query("seed == 0")), "x"),
+            "pca x: with one setting left out, simulated points are no more than the tissue classes",
+        ),
     ],
 )
 def test_bad_input_is_one_clear_line(call, message):

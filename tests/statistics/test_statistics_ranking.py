@@ -123,3 +123,21 @@ def test_published_lists_are_the_papers():
             "glszm_SizeZoneNonUniformity",
         ],
     ]
+
+
+@pytest.mark.parametrize(
+    "spoil, message",
+    [
+        (lambda scores: scores.drop(columns="stability_percent"), "lacks the column stability_percent"),
+        (lambda scores: scores.assign(discrimination_percent=np.nan), "values that are not finite"),
+        (lambda scores: scores.assign(discrimination_percent="5,0"), "values that are not finite"),
+    ],
+)
+def test_a_broken_table_of_scores_is_refused(spoil, message):
+    good = table(np.arange(86.0))
+    with pytest.raises(InputError, match=f"scores of the simulation: .*{message}"):
+        ranking.top(spoil(good), measured.load_published_top())
+    with pytest.raises(InputError, match=f"scores of the simulation: .*{message}"):
+        ranking.overlap(spoil(good), good)
+    with pytest.raises(InputError, match=f"measured scores: .*{message}"):
+        ranking.overlap(good, spoil(good))

@@ -96,7 +96,8 @@ def separability(points: pd.DataFrame, name: str) -> pd.DataFrame:
     no point is judged by repeats of its own setting; with a single setting, one repeat (seed) at a time.
     Returns one row per source: pca, source, left_out (setting | repeat), accuracy (0 to 1), largest_class
     (what guessing the commonest class would reach), n (points).
-    Raises InputError for fewer than two classes, or if nothing can be left out.
+    Raises InputError for fewer than two classes, if nothing can be left out, or if what remains is not more points than
+    classes.
     """
     rows = []
     for source, part in points.groupby("source", sort=False):
@@ -107,6 +108,11 @@ def separability(points: pd.DataFrame, name: str) -> pd.DataFrame:
         if len(np.unique(classes)) < 2 or blocks.nunique() < 2:
             raise InputError(
                 f"pca {name}: {source} points need at least two tissue classes and two settings or repeats"
+            )
+        if len(part) - blocks.value_counts().max() <= len(np.unique(classes)):
+            raise InputError(
+                f"pca {name}: with one {left_out} left out, {source} points are no more than the tissue classes; "
+                "give more repeats or settings"
             )
         predicted = cross_val_predict(
             LinearDiscriminantAnalysis(),

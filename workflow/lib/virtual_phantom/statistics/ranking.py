@@ -24,7 +24,9 @@ def top(scores: pd.DataFrame, published: pd.DataFrame, n: int = 10) -> pd.DataFr
     Returns per rank and kind: {kind}_simulated, {kind}_simulated_percent, {kind}_simulated_tied (how many
     features share the score: where this is more than one, rank and even membership follow the order of names,
     not merit), {kind}_published_simulator, {kind}_published_phantom.
+    Raises InputError if scores lack a column or are not finite.
     """
+    _check(scores, "scores of the simulation")
     columns: dict[str, object] = {"rank": np.arange(1, n + 1)}
     for kind in KINDS:
         percent = scores[f"{kind}_percent"]
@@ -74,8 +76,11 @@ def overlap(simulated: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
     95 %; averaging over ties makes the overlap of unrelated lists vary less, so the band is on the safe
     side), and, the same in every row, area_{kind} and area_expected: means over n of the three curves (1 is
     full agreement), and n_features.
-    Raises InputError if the tables share fewer than two features.
+    Raises InputError if a table lacks a column or holds scores that are not finite, or they share fewer than two
+    features.
     """
+    _check(simulated, "scores of the simulation")
+    _check(measured, "measured scores")
     common = [feature for feature in simulated["feature"] if feature in set(measured["feature"])]
     if len(common) < 2:
         raise InputError(f"overlap: the two tables of scores share {len(common)} features")
@@ -91,3 +96,11 @@ def overlap(simulated: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
     for kind in KINDS:
         result[f"area_{kind}"] = result[f"overlap_{kind}_percent"].mean() / 100
     return result.assign(area_expected=result["expected_percent"].mean() / 100, n_features=len(common))
+
+
+def _check(scores: pd.DataFrame, name: str) -> None:
+    columns = [f"{kind}_percent" for kind in KINDS]
+    if missing := [column for column in ("feature", *columns) if column not in scores]:
+        raise InputError(f"{name}: lacks the column {missing[0]}; make the table anew")
+    if not np.isfinite(scores[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)).all():
+        raise InputError(f"{name}: holds values that are not finite numbers; make the table anew")
