@@ -118,6 +118,10 @@ def test_selecting_takes_the_first_seeds():
             lambda: feature_table.finite_values(TABLES[0].assign(**{FEATURES[4]: np.nan}), FEATURES, "features.csv"),
             "features.csv: original_firstorder_InterquartileRange is nan for protocol sirt_200",
         ),
+        (
+            lambda: feature_table.finite_values(TABLES[0].assign(**{FEATURES[4]: "1.2.3"}), FEATURES, "features.csv"),
+            "features.csv: original_firstorder_InterquartileRange is 1.2.3 for protocol sirt_200",
+        ),
     ],
 )
 def test_bad_input_is_one_clear_line(call, message):

@@ -40,7 +40,7 @@ def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     tables.
 
     The order of `tables` does not matter. Raises InputError if two rows describe the same ROI of the same
-    image, or rows were made with different settings or versions.
+    image, an ROI is not in every table, or rows were made with different settings or versions.
     """
     tables = list(tables)
     roi_order = dict.fromkeys(tables[0]["roi"])
@@ -85,14 +85,13 @@ def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str
 
 
 def finite_values(table: pd.DataFrame, features: Sequence[str], source: str) -> np.ndarray:
-    """The features as float64 (rows, features). Raises InputError naming the first value that is not
+    """The features as float64 (rows, features). Raises InputError naming the first value that is text or not
     finite."""
-    values = table[list(features)].to_numpy(dtype=np.float64)
+    values = table[list(features)].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
     if not np.isfinite(values).all():
         row, column = np.argwhere(~np.isfinite(values))[0]
+        value = table[features[column]].iloc[row]
         known = [key for key in (*ACQUISITION, "group", "scan", "roi") if key in table]
         where = ", ".join(f"{key} {table[key].iloc[row]}" for key in known)
-        raise InputError(
-            f"{source}: {features[column]} is {values[row, column]} for {where}; is that ROI large enough?"
-        )
+        raise InputError(f"{source}: {features[column]} is {value} for {where}; is that ROI large enough?")
     return values
