@@ -104,7 +104,7 @@ def extract(volume: Volume, masks: dict[str, np.ndarray], name: str = "image") -
     Returns one row per ROI, in the order of `masks`: roi, n_voxels, grey_levels (occupied bins),
     settings_hash, versions, then FEATURES. Warns (RadiomicsWarning) of ROIs with fewer than MINIMUM_VOXELS
     voxels or MINIMUM_GREY_LEVELS occupied bins. Raises InputError for a mask on another grid, an empty mask,
-    an ROI of one voxel, or voxels of the image that are not finite.
+    an ROI of one voxel, or voxels of the image that are not finite; TypeError for a mask that is not boolean.
     """
     if not np.isfinite(volume.array).all():
         bad = np.count_nonzero(~np.isfinite(volume.array))

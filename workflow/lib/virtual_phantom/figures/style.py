@@ -151,7 +151,7 @@ def parameter_colours(values: np.ndarray, most_discrete: int = 12) -> tuple[Scal
     """Colours for an ordered parameter: a step of viridis for each distinct value, a ramp if they are many.
 
     The lightest tenth of viridis is left out: it cannot be seen on white. Returns the mappable and, of
-    steps, the distinct values (the places of its ticks).
+    steps, the distinct values.
     """
     viridis = matplotlib.colormaps["viridis"]
     distinct = np.unique(values)
