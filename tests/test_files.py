@@ -5,6 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import SimpleITK as sitk
+from scanner import SCANNER
 
 from virtual_phantom import exchange, files
 from virtual_phantom.errors import InputError
@@ -15,8 +16,7 @@ from virtual_phantom.volumes import Volume, read_nifti, write_nifti
 GEOMETRY = helical(
     views=5,
     volume_height_mm=20,
-    source_to_isocentre_mm=500.0,
-    source_to_detector_mm=1000.0,
+    **SCANNER,
     columns=7,
     rows=3,
     column_pitch_mm=2.0,

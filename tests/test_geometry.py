@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scanner import SCANNER
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, ScanGeometry, circular, helical
 
 DETECTOR = dict(
-    source_to_isocentre_mm=500.0,
-    source_to_detector_mm=1000.0,
+    **SCANNER,
     columns=101,
     rows=11,
     column_pitch_mm=2.0,

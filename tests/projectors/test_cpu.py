@@ -4,12 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from scanner import SCANNER
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, circular, helical
 from virtual_phantom.projectors.cpu import CpuProjector
-
-SCANNER = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0)
 
 
 def ellipsoid_chords(geometry, centre, semi_axes):

@@ -3,6 +3,7 @@
 import astra
 import numpy as np
 import pytest
+from scanner import SCANNER
 
 from virtual_phantom import projectors
 from virtual_phantom.errors import InputError
@@ -14,8 +15,7 @@ needs_cuda = pytest.mark.skipif(not astra.use_cuda(), reason="ASTRA finds no CUD
 GEOMETRY = helical(
     views=40,
     volume_height_mm=48,
-    source_to_isocentre_mm=500.0,
-    source_to_detector_mm=1000.0,
+    **SCANNER,
     columns=60,
     rows=16,
     column_pitch_mm=6.0,
