@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from figure_checks import texts
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -12,10 +13,6 @@ from virtual_phantom.errors import InputError
 from virtual_phantom.figures import axial, rois, scans
 from virtual_phantom.geometry import Grid
 from virtual_phantom.volumes import Volume
-
-
-def texts(figure):
-    return [text.get_text() for text in figure.findobj(Text) if text.get_text()]
 
 
 def place_on_page(figure, axes, chosen):

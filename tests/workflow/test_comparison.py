@@ -41,6 +41,7 @@ OVERLAY = {
                 "where": {"protocol": "sirt_150"},
                 "protocol": "sirt_300",
                 "noise": "dose10",
+                "attribute": True,
             },
         },
     },
@@ -92,7 +93,7 @@ def test_a_recording_agrees_with_what_made_it_and_not_with_another_protocol(comp
 
 
 def test_figures_and_tables_of_recordings_are_there(compared):
-    for name in ("comparison_same", "comparison_other", "overlap_own", "pca_sirt"):
+    for name in ("comparison_same", "comparison_other", "attribution_other", "overlap_own", "pca_sirt"):
         assert (compared / "figures" / f"{name}.png").stat().st_size > 10_000
     points = pd.read_csv(compared / "tables" / "pca_sirt.csv")
     # One marker per condition and ROI.

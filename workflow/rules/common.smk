@@ -102,7 +102,10 @@ def targets():
         if PLAN.config["measured"]["overlay"]:
             wanted.append(figure("overlap"))
     wanted += [figure(f"pca_{name}") for name in ANALYSES.get("pca", {})]
-    wanted += [figure(f"comparison_{name}") for name in ANALYSES.get("comparison", {})]
+    for name, comparison in ANALYSES.get("comparison", {}).items():
+        wanted.append(figure(f"comparison_{name}"))
+        if comparison["attribute"]:
+            wanted.append(figure(f"attribution_{name}"))
     wanted += [
         figure(f"overlap_{name}")
         for name in ANALYSES.get("stability", {}).get("recordings", [])

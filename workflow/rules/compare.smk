@@ -151,6 +151,68 @@ rule figure_comparison:
         "../scripts/figures/comparison.py"
 
 
+rule attribute:
+    """Which property of the images explains that features miss a recording's."""
+    input:
+        images=lambda wildcards: expand(
+            f"{RESULTS}/images/{{protocol}}/{{noise}}/seed{{seed}}.nii.gz",
+            protocol=COMPARISONS[wildcards.comparison]["protocol"],
+            noise=COMPARISONS[wildcards.comparison]["noise"],
+            seed=PLAN.seeds(COMPARISONS[wildcards.comparison]["noise"]),
+        ),
+        rois=rules.phantom.output.table,
+        masks=rules.phantom.output.rois,
+        recorded=lambda wildcards: "{}/recordings/{}/features.csv".format(
+            RESULTS, COMPARISONS[wildcards.comparison]["recording"]
+        ),
+        code=code("attribute.py"),
+    output:
+        properties=f"{RESULTS}/tables/attribution_{{comparison}}.csv",
+        cells=f"{RESULTS}/tables/attribution_{{comparison}}_cells.csv",
+    log:
+        f"{RESULTS}/logs/attribute/{{comparison}}.log",
+    wildcard_constraints:
+        comparison="|".join(COMPARISONS) or "none",
+    resources:
+        mem_mb=megabytes(volumes=60),
+        runtime=60,
+    params:
+        recording=lambda wildcards: COMPARISONS[wildcards.comparison]["recording"],
+        where=lambda wildcards: COMPARISONS[wildcards.comparison]["where"],
+        rois=lambda wildcards: COMPARISONS[wildcards.comparison].get("rois"),
+        margin_sd=lambda wildcards: COMPARISONS[wildcards.comparison]["margin_sd"],
+        voxel_mm=lambda wildcards: RECORDINGS[
+            COMPARISONS[wildcards.comparison]["recording"]
+        ]
+        .content["nominal"]
+        .get("voxel_mm"),
+    script:
+        "../scripts/attribute.py"
+
+
+rule figure_attribution:
+    """What each property explains, by family of features."""
+    input:
+        table=rules.attribute.output.properties,
+        code=code("figures/attribution.py"),
+    output:
+        png=report(
+            f"{RESULTS}/figures/attribution_{{comparison}}.png",
+            caption="../report/attribution.rst",
+            category="Recordings",
+            labels={"figure": "attribution {comparison}"},
+        ),
+        pdf=f"{RESULTS}/figures/attribution_{{comparison}}.pdf",
+    log:
+        f"{RESULTS}/logs/figure_attribution/{{comparison}}.log",
+    resources:
+        **FIGURE_RESOURCES,
+    params:
+        title=comparison_title,
+    script:
+        "../scripts/figures/attribution.py"
+
+
 rule recording_scores:
     """Stability and discriminative power of a recording's features."""
     input:

@@ -26,6 +26,7 @@ from radiomics.imageoperations import binImage
 from scipy import ndimage
 
 from .errors import InputError
+from .geometry import Grid
 from .volumes import Volume
 
 FAMILIES = {"firstorder": "first order", "glcm": "GLCM", "gldm": "GLDM", "glrlm": "GLRLM", "glszm": "GLSZM"}
@@ -137,6 +138,12 @@ def extract(volume: Volume, masks: dict[str, np.ndarray], name: str = "image") -
         )
         _warn_if_poor(name, rows[-1])
     return pd.DataFrame(rows)
+
+
+def extract_repeats(images: np.ndarray, grid: Grid, masks: dict[str, np.ndarray], name: str) -> pd.DataFrame:
+    """`extract` of every image of [repeat, z, y, x], one table below the other."""
+    volumes = (Volume(image.astype(np.float32), grid) for image in images)
+    return pd.concat([extract(volume, masks, f"{name}, repeat {i}") for i, volume in enumerate(volumes)])
 
 
 @cache
