@@ -1,5 +1,16 @@
+from pathlib import Path
+
 import pytest
 from workflow_runs import tiny
+
+HERE = Path(__file__).parent
+
+
+def pytest_collection_modifyitems(items):
+    """Workflow tests share one study and the checkout: one worker of `pytest -n` runs them all."""
+    for item in items:
+        if HERE in item.path.parents:
+            item.add_marker(pytest.mark.xdist_group("workflow"))
 
 
 @pytest.fixture(scope="session")
