@@ -17,6 +17,9 @@ VIEWS_PER_BLOCK = 16
 class CpuProjector:
     """Forward and back-projection of `lanes` realisations at once between a grid and a scan geometry.
 
+    centre_mm   of the grid from the isocentre (x, y, z), mm, whatever grid.centre_mm says of its world;
+                `back_parallel` asks for (0, 0, 0)
+
     Stacks that a caller hands in or gets back are [lane, z, y, x] and [lane, view, row, column]. Between the two
     calls `pack_*` and `unpack_*` they stay in the kernels' own layout (see kernels.py), on which sums and products
     element by element are valid as they are.
@@ -24,8 +27,15 @@ class CpuProjector:
 
     views_per_block = VIEWS_PER_BLOCK
 
-    def __init__(self, geometry: ScanGeometry, grid: Grid, lanes: int = 1, threads: int = 1):
-        half_diagonal = np.hypot(*grid.extent_mm[1:]) / 2
+    def __init__(
+        self,
+        geometry: ScanGeometry,
+        grid: Grid,
+        lanes: int = 1,
+        threads: int = 1,
+        centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    ):
+        half_diagonal = np.hypot(*grid.extent_mm[1:]) / 2 + np.hypot(*centre_mm[:2])
         if half_diagonal >= geometry.source_to_isocentre_mm:
             raise InputError(
                 f"grid: its corners lie {half_diagonal:.0f} mm from the isocentre, outside the source's orbit of "
@@ -34,7 +44,7 @@ class CpuProjector:
         self.geometry, self.grid, self.lanes, self.threads = geometry, grid, lanes, threads
         self._lanes = (0,) * lanes
         self._sine, self._cosine = np.sin(geometry.angles_rad), np.cos(geometry.angles_rad)
-        self._source_z = np.array(geometry.source_z_mm)
+        self._source_z = np.array(geometry.source_z_mm) - centre_mm[2]
         self._geometry = (
             geometry.source_to_isocentre_mm,
             geometry.source_to_detector_mm,
@@ -42,6 +52,8 @@ class CpuProjector:
             geometry.column_pitch_mm,
             float(geometry.row_positions_mm()[0]),
             geometry.row_pitch_mm,
+            float(centre_mm[0]),
+            float(centre_mm[1]),
         )
 
     def empty_volume(self) -> np.ndarray:

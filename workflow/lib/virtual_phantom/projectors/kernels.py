@@ -31,11 +31,16 @@ OPTIONS = dict(fastmath=True, nogil=True, cache=True, error_model="numpy")
 
 @njit(**OPTIONS)
 def _ray(view, column, sine, cosine, geometry):
-    """In-plane source position and direction to the detector column (the whole way from source to detector)."""
+    """In-plane source position, from the grid's centre, and direction to the detector column (all the way to it)."""
     radius, distance, first_column, column_pitch = geometry[0], geometry[1], geometry[2], geometry[3]
     s, c = sine[view], cosine[view]
     along = first_column + column * column_pitch
-    return -radius * s, radius * c, distance * s + along * c, -distance * c + along * s
+    return (
+        -radius * s - geometry[6],
+        radius * c - geometry[7],
+        distance * s + along * c,
+        -distance * c + along * s,
+    )
 
 
 @njit(**OPTIONS)
@@ -63,8 +68,8 @@ def _columns_of_tile(view, x0, x1, y0, y1, shape, spacing, columns, sine, cosine
     for x in (x0 - 1, x1):
         for y in (y0 - 1, y1):
             # Padded index i is the voxel i - 1.
-            at_x = (x - 1 - (nx - 1) * 0.5) * dx
-            at_y = (y - 1 - (ny - 1) * 0.5) * dy
+            at_x = (x - 1 - (nx - 1) * 0.5) * dx + geometry[6]
+            at_y = (y - 1 - (ny - 1) * 0.5) * dy + geometry[7]
             depth = radius + at_x * sine[view] - at_y * cosine[view]
             if depth <= 0:
                 return 0, columns
@@ -81,7 +86,8 @@ def trace(
     """Joseph projection of every view from `first_view` on, or (transpose) its exact adjoint.
 
     shape (z, y, x), spacing (z, y, x) mm, detector (views in `projections`, columns, rows), geometry
-    (source to isocentre, source to detector, first column, column pitch, first row, row pitch) mm.
+    (source to isocentre, source to detector, first column, column pitch, first row, row pitch, x and y of the grid's
+    centre) mm; source_z from the grid's centre, mm.
     Adds to `projections` what `path_lengths` must then scale; transpose adds to `volume` and needs scaled projections.
     A sample belongs to the tile of the first of the voxel columns that it is interpolated from.
     """
@@ -235,7 +241,7 @@ def back_project(
     nz, ny, nx = shape
     dz, dy, dx = spacing
     views, columns, rows = detector
-    radius, distance, first_column, column_pitch, first_row, row_pitch = geometry
+    radius, distance, first_column, column_pitch, first_row, row_pitch, centre_x, centre_y = geometry
     step = (rows + 2) * count
     for y0 in range(first_y, last_y, TILE):
         for x0 in range(0, nx, TILE):
@@ -243,9 +249,9 @@ def back_project(
                 view = first_view + i
                 s, c = sine[view], cosine[view]
                 for y in range(y0, min(y0 + TILE, last_y)):
-                    position_y = (y - (ny - 1) * 0.5) * dy
+                    position_y = (y - (ny - 1) * 0.5) * dy + centre_y
                     for x in range(x0, min(x0 + TILE, nx)):
-                        position_x = (x - (nx - 1) * 0.5) * dx
+                        position_x = (x - (nx - 1) * 0.5) * dx + centre_x
                         depth = radius + position_x * s - position_y * c
                         magnification = distance / depth
                         across = ((position_x * c + position_y * s) * magnification - first_column) / column_pitch + 1.0

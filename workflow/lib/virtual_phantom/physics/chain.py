@@ -1,0 +1,201 @@
+"""The acquisition chain: the baseline and whatever effects are switched on, from path lengths to the mean signal.
+
+Baseline (Flouris et al., Sci. Rep. 2022): one energy, a point source, an ideal detector, Poisson noise, the logarithm.
+Effects act in the order of `effect.STAGES`; with none the chain gives the baseline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..geometry import ScanGeometry
+from .effect import STAGES, load
+from .scene import IN_PLACE, Pose, VoxelScene
+
+
+@dataclass
+class State:
+    """What effects change, stage by stage.
+
+    geometry           of the scan as it really is
+    motion_mm          (view, 3) displacement of the object, or None
+    anode              of the tube
+    spectrum           (energies in keV, shares of the signal) or None for the monochromatic beam
+    sources            displacements (column mm, row mm) of points of the focal spot, and their weights
+    fluence            photons that leave the tube towards each pixel, relative, broadcastable to [view, row, column]
+    signal, air        mean signal with the object and without, [view, row, column] (air may have one view), relative to
+                       the photons of a pixel in air at fluence 1
+    photons            per pixel in air at fluence 1: 1/A
+    electronic         standard deviation of electronic noise, photons
+    neighbours         (column, row, view): share of the signal that goes to the next pixel on either side (column, row)
+                       or stays until the next view, after the quantum noise is in it
+    gain               factor of each pixel since the air scan, broadcastable to [row, column]
+    """
+
+    geometry: ScanGeometry
+    photons: float = 1e5
+    motion_mm: np.ndarray | None = None
+    anode: str = "W"
+    spectrum: tuple[np.ndarray, np.ndarray] | None = None
+    sources: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 1.0),)
+    fluence: np.ndarray = field(default_factory=lambda: np.ones((1, 1, 1)))
+    signal: np.ndarray | None = None
+    air: np.ndarray | None = None
+    electronic: float = 0.0
+    neighbours: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gain: np.ndarray | None = None
+
+    @property
+    def measured(self) -> np.ndarray:
+        """The mean signal as it is read out, [view, row, column]."""
+        signal = shared(self.signal, self.neighbours)
+        return signal if self.gain is None else signal * self.gain
+
+    @property
+    def measured_air(self) -> np.ndarray:
+        """The air scan as it is read out, [view or 1, row, column]."""
+        return shared(self.air, (*self.neighbours[:2], 0.0))
+
+    def line_integrals(self) -> np.ndarray:
+        """-ln(signal / air) of the means, float64 [view, row, column]."""
+        return -np.log(self.measured / self.measured_air)
+
+    def variance(self) -> np.ndarray:
+        """Of the line integrals, to first order in the noise: that of the signal over its mean squared."""
+        quantum = shared(self.signal / self.photons, self.neighbours, squared=True)
+        return (quantum + (self.electronic / self.photons) ** 2) / shared(self.signal, self.neighbours) ** 2
+
+    def counts(self, random: np.random.Generator) -> np.ndarray:
+        """One noisy scan in photons, float64 [view, row, column]: Poisson, shared by neighbours, electronic noise."""
+        read = shared(random.poisson(self.signal * self.photons).astype(np.float64), self.neighbours)
+        if self.electronic:
+            read += self.electronic * random.normal(size=read.shape)
+        return read if self.gain is None else read * self.gain
+
+    def correlations(self) -> tuple[float, float, float]:
+        """Of the quantum noise of neighbouring columns, rows and views, uniform signal."""
+        column, row, view = self.neighbours
+        tap = [2 * c * (1 - 2 * c) / ((1 - 2 * c) ** 2 + 2 * c**2) for c in (column, row)]
+        return tap[0], tap[1], view * (1 - view) / (view**2 + (1 - view) ** 2)
+
+
+def shared(array: np.ndarray, neighbours: tuple[float, float, float], squared: bool = False) -> np.ndarray:
+    """What neighbours share: (c, 1 - 2c, c) along columns and rows, (1 - c, c) from a view to the next.
+
+    squared   the weights are squared: variances of independent values
+    Signal that would leave the detector stays in the pixel at its edge; the first view has nothing before it.
+    """
+    for axis, share in zip((2, 1), neighbours[:2], strict=True):
+        if share and array.shape[axis] > 1:
+            array = blurred(array, share, axis, squared)
+    if neighbours[2] and array.shape[0] > 1:
+        keep, late = 1 - neighbours[2], neighbours[2]
+        before = np.concatenate([array[:1], array[:-1]])
+        array = keep**2 * array + late**2 * before if squared else keep * array + late * before
+    return array
+
+
+def blurred(array: np.ndarray, share: float, axis: int, squared: bool = False) -> np.ndarray:
+    """(c, 1 - 2c, c) along an axis, edge pixels keeping what would leave."""
+    middle, side = ((1 - 2 * share) ** 2, share**2) if squared else (1 - 2 * share, share)
+    array = np.moveaxis(array, axis, -1)
+    result = middle * array
+    result[..., 1:] += side * array[..., :-1]
+    result[..., :-1] += side * array[..., 1:]
+    result[..., 0] += side * array[..., 0]
+    result[..., -1] += side * array[..., -1]
+    return np.moveaxis(result, -1, axis)
+
+
+class Chain:
+    """The mean signal of a scene in a geometry, for any settings of effects.
+
+    Path lengths are kept from call to call: a fit varies one parameter at a time, and most leave them alone.
+    """
+
+    KEPT = 12
+
+    def __init__(self, scene: VoxelScene, geometry: ScanGeometry, photons: float = 1e5):
+        self.scene, self.geometry, self.photons = scene, geometry, photons
+        self._paths: dict = {}
+
+    def state(
+        self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, photons: float | None = None, **extra
+    ) -> State:
+        """The chain run through, means and what noise needs.
+
+        physics   {effect: {parameter: value}}; none gives the baseline
+        extra     fields of the State to begin with
+        """
+        state = State(self.geometry, photons or self.photons, **extra)
+        effects = sorted((load(name) for name in physics), key=lambda effect: STAGES.index(effect.stage))
+        before = [effect for effect in effects if STAGES.index(effect.stage) < STAGES.index("scatter")]
+        for effect in before:
+            effect.apply(state, physics[effect.name])
+        self._transmit(state, pose)
+        for effect in effects[len(before) :]:
+            effect.apply(state, physics[effect.name])
+        return state
+
+    def _transmit(self, state: State, pose: Pose) -> None:
+        total = 0.0
+        for column_mm, row_mm, weight in state.sources:
+            geometry = displaced(state.geometry, column_mm, row_mm)
+            total = total + weight * self.transmission(geometry, pose, state.motion_mm, state.spectrum)
+        state.air = np.broadcast_to(state.fluence, (state.fluence.shape[0], *total.shape[1:])).copy()
+        state.signal = total * state.fluence
+
+    def transmission(self, geometry: ScanGeometry, pose: Pose, motion_mm=None, spectrum=None) -> np.ndarray:
+        """Share of the signal in air, float64 [view, row, column]."""
+        paths = self._path_lengths(geometry, pose, motion_mm)
+        if spectrum is None:
+            return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))
+        from .materials import attenuation_per_mm
+
+        energies, shares = spectrum
+        table = np.stack([attenuation_per_mm(material, energies) for material in self.scene.materials])
+        total = np.zeros(paths.shape[1:])
+        for column, share in zip(table.T.astype(np.float32), shares, strict=True):
+            total += share * np.exp(-np.tensordot(column, paths, 1))
+        return total
+
+    def _path_lengths(self, geometry, pose, motion_mm) -> np.ndarray:
+        key = (
+            geometry.source_to_isocentre_mm,
+            geometry.source_to_detector_mm,
+            geometry.column_offset_px,
+            geometry.row_offset_px,
+            geometry.angles_rad.tobytes(),
+            geometry.source_z_mm.tobytes(),
+            pose,
+            None if motion_mm is None else motion_mm.tobytes(),
+        )
+        if key not in self._paths:
+            while len(self._paths) >= self.KEPT:
+                self._paths.pop(next(iter(self._paths)))
+            self._paths[key] = self.scene.path_lengths(geometry, pose, motion_mm)
+        else:
+            self._paths[key] = self._paths.pop(key)  # used last, dropped last
+        return self._paths[key]
+
+
+def displaced(geometry: ScanGeometry, column_mm: float, row_mm: float) -> ScanGeometry:
+    """The geometry of a point of the focal spot beside its centre, along the detector's columns and rows.
+
+    A source moved by s along the column axis stands where a gantry turned by -s/R would put it; the detector, which
+    stays, then lies s (D - R)/R off in the turned frame. Its tilt against that frame (s/R) is neglected.
+    """
+    if not column_mm and not row_mm:
+        return geometry
+    radius, distance = geometry.source_to_isocentre_mm, geometry.source_to_detector_mm
+    turn = -column_mm / radius
+    return replace(
+        geometry,
+        angles_rad=geometry.angles_rad + turn,
+        column_offset_px=geometry.column_offset_px - turn * (distance - radius) / geometry.column_pitch_mm,
+        source_z_mm=geometry.source_z_mm + row_mm,
+        row_offset_px=geometry.row_offset_px - row_mm / geometry.row_pitch_mm,
+    )

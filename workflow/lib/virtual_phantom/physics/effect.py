@@ -1,0 +1,101 @@
+"""What an effect is: a piece of physics that the baseline leaves out, one file each in `effects`."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InputError
+
+FOLDER = Path(__file__).parent / "effects"
+# In the order in which they act.
+STAGES = ("geometry", "motion", "spectrum", "fluence", "focal_spot", "scatter", "crosstalk", "noise", "readout")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number that an effect has.
+
+    neutral     at this value the effect does nothing; None if there is none
+    low, high   plausible range, which the configuration and the fit keep to
+    start       where a fit begins
+    typical     a strength that scanners show, for templates and examples
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    low: float
+    high: float
+    start: float
+    typical: float
+    neutral: float | None = 0.0
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One piece of physics.
+
+    name         of its file
+    physics      what happens, in a sentence
+    equation     as applied
+    source       where it is described
+    stage        one of STAGES
+    signature    what tells it apart from others
+    settled_by   the further recording that shows it alone
+    apply        (chain.State, values by name): changes the state in place
+    pattern      True if one unknown per detector pixel is fitted beside the parameters (rings)
+    """
+
+    name: str
+    physics: str
+    equation: str
+    source: str
+    stage: str
+    signature: str
+    settled_by: str
+    parameters: tuple[Parameter, ...]
+    apply: Callable
+    pattern: bool = False
+
+    def values(self, given: Mapping[str, float], source: str = "physics") -> dict[str, float]:
+        """All parameters: those given, the others at their typical value.
+
+        Raises InputError for names it does not have, and values that are not finite or out of the plausible range.
+        """
+        known = {parameter.name: parameter for parameter in self.parameters}
+        for name, value in given.items():
+            if name not in known:
+                raise InputError(f"{source}.{self.name}: has no {name}; there are {', '.join(known)}")
+            parameter = known[name]
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise InputError(f"{source}.{self.name}.{name}: {value!r} is no finite number")
+            if not parameter.low <= value <= parameter.high:
+                raise InputError(
+                    f"{source}.{self.name}.{name}: {value:g} {parameter.unit} is out of the plausible range, "
+                    f"{parameter.low:g} to {parameter.high:g}"
+                )
+        return {name: float(given.get(name, parameter.typical)) for name, parameter in known.items()}
+
+
+def names() -> tuple[str, ...]:
+    """Every effect of the library, sorted: the files of `effects`."""
+    return tuple(sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "__init__"))
+
+
+def load(name: str) -> Effect:
+    """The effect of this name. Raises InputError if there is none."""
+    if name not in names():
+        raise InputError(f"physics: there is no effect '{name}'; there are {', '.join(names())}")
+    return importlib.import_module(f".effects.{name}", __package__).EFFECT
+
+
+def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "physics") -> dict[str, dict[str, float]]:
+    """Complete settings of effects, {effect: {parameter: value}}, from a configuration's section.
+
+    Raises InputError for unknown effects or parameters and values out of range.
+    """
+    return {name: load(name).values(given or {}, source) for name, given in physics.items()}

@@ -1,0 +1,24 @@
+"""Detector offset."""
+
+from dataclasses import replace
+
+from ..chain import State
+from ..effect import Effect, Parameter
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    geometry = state.geometry
+    state.geometry = replace(geometry, column_offset_px=geometry.column_offset_px + values["columns_px"])
+
+
+EFFECT = Effect(
+    name="detector_offset",
+    physics="The detector is shifted along its columns against what the geometry says.",
+    equation="u' = u + d",
+    source="K. Yang et al., Med. Phys. 33, 1695 (2006)",
+    stage="geometry",
+    signature="residuals of opposite signs at the left and right edges of the shadow, the same in all views",
+    settled_by="a needle or ball scanned over a turn: its track's middle gives the offset",
+    parameters=(Parameter("columns_px", "pixels", "shift along the columns", -5.0, 5.0, 0.0, 0.25),),
+    apply=apply,
+)

@@ -1,0 +1,30 @@
+"""Detector gain pattern: rings."""
+
+import numpy as np
+
+from ..chain import State
+from ..effect import Effect, Parameter
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    shape = state.geometry.rows, state.geometry.columns
+    # The pattern is the detector's own: the same in every scan of it.
+    random = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(2, int(values["detector"]))))
+    state.gain = np.exp(values["rms"] * random.normal(size=shape))
+
+
+EFFECT = Effect(
+    name="gain_pattern",
+    physics="Pixels' gains have drifted since the air scan: each adds a constant in all views, a ring in the image.",
+    equation="read(u, v) = g(u, v) S(u, v), ln g with standard deviation r",
+    source="J. Sijbers and A. Postnov, Phys. Med. Biol. 49, N247 (2004)",
+    stage="readout",
+    signature="residuals constant over views, different from pixel to pixel",
+    settled_by="a new air scan just before or after",
+    parameters=(
+        Parameter("rms", "1", "standard deviation of ln gain", 0.0, 0.2, 0.002, 0.005),
+        Parameter("detector", "number", "which pattern is drawn", 0.0, 1e6, 0.0, 0.0, None),
+    ),
+    apply=apply,
+    pattern=True,
+)

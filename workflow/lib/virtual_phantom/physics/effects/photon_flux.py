@@ -1,0 +1,22 @@
+"""Photon flux: another dose than stated."""
+
+from ..chain import State
+from ..effect import Effect, Parameter
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    state.photons = state.photons * values["factor"]
+
+
+EFFECT = Effect(
+    name="photon_flux",
+    physics="The tube gives more or fewer photons than stated.",
+    equation="I0' = f I0",
+    source="Flouris et al., Sci. Rep. (2022): A = 1/I0",
+    stage="noise",
+    signature="all variances scaled alike; the mean stays. Without a stated number of photons it is aligned, "
+    "not tested",
+    settled_by="the tube's output measured with a dosemeter",
+    parameters=(Parameter("factor", "1", "photons over those stated", 0.02, 50.0, 1.0, 0.7, 1.0),),
+    apply=apply,
+)

@@ -1,0 +1,34 @@
+"""Scattered radiation."""
+
+import numpy as np
+from scipy import ndimage
+
+from ..chain import State
+from ..effect import Effect, Parameter
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    transmission = state.signal / state.air
+    # What leaves the primary beam: most where about 1/e of it is left.
+    source = -transmission * np.log(np.clip(transmission, 1e-12, 1)) * state.air
+    geometry = state.geometry
+    sigma = values["width_mm"] / np.array([geometry.row_pitch_mm, geometry.column_pitch_mm])
+    spread = ndimage.gaussian_filter(source, (0, *sigma), mode="constant", truncate=3)
+    state.signal = state.signal + values["amount"] * spread
+
+
+EFFECT = Effect(
+    name="scatter",
+    physics="Photons scattered in the object reach the detector from other directions and add a smooth haze.",
+    equation="S' = S + a G_w * (S ln(S_air / S)), G_w a Gaussian of standard deviation w on the detector",
+    source="M. Sun and J. Star-Lack, Phys. Med. Biol. 55, 6695 (2010), with one kernel",
+    stage="scatter",
+    signature="line integrals too low, most behind the thickest parts and in the middle of the shadow; smooth on the "
+    "detector",
+    settled_by="the same scan with the beam collimated to a few rows: scatter falls with the beam's height",
+    parameters=(
+        Parameter("amount", "1", "scattered share of what the primary beam loses", 0.0, 0.6, 0.03, 0.05),
+        Parameter("width_mm", "mm", "width of the kernel at the detector", 10.0, 200.0, 60.0, 60.0, None),
+    ),
+    apply=apply,
+)

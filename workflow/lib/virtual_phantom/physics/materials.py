@@ -1,0 +1,113 @@
+"""Linear attenuation of materials, and how a voxel in HU is divided among them.
+
+Cross-sections: xraylib (T. Schoonjans et al., Spectrochim. Acta B 66, 776, 2011), total with coherent scattering.
+Compositions and densities: NIST's compounds as xraylib lists them (ICRP, ICRU 44).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import xraylib
+from scipy.optimize import brentq
+
+from ..errors import InputError
+from ..units import hu_to_attenuation
+
+# Name: compound of xraylib's NIST list, and density in g/cm^3 where it is not the listed one.
+COMPOUNDS = {
+    "water": ("Water, Liquid", None),
+    "soft_tissue": ("Tissue, Soft (ICRU four-component)", None),
+    "adipose": ("Adipose Tissue (ICRP)", None),
+    "blood": ("Blood (ICRP)", None),
+    "bone": ("Bone, Cortical (ICRP)", None),
+    "pmma": ("Polymethyl Methacralate (Lucite, Perspex)", None),
+    "polyethylene": ("Polyethylene", None),
+    "air": ("Air, Dry (near sea level)", None),
+}
+ELEMENTS = {"aluminium": (13, 2.699), "copper": (29, 8.96), "iodine": (53, 4.93), "caesium_iodide": (None, 4.51)}
+ENERGIES_KEV = (10.0, 160.0)  # between which the energy of a monochromatic beam is looked for
+
+
+def attenuation_per_mm(material: str, energies_kev: np.ndarray) -> np.ndarray:
+    """Linear attenuation in 1/mm at energies in keV. Raises InputError for an unknown material."""
+    return _attenuation(material, tuple(np.asarray(energies_kev, float).tolist()))
+
+
+@cache
+def _attenuation(material: str, energies_kev: tuple[float, ...]) -> np.ndarray:
+    if material in COMPOUNDS:
+        compound, density = COMPOUNDS[material]
+        density = density or xraylib.GetCompoundDataNISTByName(compound)["density"]
+        values = [xraylib.CS_Total_CP(compound, energy) for energy in energies_kev]
+    elif material == "caesium_iodide":
+        density = ELEMENTS[material][1]
+        values = [xraylib.CS_Total_CP("CsI", energy) for energy in energies_kev]
+    elif material in ELEMENTS:
+        number, density = ELEMENTS[material]
+        values = [xraylib.CS_Total(number, energy) for energy in energies_kev]
+    else:
+        known = ", ".join([*COMPOUNDS, *ELEMENTS])
+        raise InputError(f"material '{material}' is unknown; use one of {known}")
+    result = np.array(values) * density / 10
+    result.setflags(write=False)
+    return result
+
+
+@cache
+def energy_of(material: str, mu_per_mm: float) -> float:
+    """The energy in keV at which a material attenuates like this: that of the monochromatic beam.
+
+    Raises InputError if there is none between ENERGIES_KEV.
+    """
+
+    def excess(energy):
+        return _attenuation(material, (energy,))[0] - mu_per_mm
+
+    low, high = ENERGIES_KEV
+    if not excess(low) > 0 > excess(high):
+        raise InputError(
+            f"{mu_per_mm:g} per mm is not the attenuation of {material} at any energy from {low:g} to {high:g} keV"
+        )
+    return float(brentq(excess, low, high, xtol=1e-6))
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """How HU are divided among two materials.
+
+    soft        material of every voxel up to dense_from_hu, its density following the HU
+    dense       material that is mixed in above, by volume, until a voxel is all of it; None: everything is `soft`
+    """
+
+    soft: str = "water"
+    dense: str | None = "bone"
+    dense_from_hu: float = 150.0
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        return (self.soft,) if self.dense is None else (self.soft, self.dense)
+
+    def fractions(self, hu: np.ndarray, mu_water_per_mm: float) -> np.ndarray:
+        """[material, ...]: the amount of each material relative to its listed density, float32.
+
+        At the monochromatic energy, where water attenuates mu_water_per_mm, the amounts times the materials'
+        attenuation add up to that of the HU exactly, so that a single energy gives the baseline's line integrals.
+        """
+        energy = energy_of("water", mu_water_per_mm)
+        mu = hu_to_attenuation(np.asarray(hu, np.float32), mu_water_per_mm)
+        soft_mu = attenuation_per_mm(self.soft, [energy])[0]
+        if self.dense is None:
+            return (mu / np.float32(soft_mu))[None]
+        dense_mu = attenuation_per_mm(self.dense, [energy])[0]
+        limit = (self.dense_from_hu / 1000 + 1) * mu_water_per_mm
+        if not dense_mu > limit:
+            raise InputError(
+                f"materials: {self.dense} attenuates less than {self.dense_from_hu:g} HU; lower dense_from_hu"
+            )
+        share = np.clip((mu - limit) / (dense_mu - limit), 0, 1)  # of the volume between
+        dense = np.where(mu > dense_mu, mu / dense_mu, share)
+        soft = (mu - dense * dense_mu) / soft_mu
+        return np.stack([soft, dense]).astype(np.float32)

@@ -1,0 +1,71 @@
+"""Tube spectra as the detector weighs them.
+
+SpekPy (G. Poludniowski et al., Med. Phys. 48, 3630, 2021) makes the tube's spectrum; filters attenuate it by xraylib's
+cross-sections, so that their thickness can be varied continuously.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from ..errors import InputError
+from .materials import attenuation_per_mm
+
+BINS = 24
+STEP_KEV = 0.5
+ANODE_ANGLE_DEG = 12.0
+ANODES = {"W": "W", "Mo": "Mo", "Rh": "Rh"}
+KVP = {"W": (30.0, 150.0), "Mo": (20.0, 50.0), "Rh": (20.0, 50.0)}  # what SpekPy's tables cover
+SCINTILLATOR_MM = 0.6  # of caesium iodide: nearly all photons of 20 to 100 keV
+
+
+@lru_cache(maxsize=64)
+def _tube(kvp: float, anode: str) -> tuple[np.ndarray, np.ndarray]:
+    import spekpy  # takes a second to load, and most jobs need no spectrum
+
+    spectrum = spekpy.Spek(kvp=kvp, th=ANODE_ANGLE_DEG, dk=STEP_KEV, targ=anode)
+    energies, fluence = spectrum.get_spectrum(edges=False)
+    return energies, fluence
+
+
+def tube_spectrum(kvp: float, anode: str = "W") -> tuple[np.ndarray, np.ndarray]:
+    """Energies in keV and relative fluence per bin of an unfiltered tube, linear between whole kilovolts.
+
+    Raises InputError for an anode or voltage that SpekPy has no tables for.
+    """
+    if anode not in ANODES:
+        raise InputError(f"anode '{anode}' is unknown; use one of {', '.join(ANODES)}")
+    low, high = KVP[anode]
+    if not low <= kvp <= high:
+        raise InputError(f"tube voltage {kvp:g} kV: spectra of a {anode} anode go from {low:g} to {high:g} kV")
+    below = min(np.floor(kvp), high - 1)
+    part = kvp - below
+    energies, more = _tube(float(below + 1), ANODES[anode])
+    lower_energies, less = _tube(float(below), ANODES[anode])
+    fluence = part * more
+    fluence[: len(less)] += (1 - part) * less
+    return energies, fluence
+
+
+def weighted_spectrum(
+    kvp: float, filtration_mm: float, anode: str = "W", filter_material: str = "aluminium", integrating: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Energies in keV (BINS,) and the share of the detector's signal in air that each contributes, summing to 1.
+
+    integrating   the detector weighs photons by their energy (scintillator and photodiode), not by one each
+    Bins hold equal shares of the signal, at their mean energies.
+    """
+    energies, fluence = tube_spectrum(kvp, anode)
+    weight = fluence * np.exp(-attenuation_per_mm(filter_material, energies) * filtration_mm)
+    weight = weight * (1 - np.exp(-attenuation_per_mm("caesium_iodide", energies) * SCINTILLATOR_MM))
+    if integrating:
+        weight = weight * energies
+    weight = weight / weight.sum()
+    # Equal shares: edges in the cumulative signal, so that few bins follow a spectrum of any shape smoothly.
+    cumulative = np.concatenate([[0], np.cumsum(weight)])
+    first = np.concatenate([[0], np.cumsum(weight * energies)])
+    edges = np.linspace(0, 1, BINS + 1)
+    moments = np.diff(np.interp(edges, cumulative, first))
+    return moments * BINS, np.full(BINS, 1 / BINS)
