@@ -13,7 +13,10 @@ import numpy as np
 
 from ..geometry import ScanGeometry
 from .effect import STAGES, load
+from .materials import attenuation_per_mm
 from .scene import IN_PLACE, Pose, VoxelScene
+
+PATHS_KEPT, TRANSMISSIONS_KEPT = 12, 24
 
 
 @dataclass
@@ -111,16 +114,12 @@ def blurred(array: np.ndarray, share: float, axis: int, squared: bool = False) -
 
 
 class Chain:
-    """The mean signal of a scene in a geometry, for any settings of effects.
+    """The mean signal of a scene in a geometry, for any settings of effects."""
 
-    Path lengths are kept from call to call: a fit varies one parameter at a time, and most leave them alone.
-    """
-
-    KEPT = 12
-
-    def __init__(self, scene: VoxelScene, geometry: ScanGeometry, photons: float = 1e5):
-        self.scene, self.geometry, self.photons = scene, geometry, photons
-        self._paths: dict = {}
+    def __init__(self, scene: VoxelScene, geometry: ScanGeometry, photons: float = 1e5, samples: int = 1):
+        """samples   rays per pixel and direction, whose signals are averaged; 1 is the baseline's ray to its centre"""
+        self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
+        self._paths, self._transmissions = _Kept(PATHS_KEPT), _Kept(TRANSMISSIONS_KEPT)
 
     def state(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, photons: float | None = None, **extra
@@ -150,20 +149,7 @@ class Chain:
 
     def transmission(self, geometry: ScanGeometry, pose: Pose, motion_mm=None, spectrum=None) -> np.ndarray:
         """Share of the signal in air, float64 [view, row, column]."""
-        paths = self._path_lengths(geometry, pose, motion_mm)
-        if spectrum is None:
-            return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))
-        from .materials import attenuation_per_mm
-
-        energies, shares = spectrum
-        table = np.stack([attenuation_per_mm(material, energies) for material in self.scene.materials])
-        total = np.zeros(paths.shape[1:])
-        for column, share in zip(table.T.astype(np.float32), shares, strict=True):
-            total += share * np.exp(-np.tensordot(column, paths, 1))
-        return total
-
-    def _path_lengths(self, geometry, pose, motion_mm) -> np.ndarray:
-        key = (
+        rays = (
             geometry.source_to_isocentre_mm,
             geometry.source_to_detector_mm,
             geometry.column_offset_px,
@@ -173,13 +159,57 @@ class Chain:
             pose,
             None if motion_mm is None else motion_mm.tobytes(),
         )
-        if key not in self._paths:
-            while len(self._paths) >= self.KEPT:
-                self._paths.pop(next(iter(self._paths)))
-            self._paths[key] = self.scene.path_lengths(geometry, pose, motion_mm)
+        beam = None if spectrum is None else (spectrum[0].tobytes(), spectrum[1].tobytes())
+        return self._transmissions.get(
+            (rays, beam), lambda: self._transmission(rays, geometry, pose, motion_mm, spectrum)
+        )
+
+    def _transmission(self, rays, geometry, pose, motion_mm, spectrum) -> np.ndarray:
+        fine = subdivided(geometry, self.samples)
+        paths = self._paths.get(rays, lambda: self.scene.path_lengths(fine, pose, motion_mm))
+        if spectrum is None:
+            total = np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))
         else:
-            self._paths[key] = self._paths.pop(key)  # used last, dropped last
-        return self._paths[key]
+            energies, shares = spectrum
+            table = np.stack([attenuation_per_mm(material, energies) for material in self.scene.materials])
+            total = np.zeros(paths.shape[1:])
+            for column, share in zip(table.T.astype(np.float32), shares, strict=True):
+                total += share * np.exp(-np.tensordot(column, paths, 1))
+        if self.samples == 1:
+            return total
+        down = fine.rows // geometry.rows
+        shape = (geometry.views, geometry.rows, down, geometry.columns, self.samples)
+        return total.reshape(shape).mean(axis=(2, 4))
+
+
+class _Kept:
+    """The last few results by key: a fit varies one parameter at a time, and most leave earlier steps alone."""
+
+    def __init__(self, most: int):
+        self._most, self._results = most, {}
+
+    def get(self, key, make):
+        result = self._results.pop(key) if key in self._results else make()
+        self._results[key] = result
+        while len(self._results) > self._most:
+            self._results.pop(next(iter(self._results)))
+        return result
+
+
+def subdivided(geometry: ScanGeometry, samples: int) -> ScanGeometry:
+    """The geometry with every pixel divided into samples x samples; a detector of one row (fan beam) keeps it."""
+    if samples == 1:
+        return geometry
+    down = samples if geometry.rows > 1 else 1
+    return replace(
+        geometry,
+        columns=geometry.columns * samples,
+        column_pitch_mm=geometry.column_pitch_mm / samples,
+        column_offset_px=geometry.column_offset_px * samples,
+        rows=geometry.rows * down,
+        row_pitch_mm=geometry.row_pitch_mm / down,
+        row_offset_px=geometry.row_offset_px * down,
+    )
 
 
 def displaced(geometry: ScanGeometry, column_mm: float, row_mm: float) -> ScanGeometry:

@@ -1,0 +1,216 @@
+"""Fits of effects to condensed repeats: Gauss-Newton, with what is known of the alignment and plausible ranges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..physics.effect import load
+from . import pattern as patterns
+from .model import Model, parameters_of, stacked, weights
+from .observed import Observed
+
+ITERATIONS = 25
+CONVERGED = 0.02  # of chi-square between two iterations
+STEP = 1e-3  # for derivatives: share of the plausible range, or of the alignment's standard deviation
+UNKNOWN_STEP = 0.1  # the same of an alignment of which nothing is known
+SHRINKING = (1, 0.5, 0.25, 0.1, 0.02)  # of a step that makes the fit worse
+POSES = ("x_mm", "y_mm", "z_mm", "turn_deg")  # costly, and far less than a pixel: derivatives serve several steps
+POSE_STEPS = 4
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What was fitted, and how well.
+
+    effects      names, in the order in which they were given
+    physics      {effect: {parameter: value}}
+    errors       {effect: {parameter: standard error}}
+    place        the alignment, with place_errors
+    chi_square   of the data that were fitted, and of the Gaussian knowledge
+    parts        chi-square of mean, variance, correlation and white field, those that are there
+    free         number of effects' parameters
+    pattern      [row, column] gain pattern (added to line integrals), or None
+    """
+
+    effects: tuple[str, ...]
+    physics: dict[str, dict[str, float]]
+    errors: dict[str, dict[str, float]]
+    place: dict[str, float]
+    place_errors: dict[str, float]
+    chi_square: float
+    parts: tuple[float, ...]
+    free: int
+    pattern: np.ndarray | None = field(default=None, repr=False)
+
+
+class Fitter:
+    """Fits and scores of models of one recording.
+
+    data       what is fitted
+    held_out   what is predicted
+    variance   [view, row, column] of one repeat, for the weights: the same for all models, so that scores compare
+    floor      numerical error of the predictions, standard deviation, [view, row, column]
+    """
+
+    def __init__(self, model: Model, data: Observed, held_out: Observed, variance: np.ndarray, floor: np.ndarray):
+        self.model, self.data, self.held_out = model, data, held_out
+        self.weights = weights(data, variance, floor)
+        self.held_weights = weights(held_out, variance, floor)
+
+    def fit(self, effects: tuple[str, ...], given: Fit | None = None) -> Fit:
+        """Refit all parameters of these effects and the alignment, beginning where `given` ended."""
+        problem = Problem(self, effects, given)
+        point = problem.start
+        pattern = None
+        residuals = problem.residuals(point, pattern)
+        if problem.patterned:
+            pattern, residuals = problem.with_pattern(residuals)
+        current = problem.chi_square(residuals, point)
+        for iteration in range(ITERATIONS):
+            if iteration % POSE_STEPS == 0:
+                problem.forget_poses()
+            information, gradient = problem.normal(point, residuals, pattern)
+            step = bounded_step(information, gradient, point, problem.low, problem.high)
+            before = current
+            for shrink in SHRINKING:
+                trial = np.clip(point + shrink * step, problem.low, problem.high)
+                tried = problem.residuals(trial, pattern)
+                reached = problem.chi_square(tried, trial)
+                if reached <= current:
+                    point, residuals, current = trial, tried, reached
+                    break
+            if problem.patterned:
+                pattern, residuals = problem.with_pattern(problem.residuals(point, None))
+                current = problem.chi_square(residuals, point)
+            if before - current < CONVERGED:
+                break
+        errors = np.sqrt(np.diag(np.linalg.pinv(information)))
+        return problem.result(point, errors, residuals, current, pattern)
+
+    def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
+        """Observed less predicted, by part, of the data held out or of those fitted."""
+        data = self.held_out if held_out else self.data
+        parts = stacked(data, self.model.predict(fit.physics, fit.place, data))
+        return less_pattern(parts, fit.pattern, data)
+
+    def score(self, fit: Fit) -> float:
+        """Log score of the data held out, up to a constant: minus half of chi-square."""
+        return -0.5 * chi_square(self.held_weights, self.residuals(fit))
+
+
+class Problem:
+    """One choice of effects: its unknowns, what is known of them, and their residuals."""
+
+    def __init__(self, fitter: Fitter, effects: tuple[str, ...], given: Fit | None):
+        self.fitter, self.effects = fitter, tuple(effects)
+        self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
+        self.patterned = any(load(name).pattern for name in effects)
+        self.parameters, aligned = parameters_of(self.effects), self.model.aligned
+        self.names = [None] * len(self.parameters) + [one.name for one in aligned]
+        values = [
+            given.physics[name][parameter.name] if given is not None and name in given.physics else parameter.start
+            for name, parameter in self.parameters
+        ]
+        place = {one.name: one.expected for one in aligned} if given is None else given.place
+        self.start = np.array([*values, *(place[one.name] for one in aligned)], float)
+        ranges = [(parameter.low, parameter.high) for _, parameter in self.parameters]
+        self.low = np.array([low for low, _ in ranges] + [-np.inf] * len(aligned))
+        self.high = np.array([high for _, high in ranges] + [np.inf] * len(aligned))
+        # Parameters are held to their plausible range by a Gaussian as wide: against runaways, not as knowledge.
+        self.centre = np.array([(low + high) / 2 for low, high in ranges] + [one.expected for one in aligned])
+        width = np.array([high - low for low, high in ranges] + [one.sd for one in aligned])
+        self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)
+        self.steps = STEP * np.where(np.isfinite(width), width, UNKNOWN_STEP)
+        self._poses: dict[str, list[np.ndarray]] = {}
+
+    def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:
+        physics: dict[str, dict[str, float]] = {name: {} for name in self.effects}
+        for (name, parameter), value in zip(self.parameters, point, strict=False):
+            physics[name][parameter.name] = float(value)
+        aligned = point[len(self.parameters) :]
+        place = {one.name: float(value) for one, value in zip(self.model.aligned, aligned, strict=True)}
+        return less_pattern(stacked(self.data, self.model.predict(physics, place, self.data)), pattern, self.data)
+
+    def with_pattern(self, residuals: list[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
+        """The gain pattern of residuals that hold all of it, and what it leaves."""
+        shape = self.data.mean.shape
+        self.found = patterns.estimate(residuals[0].reshape(shape), self.weights[0].reshape(shape))
+        return self.found.values, less_pattern(residuals, self.found.values, self.data)
+
+    def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
+        return chi_square(self.weights, residuals) + float((self.knowledge * (point - self.centre) ** 2).sum())
+
+    def normal(self, point, residuals, pattern) -> tuple[np.ndarray, np.ndarray]:
+        """Information matrix and gradient at a point."""
+        jacobian = [self.derivative(index, point, residuals, pattern) for index in range(len(point))]
+        information, gradient = np.diag(self.knowledge), self.knowledge * (self.centre - point)
+        for part, weight in enumerate(self.weights):
+            columns = np.stack([column[part] for column in jacobian])
+            weighted = columns * weight
+            information = information + weighted @ columns.T
+            gradient = gradient + weighted @ residuals[part]
+        return information, gradient
+
+    def derivative(self, index, point, residuals, pattern) -> list[np.ndarray]:
+        name = self.names[index]
+        if name in self._poses:
+            return self._poses[name]
+        step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
+        moved = point.copy()
+        moved[index] += step
+        column = [(here - there) / step for here, there in zip(residuals, self.residuals(moved, pattern), strict=True)]
+        if name in POSES:
+            self._poses[name] = column
+        return column
+
+    def forget_poses(self) -> None:
+        self._poses.clear()
+
+    def result(self, point, errors, residuals, total, pattern) -> Fit:
+        physics: dict[str, dict[str, float]] = {name: {} for name in self.effects}
+        spread: dict[str, dict[str, float]] = {name: {} for name in self.effects}
+        for (name, parameter), value, error in zip(self.parameters, point, errors, strict=False):
+            physics[name][parameter.name], spread[name][parameter.name] = float(value), float(error)
+        for name in self.effects:
+            if load(name).pattern:
+                physics[name]["rms"], spread[name]["rms"] = self.found.rms, self.found.error
+        count, aligned = len(self.parameters), [one.name for one in self.model.aligned]
+        return Fit(
+            effects=self.effects,
+            physics=physics,
+            errors=spread,
+            place=dict(zip(aligned, map(float, point[count:]), strict=True)),
+            place_errors=dict(zip(aligned, map(float, errors[count:]), strict=True)),
+            chi_square=total,
+            parts=tuple(float((w * r**2).sum()) for w, r in zip(self.weights, residuals, strict=True)),
+            free=count + self.patterned,
+            pattern=pattern,
+        )
+
+
+def chi_square(weights: list[np.ndarray], residuals: list[np.ndarray]) -> float:
+    return sum(float((weight * residual**2).sum()) for weight, residual in zip(weights, residuals, strict=True))
+
+
+def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Observed) -> list[np.ndarray]:
+    if pattern is None:
+        return parts
+    mean = parts[0].reshape(data.mean.shape) - pattern
+    return [np.where(data.usable, mean, 0).ravel(), *parts[1:]]
+
+
+def bounded_step(information, gradient, point, low, high) -> np.ndarray:
+    """Newton step; parameters at a bound that would leave it stay there."""
+    free = np.ones(len(point), bool)
+    step = np.zeros(len(point))
+    for _ in range(len(point)):
+        index = np.flatnonzero(free)
+        step[:] = 0
+        step[index] = np.linalg.lstsq(information[np.ix_(index, index)], gradient[index], rcond=None)[0]
+        leaving = free & (((point <= low) & (step < 0)) | ((point >= high) & (step > 0)))
+        if not leaving.any():
+            break
+        free &= ~leaving
+    return step

@@ -1,0 +1,112 @@
+"""What the chain predicts of a recording, with the alignment that every model gets alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..physics.chain import Chain, State
+from ..physics.effect import Parameter, load
+from ..physics.scene import Pose
+from .observed import WHITE_TOLERANCE, Observed, white_shape
+
+
+@dataclass(frozen=True)
+class Nuisance:
+    """A number of the alignment: nobody's physics, fitted in every model, held by a Gaussian of what is known of it."""
+
+    name: str
+    unit: str
+    expected: float
+    sd: float
+
+
+def nuisances(log_photons: float, photons_sd: float, known: Mapping[str, float]) -> tuple[Nuisance, ...]:
+    """The alignment of a recording of projections.
+
+    log_photons, photons_sd   logarithm of the photons per pixel in air, and how well it is known (infinite: not)
+    known                     standard deviations that the configuration gives instead of the defaults
+    """
+    defaults = {
+        "scale": ("1", 1.0, 0.005),  # of the line integrals: density of the phantom's material
+        "offset": ("1", 0.0, 0.002),  # of the line integrals: drift of the tube since the air scan
+        "x_mm": ("mm", 0.0, 1.0),
+        "y_mm": ("mm", 0.0, 1.0),
+        "z_mm": ("mm", 0.0, 1.0),
+        "turn_deg": ("degrees", 0.0, 0.5),
+    }
+    rest = [Nuisance(name, unit, mean, known.get(name, sd)) for name, (unit, mean, sd) in defaults.items()]
+    return (Nuisance("log_photons", "1", log_photons, photons_sd), *rest)
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """As Observed: mean [view, row, column], log_variance (block,) over its reference, correlation, white."""
+
+    mean: np.ndarray
+    log_variance: np.ndarray
+    correlation: np.ndarray
+    white: np.ndarray | None
+    state: State
+
+
+class Model:
+    """Predictions for effects' parameters and the alignment."""
+
+    def __init__(self, chain: Chain, aligned: tuple[Nuisance, ...], anode: str = "W"):
+        self.chain, self.aligned, self.anode = chain, aligned, anode
+
+    def predict(self, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float], data: Observed):
+        """The prediction for settings of effects and of the alignment. A gain pattern is fitted elsewhere: it has no
+        mean of its own here."""
+        pose = Pose(place["x_mm"], place["y_mm"], place["z_mm"], place["turn_deg"])
+        shown = {name: values for name, values in physics.items() if not load(name).pattern}
+        state = self.chain.state(shown, pose, photons=float(np.exp(place["log_photons"])), anode=self.anode)
+        variance = state.variance()
+        # The logarithm of noisy counts lies above that of their mean by half their relative variance, to first order.
+        mean = place["scale"] * state.line_integrals() + place["offset"] + variance / 2
+        ratio = np.where(data.usable, variance / data.reference, 0)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            log_variance = np.log(data.blocks.sum(ratio) / data.blocks.sum(data.usable))
+        white = None if data.white is None else white_shape(state.measured_air[0])
+        return Prediction(mean, log_variance, np.array(state.correlations()), white, state)
+
+
+def parameters_of(effects: tuple[str, ...]) -> list[tuple[str, Parameter]]:
+    """The numbers that are fitted for these effects, in order."""
+    chosen = []
+    for name in effects:
+        effect = load(name)
+        if not effect.pattern:
+            chosen += [(name, parameter) for parameter in effect.parameters]
+    return chosen
+
+
+def stacked(data: Observed, prediction: Prediction) -> list[np.ndarray]:
+    """Residuals (observed less predicted) of the parts that are there: mean, variance, correlation, white."""
+    parts = [np.where(data.usable, data.mean - prediction.mean, 0).ravel()]
+    if data.variance is not None:
+        parts.append(np.nan_to_num(np.log(data.variance) - prediction.log_variance))
+        parts.append(np.nan_to_num(data.correlation - prediction.correlation))
+    if data.white is not None:
+        parts.append(data.white - prediction.white)
+    return parts
+
+
+def weights(data: Observed, variance: np.ndarray, floor: np.ndarray) -> list[np.ndarray]:
+    """Inverse variances of the same parts, 0 for what is not there.
+
+    variance   [view, row, column] of one repeat's line integrals
+    floor      [view, row, column] numerical error of the prediction, standard deviation
+    """
+    parts = [np.where(data.usable, 1 / (variance / data.n + floor**2), 0).ravel()]
+    if data.variance is not None:
+        for error in (data.variance_error, data.correlation_error):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                parts.append(np.nan_to_num(1 / error**2, posinf=0.0))
+        parts[1][~np.isfinite(data.variance)] = 0
+    if data.white is not None:
+        parts.append(np.full(data.white.size, 1 / WHITE_TOLERANCE**2))
+    return parts

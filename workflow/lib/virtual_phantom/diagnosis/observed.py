@@ -1,0 +1,173 @@
+"""What repeats of a scan say: their mean, how it varies, and how neighbours vary together.
+
+A recording is condensed to numbers with known errors, so that effects that change only the noise are fitted like those
+that change the mean:
+
+    mean           line integrals of every ray, over repeats
+    variance       logarithm of the sample variance over repeats, relative to a first model, over blocks of rays
+    correlation    of the differences of repeats between neighbouring columns, rows and views
+    white          smooth shape of the white field
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+
+from ..errors import InputError
+
+VIEW_BLOCKS, COLUMN_BLOCKS, ROW_BLOCKS = 12, 8, 4
+LEAST_TRANSMISSION = 1e-5  # what fewer photons are read as: such rays are left out
+WHITE_COLUMNS, WHITE_ROWS = 4, 2  # highest orders of the white field's shape
+WHITE_TOLERANCE = 0.005  # by which pixels' sensitivities may shape a white field smoothly
+
+
+@dataclass(frozen=True)
+class Scans:
+    """Repeats of one scan as line integrals.
+
+    repeats   [repeat, view, row, column], float32
+    white     [row, column] mean counts without an object; None where line integrals are all there is
+    usable    [view, row, column] rays that measured something in every repeat
+    """
+
+    repeats: np.ndarray
+    white: np.ndarray | None
+    usable: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.repeats)
+
+
+def scans(acquisitions) -> Scans:
+    """Repeats of a recording of projections (recordings.projections.Projections)."""
+    arrays, usable, whites = [], None, []
+    for acquisition in acquisitions:
+        array = acquisition.line_integrals(LEAST_TRANSMISSION)
+        good = np.isfinite(array)
+        if not acquisition.log:
+            good &= array < -np.log(LEAST_TRANSMISSION) * 0.999
+            whites.append(acquisition.white - acquisition.dark)
+        arrays.append(np.where(good, array, 0).astype(np.float32))
+        usable = good if usable is None else usable & good
+    return Scans(np.stack(arrays), np.mean(whites, axis=0) if whites else None, usable)
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A division of the rays into blocks of views, rows and columns."""
+
+    index: np.ndarray  # [view, row, column], number of the block
+    count: int
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, shape: tuple[int, int, int], parts=(VIEW_BLOCKS, ROW_BLOCKS, COLUMN_BLOCKS)) -> Blocks:
+        parts = tuple(min(part, n) for part, n in zip(parts, shape, strict=True))
+        axes = [np.arange(n) * part // n for part, n in zip(parts, shape, strict=True)]
+        index = (axes[0][:, None, None] * parts[1] + axes[1][:, None]) * parts[2] + axes[2]
+        return cls(index, int(np.prod(parts)), parts)
+
+    def sum(self, array: np.ndarray) -> np.ndarray:
+        return np.bincount(self.index.ravel(), np.broadcast_to(array, self.index.shape).ravel(), self.count)
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        return values[self.index]
+
+
+@dataclass(frozen=True)
+class Observed:
+    """The condensed repeats.
+
+    mean              [view, row, column]
+    n                 number of repeats
+    usable            rays that count
+    variance          (block,) mean of the sample variance over `reference`; None of a single repeat
+    variance_error    (block,) standard error of its logarithm
+    correlation       (column, row, view), with correlation_error; entries of an axis of one pixel are missing (NaN)
+    white             coefficients of the white field's shape, or None
+    """
+
+    mean: np.ndarray
+    n: int
+    usable: np.ndarray
+    blocks: Blocks
+    reference: np.ndarray
+    variance: np.ndarray | None
+    variance_error: np.ndarray | None
+    correlation: np.ndarray | None
+    correlation_error: np.ndarray | None
+    white: np.ndarray | None
+
+
+def observe(taken: Scans, reference: np.ndarray, blocks: Blocks | None = None) -> Observed:
+    """Condense repeats.
+
+    reference   [view, row, column] variance of a first model: what variances are divided by, so that what is left
+                varies little within a block
+    Raises InputError if no ray is usable.
+    """
+    if not taken.usable.any():
+        raise InputError("no ray of the recording measured anything; is the object opaque, or are the fields swapped?")
+    blocks = blocks or Blocks.of(taken.usable.shape)
+    n = len(taken)
+    mean = taken.repeats.mean(axis=0, dtype=np.float64)
+    variance = variance_error = correlation = correlation_error = None
+    if n > 1:
+        weight = taken.usable / reference
+        rays = blocks.sum(taken.usable)
+        deviations = [(one - mean) * np.sqrt(weight) for one in taken.repeats]
+        square = sum(deviation**2 for deviation in deviations)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            variance = blocks.sum(square) / (rays * (n - 1))
+            variance_error = np.sqrt(2 / (rays * (n - 1)))
+        variance[rays == 0] = np.nan
+        correlation, correlation_error = np.full(3, np.nan), np.full(3, np.nan)
+        for place, axis in enumerate((2, 1, 0)):
+            length = taken.usable.shape[axis]
+            if length < 2:
+                continue
+            low, high = (np.take(taken.usable, range(a, length - 1 + a), axis) for a in (0, 1))
+            pairs = int((low & high).sum())
+            if not pairs:
+                continue
+            products = sum(
+                float((np.take(d, range(length - 1), axis) * np.take(d, range(1, length), axis)).sum())
+                for d in deviations
+            )
+            correlation[place] = products / (pairs * square[taken.usable].mean())
+            correlation_error[place] = 1 / np.sqrt(pairs * (n - 1))
+    return Observed(
+        mean=mean,
+        n=n,
+        usable=taken.usable,
+        blocks=blocks,
+        reference=reference,
+        variance=variance,
+        variance_error=variance_error,
+        correlation=correlation,
+        correlation_error=correlation_error,
+        white=None if taken.white is None else white_shape(taken.white),
+    )
+
+
+def white_shape(white: np.ndarray) -> np.ndarray:
+    """Coefficients of the logarithm of a white field [row, column] in Legendre polynomials of columns, then of rows.
+
+    The constant and pixels without signal are left out.
+    """
+    good = white > 0
+    rows, columns = white.shape
+    terms = [(0, order) for order in range(1, min(WHITE_COLUMNS, columns - 1) + 1)]
+    terms += [(order, 0) for order in range(1, min(WHITE_ROWS, rows - 1) + 1)]
+
+    def polynomial(length, order):
+        position = np.linspace(-1, 1, length) if length > 1 else np.zeros(1)
+        return legendre.legval(position, [0] * order + [1])
+
+    design = [np.ones(white.shape)]
+    design += [polynomial(rows, r)[:, None] * polynomial(columns, c)[None, :] for r, c in terms]
+    matrix = np.stack([column[good] for column in design], axis=1)
+    return np.linalg.lstsq(matrix, np.log(white[good]), rcond=None)[0][1:]

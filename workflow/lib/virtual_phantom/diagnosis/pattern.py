@@ -1,0 +1,58 @@
+"""A detector's gain pattern: one constant per pixel, estimated from the mean residual of all views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+SMOOTH_PX = 3.0  # what varies more slowly than this from pixel to pixel is other physics and is not counted
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Constants added to line integrals.
+
+    values   [row, column], shrunk towards 0 by how much of each is noise
+    rms      standard deviation of the true constants, with its standard error
+    """
+
+    values: np.ndarray
+    rms: float
+    error: float
+
+
+def estimate(residual: np.ndarray, weight: np.ndarray) -> Pattern:
+    """The pattern in residuals [view, row, column] with weights 1/variance.
+
+    Constants are taken as independent draws of one normal distribution, whose variance is what the pixels' mean square
+    exceeds that of their noise by.
+    """
+    total = weight.sum(axis=0)
+    good = total > 0
+    mean = np.where(good, (weight * residual).sum(axis=0) / np.where(good, total, 1), 0)
+    noise = np.where(good, 1 / np.where(good, total, 1), 0)
+    rough, left = _without_smooth(mean, good)
+    square = rough[good] ** 2 / left
+    excess = float((square - noise[good]).mean())
+    rms = float(np.sqrt(max(0.0, excess)))
+    typical = float(square.mean())
+    error = typical * np.sqrt(2 / good.sum()) / (2 * max(rms, np.sqrt(typical / np.sqrt(good.sum()))))
+    share = np.where(good, rms**2 / np.maximum(rms**2 + noise, 1e-300), 0) if rms else 0
+    return Pattern(rough * share, rms, float(error))
+
+
+def _without_smooth(mean: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, float]:
+    """The rough part, and the share of a white pattern's variance that it keeps."""
+    sigma = [SMOOTH_PX if n > 2 * SMOOTH_PX else 0 for n in mean.shape]
+
+    def smooth(array):
+        return ndimage.gaussian_filter(array.astype(float), sigma, mode="constant")
+
+    cover = np.maximum(smooth(good), 1e-12)
+    rough = np.where(good, mean - smooth(np.where(good, mean, 0)) / cover, 0)
+    impulse = np.zeros([8 * int(SMOOTH_PX) + 1 if s else 1 for s in sigma])
+    impulse[tuple(n // 2 for n in impulse.shape)] = 1
+    left = impulse - ndimage.gaussian_filter(impulse, sigma, mode="constant")
+    return rough, float((left**2).sum())

@@ -1,0 +1,109 @@
+"""A recording made ready for fits: split into what is fitted and what is held out, with its noise and the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..physics.chain import Chain
+from .fit import Fitter
+from .model import Model, nuisances
+from .observed import Blocks, Observed, Scans, observe
+
+HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
+NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
+MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
+SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What all fits of a recording share.
+
+    held      what is held out, in words
+    single    True if the noise had to be taken from neighbouring views of a single repeat
+    photons   per pixel in air, as estimated from the variances
+    """
+
+    fitter: Fitter
+    data: Observed
+    held_out: Observed
+    variance: np.ndarray
+    floor: np.ndarray
+    held: str
+    single: bool
+    photons: float
+
+
+def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
+    """What is fitted, what is held out, and how that is said."""
+    if further is not None and len(further):
+        return taken, further, "repeats kept for it"
+    if len(taken) >= HALVES:
+        parts = [replace(taken, repeats=taken.repeats[first::2]) for first in (0, 1)]
+        return *parts, "every second repeat"
+    views = np.arange(taken.usable.shape[0])[:, None, None]
+    parts = [replace(taken, usable=taken.usable & (views % 2 == odd)) for odd in (0, 1)]
+    return *parts, "every second view"
+
+
+def prepare(
+    taken: Scans,
+    further: Scans | None,
+    chain: Chain,
+    *,
+    anode: str = "W",
+    nominal_photons: float | None = None,
+    known: dict[str, float] | None = None,
+    floor_chain: Chain | None = None,
+) -> Prepared:
+    """Noise, floor and alignment of a recording.
+
+    chain             the simulator
+    nominal_photons   per pixel in air, if it is stated
+    known             standard deviations of the alignment, by name, where the defaults do not hold
+    floor_chain       the same scene with more rays per pixel: the difference of the two is the floor
+    Raises InputError if the repeats do not vary.
+    """
+    state = chain.state({}, photons=1.0, anode=anode)
+    clean = state.line_integrals()
+    unit = np.exp(clean)  # variance of one photon per pixel in air
+    noise, single = _noise(taken, clean)
+    photons = 1 / float(np.mean(noise[taken.usable] / unit[taken.usable]))
+    if not np.isfinite(photons) or photons > MOST_PHOTONS:
+        raise InputError("the repeats of the recording do not vary: are they copies of one file?")
+    reference = unit / photons
+    blocks = Blocks.of(taken.usable.shape)
+    whole = observe(taken, reference, blocks)
+    variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
+    floor = np.zeros(clean.shape)
+    if floor_chain is not None:
+        floor = np.abs(floor_chain.state({}, anode=anode).line_integrals() - clean)
+    fitted, held, words = split(taken, further)
+    data, held_out = (observe(part, reference, blocks) for part in (fitted, held))
+    aligned = nuisances(
+        np.log(nominal_photons or photons), NOMINAL_PHOTONS_SD if nominal_photons else np.inf, known or {}
+    )
+    fitter = Fitter(Model(chain, aligned, anode), data, held_out, variance, floor)
+    return Prepared(fitter, data, held_out, variance, floor, words, single, photons)
+
+
+def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Variance of every ray of one repeat: over repeats, or, of a single one, from second differences over views."""
+    if len(taken) > 1:
+        return taken.repeats.var(axis=0, ddof=1, dtype=np.float64) + 1e-30, False
+    residual = taken.repeats[0] - clean
+    second = np.zeros_like(residual)
+    second[1:-1] = residual[:-2] - 2 * residual[1:-1] + residual[2:]
+    second[0], second[-1] = second[1], second[-2]
+    blocks = Blocks.of(residual.shape)
+    weight = taken.usable * np.exp(-clean)
+    level = blocks.sum(weight * second**2) / (np.maximum(blocks.sum(taken.usable), 1) * SECOND_DIFFERENCE)
+    return blocks.spread(np.maximum(level, 1e-30)) * np.exp(clean), True
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    """Blocks without a ray take the median; none of their rays counts."""
+    return np.where(np.isfinite(values), values, np.nanmedian(values))
