@@ -58,6 +58,7 @@ rule project:
         geometry=lambda wildcards: PLAN.geometry_settings(wildcards.geometry),
         grid=PLAN.config["grid"],
         mu_water_per_mm=PLAN.config["mu_water_per_mm"],
+        materials=PLAN.config["materials"],
     script:
         "../scripts/project.py"
 

@@ -3,7 +3,7 @@
 from virtual_phantom.job import job
 
 with job(snakemake) as log:
-    from virtual_phantom.exchange import read_line_integrals, write_counts
+    from virtual_phantom.exchange import read_line_integrals, read_state, write_counts
     from virtual_phantom.matched_noise import resolve
     from virtual_phantom.physics.noise import acquire
 
@@ -15,6 +15,7 @@ with job(snakemake) as log:
         geometry=snakemake.wildcards.geometry,
         model=params.model,
         study_seed=params.study_seed,
+        state=read_state(snakemake.input.clean),
         **acquisition,
     )
     log.info("fewest counts %d, pixels without any %d", counts.data.min(), (counts.data == 0).sum())

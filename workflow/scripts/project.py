@@ -22,4 +22,14 @@ with job(snakemake) as log:
     _, masks = read_masks(snakemake.input.rois, grid)
     check_rois_seen(geometry, grid, masks)
     line_integrals = clean_line_integrals(phantom, geometry, params.mu_water_per_mm, snakemake.threads)
-    write_line_integrals(snakemake.output[0], line_integrals, geometry)
+    state = None
+    if physics := params.geometry["physics"]:
+        from virtual_phantom.physics.chain import Chain
+        from virtual_phantom.physics.materials import Segmentation
+        from virtual_phantom.physics.scene import VoxelScene
+
+        scene = VoxelScene.of(phantom, Segmentation(**params.materials), params.mu_water_per_mm, snakemake.threads)
+        state = Chain(scene, geometry, photons=1.0).state(physics)
+        line_integrals = state.line_integrals()
+        log.info("effects: %s", physics)
+    write_line_integrals(snakemake.output[0], line_integrals, geometry, state)

@@ -5,7 +5,7 @@ from virtual_phantom.job import job
 with job(snakemake) as log:
     import numpy as np
 
-    from virtual_phantom.exchange import read_line_integrals
+    from virtual_phantom.exchange import read_line_integrals, read_state
     from virtual_phantom.matched_noise import resolve
     from virtual_phantom.physics.noise import acquire
     from virtual_phantom.reconstruct import reconstruct
@@ -14,10 +14,16 @@ with job(snakemake) as log:
     params = snakemake.params
     grid = read_nifti(snakemake.input.phantom).grid
     clean, geometry = read_line_integrals(snakemake.input.clean)
+    state = read_state(snakemake.input.clean)
     noisy = np.empty((len(params.acquisitions), *clean.shape), dtype=np.float32)
     for lane, acquisition in enumerate(resolve(params.acquisitions, snakemake.input.levels)):
         counts = acquire(
-            clean, geometry=params.geometry, model=params.model, study_seed=params.study_seed, **acquisition
+            clean,
+            geometry=params.geometry,
+            model=params.model,
+            study_seed=params.study_seed,
+            state=state,
+            **acquisition,
         )
         noisy[lane] = counts.line_integrals(params.zero_counts_as)
         log.info(

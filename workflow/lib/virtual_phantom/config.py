@@ -223,6 +223,7 @@ def _check_names(config):
                 "config: analyses.noise_calibration.noise names levels of one A only; give two different ones, as no "
                 "line goes through one point"
             )
+    _check_physics(config)
     calibrated = analyses.get("noise_calibration", {}).get("protocols", [])
     for name, level in levels.items():
         if "meets" in level:
@@ -253,6 +254,20 @@ def _check_names(config):
     for name, scan in {"scan": config["scan"], **{f"scans.{k}": v for k, v in config["scans"].items()}}.items():
         if scan["source_to_detector_mm"] <= scan["source_to_isocentre_mm"]:
             raise InputError(f"config: {name}.source_to_detector_mm must be larger than source_to_isocentre_mm")
+
+
+def _check_physics(config):
+    """Effects and their parameters, completed in place."""
+    for name, settings in config["protocols"].items():
+        if not settings.get("physics"):
+            continue
+        from .physics.effect import checked  # loads spectra and cross-sections, which most studies do not need
+
+        if config["noise"]["model"] != "physical":
+            raise InputError(
+                f"config: protocols.{name}.physics needs noise.model: physical; the astra model has no photons"
+            )
+        settings["physics"] = checked(settings["physics"], f"config: protocols.{name}.physics")
 
 
 def _check_measured(config):

@@ -4,6 +4,7 @@
 /exchange/data_white  mean counts without an object, [1, row, column]      (counts only)
 /exchange/data_dark   counts without X-rays, [1, row, column]              (counts only)
 /exchange/theta       view angles, degrees
+/physics              where effects are switched on: mean signals with and without the object, and the noise's law
 /acquisition          the rest of the scan geometry: attributes in mm, and source_z_mm per view
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -20,16 +22,47 @@ from .files import replacing
 from .geometry import ScanGeometry
 from .physics.noise import Counts
 
+if TYPE_CHECKING:
+    from .physics.chain import State
+
+STATE_ARRAYS, STATE_NUMBERS = ("signal", "air", "gain"), ("photons", "electronic", "neighbours")
 _SCALARS = [f.name for f in fields(ScanGeometry) if f.name not in ("angles_rad", "source_z_mm")]
 # Cheap and lossless: the bytes of noise do not compress, the zeros above them do.
 _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
 
 
-def write_line_integrals(path: str | Path, line_integrals: np.ndarray, geometry: ScanGeometry) -> None:
-    """Write line integrals [view, row, column] (dimensionless, stored as float32)."""
+def write_line_integrals(
+    path: str | Path, line_integrals: np.ndarray, geometry: ScanGeometry, state: State | None = None
+) -> None:
+    """Write line integrals [view, row, column] (dimensionless, stored as float32).
+
+    geometry   as stated: what a reconstruction goes by
+    state      what the acquisition chain made of the scene, where effects are switched on: noise is drawn from it
+    """
     with replacing(path) as temporary, h5py.File(temporary, "w") as file:
         data = _write(file, line_integrals.astype(np.float32, copy=False), geometry)
         data.attrs["log"] = True
+        if state is not None:
+            group = file.create_group("physics")
+            for name in STATE_ARRAYS:
+                if (array := getattr(state, name)) is not None:
+                    group.create_dataset(name, data=np.asarray(array, np.float32), **_COMPRESSION)
+            for name in STATE_NUMBERS:
+                group.attrs[name] = getattr(state, name)
+
+
+def read_state(path: str | Path) -> State | None:
+    """What `write_line_integrals` kept of the acquisition chain; None of the baseline."""
+    with opened(path) as file:
+        if "physics" not in file:
+            return None
+        from .physics.chain import State
+
+        group = file["physics"]
+        arrays = {name: group[name][...].astype(np.float64) for name in STATE_ARRAYS if name in group}
+        numbers = {name: group.attrs[name] for name in STATE_NUMBERS}
+        numbers["neighbours"] = tuple(float(value) for value in numbers["neighbours"])
+        return State(_geometry(file), **arrays, **numbers)
 
 
 def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> None:
@@ -39,7 +72,8 @@ def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> No
         data.attrs["log"] = False
         data.attrs["line_integral_scale"] = counts.scale
         frame = (1, geometry.rows, geometry.columns)
-        file["exchange"].create_dataset("data_white", data=np.full(frame, counts.white), **_COMPRESSION)
+        white = np.broadcast_to(counts.white, frame)
+        file["exchange"].create_dataset("data_white", data=white, **_COMPRESSION)
         file["exchange"].create_dataset("data_dark", data=np.zeros(frame), **_COMPRESSION)
 
 
@@ -58,7 +92,8 @@ def read_counts(path: str | Path) -> tuple[Counts, ScanGeometry]:
         data = file["exchange/data"]
         if data.attrs["log"]:
             raise InputError(f"{path}: holds line integrals, not counts (attribute log of /exchange/data is true)")
-        white = float(file["exchange/data_white"][0, 0, 0])
+        white = file["exchange/data_white"][0]
+        white = float(white[0, 0]) if (white == white[0, 0]).all() else white
         return Counts(data[...], white, float(data.attrs["line_integral_scale"])), _geometry(file)
 
 

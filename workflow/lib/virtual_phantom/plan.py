@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass
 
 
@@ -12,16 +14,26 @@ class Plan:
     config: dict
 
     def geometry_of(self, protocol: str) -> str:
-        """Label of a protocol's geometry. Protocols that differ in the reconstruction alone share it."""
+        """Label of a protocol's geometry and physics. Protocols that differ in the reconstruction alone share it."""
         settings = self.config["protocols"][protocol]
-        scan = settings.get("scan")
-        return f"{scan}_views{settings['projections']}" if scan else f"views{settings['projections']}"
+        scan, physics = settings.get("scan"), settings.get("physics")
+        label = f"{scan}_views{settings['projections']}" if scan else f"views{settings['projections']}"
+        if physics:
+            text = json.dumps(physics, sort_keys=True)
+            label += f"_physics_{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+        return label
 
     def geometry_settings(self, label: str) -> dict:
-        """{scan: the whole scan section, projections: int} of a geometry label."""
-        scan, _, views = label.rpartition("views")
-        name = scan.rstrip("_")
-        return {"scan": self.config["scans"][name] if name else self.config["scan"], "projections": int(views)}
+        """{scan: the whole scan section, projections: int, physics: {effect: parameters}} of a geometry label."""
+        for protocol, settings in self.config["protocols"].items():
+            if self.geometry_of(protocol) == label:
+                name = settings.get("scan")
+                return {
+                    "scan": self.config["scans"][name] if name else self.config["scan"],
+                    "projections": settings["projections"],
+                    "physics": settings.get("physics") or {},
+                }
+        raise KeyError(label)
 
     def geometries(self) -> list[str]:
         return sorted({self.geometry_of(protocol) for protocol in self.config["protocols"]})

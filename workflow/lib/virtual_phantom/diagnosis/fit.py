@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
 from ..physics.effect import load
 from . import pattern as patterns
-from .model import Model, parameters_of, stacked, weights
+from .model import POSES, Model, stacked, weights
 from .observed import Observed
 
 ITERATIONS = 25
 CONVERGED = 0.02  # of chi-square between two iterations
 STEP = 1e-3  # for derivatives: share of the plausible range, or of the alignment's standard deviation
 UNKNOWN_STEP = 0.1  # the same of an alignment of which nothing is known
-SHRINKING = (1, 0.5, 0.25, 0.1, 0.02)  # of a step that makes the fit worse
-POSES = ("x_mm", "y_mm", "z_mm", "turn_deg")  # costly, and far less than a pixel: derivatives serve several steps
-POSE_STEPS = 4
+DAMPING = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)  # of a step, in turn until the fit gets better (Marquardt)
+POSE_STEPS = 4  # derivatives of the pose are costly, and shifts far less than a pixel: they serve several steps
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class Fitter:
     def fit(self, effects: tuple[str, ...], given: Fit | None = None) -> Fit:
         """Refit all parameters of these effects and the alignment, beginning where `given` ended."""
         problem = Problem(self, effects, given)
-        point = problem.start
         pattern = None
+        point = problem.best_start(given)
         residuals = problem.residuals(point, pattern)
         if problem.patterned:
             pattern, residuals = problem.with_pattern(residuals)
@@ -72,10 +72,11 @@ class Fitter:
             if iteration % POSE_STEPS == 0:
                 problem.forget_poses()
             information, gradient = problem.normal(point, residuals, pattern)
-            step = bounded_step(information, gradient, point, problem.low, problem.high)
             before = current
-            for shrink in SHRINKING:
-                trial = np.clip(point + shrink * step, problem.low, problem.high)
+            for damping in DAMPING:
+                damped = information + damping * np.diag(np.diag(information))
+                step = bounded_step(damped, gradient, point, problem.low, problem.high)
+                trial = np.clip(point + step, problem.low, problem.high)
                 tried = problem.residuals(trial, pattern)
                 reached = problem.chi_square(tried, trial)
                 if reached <= current:
@@ -86,7 +87,7 @@ class Fitter:
                 current = problem.chi_square(residuals, point)
             if before - current < CONVERGED:
                 break
-        errors = np.sqrt(np.diag(np.linalg.pinv(information)))
+        errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information, hermitian=True)), 0))
         return problem.result(point, errors, residuals, current, pattern)
 
     def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
@@ -107,29 +108,41 @@ class Problem:
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned = any(load(name).pattern for name in effects)
-        self.parameters, aligned = parameters_of(self.effects), self.model.aligned
-        self.names = [None] * len(self.parameters) + [one.name for one in aligned]
+        self.unknowns, aligned = self.model.unknowns(self.effects), self.model.aligned
+        self.names = [None] * len(self.unknowns) + [one.name for one in aligned]
         values = [
-            given.physics[name][parameter.name] if given is not None and name in given.physics else parameter.start
-            for name, parameter in self.parameters
+            given.physics[one.effect][one.name] if given is not None and one.effect in given.physics else one.start
+            for one in self.unknowns
         ]
         place = {one.name: one.expected for one in aligned} if given is None else given.place
         self.start = np.array([*values, *(place[one.name] for one in aligned)], float)
-        ranges = [(parameter.low, parameter.high) for _, parameter in self.parameters]
-        self.low = np.array([low for low, _ in ranges] + [-np.inf] * len(aligned))
-        self.high = np.array([high for _, high in ranges] + [np.inf] * len(aligned))
-        # Parameters are held to their plausible range by a Gaussian as wide: against runaways, not as knowledge.
-        self.centre = np.array([(low + high) / 2 for low, high in ranges] + [one.expected for one in aligned])
-        width = np.array([high - low for low, high in ranges] + [one.sd for one in aligned])
+        self.low = np.array([one.low for one in self.unknowns] + [-np.inf] * len(aligned))
+        self.high = np.array([one.high for one in self.unknowns] + [np.inf] * len(aligned))
+        self.centre = np.array([one.expected for one in (*self.unknowns, *aligned)])
+        width = np.array([one.sd for one in (*self.unknowns, *aligned)])
         self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)
         self.steps = STEP * np.where(np.isfinite(width), width, UNKNOWN_STEP)
         self._poses: dict[str, list[np.ndarray]] = {}
 
+    def best_start(self, given: Fit | None) -> np.ndarray:
+        """Where to begin: numbers of new effects that have no neutral value are tried at several places of their range,
+        with the alignment given and the one expected. Elsewhere a fit could end beside the best one."""
+        count = len(self.unknowns)
+        choices = []
+        for place, one in enumerate(self.unknowns):
+            fresh = given is None or one.effect not in given.physics
+            choices.append(one.starts if fresh else (self.start[place],))
+        places = [self.start[count:], np.array([one.expected for one in self.model.aligned])]
+        points = [np.array([*values, *place]) for values in product(*choices) for place in places]
+        if all(len(choice) == 1 for choice in choices):
+            return self.start
+        return min(points, key=lambda point: self.chi_square(self.residuals(point, None), point))
+
     def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:
         physics: dict[str, dict[str, float]] = {name: {} for name in self.effects}
-        for (name, parameter), value in zip(self.parameters, point, strict=False):
-            physics[name][parameter.name] = float(value)
-        aligned = point[len(self.parameters) :]
+        for one, value in zip(self.unknowns, point, strict=False):
+            physics[one.effect][one.name] = float(value)
+        aligned = point[len(self.unknowns) :]
         place = {one.name: float(value) for one, value in zip(self.model.aligned, aligned, strict=True)}
         return less_pattern(stacked(self.data, self.model.predict(physics, place, self.data)), pattern, self.data)
 
@@ -171,12 +184,12 @@ class Problem:
     def result(self, point, errors, residuals, total, pattern) -> Fit:
         physics: dict[str, dict[str, float]] = {name: {} for name in self.effects}
         spread: dict[str, dict[str, float]] = {name: {} for name in self.effects}
-        for (name, parameter), value, error in zip(self.parameters, point, errors, strict=False):
-            physics[name][parameter.name], spread[name][parameter.name] = float(value), float(error)
+        for one, value, error in zip(self.unknowns, point, errors, strict=False):
+            physics[one.effect][one.name], spread[one.effect][one.name] = float(value), float(error)
         for name in self.effects:
             if load(name).pattern:
                 physics[name]["rms"], spread[name]["rms"] = self.found.rms, self.found.error
-        count, aligned = len(self.parameters), [one.name for one in self.model.aligned]
+        count, aligned = len(self.unknowns), [one.name for one in self.model.aligned]
         return Fit(
             effects=self.effects,
             physics=physics,

@@ -8,9 +8,34 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..physics.chain import Chain, State
-from ..physics.effect import Parameter, load
+from ..physics.effect import load
 from ..physics.scene import Pose
+from ..physics.spectra import KVP
 from .observed import WHITE_TOLERANCE, Observed, white_shape
+
+TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
+STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number without neutral value may begin
+POSES = ("x_mm", "y_mm", "z_mm", "turn_deg", "size")
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A number of an effect: its plausible range, where a fit may begin, and the Gaussian that it is held by.
+
+    Without further knowledge that is as wide as the range: against runaways.
+    """
+
+    effect: str
+    name: str
+    low: float
+    high: float
+    starts: tuple[float, ...]
+    expected: float
+    sd: float
+
+    @property
+    def start(self) -> float:
+        return self.starts[0]
 
 
 @dataclass(frozen=True)
@@ -37,6 +62,8 @@ def nuisances(log_photons: float, photons_sd: float, known: Mapping[str, float])
         "z_mm": ("mm", 0.0, 1.0),
         "turn_deg": ("degrees", 0.0, 0.5),
     }
+    if "size" in known:  # of the object, where it is not known well enough
+        defaults["size"] = ("1", 1.0, known["size"])
     rest = [Nuisance(name, unit, mean, known.get(name, sd)) for name, (unit, mean, sd) in defaults.items()]
     return (Nuisance("log_photons", "1", log_photons, photons_sd), *rest)
 
@@ -53,15 +80,36 @@ class Prediction:
 
 
 class Model:
-    """Predictions for effects' parameters and the alignment."""
+    """Predictions for effects' parameters and the alignment.
 
-    def __init__(self, chain: Chain, aligned: tuple[Nuisance, ...], anode: str = "W"):
-        self.chain, self.aligned, self.anode = chain, aligned, anode
+    tube_kvp   as the label on the scanner says, taken to be known to TUBE_KVP_SD; None: not known
+    """
+
+    def __init__(self, chain: Chain, aligned: tuple[Nuisance, ...], anode: str = "W", tube_kvp: float | None = None):
+        self.chain, self.aligned, self.anode, self.tube_kvp = chain, aligned, anode, tube_kvp
+
+    def unknowns(self, effects: tuple[str, ...]) -> list[Unknown]:
+        """The effects' numbers that are fitted, in order. Of a gain pattern there are none: pixels are fitted."""
+        found = []
+        for name in effects:
+            effect = load(name)
+            for one in () if effect.pattern else effect.parameters:
+                low, high = one.low, one.high
+                if (name, one.name) == ("spectrum", "kvp"):
+                    low, high = KVP[self.anode]
+                expected, sd = (low + high) / 2, high - low
+                starts = (min(max(one.start, low), high),)
+                if one.neutral is None:
+                    starts += tuple(low + share * (high - low) for share in STARTS)
+                if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
+                    expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
+                found.append(Unknown(name, one.name, low, high, starts, expected, sd))
+        return found
 
     def predict(self, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float], data: Observed):
         """The prediction for settings of effects and of the alignment. A gain pattern is fitted elsewhere: it has no
         mean of its own here."""
-        pose = Pose(place["x_mm"], place["y_mm"], place["z_mm"], place["turn_deg"])
+        pose = Pose(**{name: place[name] for name in POSES if name in place})
         shown = {name: values for name, values in physics.items() if not load(name).pattern}
         state = self.chain.state(shown, pose, photons=float(np.exp(place["log_photons"])), anode=self.anode)
         variance = state.variance()
@@ -72,16 +120,6 @@ class Model:
             log_variance = np.log(data.blocks.sum(ratio) / data.blocks.sum(data.usable))
         white = None if data.white is None else white_shape(state.measured_air[0])
         return Prediction(mean, log_variance, np.array(state.correlations()), white, state)
-
-
-def parameters_of(effects: tuple[str, ...]) -> list[tuple[str, Parameter]]:
-    """The numbers that are fitted for these effects, in order."""
-    chosen = []
-    for name in effects:
-        effect = load(name)
-        if not effect.pattern:
-            chosen += [(name, parameter) for parameter in effect.parameters]
-    return chosen
 
 
 def stacked(data: Observed, prediction: Prediction) -> list[np.ndarray]:

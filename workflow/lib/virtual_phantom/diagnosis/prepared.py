@@ -55,6 +55,7 @@ def prepare(
     chain: Chain,
     *,
     anode: str = "W",
+    tube_kvp: float | None = None,
     nominal_photons: float | None = None,
     known: dict[str, float] | None = None,
     floor_chain: Chain | None = None,
@@ -62,6 +63,7 @@ def prepare(
     """Noise, floor and alignment of a recording.
 
     chain             the simulator
+    anode, tube_kvp   as the label on the scanner says
     nominal_photons   per pixel in air, if it is stated
     known             standard deviations of the alignment, by name, where the defaults do not hold
     floor_chain       the same scene with more rays per pixel: the difference of the two is the floor
@@ -84,9 +86,12 @@ def prepare(
     fitted, held, words = split(taken, further)
     data, held_out = (observe(part, reference, blocks) for part in (fitted, held))
     aligned = nuisances(
-        np.log(nominal_photons or photons), NOMINAL_PHOTONS_SD if nominal_photons else np.inf, known or {}
+        # A single repeat's noise is an estimate of its own and not among the data, so nothing else would hold it.
+        np.log(nominal_photons or photons),
+        NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf,
+        known or {},
     )
-    fitter = Fitter(Model(chain, aligned, anode), data, held_out, variance, floor)
+    fitter = Fitter(Model(chain, aligned, anode, tube_kvp), data, held_out, variance, floor)
     return Prepared(fitter, data, held_out, variance, floor, words, single, photons)
 
 

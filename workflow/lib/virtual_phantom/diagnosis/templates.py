@@ -42,7 +42,11 @@ def templates(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
     effect = load(name)
     now = fitter.model.predict(fit.physics, fit.place, fitter.data)
     before = stacked(fitter.data, now)
-    typical = {parameter.name: parameter.typical for parameter in effect.parameters}
+    ranges = {one.name: one for one in fitter.model.unknowns((name,))}
+    typical = {
+        parameter.name: min(max(parameter.typical, ranges[parameter.name].low), ranges[parameter.name].high)
+        for parameter in effect.parameters
+    }
     varied = [parameter for parameter in effect.parameters if parameter.neutral is not None]
     settings = [typical] if not varied else []
     for parameter in varied:

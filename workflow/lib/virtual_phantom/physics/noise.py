@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InputError
+
+if TYPE_CHECKING:
+    from .chain import State
 
 MODELS = ("astra", "physical")
 
@@ -16,13 +20,13 @@ MODELS = ("astra", "physical")
 class Counts:
     """What the detector reads in one acquisition.
 
-    data      photons, unsigned integers [view, row, column]
-    white     expected photons without an object, I0
+    data      photons [view, row, column]: whole numbers, or fractions where the detector shares or adds to them
+    white     expected photons without an object: I0, or [row, column]
     scale     line integral per unit of -ln(data / white): 1, or p_max in the "astra" model
     """
 
     data: np.ndarray
-    white: float
+    white: float | np.ndarray
     scale: float
 
     def line_integrals(self, zero_counts_as: float) -> np.ndarray:
@@ -30,7 +34,7 @@ class Counts:
         if not 0 < zero_counts_as <= 1:
             raise InputError(f"noise.zero_counts_as {zero_counts_as}: must be over 0 and at most 1 photon")
         photons = np.maximum(self.data, np.float32(zero_counts_as), dtype=np.float32)
-        return (-self.scale * np.log(photons / np.float32(self.white))).astype(np.float32)
+        return (-self.scale * np.log(photons / np.asarray(self.white, np.float32))).astype(np.float32)
 
 
 def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, seed: np.random.SeedSequence) -> Counts:
@@ -76,6 +80,18 @@ def acquire(
     seed: int,
     model: str,
     study_seed: int,
+    state: State | None = None,
 ) -> Counts:
-    """The noisy acquisition of a study that these labels name: `simulate_counts` with its own random stream."""
-    return simulate_counts(line_integrals, noise_level, model, acquisition_seed(study_seed, geometry, noise, seed))
+    """The noisy acquisition of a study that these labels name: `simulate_counts` with its own random stream.
+
+    state   what the acquisition chain made of the scene, its photons being those per pixel over 1/A; None: baseline
+    """
+    stream = acquisition_seed(study_seed, geometry, noise, seed)
+    if state is None:
+        return simulate_counts(line_integrals, noise_level, model, stream)
+    lit = replace(state, photons=state.photons / noise_level)
+    air = lit.measured_air
+    white = air.mean(axis=0)
+    # Where the tube current is modulated, a monitor corrects every view for it.
+    data = lit.counts(np.random.Generator(np.random.PCG64(stream))) * (white / air)
+    return Counts(data.astype(np.float32), (white * lit.photons).astype(np.float32), 1.0)

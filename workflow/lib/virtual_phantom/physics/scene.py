@@ -14,15 +14,18 @@ from .materials import Segmentation, attenuation_per_mm, energy_of
 
 @dataclass(frozen=True)
 class Pose:
-    """How the object lies off the place that it is said to have: shift in mm, turn about z in degrees."""
+    """How the object lies off the place that it is said to have: shift in mm, turn about z in degrees; and its size
+    over the one it is said to have, in every direction."""
 
     x_mm: float = 0.0
     y_mm: float = 0.0
     z_mm: float = 0.0
     turn_deg: float = 0.0
+    size: float = 1.0
 
 
 IN_PLACE = Pose()
+DISC_ENERGY_KEV = 60.0
 
 
 class VoxelScene:
@@ -63,13 +66,13 @@ class VoxelScene:
 
         motion_mm   (view, 3): where the object is in each view, x, y, z from its place
         """
-        geometry = replace(geometry, angles_rad=geometry.angles_rad - np.deg2rad(pose.turn_deg))
-        turn = np.deg2rad(pose.turn_deg)
         # The object turned by t about z and seen at angle b is the object seen at b - t, with shifts turned back.
+        turn = np.deg2rad(pose.turn_deg)
+        geometry = replace(geometry, angles_rad=geometry.angles_rad - turn)
         back = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
         shift = back @ [pose.x_mm, pose.y_mm, pose.z_mm]
         if motion_mm is None:
-            return self._project(geometry, shift)
+            return self._project(geometry, shift, pose.size)
         moved = shift + motion_mm @ back.T
         result = np.empty((len(self.materials), geometry.views, geometry.rows, geometry.columns), np.float32)
         for view in range(geometry.views):
@@ -78,12 +81,47 @@ class VoxelScene:
                 angles_rad=geometry.angles_rad[view : view + 1],
                 source_z_mm=geometry.source_z_mm[view : view + 1],
             )
-            result[:, view] = self._project(one, moved[view])[:, 0]
+            result[:, view] = self._project(one, moved[view], pose.size)[:, 0]
         return result
 
-    def _project(self, geometry: ScanGeometry, shift: np.ndarray) -> np.ndarray:
-        centre = tuple((self._centre + shift).tolist())
-        projector = CpuProjector(geometry, self.grid, len(self.materials), self.threads, centre)
+    def _project(self, geometry: ScanGeometry, shift: np.ndarray, size: float) -> np.ndarray:
+        centre = tuple((size * self._centre + shift).tolist())
+        grid = self.grid if size == 1 else replace(self.grid, spacing=tuple(size * s for s in self.grid.spacing))
+        projector = CpuProjector(geometry, grid, len(self.materials), self.threads, centre)
         if self._packed is None:
             self._packed = projector.pack_volume(self._fractions)
         return projector.unpack_projections(projector.forward(self._packed))
+
+
+class DiscScene:
+    """A homogeneous cylinder along z, longer than the beam is high: path lengths in closed form.
+
+    diameter_mm   at size 1; its axis lies at the isocentre
+    """
+
+    def __init__(self, diameter_mm: float, material: str, mu_per_mm: float | None = None):
+        """mu_per_mm   of the monochromatic beam in the material: gives its energy; None: 60 keV"""
+        self.radius_mm, self.materials = diameter_mm / 2, (material,)
+        self.energy_kev = DISC_ENERGY_KEV if mu_per_mm is None else energy_of(material, mu_per_mm)
+
+    @property
+    def attenuation_per_mm(self) -> np.ndarray:
+        """At the monochromatic energy, (1,)."""
+        return np.array([attenuation_per_mm(self.materials[0], [self.energy_kev])[0]])
+
+    def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
+        """As VoxelScene.path_lengths; turns change nothing."""
+        angles = geometry.angles_rad
+        place = np.zeros((angles.size, 2)) if motion_mm is None else motion_mm[:, :2]
+        x, y = (place + [pose.x_mm, pose.y_mm]).T
+        sine, cosine = np.sin(angles), np.cos(angles)
+        # From the source, along the central ray (depth) and along the columns (across), in every view.
+        depth = geometry.source_to_isocentre_mm + x * sine - y * cosine
+        across = x * cosine + y * sine
+        u, distance = geometry.column_positions_mm(), geometry.source_to_detector_mm
+        length = np.hypot(distance, u)
+        off = (across[:, None] * distance - depth[:, None] * u) / length
+        chord = 2 * np.sqrt(np.maximum((self.radius_mm * pose.size) ** 2 - off**2, 0))
+        # A ray that climbs is longer by its own length over that of its shadow in the plane.
+        climb = np.sqrt(1 + (geometry.row_positions_mm()[:, None] / length) ** 2)
+        return (chord[:, None, :] * climb).astype(np.float32)[None]

@@ -12,7 +12,9 @@ def apply(state: State, values: dict[str, float]) -> None:
     # What leaves the primary beam: most where about 1/e of it is left.
     source = -transmission * np.log(np.clip(transmission, 1e-12, 1)) * state.air
     geometry = state.geometry
-    sigma = values["width_mm"] / np.array([geometry.row_pitch_mm, geometry.column_pitch_mm])
+    # A single row stands for a beam that is high enough to look alike from row to row.
+    rows = values["width_mm"] / geometry.row_pitch_mm if geometry.rows > 1 else 0.0
+    sigma = (rows, values["width_mm"] / geometry.column_pitch_mm)
     spread = ndimage.gaussian_filter(source, (0, *sigma), mode="constant", truncate=3)
     state.signal = state.signal + values["amount"] * spread
 

@@ -1,0 +1,71 @@
+"""A configured recording of projections, made ready: what was scanned, by which geometry, with what stated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from .. import volumes
+from ..errors import InputError
+from ..physics.chain import Chain
+from ..physics.effect import names
+from ..physics.materials import Segmentation
+from ..physics.scene import DiscScene, VoxelScene
+from ..recordings.reading import load
+from .observed import scans
+from .prepared import Prepared, prepare
+
+FLOOR_SAMPLES = 1  # more rays per pixel and direction than the model's: the difference is the numerical floor
+
+
+def candidates(settings: dict) -> list[str]:
+    """The effects that a recording is tried against. Raises InputError for one that the library does not have."""
+    chosen = settings.get("effects") or list(names())
+    if unknown := [name for name in chosen if name not in names()]:
+        raise InputError(f"diagnosis.effects: there is no effect '{unknown[0]}'; there are {', '.join(names())}")
+    if settings.get("nominal_photons") is None:
+        chosen = [name for name in chosen if name != "photon_flux"]  # nothing is stated that it could differ from
+    return chosen
+
+
+def ready(
+    folder: str | Path,
+    settings: dict,
+    phantom: str | Path | None,
+    mu_water_per_mm: float,
+    materials: dict,
+    threads: int = 1,
+):
+    """Read a recording and prepare it for fits: (recording, Prepared).
+
+    folder     of the recording
+    settings   diagnosis.recordings.<name> of the configuration, complete
+    materials  how HU are divided, as the configuration's section
+    phantom    image of the study's phantom, HU; None where `settings.disc` says what was scanned
+    Raises InputError for a recording of another kind.
+    """
+    recording = load(folder)
+    if recording.kind != "projections":
+        raise InputError(
+            f"{recording.document.path}: holds {recording.kind}; only recordings of projections can be diagnosed"
+        )
+    scene = _scene(settings, phantom, mu_water_per_mm, materials, threads)
+    chains = [Chain(scene, recording.geometry, samples=settings["samples"] + more) for more in (0, FLOOR_SAMPLES)]
+    nominal = recording.nominal
+    further = scans(recording.held_out) if len(recording.held_out) else None
+    prepared: Prepared = prepare(
+        scans(recording.repeats),
+        further,
+        chains[0],
+        anode=nominal.get("anode", "W"),
+        tube_kvp=nominal.get("tube_kvp"),
+        nominal_photons=settings.get("nominal_photons"),
+        known=settings["alignment"],
+        floor_chain=chains[1],
+    )
+    return recording, prepared
+
+
+def _scene(settings: dict, phantom: str | Path | None, mu_water_per_mm: float, materials: dict, threads: int):
+    if "disc" in settings:
+        return DiscScene(settings["disc"]["diameter_mm"], settings["disc"]["material"])
+    return VoxelScene.of(volumes.read_nifti(phantom), Segmentation(**materials), mu_water_per_mm, threads)

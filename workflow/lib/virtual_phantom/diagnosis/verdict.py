@@ -1,0 +1,174 @@
+"""What a diagnosis says: the verdict, the physics with its parameters, what is left, and what to measure next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..physics.effect import load
+from .attribute import Choice, Trial
+from .locate import Location, locate
+from .prepared import Prepared
+
+NORMAL_95 = 1.959964
+VERDICTS = ("match", "mismatch explained", "mismatch partly explained", "unexplained")
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that is reported.
+
+    before, after   places of difference on held-out data, with alignment alone and with the effects chosen
+    content         what diagnosis.json holds
+    """
+
+    choice: Choice
+    before: list[Location]
+    after: list[Location]
+    content: dict
+
+
+def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
+    """Judge a choice of effects on the data held out."""
+    fitter = prepared.fitter
+    before = locate(fitter.residuals(choice.baseline.fit), fitter.held_weights, prepared.held_out)
+    after = locate(fitter.residuals(choice.chosen.fit), fitter.held_weights, prepared.held_out)
+    effects = choice.chosen.fit.effects
+    left = [place for place in after if place.significant]
+    verdict = VERDICTS[(1 if not left else 2) if effects else (0 if not left else 3)]
+    removed = excess_removed(prepared, choice.baseline, choice.chosen) if effects else None
+    metrics = {
+        "fit": metrics_of(prepared, choice, held_out=False),
+        "held_out": metrics_of(prepared, choice, held_out=True),
+    }
+    ambiguous = {name: choice.ambiguous_with(name) for name in effects}
+    content = {
+        "recording": recording,
+        "verdict": verdict,
+        "sentence": sentence(recording, verdict, choice, before, after, removed),
+        "locations": [_location(place) for place in before],
+        "effects": [_effect(name, choice) for name in effects],
+        "ambiguous_with": ambiguous,
+        "ruled_out": choice.ruled_out,
+        "alignment": {
+            name: {"value": value, "ci95": _interval(value, choice.chosen.fit.place_errors[name])}
+            for name, value in choice.chosen.fit.place.items()
+        },
+        **metrics,
+        "excess_removed": removed,
+        "unexplained": [_location(place) for place in left],
+        "next_measurement": next_measurements(choice, bool(left)),
+        "held_out_data": prepared.held,
+        "noise_from_one_repeat": prepared.single,
+    }
+    return Diagnosis(choice, before, after, content)
+
+
+def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial) -> float | None:
+    """Share of the squared difference beyond noise, on held-out data, that the effects remove; None if there is none.
+
+    The difference beyond noise is estimated by the product of the residuals of fitted and held-out data, whose noises
+    are independent. Where both are of one repeat (every second view), by chi-square less its expectation.
+    """
+    before, after = (_excess(prepared, one) for one in (baseline, chosen))
+    if not before > 0:
+        return None
+    return float(np.clip(1 - after / before, -1, 1))
+
+
+def _excess(prepared: Prepared, trial: Trial) -> float:
+    fitter = prepared.fitter
+    here, there = fitter.residuals(trial.fit, held_out=False), fitter.residuals(trial.fit)
+    total = 0.0
+    for a, b, w, v in zip(here, there, fitter.weights, fitter.held_weights, strict=True):
+        both = (w > 0) & (v > 0)
+        if both.any():
+            total += float((a[both] * b[both] * np.sqrt(w[both] * v[both])).sum())
+        else:
+            total += float((v * b**2).sum() - (v > 0).sum())
+    return total
+
+
+def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
+    """Numbers before, after, and what noise alone would give."""
+    fitter = prepared.fitter
+    data = prepared.held_out if held_out else prepared.data
+    weights = fitter.held_weights if held_out else fitter.weights
+    used = weights[0] > 0
+    found = {}
+    parts = ["mean", *(["noise_variance", "noise_correlation"] if data.variance is not None else [])]
+    parts += ["white_field"] if data.white is not None else []
+    residuals = {
+        key: fitter.residuals(one.fit, held_out) for key, one in (("before", choice.baseline), ("after", choice.chosen))
+    }
+    rms = {key: float(np.sqrt((value[0][used] ** 2).mean())) for key, value in residuals.items()}
+    floor = float(np.sqrt((prepared.variance.ravel()[used] / data.n).mean()))
+    found["rms_line_integral"] = {**rms, "floor": floor}
+    for place, name in enumerate(parts):
+        count = int((weights[place] > 0).sum())
+        if not count:
+            continue
+        found[f"chi_square_{name}"] = {
+            key: float((weights[place] * value[place] ** 2).sum()) / count for key, value in residuals.items()
+        } | {"floor": 1.0}
+    found["log_score"] = {"before": choice.baseline.score, "after": choice.chosen.score} if held_out else {}
+    return {key: value for key, value in found.items() if value}
+
+
+def _effect(name: str, choice: Choice) -> dict:
+    effect, fit = load(name), choice.chosen.fit
+    units = {parameter.name: parameter.unit for parameter in effect.parameters}
+    ranges = {parameter.name: (parameter.low, parameter.high) for parameter in effect.parameters}
+    return {
+        "name": name,
+        "physics": effect.physics,
+        "parameters": {
+            key: {
+                "value": value,
+                "ci95": _interval(value, fit.errors[name][key], *ranges[key]),
+                "unit": units[key],
+            }
+            for key, value in fit.physics[name].items()
+        },
+        "evidence": {"held_out_gain": choice.gains[name], "p": choice.p[name]},
+    }
+
+
+def _interval(value: float, error: float, low: float = -np.inf, high: float = np.inf) -> list[float]:
+    return [float(max(low, value - NORMAL_95 * error)), float(min(high, value + NORMAL_95 * error))]
+
+
+def _location(place: Location) -> dict:
+    return {"domain": place.domain, "where": place.where, "z": place.z, "p": place.p, "map": f"{place.domain}.npy"}
+
+
+def next_measurements(choice: Choice, something_left: bool) -> list[str]:
+    """What would settle the verdict: for every ambiguous effect its own and its rivals' tests."""
+    found = []
+    for name in choice.chosen.fit.effects:
+        if rivals := choice.ambiguous_with(name):
+            found += [f"{name} or {rival}: {load(one).settled_by}" for rival in rivals for one in (name, rival)]
+    if something_left and not found:
+        found = ["the same scan again after the air and geometry calibrations, to see whether what is left stays"]
+    return list(dict.fromkeys(found))
+
+
+def sentence(recording: str, verdict: str, choice: Choice, before, after, removed) -> str:
+    """The verdict in words."""
+    if verdict == "match":
+        return f"{recording} and the simulation agree: what they differ by is noise and alignment."
+    worst = next((place for place in before if place.significant), before[0])
+    seen = f"most in {worst.domain} ({worst.where})"
+    names = []
+    for name in choice.chosen.fit.effects:
+        rivals = choice.ambiguous_with(name)
+        names.append(" or ".join(one.replace("_", " ") for one in (name, *rivals)))
+    if verdict == "unexplained":
+        return f"{recording} and the simulation differ, {seen}, and no effect of the library explains it."
+    share = "" if removed is None else f", which removes {100 * removed:.1f} % of the difference on data not fitted"
+    text = f"{recording} and the simulation differ, {seen}; left out was {' and '.join(names)}{share}."
+    if verdict == "mismatch partly explained":
+        rest = next(place for place in after if place.significant)
+        text += f" What remains lies most in {rest.domain} ({rest.where})."
+    return text

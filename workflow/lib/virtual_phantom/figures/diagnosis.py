@@ -1,0 +1,68 @@
+"""A diagnosis in pictures: where recording and model differ, before and after, and how the candidates did."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from . import style
+
+MAP_LIMIT = 6.0  # standard deviations: beyond them colours stay the same
+BEFORE, AFTER = style.VERMILLION, style.BLUE
+MOST_RANKED = 18
+LINEAR_GAIN = 1.0  # log score; the axis of gains is linear below
+
+
+@style.styled()
+def draw_maps(before: np.ndarray, after: np.ndarray, title: str) -> Figure:
+    """Standardised residuals [view block, column block], before and after, on one scale."""
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
+    axes = figure.subplots(1, 2, sharey=True)
+    for index, (place, values, name) in enumerate(
+        zip(axes, (before, after), ("alignment only", "with the effects found"), strict=True)
+    ):
+        shown = place.imshow(
+            values, aspect="auto", cmap="RdBu_r", vmin=-MAP_LIMIT, vmax=MAP_LIMIT, interpolation="nearest"
+        )
+        place.grid(False)
+        place.set(xlabel="detector column", title=name)
+        style.letter_panel(place, index)
+    axes[0].set_ylabel("view")
+    figure.colorbar(shown, ax=axes, label="recorded − modelled (standard deviations)", extend="both", shrink=0.9)
+    figure.suptitle(title, fontsize=style.FONT_POINTS + 0.5)
+    return figure
+
+
+@style.styled()
+def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
+    """Residuals along something, before and after: (label of x, x, before, after) per panel, in standard deviations."""
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 58)
+    for index, (axes, (label, x, before, after)) in enumerate(
+        zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True)
+    ):
+        axes.axhspan(-2, 2, color="#EEEEEE")
+        axes.plot(x, before, color=BEFORE, label="alignment only")
+        axes.plot(x, after, color=AFTER, label="with the effects found")
+        axes.set_yscale("symlog", linthresh=5)
+        axes.set(xlabel=label, ylabel="recorded − modelled (SD)" if index == 0 else None)
+        style.letter_panel(axes, index)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+@style.styled()
+def draw_ranking(gains: dict[str, float], chosen: tuple[str, ...]) -> Figure:
+    """Log score that every candidate alone adds on held-out data, the best first."""
+    names = sorted(gains, key=lambda name: -gains[name])[:MOST_RANKED]
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 18 + 4.6 * len(names))
+    axes = figure.subplots()
+    values = [gains[name] for name in names]
+    colours = [AFTER if name in chosen else "#BBBBBB" for name in names]
+    axes.barh(range(len(names)), values, color=colours, height=0.7)
+    axes.set_yticks(range(len(names)), [style.label(name) for name in names])
+    axes.invert_yaxis()
+    axes.set_xscale("symlog", linthresh=LINEAR_GAIN)
+    axes.axvline(0, color=style.GREY, linewidth=0.6)
+    axes.set_xlabel("gain on data not fitted (log score), each effect alone; blue: in the verdict")
+    axes.grid(axis="y", visible=False)
+    return figure

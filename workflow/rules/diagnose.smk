@@ -1,0 +1,110 @@
+# Where recordings and the simulator differ, and which physics explains it: one job per recording and candidate effect.
+from virtual_phantom.diagnosis.setting import candidates
+
+DIAGNOSED = PLAN.config["diagnosis"]["recordings"]
+try:
+    CANDIDATES = {name: candidates(settings) for name, settings in DIAGNOSED.items()}
+except InputError as error:
+    sys.exit(f"Error: {error}")
+
+
+localrules:
+    diagnosis,
+
+
+def diagnosis_inputs(wildcards):
+    inputs = {"files": [str(path) for path in RECORDINGS[wildcards.recording].files]}
+    if "disc" not in DIAGNOSED[wildcards.recording]:
+        inputs["phantom"] = rules.phantom.output.image
+    return inputs
+
+
+def diagnosis_megabytes(wildcards):
+    """Rays of all repeats, path lengths at several samples per pixel, and derivatives, MB."""
+    scan = RECORDINGS[wildcards.recording].content["scan"]
+    rays = scan["views"] * scan["rows"] * scan["columns"] / 1e6
+    return int(
+        1500 + rays * (60 * DIAGNOSED[wildcards.recording]["samples"] ** 2 + 400)
+    )
+
+
+rule diagnosis_alignment:
+    """The simulator with nothing but alignment: what every effect is held against."""
+    input:
+        unpack(diagnosis_inputs),
+        code=code("diagnose_candidate.py"),
+    output:
+        f"{RESULTS}/diagnosis/{{recording}}/alignment.json",
+    log:
+        f"{RESULTS}/logs/diagnosis/{{recording}}/alignment.log",
+    resources:
+        mem_mb=diagnosis_megabytes,
+        runtime=60,
+    params:
+        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
+        settings=lambda wildcards: DIAGNOSED[wildcards.recording],
+        mu_water_per_mm=PLAN.config["mu_water_per_mm"],
+        materials=PLAN.config["materials"],
+        effect=None,
+    script:
+        "../scripts/diagnose_candidate.py"
+
+
+use rule diagnosis_alignment as diagnosis_effect with:
+    input:
+        unpack(diagnosis_inputs),
+        baseline=rules.diagnosis_alignment.output[0],
+        effect="workflow/lib/virtual_phantom/physics/effects/{effect}.py",
+        code=code("diagnose_candidate.py"),
+    output:
+        f"{RESULTS}/diagnosis/{{recording}}/effects/{{effect}}.json",
+    log:
+        f"{RESULTS}/logs/diagnosis/{{recording}}/{{effect}}.log",
+    params:
+        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
+        settings=lambda wildcards: DIAGNOSED[wildcards.recording],
+        mu_water_per_mm=PLAN.config["mu_water_per_mm"],
+        materials=PLAN.config["materials"],
+        effect=lambda wildcards: wildcards.effect,
+
+
+rule diagnose:
+    """Verdict, physics and report of one recording."""
+    input:
+        unpack(diagnosis_inputs),
+        baseline=rules.diagnosis_alignment.output[0],
+        candidates=lambda wildcards: [
+            f"{RESULTS}/diagnosis/{wildcards.recording}/effects/{effect}.json"
+            for effect in CANDIDATES[wildcards.recording]
+        ],
+        code=code("diagnose.py"),
+    output:
+        diagnosis=f"{RESULTS}/diagnosis/{{recording}}/diagnosis.json",
+        physics=f"{RESULTS}/diagnosis/{{recording}}/physics.yaml",
+        report=report(
+            f"{RESULTS}/diagnosis/{{recording}}/report.html",
+            caption="../report/diagnosis.rst",
+            category="Diagnosis",
+            labels={"recording": "{recording}"},
+        ),
+        maps=directory(f"{RESULTS}/diagnosis/{{recording}}/maps"),
+    log:
+        f"{RESULTS}/logs/diagnosis/{{recording}}/diagnose.log",
+    threads: 2
+    resources:
+        mem_mb=diagnosis_megabytes,
+        runtime=120,
+    params:
+        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
+        settings=lambda wildcards: DIAGNOSED[wildcards.recording],
+        mu_water_per_mm=PLAN.config["mu_water_per_mm"],
+        materials=PLAN.config["materials"],
+        effects=lambda wildcards: CANDIDATES[wildcards.recording],
+    script:
+        "../scripts/diagnose.py"
+
+
+rule diagnosis:
+    """Every recording under diagnosis.recordings."""
+    input:
+        [f"{RESULTS}/diagnosis/{name}/diagnosis.json" for name in DIAGNOSED],

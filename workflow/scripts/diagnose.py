@@ -1,0 +1,44 @@
+"""Choose the effects that explain a recording, and say it: diagnosis.json, physics.yaml, maps and the report."""
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from virtual_phantom import files
+from virtual_phantom.diagnosis.attribute import choose
+from virtual_phantom.diagnosis.locate import ALPHA
+from virtual_phantom.diagnosis.report import page
+from virtual_phantom.diagnosis.setting import ready
+from virtual_phantom.diagnosis.store import read_trial
+from virtual_phantom.diagnosis.verdict import diagnose
+from virtual_phantom.job import job
+
+with job(snakemake) as log:
+    params, given, output = snakemake.params, snakemake.input, snakemake.output
+    recording, prepared = ready(
+        params.folder,
+        params.settings,
+        given.get("phantom"),
+        params.mu_water_per_mm,
+        params.materials,
+        snakemake.threads,
+    )
+    singles = {name: read_trial(path) for name, path in zip(params.effects, given.candidates, strict=True)}
+    found = diagnose(recording.name, prepared, choose(prepared.fitter, read_trial(given.baseline), singles))
+    maps = Path(output.maps)
+    maps.mkdir(parents=True, exist_ok=True)
+    for place in found.before:
+        with files.replacing(maps / f"{place.domain}.npy") as temporary:
+            buffer = io.BytesIO()
+            np.save(buffer, place.map)
+            temporary.write_bytes(buffer.getvalue())
+    protocol = {"physics": found.choice.chosen.fit.physics}
+    text = f"# {found.content['sentence']}\n# An overlay: give its physics to a protocol of the study.\n"
+    files.write_text(text + yaml.safe_dump(protocol, sort_keys=False), output.physics)
+    files.write_text(page(found, prepared, ALPHA), output.report)
+    files.write_text(json.dumps(found.content, indent=2) + "\n", output.diagnosis)
+    log.info("%s", found.content["sentence"])
+    print(found.content["sentence"])

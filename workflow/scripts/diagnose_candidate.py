@@ -1,0 +1,22 @@
+"""Fit one effect, or the alignment alone, to a recording."""
+
+from virtual_phantom.diagnosis.attribute import trial
+from virtual_phantom.diagnosis.setting import ready
+from virtual_phantom.diagnosis.store import read_trial, write_trial
+from virtual_phantom.job import job
+
+with job(snakemake) as log:
+    params, given = snakemake.params, snakemake.input
+    recording, prepared = ready(
+        params.folder,
+        params.settings,
+        given.get("phantom"),
+        params.mu_water_per_mm,
+        params.materials,
+        snakemake.threads,
+    )
+    effect = params.effect
+    baseline = read_trial(given.baseline) if effect else None
+    found = trial(prepared.fitter, (effect,) if effect else (), baseline, baseline)
+    write_trial(found, snakemake.output[0])
+    log.info("%s: log score %.1f, p %.3g, %s", effect or "alignment", found.score, found.p, found.fit.physics)
