@@ -15,7 +15,7 @@ localrules:
 def diagnosis_inputs(wildcards):
     inputs = {"files": [str(path) for path in RECORDINGS[wildcards.recording].files]}
     if "disc" not in DIAGNOSED[wildcards.recording]:
-        inputs["phantom"] = rules.phantom.output.image
+        inputs["phantom"] = rules.phantom.output.fine
     return inputs
 
 

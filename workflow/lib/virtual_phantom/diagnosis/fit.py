@@ -14,9 +14,12 @@ from .observed import Observed
 
 ITERATIONS = 25
 CONVERGED = 0.02  # of chi-square between two iterations
-STEP = 1e-3  # for derivatives: share of the plausible range, or of the alignment's standard deviation
-UNKNOWN_STEP = 0.1  # the same of an alignment of which nothing is known
-DAMPING = (0.0, 1e-3, 1e-2, 0.1, 1.0, 10.0, 1e3)  # of a step, in turn until the fit gets better (Marquardt)
+# For derivatives: shares of the plausible range and of the alignment's standard deviation. Path lengths are in single
+# precision, so that smaller steps would measure rounding.
+STEP, ALIGNMENT_STEP = 2e-3, 1e-2
+UNKNOWN_STEP = 1e-3  # of an alignment of which nothing is known
+# Marquardt's damping: from none, first to LEAST_DAMPING, then by factors of DAMPING while a step makes the fit worse.
+LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
 POSE_STEPS = 4  # derivatives of the pose are costly, and shifts far less than a pixel: they serve several steps
 
 
@@ -31,7 +34,8 @@ class Fit:
     chi_square   of the data that were fitted, and of the Gaussian knowledge
     parts        chi-square of mean, variance, correlation and white field, those that are there
     free         number of effects' parameters
-    pattern      [row, column] gain pattern (added to line integrals), or None
+    pattern      [row, column] gain pattern (added to line integrals), or None, and the variance that each of its
+                 constants is left with
     """
 
     effects: tuple[str, ...]
@@ -43,6 +47,7 @@ class Fit:
     parts: tuple[float, ...]
     free: int
     pattern: np.ndarray | None = field(default=None, repr=False)
+    pattern_variance: np.ndarray | None = field(default=None, repr=False)
 
 
 class Fitter:
@@ -67,20 +72,23 @@ class Fitter:
         residuals = problem.residuals(point, pattern)
         if problem.patterned:
             pattern, residuals = problem.with_pattern(residuals)
-        current = problem.chi_square(residuals, point)
+        current, damping = problem.chi_square(residuals, point), 0.0
         for iteration in range(ITERATIONS):
             if iteration % POSE_STEPS == 0:
                 problem.forget_poses()
             information, gradient = problem.normal(point, residuals, pattern)
             before = current
-            for damping in DAMPING:
+            while True:
                 damped = information + damping * np.diag(np.diag(information))
                 step = bounded_step(damped, gradient, point, problem.low, problem.high)
-                trial = np.clip(point + step, problem.low, problem.high)
-                tried = problem.residuals(trial, pattern)
+                trial, tried = problem.polished(np.clip(point + step, problem.low, problem.high), pattern)
                 reached = problem.chi_square(tried, trial)
                 if reached <= current:
                     point, residuals, current = trial, tried, reached
+                    damping = damping / DAMPING if damping > LEAST_DAMPING else 0.0
+                    break
+                damping = max(LEAST_DAMPING, damping * DAMPING)
+                if damping > MOST_DAMPING:
                     break
             if problem.patterned:
                 pattern, residuals = problem.with_pattern(problem.residuals(point, None))
@@ -121,7 +129,9 @@ class Problem:
         self.centre = np.array([one.expected for one in (*self.unknowns, *aligned)])
         width = np.array([one.sd for one in (*self.unknowns, *aligned)])
         self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)
-        self.steps = STEP * np.where(np.isfinite(width), width, UNKNOWN_STEP)
+        spans = [STEP * (one.high - one.low) for one in self.unknowns]
+        spans += [ALIGNMENT_STEP * one.sd if np.isfinite(one.sd) else UNKNOWN_STEP for one in aligned]
+        self.steps = np.array(spans)
         self._poses: dict[str, list[np.ndarray]] = {}
 
     def best_start(self, given: Fit | None) -> np.ndarray:
@@ -136,15 +146,38 @@ class Problem:
         points = [np.array([*values, *place]) for values in product(*choices) for place in places]
         if all(len(choice) == 1 for choice in choices):
             return self.start
-        return min(points, key=lambda point: self.chi_square(self.residuals(point, None), point))
+        polished = (self.polished(point, None) for point in points)
+        return min(polished, key=lambda one: self.chi_square(one[1], one[0]))[0]
 
     def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:
+        return less_pattern(stacked(self.data, self.model.predict(*self._named(point), self.data)), pattern, self.data)
+
+    def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
+        """Effects' parameters and the alignment of a point, by name."""
         physics: dict[str, dict[str, float]] = {name: {} for name in self.effects}
         for one, value in zip(self.unknowns, point, strict=False):
             physics[one.effect][one.name] = float(value)
         aligned = point[len(self.unknowns) :]
-        place = {one.name: float(value) for one, value in zip(self.model.aligned, aligned, strict=True)}
-        return less_pattern(stacked(self.data, self.model.predict(physics, place, self.data)), pattern, self.data)
+        return physics, {one.name: float(value) for one, value in zip(self.model.aligned, aligned, strict=True)}
+
+    def polished(self, point: np.ndarray, pattern: np.ndarray | None) -> tuple[np.ndarray, list[np.ndarray]]:
+        """A point with the best scale and offset for its other numbers, in closed form, and its residuals.
+
+        Both are linear, and most effects trade against them: without this, fits creep along narrow curved valleys.
+        """
+        physics, place = self._named(point)
+        prediction = self.model.predict(physics, place, self.data)
+        residuals = less_pattern(stacked(self.data, prediction), pattern, self.data)
+        lines = prediction.state.line_integrals().ravel()
+        first = len(self.unknowns)
+        index = [first + [one.name for one in self.model.aligned].index(name) for name in ("scale", "offset")]
+        design, weight = np.stack([lines, np.ones_like(lines)]), self.weights[0]
+        information = (design * weight) @ design.T + np.diag(self.knowledge[index])
+        gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.centre[index] - point[index])
+        step = np.linalg.solve(information, gradient)
+        point = point.copy()
+        point[index] += step
+        return point, [np.where(weight > 0, residuals[0] - step @ design, 0), *residuals[1:]]
 
     def with_pattern(self, residuals: list[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
         """The gain pattern of residuals that hold all of it, and what it leaves."""
@@ -200,6 +233,7 @@ class Problem:
             parts=tuple(float((w * r**2).sum()) for w, r in zip(self.weights, residuals, strict=True)),
             free=count + self.patterned,
             pattern=pattern,
+            pattern_variance=self.found.variance if self.patterned else None,
         )
 
 

@@ -38,27 +38,41 @@ class Location:
         return self.p < ALPHA
 
 
-def locate(residuals: list[np.ndarray], weights: list[np.ndarray], data: Observed) -> list[Location]:
+def locate(
+    residuals: list[np.ndarray], weights: list[np.ndarray], data: Observed, constants: np.ndarray | None = None
+) -> list[Location]:
     """Standardised residuals of every domain, the worst first, p corrected over places (Bonferroni) and domains (Holm).
 
     residuals, weights   by part, as Fitter gives them
+    constants            [row, column] variance that a fitted gain pattern leaves to every pixel's constant
+
+    A domain counts by its worst place or by the sum of squares over all places, whichever is less likely, times two.
     """
     shape = data.mean.shape
     residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
     predicted = data.mean - residual  # measured values would sort rays by their own noise
+    left = np.zeros(shape[1:]) if constants is None else constants
+    pixels = weight.sum(axis=0)
+    # A sum over views of one pixel also varies by what its constant is not known to.
+    extra = pixels**2 * left
     found = [
-        _extreme("columns", _marginal(residual, weight, (0, 1)), lambda i: f"column {i} of {shape[2]}"),
-        _extreme("rows", _marginal(residual, weight, (0, 2)), lambda i: f"row {i} of {shape[1]}"),
-        _extreme("views", _marginal(residual, weight, (1, 2)), lambda i: f"view {i} of {shape[0]}"),
-        _blocks("projections", _block_z(residual, weight, data), data),
+        _extreme("columns", _marginal(residual, weight, (0, 1), extra.sum(0)), lambda i: f"column {i} of {shape[2]}"),
+        _extreme("rows", _marginal(residual, weight, (0, 2), extra.sum(1)), lambda i: f"row {i} of {shape[1]}"),
+        _extreme(
+            "views",
+            _marginal(residual, weight, (1, 2), (weight**2 * left).sum((1, 2))),
+            lambda i: f"view {i} of {shape[0]}",
+        ),
+        _blocks("projections", _block_z(residual, weight, data, left), data),
         _path_lengths(residual, weight, predicted),
         _edges(residual, weight, predicted),
-        _pixels(residual, weight),
+        _pixels(_marginal(residual, weight, 0, extra), pixels),
     ]
     place = 1
     if data.variance is not None:
         z = residuals[place] * np.sqrt(weights[place])
         found.append(_blocks("noise variance", z, data))
+        found.append(_level(residuals[place], weights[place]))
         z = residuals[place + 1] * np.sqrt(weights[place + 1])
         names = ("columns", "rows", "views")
         found.append(_extreme("noise correlation", z, lambda i: f"between neighbouring {names[i]}"))
@@ -74,24 +88,45 @@ def locate(residuals: list[np.ndarray], weights: list[np.ndarray], data: Observe
     return corrected
 
 
-def _marginal(residual, weight, axes) -> np.ndarray:
+def _marginal(residual, weight, axes, extra) -> np.ndarray:
     total = weight.sum(axis=axes)
-    return (residual * weight).sum(axis=axes) / np.sqrt(np.where(total > 0, total, np.inf))
+    return (residual * weight).sum(axis=axes) / np.sqrt(np.where(total > 0, total + extra, np.inf))
 
 
-def _block_z(residual, weight, data) -> np.ndarray:
+def _block_z(residual, weight, data, left) -> np.ndarray:
     total = data.blocks.sum(weight)
-    return data.blocks.sum(residual * weight) / np.sqrt(np.where(total > 0, total, np.inf))
+    views, parts = weight.shape[0], data.blocks.shape[0]
+    starts = [-(-views * i // parts) for i in range(parts)]  # as Blocks.of divides them
+    pixels = np.add.reduceat(weight, starts, axis=0)
+    extra = np.zeros(data.blocks.count)
+    for part, start in enumerate(starts):
+        extra += np.bincount(data.blocks.index[start].ravel(), (pixels[part] ** 2 * left).ravel(), data.blocks.count)
+    return data.blocks.sum(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
+
+
+def _level(residual, weight) -> Location:
+    """The noise as a whole."""
+    z = float((residual * weight).sum() / np.sqrt(weight.sum()))
+    return Location("noise level", "all rays", z, _two_sided(z, 1), np.array([z]))
 
 
 def _two_sided(z: float, places: int) -> float:
-    """Bonferroni over places, exact for independent ones: no log of 0 for the largest z."""
+    """Bonferroni over places."""
     return float(min(1.0, 2 * stats.norm.sf(abs(z)) * places))
+
+
+def _likely(z: np.ndarray) -> float:
+    """Chance of the worst place, or of the sum of squares, whichever is less, times two."""
+    tested = z[z != 0]
+    if not tested.size:
+        return 1.0
+    worst = _two_sided(float(np.abs(tested).max()), tested.size)
+    return min(1.0, 2 * min(worst, float(stats.chi2.sf((tested**2).sum(), tested.size))))
 
 
 def _extreme(domain: str, z: np.ndarray, words) -> Location:
     worst = int(np.argmax(np.abs(z)))
-    return Location(domain, words(worst), float(z[worst]), _two_sided(z[worst], z.size), z)
+    return Location(domain, words(worst), float(z[worst]), _likely(z), z)
 
 
 def _blocks(domain: str, z: np.ndarray, data: Observed) -> Location:
@@ -103,9 +138,7 @@ def _blocks(domain: str, z: np.ndarray, data: Observed) -> Location:
             ("views", "rows", "columns"), data.mean.shape, place, data.blocks.shape, strict=True
         )
     ]
-    return Location(
-        domain, ", ".join(ranges), float(z[worst]), _two_sided(z[worst], z.size), z.reshape(data.blocks.shape)
-    )
+    return Location(domain, ", ".join(ranges), float(z[worst]), _likely(z), z.reshape(data.blocks.shape))
 
 
 def _path_lengths(residual, weight, predicted) -> Location:
@@ -131,9 +164,8 @@ def _edges(residual, weight, predicted) -> Location:
     return Location("edges", f"the {100 * EDGE_SHARE:.0f} % steepest rays", float(z), p, np.array([z]))
 
 
-def _pixels(residual, weight) -> Location:
+def _pixels(z, pixels) -> Location:
     """Constants of single pixels over all views: rings."""
-    z = _marginal(residual, weight, 0)
-    square, count = float((z**2).sum()), int((weight.sum(axis=0) > 0).sum())
+    square, count = float((z**2).sum()), int((pixels > 0).sum())
     excess = (square - count) / np.sqrt(2 * max(count, 1))
     return Location("pixels", "all pixels, mean over views", float(excess), float(stats.chi2.sf(square, count)), z)

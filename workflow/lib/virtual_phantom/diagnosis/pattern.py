@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-SMOOTH_PX = 3.0  # what varies more slowly than this from pixel to pixel is other physics and is not counted
+SMOOTH_PX = 3.0  # what varies more slowly than this from pixel to pixel may be other physics
 
 
 @dataclass(frozen=True)
@@ -15,10 +15,12 @@ class Pattern:
     """Constants added to line integrals.
 
     values   [row, column], shrunk towards 0 by how much of each is noise
+    variance [row, column] that the true constants have about them
     rms      standard deviation of the true constants, with its standard error
     """
 
     values: np.ndarray
+    variance: np.ndarray
     rms: float
     error: float
 
@@ -26,8 +28,8 @@ class Pattern:
 def estimate(residual: np.ndarray, weight: np.ndarray) -> Pattern:
     """The pattern in residuals [view, row, column] with weights 1/variance.
 
-    Constants are taken as independent draws of one normal distribution, whose variance is what the pixels' mean square
-    exceeds that of their noise by.
+    Constants are taken as independent draws of one normal distribution. Its variance is what the mean square of their
+    rough part exceeds that of noise by, so that what only varies smoothly over the detector makes no pattern.
     """
     total = weight.sum(axis=0)
     good = total > 0
@@ -40,7 +42,7 @@ def estimate(residual: np.ndarray, weight: np.ndarray) -> Pattern:
     typical = float(square.mean())
     error = typical * np.sqrt(2 / good.sum()) / (2 * max(rms, np.sqrt(typical / np.sqrt(good.sum()))))
     share = np.where(good, rms**2 / np.maximum(rms**2 + noise, 1e-300), 0) if rms else 0
-    return Pattern(rough * share, rms, float(error))
+    return Pattern(mean * share, share * noise, rms, float(error))
 
 
 def _without_smooth(mean: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, float]:

@@ -12,6 +12,8 @@ from .locate import Location, locate
 from .prepared import Prepared
 
 NORMAL_95 = 1.959964
+LEFT_SD = 3.0
+NO_SIGNED_MAP = ("edges",)  # a sum of squares
 VERDICTS = ("match", "mismatch explained", "mismatch partly explained", "unexplained")
 
 
@@ -33,7 +35,8 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     """Judge a choice of effects on the data held out."""
     fitter = prepared.fitter
     before = locate(fitter.residuals(choice.baseline.fit), fitter.held_weights, prepared.held_out)
-    after = locate(fitter.residuals(choice.chosen.fit), fitter.held_weights, prepared.held_out)
+    fit = choice.chosen.fit
+    after = locate(fitter.residuals(fit), fitter.held_weights, prepared.held_out, fit.pattern_variance)
     effects = choice.chosen.fit.effects
     left = [place for place in after if place.significant]
     verdict = VERDICTS[(1 if not left else 2) if effects else (0 if not left else 3)]
@@ -66,28 +69,31 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
 
 
 def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial) -> float | None:
-    """Share of the squared difference beyond noise, on held-out data, that the effects remove; None if there is none.
+    """Share of the difference beyond noise, on held-out data, that the effects remove; None if there is none.
 
-    The difference beyond noise is estimated by the product of the residuals of fitted and held-out data, whose noises
-    are independent. Where both are of one repeat (every second view), by chi-square less its expectation.
+    Removed is what the log score gains, twice (chi-square). Left is the largest sum of products of fitted and held-out
+    standardised residuals, whose noises are independent, over the places of any domain, where it stands LEFT_SD
+    standard deviations above 0: a sum over all rays alone would drown a difference of a few places in their noise.
     """
-    before, after = (_excess(prepared, one) for one in (baseline, chosen))
-    if not before > 0:
+    gained = 2 * (chosen.score - baseline.score)
+    if not gained > 0:
         return None
-    return float(np.clip(1 - after / before, -1, 1))
-
-
-def _excess(prepared: Prepared, trial: Trial) -> float:
     fitter = prepared.fitter
-    here, there = fitter.residuals(trial.fit, held_out=False), fitter.residuals(trial.fit)
-    total = 0.0
-    for a, b, w, v in zip(here, there, fitter.weights, fitter.held_weights, strict=True):
-        both = (w > 0) & (v > 0)
-        if both.any():
-            total += float((a[both] * b[both] * np.sqrt(w[both] * v[both])).sum())
-        else:
-            total += float((v * b**2).sum() - (v > 0).sum())
-    return total
+    maps = [
+        {
+            place.domain: place.map.ravel()
+            for place in locate(fitter.residuals(chosen.fit, held), weights, data, chosen.fit.pattern_variance)
+        }
+        for held, weights, data in (
+            (False, fitter.weights, prepared.data),
+            (True, fitter.held_weights, prepared.held_out),
+        )
+    ]
+    products = [here * maps[1][domain] for domain, here in maps[0].items() if domain not in NO_SIGNED_MAP]
+    here, there = fitter.residuals(chosen.fit, held_out=False)[0], fitter.residuals(chosen.fit)[0]
+    products.append(here * there * np.sqrt(fitter.weights[0] * fitter.held_weights[0]))
+    left = [float(one.sum()) for one in products if one.sum() > LEFT_SD * np.sqrt((one**2).sum())]
+    return gained / (gained + max(left, default=0.0))
 
 
 def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:

@@ -103,13 +103,16 @@ def shared(array: np.ndarray, neighbours: tuple[float, float, float], squared: b
 
 def blurred(array: np.ndarray, share: float, axis: int, squared: bool = False) -> np.ndarray:
     """(c, 1 - 2c, c) along an axis, edge pixels keeping what would leave."""
-    middle, side = ((1 - 2 * share) ** 2, share**2) if squared else (1 - 2 * share, share)
+    middle, side = 1 - 2 * share, share
+    kept = side  # what an edge pixel has beyond the middle's share
+    if squared:
+        middle, side, kept = middle**2, side**2, (middle + side) ** 2 - middle**2
     array = np.moveaxis(array, axis, -1)
     result = middle * array
     result[..., 1:] += side * array[..., :-1]
     result[..., :-1] += side * array[..., 1:]
-    result[..., 0] += side * array[..., 0]
-    result[..., -1] += side * array[..., -1]
+    result[..., 0] += kept * array[..., 0]
+    result[..., -1] += kept * array[..., -1]
     return np.moveaxis(result, -1, axis)
 
 

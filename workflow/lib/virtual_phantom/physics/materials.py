@@ -1,7 +1,7 @@
 """Linear attenuation of materials, and how a voxel in HU is divided among them.
 
 Cross-sections: xraylib (T. Schoonjans et al., Spectrochim. Acta B 66, 776, 2011), total with coherent scattering.
-Compositions and densities: NIST's compounds as xraylib lists them (ICRP, ICRU 44).
+Compositions and densities: NIST's compounds as xraylib lists them, those of tissues by ICRP and ICRU.
 """
 
 from __future__ import annotations

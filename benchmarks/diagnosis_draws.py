@@ -1,0 +1,183 @@
+"""How often the diagnosis is right on recordings made by the library's own chain.
+
+    python benchmarks/diagnosis_draws.py --kind single --draws 100 --out draws_single.csv
+
+Kinds: `single` (one effect, drawn evenly from all), `none`, `pair` (two effects), `missing` (one effect, which is taken
+out of the candidates). Strengths are drawn so that the effect's own matched filter stands 5 to 50 standard deviations
+above the noise (log-uniform). The scan is small, 64 columns x 8 rows x 90 views with 4 repeats.
+"""
+
+import argparse
+import csv
+import os
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
+
+from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
+from virtual_phantom.diagnosis.attribute import choose, trial  # noqa: E402
+from virtual_phantom.diagnosis.templates import taken_up, templates  # noqa: E402
+from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
+from virtual_phantom.geometry import Grid, circular  # noqa: E402
+from virtual_phantom.physics.chain import Chain  # noqa: E402
+from virtual_phantom.physics.effect import load, names  # noqa: E402
+from virtual_phantom.physics.materials import Segmentation  # noqa: E402
+from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
+from virtual_phantom.volumes import Volume  # noqa: E402
+
+PHOTONS, REPEATS = 1e5, 4
+WEAKEST, STRONGEST = 5.0, 50.0
+GEOMETRY = circular(
+    views=90,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=64,
+    rows=8,
+    column_pitch_mm=8.0,
+    row_pitch_mm=8.0,
+)
+FIELDS = "draw kind truth chosen stand_ins verdict seconds excess_removed parameter value low high".split()
+
+
+def scene(threads=1):
+    """An elliptic body with bone, fat and a dense insert, off the axis."""
+    grid = Grid((24, 96, 96), (3.0, 3.0, 3.0))
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    hu = np.where((x / 110) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
+    hu = np.where((x - 50) ** 2 + (y - 10) ** 2 + (z - 5) ** 2 < 20**2, 800.0, hu)
+    hu = np.where((x + 40) ** 2 + (y + 20) ** 2 + (z + 5) ** 2 < 18**2, -80.0, hu)
+    hu = np.where((x + 10) ** 2 + (y - 45) ** 2 < 12**2, 300.0, hu)
+    return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193, threads)
+
+
+def scans(chain, physics, random):
+    state = chain.state(physics)
+    air = state.measured_air
+    repeats = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(REPEATS)]
+    white = air.mean(axis=0) * state.photons
+    return observed.Scans(np.stack(repeats).astype(np.float32), white, np.ones(repeats[0].shape, bool))
+
+
+def strengths(chain, name, wanted, random, given):
+    """Parameters of an effect so that its own template stands `wanted` standard deviations out of the noise."""
+    effect = load(name)
+    typical = {parameter.name: parameter.typical for parameter in effect.parameters}
+    varied = [parameter for parameter in effect.parameters if parameter.neutral is not None]
+    if effect.pattern:
+        pixels = GEOMETRY.rows * GEOMETRY.columns
+        noise = np.sqrt(1 / given.fitter.weights[0].reshape(given.data.mean.shape).sum(axis=0)).mean()
+        return typical | {"rms": float(noise * np.sqrt(wanted * np.sqrt(2 / pixels)))}
+    if not varied:
+        return {
+            parameter.name: float(random.uniform(low, high))
+            for parameter, (low, high) in zip(effect.parameters, ((80.0, 140.0), (3.0, 12.0)), strict=True)
+        }
+    alignment = given.fitter.fit(())
+    basis = taken_up(given.fitter, alignment)
+    rows = templates(given.fitter, alignment, name)
+    rows = np.hstack([rows, np.zeros((len(rows), basis.shape[0] - rows.shape[1]))])
+    rows = rows - (rows @ basis) @ basis.T
+    which = int(random.integers(len(varied)))
+    size = float(np.sqrt((rows[which] ** 2).sum()))
+    parameter = varied[which]
+    step = parameter.typical - parameter.neutral or (parameter.high - parameter.neutral) / 20
+    value = parameter.neutral + step * wanted / size
+    off = {other.name: other.neutral for other in varied}
+    return typical | off | {parameter.name: float(np.clip(value, parameter.low, parameter.high))}
+
+
+def one(task):
+    kind, draw, only = task
+    random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=(len(kind), draw)))
+    chain, floor = (Chain(scene(), GEOMETRY, PHOTONS, samples=samples) for samples in (2, 3))
+    library = [name for name in names() if only is None or name in only]
+    blank = prepared.prepare(scans(chain, {}, random), None, chain, floor_chain=floor, nominal_photons=PHOTONS)
+    count = {"none": 0, "pair": 2}.get(kind, 1)
+    truth = [str(name) for name in random.permutation(library)[:count]]
+    if count == 1:
+        truth = [library[draw % len(library)]]
+    physics = {}
+    for name in truth:
+        wanted = float(np.exp(random.uniform(np.log(WEAKEST), np.log(STRONGEST))))
+        physics[name] = strengths(chain, name, wanted, random, blank)
+    began = time.perf_counter()
+    given = prepared.prepare(scans(chain, physics, random), None, chain, floor_chain=floor, nominal_photons=PHOTONS)
+    tried = [name for name in library if kind != "missing" or name not in truth]
+    baseline = trial(given.fitter, ())
+    found = choose(given.fitter, baseline, {name: trial(given.fitter, (name,), baseline, baseline) for name in tried})
+    content = diagnose("draw", given, found).content
+    row = {
+        "draw": draw,
+        "kind": kind,
+        "truth": "+".join(truth) or "none",
+        "chosen": "+".join(one["name"] for one in content["effects"]) or "none",
+        "stand_ins": ";".join("/".join(found.ambiguous_with(name)) for name in found.chosen.fit.effects),
+        "verdict": content["verdict"],
+        "seconds": round(time.perf_counter() - began, 1),
+        "excess_removed": content["excess_removed"],
+    }
+    rows = []
+    for effect in content["effects"]:
+        if effect["name"] not in physics:
+            continue
+        for name, value in effect["parameters"].items():
+            low, high = value["ci95"]
+            rows.append(row | {"parameter": f"{effect['name']}.{name}", "value": physics[effect["name"]][name]})
+            rows[-1] |= {"low": low, "high": high}
+    return rows or [row]
+
+
+def summary(rows):
+    draws = {row["draw"]: row for row in rows}.values()
+    named = group = exact = 0
+    for row in draws:
+        truth, chosen = set(row["truth"].split("+")), row["chosen"].split("+")
+        stand_ins = [set(part.split("/")) for part in row["stand_ins"].split(";")]
+        first = {chosen[0]}
+        named += bool(first & truth)
+        group += bool((first | stand_ins[0]) & truth)
+        exact += set(chosen) == truth
+    n = len(draws)
+    verdicts = {}
+    for row in draws:
+        verdicts[row["verdict"]] = verdicts.get(row["verdict"], 0) + 1
+    removed = [row["excess_removed"] for row in draws if row["excess_removed"] is not None]
+    covered = [row["low"] <= row["value"] <= row["high"] for row in rows if row.get("parameter")]
+    print(f"{n} draws: named first {named / n:.1%}, first or its stand-ins {group / n:.1%}, exact set {exact / n:.1%}")
+    print("verdicts", verdicts)
+    if removed:
+        print(f"held-out excess removed: median {np.median(removed):.1%}")
+    if covered:
+        print(f"intervals cover {np.mean(covered):.1%} of {len(covered)}")
+    print(f"seconds per draw: median {np.median([row['seconds'] for row in draws])}")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kind", choices=("single", "none", "pair", "missing"), default="single")
+    parser.add_argument("--draws", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--only", nargs="+", help="these effects instead of all")
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    parser.add_argument("--out", default="draws.csv")
+    options = parser.parse_args()
+    tasks = [(options.kind, draw, options.only) for draw in range(options.first, options.first + options.draws)]
+    rows = []
+    with ProcessPoolExecutor(options.processes) as pool, open(options.out, "w", newline="") as file:
+        writer = csv.DictWriter(file, FIELDS, restval="")
+        writer.writeheader()
+        for found in pool.map(one, tasks):
+            writer.writerows(found)
+            file.flush()
+            rows += found
+            print({key: found[0][key] for key in FIELDS[:8]}, flush=True)
+    summary(rows)
+
+
+if __name__ == "__main__":
+    main()

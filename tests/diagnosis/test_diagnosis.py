@@ -1,0 +1,206 @@
+"""Recordings made by the library's own chain: what was left out is named, located and measured."""
+
+import json
+
+import numpy as np
+import pytest
+
+from virtual_phantom.diagnosis import observed, prepared
+from virtual_phantom.diagnosis.attribute import choose, trial
+from virtual_phantom.diagnosis.locate import ALPHA, locate
+from virtual_phantom.diagnosis.pattern import estimate
+from virtual_phantom.diagnosis.report import page
+from virtual_phantom.diagnosis.store import read_trial, write_trial
+from virtual_phantom.diagnosis.verdict import diagnose
+from virtual_phantom.errors import InputError
+from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import DiscScene, VoxelScene
+from virtual_phantom.recordings.projections import Projections
+from virtual_phantom.volumes import Volume
+
+PHOTONS = 1e5
+GEOMETRY = circular(
+    views=60,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=40,
+    rows=4,
+    column_pitch_mm=12.0,
+    row_pitch_mm=12.0,
+)
+LIBRARY = (
+    "scatter",
+    "detector_offset",
+    "electronic_noise",
+    "optical_crosstalk",
+    "gain_pattern",
+    "motion",
+    "photon_flux",
+)
+CONCEALED = {
+    "scatter": {"amount": 0.02, "width_mm": 60.0},
+    "detector_offset": {"columns_px": 0.02},
+    "electronic_noise": {"photons": 40.0},
+    "optical_crosstalk": {"column": 0.03, "row": 0.03},
+    "gain_pattern": {"rms": 0.004, "detector": 3.0},
+    "motion": {"x_mm": 1.0, "y_mm": 0.0, "z_mm": 0.0},
+    "photon_flux": {"factor": 0.8},
+}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    grid = Grid((16, 64, 64), (4.0, 4.5, 4.5))
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    hu = np.where((x / 110) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
+    hu = np.where((x - 50) ** 2 + (y - 10) ** 2 + (z - 5) ** 2 < 20**2, 800.0, hu)
+    hu = np.where((x + 40) ** 2 + (y + 20) ** 2 + (z + 5) ** 2 < 18**2, -80.0, hu)
+    return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193)
+
+
+def scans(scene, physics, repeats=4, seed=1, geometry=GEOMETRY):
+    state = Chain(scene, geometry, PHOTONS).state(physics)
+    random = np.random.default_rng(seed)
+    white = state.measured_air.mean(axis=0) * state.photons
+    dark = np.zeros_like(white)
+    view = state.measured_air / state.measured_air.mean(axis=0)
+    return observed.scans([Projections(state.counts(random) / view, white, dark) for _ in range(repeats)])
+
+
+def diagnosed(scene, physics, library=LIBRARY, **options):
+    given = prepared.prepare(
+        scans(scene, physics, **options),
+        None,
+        Chain(scene, GEOMETRY, PHOTONS),
+        floor_chain=None,
+        nominal_photons=PHOTONS,
+    )
+    baseline = trial(given.fitter, ())
+    singles = {name: trial(given.fitter, (name,), baseline, baseline) for name in library}
+    return given, diagnose("bench", given, choose(given.fitter, baseline, singles))
+
+
+def test_nothing_left_out_is_a_match(scene):
+    given, found = diagnosed(scene, {})
+    assert found.content["verdict"] == "match" and found.content["effects"] == []
+    assert given.photons == pytest.approx(PHOTONS, rel=0.02)
+    held_out = found.content["held_out"]
+    assert held_out["chi_square_mean"]["before"] == pytest.approx(1, abs=0.05)
+    assert held_out["rms_line_integral"]["before"] == pytest.approx(held_out["rms_line_integral"]["floor"], rel=0.03)
+
+
+@pytest.mark.parametrize("name", CONCEALED)
+def test_what_was_left_out_is_named_and_measured(scene, name):
+    _, found = diagnosed(scene, {name: CONCEALED[name]})
+    content = found.content
+    assert content["verdict"] == "mismatch explained", content["sentence"]
+    (effect,) = content["effects"]
+    assert effect["name"] == name and effect["evidence"]["p"] < 1e-3 and effect["evidence"]["held_out_gain"] > 4
+    for key, value in effect["parameters"].items():
+        low, high = value["ci95"]
+        # 95 % intervals of one draw each: twice as wide must hold
+        middle, half = (low + high) / 2, (high - low) / 2
+        assert abs(CONCEALED[name][key] - middle) <= 2 * half + 1e-12, (key, value)
+    assert content["unexplained"] == [] and content["excess_removed"] > 0.9
+    assert any(place["p"] < ALPHA for place in content["locations"]) or name in ("motion", "detector_offset")
+
+
+def test_two_are_both_named(scene):
+    concealed = {name: CONCEALED[name] for name in ("scatter", "electronic_noise")}
+    _, found = diagnosed(scene, concealed)
+    assert {effect["name"] for effect in found.content["effects"]} == set(concealed), found.content["sentence"]
+
+
+def test_what_the_library_lacks_is_not_explained_away(scene):
+    """Scatter, with nothing among the candidates that depends on the amount of matter."""
+    library = ("electronic_noise", "optical_crosstalk", "gain_pattern", "photon_flux")
+    _, found = diagnosed(scene, {"scatter": {"amount": 0.05, "width_mm": 60.0}}, library)
+    assert found.content["verdict"] in ("unexplained", "mismatch partly explained")
+    assert {"path length", "projections"} & {place["domain"] for place in found.content["unexplained"]}
+    assert found.content["next_measurement"]
+
+
+def test_a_single_repeat_has_its_noise_from_neighbouring_views(scene):
+    given, found = diagnosed(scene, {}, ("scatter", "detector_offset"), repeats=1)
+    assert given.single and given.photons == pytest.approx(PHOTONS, rel=0.2)
+    assert found.content["noise_from_one_repeat"] and found.content["verdict"] == "match"
+    _, found = diagnosed(
+        scene, {"scatter": {"amount": 0.05, "width_mm": 60.0}}, ("scatter", "detector_offset"), repeats=1
+    )
+    assert [effect["name"] for effect in found.content["effects"]] == ["scatter"]
+
+
+def test_a_pattern_is_told_from_noise_and_from_what_is_smooth():
+    random = np.random.default_rng(4)
+    weight = np.full((50, 8, 64), 1 / 0.02**2)
+    noise = 0.02 * random.normal(size=weight.shape)
+    pattern = 0.006 * random.normal(size=weight.shape[1:])
+    found = estimate(noise + pattern, weight)
+    assert abs(found.rms - 0.006) < 3 * found.error and np.corrcoef(found.values.ravel(), pattern.ravel())[0, 1] > 0.8
+    smooth = 0.02 * np.cos(np.linspace(0, 3, 64))
+    assert estimate(noise + smooth, weight).rms < 0.002
+
+
+def test_places_of_a_difference_are_found(scene):
+    given, _ = diagnosed(scene, {}, ("scatter",))
+    fitter = given.fitter
+    parts = fitter.residuals(trial(fitter, ()).fit)
+    shape = given.held_out.mean.shape
+    moved = parts[0].reshape(shape).copy()
+    moved[:, :, 17] += 0.01
+    worst = locate([moved.ravel(), *parts[1:]], fitter.held_weights, given.held_out)[0]
+    assert worst.domain in ("columns", "pixels") and worst.p < ALPHA
+    columns = next(
+        place
+        for place in locate([moved.ravel(), *parts[1:]], fitter.held_weights, given.held_out)
+        if place.domain == "columns"
+    )
+    assert columns.where == "column 17 of 40" and columns.z > 0
+
+
+def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp_path):
+    given, found = diagnosed(scene, {"gain_pattern": CONCEALED["gain_pattern"]}, ("gain_pattern", "scatter"))
+    write_trial(found.choice.chosen, tmp_path / "fit.json")
+    again = read_trial(tmp_path / "fit.json")
+    assert again.fit.physics == found.choice.chosen.fit.physics and again.score == found.choice.chosen.score
+    np.testing.assert_array_equal(again.fit.pattern, found.choice.chosen.fit.pattern)
+    (tmp_path / "fit.json").write_text("{}")
+    with pytest.raises(InputError, match="is no fit of a diagnosis"):
+        read_trial(tmp_path / "fit.json")
+    text = page(found, given, ALPHA)
+    assert found.content["verdict"] in text and "gain pattern" in text and text.count("data:image/png;base64,") == 3
+    assert "http" not in text  # one file, nothing fetched
+    json.dumps(found.content, allow_nan=False)
+
+
+def test_copies_of_one_file_are_refused(scene):
+    taken = scans(scene, {}, repeats=1)
+    same = observed.Scans(np.repeat(taken.repeats, 4, axis=0), taken.white, taken.usable)
+    with pytest.raises(InputError, match="do not vary: are they copies of one file"):
+        prepared.prepare(same, None, Chain(scene, GEOMETRY, PHOTONS))
+
+
+def test_a_disc_needs_no_image():
+    geometry = circular(
+        views=90,
+        source_to_isocentre_mm=410.0,
+        source_to_detector_mm=553.0,
+        columns=120,
+        rows=1,
+        column_pitch_mm=0.9,
+        row_pitch_mm=0.9,
+    )
+    scene = DiscScene(70.0, "pmma")
+    physics = {"spectrum": {"kvp": 90.0, "filtration_mm": 3.0}}
+    taken = scans(scene, physics, 4, geometry=geometry)
+    given = prepared.prepare(
+        taken, None, Chain(scene, geometry, PHOTONS), tube_kvp=90.0, known={"scale": 0.3, "size": 0.01}
+    )
+    baseline = trial(given.fitter, ())
+    found = trial(given.fitter, ("spectrum",), baseline, baseline)
+    assert found.score - baseline.score > 100
+    assert found.fit.physics["spectrum"]["filtration_mm"] == pytest.approx(
+        3.0, abs=3 * found.fit.errors["spectrum"]["filtration_mm"]
+    )

@@ -1,0 +1,275 @@
+"""Every effect against a closed form, and the chain against the baseline."""
+
+import math
+
+import numpy as np
+import pytest
+
+from virtual_phantom.errors import InputError
+from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.physics.chain import Chain, displaced, shared
+from virtual_phantom.physics.effect import STAGES, checked, load, names
+from virtual_phantom.physics.materials import Segmentation, attenuation_per_mm, energy_of
+from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.physics.spectra import tube_spectrum, weighted_spectrum
+from virtual_phantom.simulate import clean_line_integrals
+from virtual_phantom.volumes import Volume
+
+MU = 0.0193
+GEOMETRY = circular(
+    views=24,
+    source_to_isocentre_mm=500.0,
+    source_to_detector_mm=1000.0,
+    columns=48,
+    rows=6,
+    column_pitch_mm=6.0,
+    row_pitch_mm=6.0,
+)
+
+
+@pytest.fixture(scope="module")
+def phantom():
+    grid = Grid((10, 40, 40), (4.0, 3.0, 3.0))
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    hu = np.where((x / 50) ** 2 + (y / 40) ** 2 < 1, 30.0, -1000.0)
+    hu = np.where((x - 20) ** 2 + y**2 + z**2 < 12**2, 900.0, hu)
+    return Volume(hu.astype(np.float32), grid)
+
+
+@pytest.fixture(scope="module")
+def chain(phantom):
+    return Chain(VoxelScene.of(phantom, Segmentation(), MU), GEOMETRY, photons=2e5)
+
+
+# Mass attenuation (cm^2/g) at 60 keV and density: J. H. Hubbell and S. M. Seltzer, NISTIR 5632 (1995).
+@pytest.mark.parametrize(
+    ("material", "mass", "density"),
+    [("water", 0.2059, 1.0), ("aluminium", 0.2778, 2.699), ("copper", 1.593, 8.96), ("pmma", 0.1924, 1.19)],
+)
+def test_attenuation_is_that_of_the_published_tables(material, mass, density):
+    assert attenuation_per_mm(material, [60.0])[0] == pytest.approx(mass * density / 10, rel=0.005)
+
+
+def test_the_energy_of_a_monochromatic_beam():
+    assert energy_of("water", attenuation_per_mm("water", [70.0])[0]) == pytest.approx(70, abs=1e-3)
+    with pytest.raises(InputError, match="is not the attenuation of water at any energy"):
+        energy_of("water", 5.0)
+
+
+def test_materials_add_up_to_the_hu():
+    hu = np.array([-1000, -500, 0, 100, 200, 1000, 2500, 4000.0], np.float32)
+    for segmentation in (Segmentation(), Segmentation(dense=None), Segmentation("soft_tissue", "bone", 80)):
+        energy = energy_of("water", MU)
+        mu = [attenuation_per_mm(material, [energy])[0] for material in segmentation.materials]
+        fractions = segmentation.fractions(hu, MU)
+        np.testing.assert_allclose(np.tensordot(mu, fractions, 1), (hu / 1000 + 1) * MU, rtol=1e-5, atol=1e-8)
+        assert (fractions >= -1e-6).all()
+
+
+def test_the_chain_without_effects_is_the_baseline(phantom, chain):
+    found = chain.state({}).line_integrals()
+    np.testing.assert_allclose(found, clean_line_integrals(phantom, GEOMETRY, MU), atol=2e-5)
+
+
+@pytest.mark.parametrize("name", names())
+def test_an_effect_at_its_neutral_value_changes_nothing(chain, name):
+    effect = load(name)
+    assert (
+        effect.name == name
+        and effect.stage in STAGES
+        and all((effect.physics, effect.equation, effect.source, effect.signature, effect.settled_by))
+    )
+    values = effect.values({})
+    varied = [parameter for parameter in effect.parameters if parameter.neutral is not None]
+    state, baseline = chain.state({name: values}), chain.state({})
+    changed = [state.line_integrals(), state.variance(), np.array(state.correlations())]
+    same = [baseline.line_integrals(), baseline.variance(), np.array(baseline.correlations())]
+    assert any((a != b).any() for a, b in zip(changed, same, strict=True)), "typical strength does nothing"
+    if varied:
+        off = chain.state({name: values | {parameter.name: parameter.neutral for parameter in varied}})
+        for a, b in zip((off.line_integrals(), off.variance()), same, strict=False):
+            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
+
+
+def test_settings_are_checked():
+    assert checked({"scatter": None}) == {"scatter": {"amount": 0.05, "width_mm": 60.0}}
+    for given, message in [
+        ({"glow": {}}, "there is no effect 'glow'"),
+        ({"scatter": {"ratio": 1}}, "scatter: has no ratio"),
+        ({"scatter": {"amount": 3}}, "amount: 3 1 is out of the plausible range, 0 to 0.6"),
+        ({"scatter": {"amount": math.nan}}, "is no finite number"),
+    ]:
+        with pytest.raises(InputError, match=message):
+            checked(given)
+
+
+def test_a_spectrum_hardens_as_its_energies_say():
+    energies, shares = weighted_spectrum(120.0, 6.0)
+    assert shares.sum() == pytest.approx(1) and 10 < energies[0] < energies[-1] <= 120
+    scene = DiscScene(160.0, "water")
+    chain = Chain(scene, GEOMETRY)
+    path = scene.path_lengths(GEOMETRY)[0].astype(float)
+    mu = attenuation_per_mm("water", energies)
+    right = -np.log((shares * np.exp(-path[..., None] * mu)).sum(axis=-1))
+    found = chain.state({"spectrum": {"kvp": 120.0, "filtration_mm": 6.0}}).line_integrals()
+    np.testing.assert_allclose(found, right, atol=1e-5)
+    thick, thin = path > 150, (path > 5) & (path < 90)
+    assert (found[thick] / path[thick]).max() < (found[thin] / path[thin]).min() < (shares * mu).sum()
+
+
+def test_spectra_follow_voltage_and_filter():
+    # With SpekPy's own attenuation data: s = Spek(kvp=120, th=12); s.filter("Al", 2.5); s.get_emean() is 54.44 keV.
+    energies, fluence = tube_spectrum(120.0)
+    filtered = fluence * np.exp(-2.5 * attenuation_per_mm("aluminium", energies))
+    assert (energies * filtered).sum() / filtered.sum() == pytest.approx(54.44, rel=0.01)
+    assert tube_spectrum(80.5)[0].max() <= 80.5 + 0.5
+    with pytest.raises(InputError, match="spectra of a Mo anode go from 20 to 50 kV"):
+        tube_spectrum(120.0, "Mo")
+
+
+def test_scatter_of_a_wide_slab_is_what_the_primary_loses(chain):
+    """Far from all edges the kernel's width does not matter."""
+    state = chain.state({})
+    state.signal = np.full_like(state.signal, 0.2)
+    state.geometry = circular(
+        views=24,
+        source_to_isocentre_mm=500.0,
+        source_to_detector_mm=1000.0,
+        columns=48,
+        rows=6,
+        column_pitch_mm=60.0,
+        row_pitch_mm=600.0,
+    )
+    load("scatter").apply(state, {"amount": 0.1, "width_mm": 60.0})
+    assert state.signal[5, 3, 24] == pytest.approx(0.2 + 0.1 * 0.2 * math.log(5), rel=1e-3)
+
+
+def test_a_focal_spot_blurs_by_its_shadow():
+    """A thin disc at the isocentre: the variance of its shadow grows by w^2/12 (D - R)^2/R^2."""
+    geometry = circular(
+        views=4,
+        source_to_isocentre_mm=500.0,
+        source_to_detector_mm=1000.0,
+        columns=400,
+        rows=1,
+        column_pitch_mm=0.1,
+        row_pitch_mm=1.0,
+    )
+    chain = Chain(DiscScene(4.0, "water"), geometry)
+    u = geometry.column_positions_mm()
+
+    def spread(physics):
+        shadow = 1 - chain.state(physics).signal[0, 0]
+        return (shadow * u**2).sum() / shadow.sum() - ((shadow * u).sum() / shadow.sum()) ** 2
+
+    grown = spread({"focal_spot": {"width_mm": 2.0, "length_mm": 0.0}}) - spread({})
+    assert grown == pytest.approx(4 / 12, rel=0.02)
+
+
+def test_points_of_the_spot_keep_the_detector_where_it_is():
+    moved = displaced(GEOMETRY, 3.0, -2.0)
+    for view, row, column in ((0, 0, 0), (7, 3, 40)):
+        source, pixel = GEOMETRY.ray(view, row, column)
+        other_source, other_pixel = moved.ray(view, row, column)
+        b = GEOMETRY.angles_rad[view]
+        np.testing.assert_allclose(
+            other_source, source + 3 * np.array([np.cos(b), np.sin(b), 0]) + [0, 0, -2], atol=0.02
+        )
+        # the neglected tilt: s/R times the distance from the middle
+        np.testing.assert_allclose(other_pixel, pixel, atol=3 / 500 * 150)
+
+
+def test_neighbours_share_what_is_there():
+    delta = np.zeros((5, 5, 5))
+    delta[2, 2, 2] = 1
+    found = shared(delta, (0.1, 0.05, 0.2))
+    assert found.sum() == pytest.approx(1)
+    assert found[2, 2, 3] == pytest.approx(0.1 * 0.9 * 0.8) and found[3, 2, 2] == pytest.approx(0.8 * 0.9 * 0.2)
+    assert shared(np.ones((3, 4, 5)), (0.1, 0.1, 0.1)) == pytest.approx(1)
+
+
+def noise_of(chain, physics, repeats=40, seed=3):
+    state = chain.state(physics)
+    random = np.random.default_rng(seed)
+    air = state.measured_air * state.photons
+    scans = np.stack([-np.log(state.counts(random) / air) for _ in range(repeats)])
+    return state, scans
+
+
+@pytest.mark.parametrize("name", ["electronic_noise", "optical_crosstalk", "afterglow", "bowtie", "current_modulation"])
+def test_simulated_noise_follows_the_law_of_the_model(chain, name):
+    state, scans = noise_of(chain, {name: load(name).values({})})
+    ratio = scans.var(axis=0, ddof=1) / state.variance()
+    assert ratio.mean() == pytest.approx(1, abs=4 * math.sqrt(2 / 39 / ratio.size))
+    flat = (scans - scans.mean(axis=0)) / np.sqrt(state.variance())
+    uniform = state.signal / state.air > 0.99  # rays that pass the object: signals of neighbours are alike
+    for axis, right in zip((3, 2, 1), state.correlations(), strict=True):
+        both = np.take(uniform, range(1, uniform.shape[axis - 1]), axis - 1)
+        both &= np.take(uniform, range(uniform.shape[axis - 1] - 1), axis - 1)
+        products = np.take(flat, range(1, flat.shape[axis]), axis) * np.take(flat, range(flat.shape[axis] - 1), axis)
+        found = products[:, both].mean() * 40 / 39
+        assert found == pytest.approx(right, abs=5 / math.sqrt(40 * both.sum()) + 0.01 * (right > 0)), axis
+
+
+def test_fluence_and_gain(chain):
+    bowtie = chain.state({"bowtie": {"edge_mm": 10.0}})
+    assert -math.log(bowtie.air[0, 0, 0]) == pytest.approx(10 * attenuation_per_mm("aluminium", [60.0])[0], rel=1e-6)
+    heel = chain.state({"heel": {"slope": 0.2}})
+    assert heel.air[0, -1, 0] / heel.air[0, 0, 0] == pytest.approx(1.2 / 0.8)
+    waves = chain.state({"current_modulation": {"cosine": 0.4, "sine": 0.0}}).air[:, 0, 0]
+    assert waves[0] == pytest.approx(1.4) and waves[6] == pytest.approx(0.6)
+    pattern = chain.state({"gain_pattern": {"rms": 0.01, "detector": 4.0}})
+    constant = pattern.line_integrals() - chain.state({}).line_integrals()
+    assert np.ptp(constant, axis=0).max() < 1e-9 and constant[0].std() == pytest.approx(0.01, rel=0.15)
+    assert chain.state({"photon_flux": {"factor": 0.5}}).photons == 1e5
+
+
+def test_geometry_errors_move_the_shadow_of_a_disc():
+    """Positions of a thin disc's shadow by hand: u = D t/(R - depth towards the source)."""
+    geometry = circular(
+        views=4,
+        source_to_isocentre_mm=500.0,
+        source_to_detector_mm=1000.0,
+        columns=801,
+        rows=1,
+        column_pitch_mm=0.25,
+        row_pitch_mm=1.0,
+    )
+    chain = Chain(DiscScene(3.0, "water"), geometry)
+    u = geometry.column_positions_mm()
+
+    def centres(physics, pose):
+        shadow = 1 - chain.state(physics, pose).signal[:, 0]
+        return (shadow * u).sum(axis=1) / shadow.sum(axis=1)
+
+    # source at +y, -x, -y, +x; columns along +x, +y, -x, -y
+    right = [1000 * t / (500 - depth) for t, depth in ((10, 20), (20, -10), (-10, -20), (-20, 10))]
+    np.testing.assert_allclose(centres({}, Pose(10, 20)), right, atol=0.02)
+    np.testing.assert_allclose(
+        centres({"detector_offset": {"columns_px": 2.0}}, Pose(10, 20)), np.array(right) - 0.5, atol=0.02
+    )
+    right = [1000 * (t + 1) / (500 - depth) for t, depth in ((10, 20), (20, -10), (-10, -20), (-20, 10))]
+    np.testing.assert_allclose(centres({"centre_of_rotation": {"shift_mm": 1.0}}, Pose(10, 20)), right, atol=0.02)
+    right = [1010 * t / (505 - depth) for t, depth in ((10, 20), (20, -10), (-10, -20), (-20, 10))]
+    far = {"source_distance": {"isocentre_mm": 5.0, "detector_mm": 10.0}}
+    np.testing.assert_allclose(centres(far, Pose(10, 20)), right, atol=0.02)
+    drift = np.linspace(-0.5, 0.5, 4) * 6
+    right = [
+        1000 * t / (500 - d)
+        for t, d in ((10 + drift[0], 20), (20, -10 - drift[1]), (-10 - drift[2], -20), (-20, 10 + drift[3]))
+    ]
+    moved = {"motion": {"x_mm": 6.0, "y_mm": 0.0, "z_mm": 0.0}}
+    np.testing.assert_allclose(centres(moved, Pose(10, 20)), right, atol=0.02)
+
+
+def test_a_disc_of_voxels_and_one_in_closed_form_agree():
+    grid = Grid((20, 300, 300), (4.0, 0.25, 0.25))
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij", sparse=True)
+    voxels = ((x**2 + y**2 + 0 * z) < 30**2).astype(np.float32)[None]
+    motion = np.random.default_rng(0).normal(size=(24, 3)) * [2, 2, 0]
+    pose = Pose(3.0, -5.0, 0.0, 12.0, 1.02)
+    scenes = DiscScene(60.0, "water"), VoxelScene(voxels, grid, ("water",), 60.0)
+    for moved in (None, motion):
+        one, other = (scene.path_lengths(GEOMETRY, pose, moved)[0, :, 2:4] for scene in scenes)
+        # turned about the isocentre, a disc off the axis moves; motion is of the object in the room
+        assert np.abs(one - other).mean() < 0.1 and np.quantile(np.abs(one - other), 0.9) < 0.3
