@@ -1,6 +1,8 @@
 """Every effect against a closed form, and the chain against the baseline."""
 
+import importlib.util
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from virtual_phantom.physics.spectra import tube_spectrum, weighted_spectrum
 from virtual_phantom.simulate import clean_line_integrals
 from virtual_phantom.volumes import Volume
 
+ROOT = Path(__file__).resolve().parents[2]
 MU = 0.0193
 GEOMETRY = circular(
     views=24,
@@ -273,3 +276,10 @@ def test_a_disc_of_voxels_and_one_in_closed_form_agree():
         one, other = (scene.path_lengths(GEOMETRY, pose, moved)[0, :, 2:4] for scene in scenes)
         # turned about the isocentre, a disc off the axis moves; motion is of the object in the room
         assert np.abs(one - other).mean() < 0.1 and np.quantile(np.abs(one - other), 0.9) < 0.3
+
+
+def test_the_catalogue_is_up_to_date():
+    spec = importlib.util.spec_from_file_location("effects_catalogue", ROOT / "docs" / "effects_catalogue.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.page() == (ROOT / "docs" / "physics.md").read_text(), "run python docs/effects_catalogue.py"

@@ -52,6 +52,18 @@ def code(script):
     ]
 
 
+def effect_code(*effects):
+    """The files of effects and what is behind them: they are imported by name, so that `code` does not see them."""
+    files = {
+        path
+        for effect in effects
+        for path in files_behind(
+            os.path.join(LIBRARY, "virtual_phantom/physics/effects", f"{effect}.py")
+        )
+    }
+    return [os.path.relpath(path) for path in sorted(files)]
+
+
 def megabytes(
     *, volumes=0, volume_lanes=1, projections=0, projection_lanes=1, fine=0, scan=None
 ):

@@ -2,6 +2,11 @@
 from virtual_phantom.diagnosis.setting import candidates
 
 DIAGNOSED = PLAN.config["diagnosis"]["recordings"]
+# What every fit of a recording depends on: another list of effects redoes none.
+MODELLED = {
+    name: {key: value for key, value in settings.items() if key != "effects"}
+    for name, settings in DIAGNOSED.items()
+}
 try:
     CANDIDATES = {name: candidates(settings) for name, settings in DIAGNOSED.items()}
 except InputError as error:
@@ -42,7 +47,7 @@ rule diagnosis_alignment:
         runtime=60,
     params:
         folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
-        settings=lambda wildcards: DIAGNOSED[wildcards.recording],
+        settings=lambda wildcards: MODELLED[wildcards.recording],
         mu_water_per_mm=PLAN.config["mu_water_per_mm"],
         materials=PLAN.config["materials"],
         effect=None,
@@ -54,7 +59,7 @@ use rule diagnosis_alignment as diagnosis_effect with:
     input:
         unpack(diagnosis_inputs),
         baseline=rules.diagnosis_alignment.output[0],
-        effect="workflow/lib/virtual_phantom/physics/effects/{effect}.py",
+        effect=lambda wildcards: effect_code(wildcards.effect),
         code=code("diagnose_candidate.py"),
     output:
         f"{RESULTS}/diagnosis/{{recording}}/effects/{{effect}}.json",
@@ -62,7 +67,7 @@ use rule diagnosis_alignment as diagnosis_effect with:
         f"{RESULTS}/logs/diagnosis/{{recording}}/{{effect}}.log",
     params:
         folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
-        settings=lambda wildcards: DIAGNOSED[wildcards.recording],
+        settings=lambda wildcards: MODELLED[wildcards.recording],
         mu_water_per_mm=PLAN.config["mu_water_per_mm"],
         materials=PLAN.config["materials"],
         effect=lambda wildcards: wildcards.effect,
@@ -77,6 +82,7 @@ rule diagnose:
             f"{RESULTS}/diagnosis/{wildcards.recording}/effects/{effect}.json"
             for effect in CANDIDATES[wildcards.recording]
         ],
+        effects=lambda wildcards: effect_code(*CANDIDATES[wildcards.recording]),
         code=code("diagnose.py"),
     output:
         diagnosis=f"{RESULTS}/diagnosis/{{recording}}/diagnosis.json",
@@ -96,7 +102,7 @@ rule diagnose:
         runtime=120,
     params:
         folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
-        settings=lambda wildcards: DIAGNOSED[wildcards.recording],
+        settings=lambda wildcards: MODELLED[wildcards.recording],
         mu_water_per_mm=PLAN.config["mu_water_per_mm"],
         materials=PLAN.config["materials"],
         effects=lambda wildcards: CANDIDATES[wildcards.recording],

@@ -41,6 +41,9 @@ rule project:
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
         kernels=f"{RESULTS}/logs/kernels/1.txt",
+        effects=lambda wildcards: effect_code(
+            *PLAN.geometry_settings(wildcards.geometry)["physics"]
+        ),
         code=code("project.py"),
     output:
         f"{RESULTS}/projections/{{geometry}}/clean.h5",

@@ -35,9 +35,9 @@ with job(snakemake) as log:
             buffer = io.BytesIO()
             np.save(buffer, place.map)
             temporary.write_bytes(buffer.getvalue())
-    protocol = {"physics": found.choice.chosen.fit.physics}
-    text = f"# {found.content['sentence']}\n# An overlay: give its physics to a protocol of the study.\n"
-    files.write_text(text + yaml.safe_dump(protocol, sort_keys=False), output.physics)
+    overlay = {"physics": found.choice.chosen.fit.physics, "noise": {"model": "physical"}}
+    text = f"# {found.content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
+    files.write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)
     files.write_text(page(found, prepared, ALPHA), output.report)
     files.write_text(json.dumps(found.content, indent=2) + "\n", output.diagnosis)
     log.info("%s", found.content["sentence"])

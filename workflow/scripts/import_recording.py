@@ -3,6 +3,7 @@
 python workflow/scripts/import_recording.py htc2022 SINOGRAM.mat FOLDER     a sinogram of the Helsinki challenge
 python workflow/scripts/import_recording.py features TABLE.csv FOLDER       a published table of features
 python workflow/scripts/import_recording.py dicom TREE FOLDER [--kernel K]  a tree of DICOM series, one repeat each
+python workflow/scripts/import_recording.py study results/projections/GEOMETRY/NOISE FOLDER   a study's acquisitions
 """
 
 import argparse
@@ -15,9 +16,10 @@ from virtual_phantom.errors import InputError
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
+from virtual_phantom.recordings.importers.study import import_study
 from virtual_phantom.recordings.summary import readable, summary, table
 
-IMPORTERS = {"htc2022": import_htc2022, "features": import_features, "dicom": import_dicom_tree}
+IMPORTERS = {"htc2022": import_htc2022, "features": import_features, "dicom": import_dicom_tree, "study": import_study}
 
 
 def main() -> int:

@@ -259,6 +259,8 @@ def _check_names(config):
 def _check_physics(config):
     """Effects and their parameters, completed in place."""
     for name, settings in config["protocols"].items():
+        if "physics" not in settings and config["physics"]:
+            settings["physics"] = config["physics"]
         if not settings.get("physics"):
             continue
         from .physics.effect import checked  # loads spectra and cross-sections, which most studies do not need

@@ -1,0 +1,62 @@
+"""Write docs/physics.md, the catalogue of effects, from the library."""
+
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+
+from virtual_phantom.physics.effect import STAGES, load, names  # noqa: E402
+
+TARGET = ROOT / "docs" / "physics.md"
+
+INTRODUCTION = """# The acquisition chain and its effects
+
+The baseline is the paper's: one energy, a point source, an ideal detector, Poisson noise, the logarithm. Everything that it
+leaves out is an effect: a file in `workflow/lib/virtual_phantom/physics/effects`, with its equation, its source, its
+parameters and what tells it apart. They are switched on for all protocols, or for one:
+
+```yaml
+noise: {model: physical} # the paper's own noise formula; the default, astra, has no photons that effects could act on
+physics:
+  scatter: {amount: 0.05}
+protocols:
+  sirt_300: {physics: {spectrum: {kvp: 100}, electronic_noise: }} # a parameter left out has its typical value
+```
+
+With none, projections are those of the study without this chain, bit for bit. Reconstruction always goes by the stated
+geometry. A voxel is divided among two materials by its HU (`materials`); at the monochromatic energy, where water attenuates
+`mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from SpekPy.
+
+Effects act in this order: STAGES. `snakemake diagnosis` tries each of them on a recording
+([diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.
+
+Not in the chain yet: reconstruction kernel, slice thickness, HU scale and offset (they act on images), scatter grids, anode
+angle, off-focal radiation, detector non-linearity. Scatter has one kernel and does not know of depth; a bowtie's hardening
+counts where a spectrum is on, an object's scatter does not pass it; afterglow reaches one view.
+"""
+
+
+def section(name: str) -> str:
+    effect = load(name)
+    lines = [f"## {name.replace('_', ' ').capitalize()}", "", effect.physics, ""]
+    lines += [f"* key: `{name}`, stage: {effect.stage.replace('_', ' ')}"]
+    lines += [f"* equation: {effect.equation}", f"* source: {effect.source}"]
+    lines += [f"* told apart by: {effect.signature}", f"* settled by: {effect.settled_by}", ""]
+    lines += ["| parameter | meaning | unit | typical | plausible | off at |", "|---|---|---|---|---|---|"]
+    for one in effect.parameters:
+        off = "never" if one.neutral is None else f"{one.neutral:g}"
+        lines.append(
+            f"| `{one.name}` | {one.meaning} | {one.unit} | {one.typical:g} | {one.low:g} to {one.high:g} | {off} |"
+        )
+    return "\n".join(lines)
+
+
+def page() -> str:
+    order = sorted(names(), key=lambda name: STAGES.index(load(name).stage))
+    stages = ", ".join(stage.replace("_", " ") for stage in STAGES)
+    return "\n\n".join([INTRODUCTION.replace("STAGES", stages).rstrip(), *map(section, order)]) + "\n"
+
+
+if __name__ == "__main__":
+    TARGET.write_text(page(), encoding="utf-8")

@@ -1,0 +1,90 @@
+"""A tiny study with effects switched on, its acquisitions handed back as a recording, and what the diagnosis says."""
+
+import json
+
+import pytest
+import yaml
+from workflow_runs import ROOT, planned, tiny
+
+from virtual_phantom.config import check
+from virtual_phantom.plan import Plan
+from virtual_phantom.recordings.importers.study import import_study
+
+CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
+SCAN = {"trajectory": "circular", "columns": 68, "rows": 16, "column_pitch_mm": 9.5, "row_pitch_mm": 12.0}
+STUDY = {
+    "noise": {"model": "physical", "levels": {"bench": {"A": 1.0e-5, "repeats": 4}}},
+    "scan": SCAN,
+    "protocols": {"bench": {"algorithm": "fbp", "projections": 90}},
+}
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """A folder with the recording `bench`, and what the diagnosis made of it under `results`."""
+    folder = tmp_path_factory.mktemp("bench")
+    concealed = {**STUDY, "physics": CONCEALED, "keep_projections": True}
+    whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+    whole["noise"]["model"] = "physical"
+    whole = {**whole, "physics": CONCEALED, "protocols": whole["protocols"] | STUDY["protocols"]}
+    label = Plan(check(whole, ROOT / "workflow" / "schemas" / "config.schema.yaml")).geometry_of("bench")
+    made = folder / "made"
+    targets = [f"{made}/projections/{label}/bench/seed{seed:02d}.h5" for seed in range(4)]
+    process = tiny(made, *targets, overlay=concealed, beside=folder / "concealed")
+    assert process.returncode == 0, process.stderr[-4000:]
+    import_study(made / "projections" / label / "bench", folder / "bench")
+    process = diagnosis(folder)
+    assert process.returncode == 0, process.stderr[-4000:]
+    return folder
+
+
+def diagnosis(folder, *arguments, **settings):
+    diagnosed = {"samples": 1, "effects": ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]}
+    overlay = {
+        **STUDY,
+        "recordings": {"bench": str(folder / "bench")},
+        "diagnosis": {"recordings": {"bench": diagnosed | settings}},
+    }
+    return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, beside=folder / "overlay")
+
+
+def test_what_was_concealed_is_named_and_the_report_is_there(bench):
+    folder = bench / "results" / "diagnosis" / "bench"
+    found = json.loads((folder / "diagnosis.json").read_text())
+    assert found["verdict"] == "mismatch explained", found["sentence"]
+    effects = {effect["name"]: effect["parameters"] for effect in found["effects"]}
+    assert set(effects) == set(CONCEALED)
+    for name, key in (("scatter", "amount"), ("electronic_noise", "photons")):
+        low, high = effects[name][key]["ci95"]
+        assert low - (high - low) / 2 < CONCEALED[name][key] < high + (high - low) / 2
+    assert found["excess_removed"] > 0.9
+    report = (folder / "report.html").read_text()
+    assert report.startswith("<!doctype html>") and found["sentence"] in report
+    for place in found["locations"]:
+        assert (folder / "maps" / place["map"]).stat().st_size > 0
+
+
+def test_its_physics_is_an_overlay_that_the_study_takes(bench):
+    physics = yaml.safe_load((bench / "results" / "diagnosis" / "bench" / "physics.yaml").read_text())
+    assert set(physics["physics"]) == set(CONCEALED) and physics["noise"] == {"model": "physical"}
+    process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": physics["physics"]}, beside=bench / "richer")
+    jobs = planned(process)
+    assert jobs["project"] and all("_physics_" in job for job in jobs["project"])
+
+
+def test_only_what_a_change_touches_is_done_again(bench):
+    assert planned(diagnosis(bench, "-n")) == {}
+    more = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk", "heel"]
+    jobs = planned(diagnosis(bench, "-n", effects=more))
+    assert jobs["diagnosis_effect"] == ["recording=bench, effect=heel"] and "diagnosis_alignment" not in jobs
+
+
+def test_bad_settings_are_one_line(bench):
+    process = diagnosis(bench, "-n", effects=["glow"])
+    assert process.returncode == 1 and "Error: diagnosis.effects: there is no effect 'glow'" in process.stderr
+    overlay = {**STUDY, "physics": {"scatter": {"amount": 7}}}
+    process = tiny(bench / "results", "-n", overlay=overlay, beside=bench / "bad")
+    assert process.returncode == 1
+    assert (
+        "Error: config: protocols." in process.stderr and "amount: 7 1 is out of the plausible range" in process.stderr
+    )

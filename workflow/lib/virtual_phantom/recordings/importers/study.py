@@ -1,0 +1,67 @@
+"""A study's own acquisitions (keep_projections: true) to a recording of projections, to try a diagnosis on."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import InputError
+from ...exchange import read_counts
+from ...geometry import ScanGeometry
+from ..recording import Recording
+from . import write_folder
+
+
+def import_study(source: str | Path, folder: str | Path, phantom: str | None = None) -> Recording:
+    """Write a recording of the acquisitions of one geometry and noise level, one repeat per seed.
+
+    source    `projections/<geometry>/<noise>` under results_dir
+    phantom   what was scanned, for recording.yaml
+    What the study simulated beyond the baseline does not come along. Raises InputError if there is no acquisition, or
+    one is broken.
+    """
+    source = Path(source)
+    files = sorted(source.glob("seed*.h5"))
+    if not files:
+        raise InputError(f"{source}: holds no acquisition (seed*.h5); set keep_projections: true and run the study")
+    _, geometry = read_counts(files[0])
+
+    def write(target: Path) -> None:
+        for file in files:
+            shutil.copyfile(file, target / file.name)
+
+    content = {
+        "kind": "projections",
+        **({"phantom": phantom} if phantom else {}),
+        "scan": scan_of(geometry),
+        "origin": {"importer": "study"},
+        "repeats": [file.name for file in files],
+    }
+    return write_folder(folder, content, write)
+
+
+def scan_of(geometry: ScanGeometry) -> dict:
+    """The scan section of a geometry of evenly spaced views."""
+    step = float(np.diff(geometry.angles_rad).mean())
+    helical = geometry.feed_per_rotation_mm != 0
+    return {
+        "trajectory": "helical" if helical else "circular",
+        "detector": "flat",
+        "source_to_isocentre_mm": geometry.source_to_isocentre_mm,
+        "source_to_detector_mm": geometry.source_to_detector_mm,
+        "columns": geometry.columns,
+        "rows": geometry.rows,
+        "column_pitch_mm": geometry.column_pitch_mm,
+        "row_pitch_mm": geometry.row_pitch_mm,
+        "column_offset_px": geometry.column_offset_px,
+        "row_offset_px": geometry.row_offset_px,
+        "views": geometry.views,
+        "views_per_rotation": geometry.views_per_rotation,
+        "start_angle_deg": math.degrees(float(geometry.angles_rad[0])),
+        "direction": 1 if step > 0 else -1,
+        **({"table_feed_mm": geometry.feed_per_rotation_mm} if helical else {}),
+        "start_z_mm": float(geometry.source_z_mm[0]),
+    }
