@@ -12,8 +12,8 @@ TARGET = ROOT / "docs" / "physics.md"
 
 INTRODUCTION = """# The acquisition chain and its effects
 
-The baseline is the paper's: one energy, a point source, an ideal detector, Poisson noise, the logarithm. Everything that it
-leaves out is an effect: a file in `workflow/lib/virtual_phantom/physics/effects`, with its equation, its source, its
+The baseline is the paper's: one energy, a point source, an ideal detector, Poisson noise, the logarithm. What it leaves
+out are effects: files in `workflow/lib/virtual_phantom/physics/effects`, each with its equation, its source, its
 parameters and what tells it apart. They are switched on for all protocols, or for one:
 
 ```yaml
@@ -25,15 +25,15 @@ protocols:
 ```
 
 With none, projections are those of the study without this chain, bit for bit. Reconstruction always goes by the stated
-geometry. A voxel is divided among two materials by its HU (`materials`); at the monochromatic energy, where water attenuates
-`mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from SpekPy.
+geometry. A voxel is divided among two materials by its HU (`materials`); at the monochromatic energy, where water
+attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from SpekPy.
 
 Effects act in this order: STAGES. `snakemake diagnosis` tries each of them on a recording
 ([diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.
 
-Not in the chain yet: reconstruction kernel, slice thickness, HU scale and offset (they act on images), scatter grids, anode
-angle, off-focal radiation, detector non-linearity. Scatter has one kernel and does not know of depth; a bowtie's hardening
-counts where a spectrum is on, an object's scatter does not pass it; afterglow reaches one view.
+Not in the chain yet: reconstruction kernel, slice thickness, HU scale and offset (they act on images), scatter grids,
+anode angle, off-focal radiation, detector non-linearity. Scatter has one kernel and does not know of depth; a bowtie's
+thickness does not harden the beam; afterglow reaches one view.
 """
 
 
