@@ -26,7 +26,8 @@ protocols:
 
 With none, projections are those of the study without this chain, bit for bit. Reconstruction always goes by the stated
 geometry. A voxel is divided among two materials by its HU (`materials`); at the monochromatic energy, where water
-attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from SpekPy.
+attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from
+SpekPy.
 
 Effects act in this order: STAGES. `snakemake diagnosis` tries each of them on a recording
 ([diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..physics.effect import load
 from . import pattern as patterns
-from .model import POSES, Model, stacked, weights
+from .model import POSES, SURE, Model, stacked, weights
 from .observed import Observed
 
 ITERATIONS = 25
@@ -116,16 +116,18 @@ class Problem:
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned = any(load(name).pattern for name in effects)
-        self.unknowns, aligned = self.model.unknowns(self.effects), self.model.aligned
+        self.unknowns, aligned = self.model.unknowns(self.effects), self.model.alignment(self.effects)
         self.names = [None] * len(self.unknowns) + [one.name for one in aligned]
         values = [
             given.physics[one.effect][one.name] if given is not None and one.effect in given.physics else one.start
             for one in self.unknowns
         ]
         place = {one.name: one.expected for one in aligned} if given is None else given.place
-        self.start = np.array([*values, *(place[one.name] for one in aligned)], float)
-        self.low = np.array([one.low for one in self.unknowns] + [-np.inf] * len(aligned))
-        self.high = np.array([one.high for one in self.unknowns] + [np.inf] * len(aligned))
+        start = np.array([*values, *(place[one.name] for one in aligned)], float)
+        self.low = np.array([one.low for one in self.unknowns] + [one.expected - SURE * one.sd for one in aligned])
+        self.high = np.array([one.high for one in self.unknowns] + [one.expected + SURE * one.sd for one in aligned])
+        self.start = np.clip(start, self.low, self.high)
+        self.aligned = aligned
         self.centre = np.array([one.expected for one in (*self.unknowns, *aligned)])
         width = np.array([one.sd for one in (*self.unknowns, *aligned)])
         self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)
@@ -142,7 +144,7 @@ class Problem:
         for place, one in enumerate(self.unknowns):
             fresh = given is None or one.effect not in given.physics
             choices.append(one.starts if fresh else (self.start[place],))
-        places = [self.start[count:], np.array([one.expected for one in self.model.aligned])]
+        places = [self.start[count:], np.array([one.expected for one in self.aligned])]
         points = [np.array([*values, *place]) for values in product(*choices) for place in places]
         if all(len(choice) == 1 for choice in choices):
             return self.start
@@ -158,7 +160,7 @@ class Problem:
         for one, value in zip(self.unknowns, point, strict=False):
             physics[one.effect][one.name] = float(value)
         aligned = point[len(self.unknowns) :]
-        return physics, {one.name: float(value) for one, value in zip(self.model.aligned, aligned, strict=True)}
+        return physics, {one.name: float(value) for one, value in zip(self.aligned, aligned, strict=True)}
 
     def polished(self, point: np.ndarray, pattern: np.ndarray | None) -> tuple[np.ndarray, list[np.ndarray]]:
         """A point with the best scale and offset for its other numbers, in closed form, and its residuals.
@@ -170,12 +172,13 @@ class Problem:
         residuals = less_pattern(stacked(self.data, prediction), pattern, self.data)
         lines = prediction.state.line_integrals().ravel()
         first = len(self.unknowns)
-        index = [first + [one.name for one in self.model.aligned].index(name) for name in ("scale", "offset")]
+        index = [first + [one.name for one in self.aligned].index(name) for name in ("scale", "offset")]
         design, weight = np.stack([lines, np.ones_like(lines)]), self.weights[0]
         information = (design * weight) @ design.T + np.diag(self.knowledge[index])
         gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.centre[index] - point[index])
         step = np.linalg.solve(information, gradient)
         point = point.copy()
+        step = np.clip(point[index] + step, self.low[index], self.high[index]) - point[index]
         point[index] += step
         return point, [np.where(weight > 0, residuals[0] - step @ design, 0), *residuals[1:]]
 
@@ -222,7 +225,7 @@ class Problem:
         for name in self.effects:
             if load(name).pattern:
                 physics[name]["rms"], spread[name]["rms"] = self.found.rms, self.found.error
-        count, aligned = len(self.unknowns), [one.name for one in self.model.aligned]
+        count, aligned = len(self.unknowns), [one.name for one in self.aligned]
         return Fit(
             effects=self.effects,
             physics=physics,

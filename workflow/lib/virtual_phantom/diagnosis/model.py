@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from ..physics.scene import Pose
 from ..physics.spectra import KVP
 from .observed import WHITE_TOLERANCE, Observed, white_shape
 
+# Standard deviations that what is known may be off by at most: where much is left out, a Gaussian alone gives way.
+SURE = 5.0
+DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
 STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number without neutral value may begin
 POSES = ("x_mm", "y_mm", "z_mm", "turn_deg", "size")
@@ -88,6 +91,13 @@ class Model:
     def __init__(self, chain: Chain, aligned: tuple[Nuisance, ...], anode: str = "W", tube_kvp: float | None = None):
         self.chain, self.aligned, self.anode, self.tube_kvp = chain, aligned, anode, tube_kvp
 
+    def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
+        """The alignment beside these effects. A spectrum leaves the scale only the density of the material: that of a
+        monochromatic beam also holds the energy."""
+        if "spectrum" not in effects:
+            return self.aligned
+        return tuple(replace(one, sd=min(one.sd, DENSITY_SD)) if one.name == "scale" else one for one in self.aligned)
+
     def unknowns(self, effects: tuple[str, ...]) -> list[Unknown]:
         """The effects' numbers that are fitted, in order. Of a gain pattern there are none: pixels are fitted."""
         found = []
@@ -103,6 +113,7 @@ class Model:
                     starts += tuple(low + share * (high - low) for share in STARTS)
                 if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
                     expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
+                    low, high = max(low, expected - SURE * sd), min(high, expected + SURE * sd)
                 found.append(Unknown(name, one.name, low, high, starts, expected, sd))
         return found
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+SMOOTH_FACTOR = 3.0  # of the variance expected of the smooth part
 SMOOTH_PX = 3.0  # what varies more slowly than this from pixel to pixel may be other physics
 
 
@@ -29,7 +30,8 @@ def estimate(residual: np.ndarray, weight: np.ndarray) -> Pattern:
     """The pattern in residuals [view, row, column] with weights 1/variance.
 
     Constants are taken as independent draws of one normal distribution. Its variance is what the mean square of their
-    rough part exceeds that of noise by, so that what only varies smoothly over the detector makes no pattern.
+    rough part exceeds that of noise by. Where the smooth part is larger than such draws would make it, it is other
+    physics (the shadow of a disc looks alike in all views) and not counted as pattern.
     """
     total = weight.sum(axis=0)
     good = total > 0
@@ -42,7 +44,10 @@ def estimate(residual: np.ndarray, weight: np.ndarray) -> Pattern:
     typical = float(square.mean())
     error = typical * np.sqrt(2 / good.sum()) / (2 * max(rms, np.sqrt(typical / np.sqrt(good.sum()))))
     share = np.where(good, rms**2 / np.maximum(rms**2 + noise, 1e-300), 0) if rms else 0
-    return Pattern(mean * share, share * noise, rms, float(error))
+    smooth = (mean - rough)[good]
+    expected = (1 - left) * float((rms**2 + noise[good]).mean())
+    counted = mean if float((smooth**2).mean()) <= SMOOTH_FACTOR * expected else rough
+    return Pattern(counted * share, share * noise, rms, float(error))
 
 
 def _without_smooth(mean: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, float]:
