@@ -56,6 +56,9 @@ def test_defaults_are_filled_in():
 @pytest.mark.parametrize(
     "path, value, message",
     [
+        ("diagnosis", {"recordings": {"bench": {}}}, "diagnosis.recordings names 'bench', which is not there"),
+        ("diagnosis", {"recordings": {"bench": {"sample": 2}}}, "unknown key 'sample' in diagnosis.recordings.bench"),
+        ("physics", {"scatter": {}}, "physics needs noise.model: physical"),
         ("reconstruct", {}, "unknown key 'reconstruct' in config; did you mean 'reconstruction'"),
         ("scan.pich", 1, "unknown key 'pich' in scan; did you mean 'pitch'"),
         ("protocols.sirt_150.projections", 0, "protocols.sirt_150.projections: 0 is less than the minimum of 1"),

@@ -54,7 +54,10 @@ rule project:
     threads: PLAN.config["threads"]
     resources:
         mem_mb=lambda wildcards: megabytes(
-            fine=3, projections=3, scan=wildcards.geometry
+            # Materials are volumes of their own, packed and not.
+            fine=9 if PLAN.geometry_settings(wildcards.geometry)["physics"] else 3,
+            projections=8,
+            scan=wildcards.geometry,
         ),
         runtime=60,
     params:

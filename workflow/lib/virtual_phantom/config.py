@@ -239,6 +239,8 @@ def _check_names(config):
         known(comparison["protocol"], protocols, f"{where}.protocol")
         known(comparison["noise"], levels, f"{where}.noise")
         repeated(comparison["noise"], COMPARED_REPEATS, f"{where} needs at least {COMPARED_REPEATS} for an SD")
+    for name in config["diagnosis"]["recordings"]:
+        known(name, config["recordings"], "diagnosis.recordings")
     for name in analyses.get("stability", {}).get("recordings", []):
         known(name, config["recordings"], "analyses.stability.recordings")
     for figure, selection in analyses.get("pca", {}).items():

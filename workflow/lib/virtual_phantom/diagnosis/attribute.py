@@ -26,9 +26,6 @@ class Trial:
     score: float
     p: float
 
-    def __lt__(self, other):
-        return self.score < other.score
-
 
 @dataclass(frozen=True)
 class Choice:

@@ -10,6 +10,7 @@ from ..physics.chain import Chain
 from ..physics.effect import names
 from ..physics.materials import Segmentation
 from ..physics.scene import DiscScene, VoxelScene
+from ..physics.spectra import KVP
 from ..recordings.reading import load
 from .observed import scans
 from .prepared import Prepared, prepare
@@ -41,7 +42,7 @@ def ready(
     settings   diagnosis.recordings.<name> of the configuration, complete
     materials  how HU are divided, as the configuration's section
     phantom    image of the study's phantom, HU; None where `settings.disc` says what was scanned
-    Raises InputError for a recording of another kind.
+    Raises InputError for a recording of another kind, and a nominal anode or tube voltage that no spectrum is known of.
     """
     recording = load(folder)
     if recording.kind != "projections":
@@ -51,13 +52,19 @@ def ready(
     scene = _scene(settings, phantom, mu_water_per_mm, materials, threads)
     chains = [Chain(scene, recording.geometry, samples=settings["samples"] + more) for more in (0, FLOOR_SAMPLES)]
     nominal = recording.nominal
+    anode, tube_kvp = nominal.get("anode", "W"), nominal.get("tube_kvp")
+    if anode not in KVP or (tube_kvp is not None and not KVP[anode][0] <= tube_kvp <= KVP[anode][1]):
+        ranges = ", ".join(f"{name} {low:g} to {high:g} kV" for name, (low, high) in KVP.items())
+        raise InputError(
+            f"{recording.document.path}: no spectrum is known of nominal.anode {anode} at {tube_kvp} kV, only {ranges}"
+        )
     further = scans(recording.held_out) if len(recording.held_out) else None
     prepared: Prepared = prepare(
         scans(recording.repeats),
         further,
         chains[0],
-        anode=nominal.get("anode", "W"),
-        tube_kvp=nominal.get("tube_kvp"),
+        anode=anode,
+        tube_kvp=tube_kvp,
         nominal_photons=settings.get("nominal_photons"),
         known=settings["alignment"],
         floor_chain=chains[1],

@@ -40,7 +40,7 @@ class VoxelScene:
     def __init__(self, fractions: np.ndarray, grid: Grid, materials: tuple[str, ...], energy_kev: float, threads=1):
         self.materials, self.energy_kev, self.threads = materials, energy_kev, threads
         # A source outside the grid's corners is all that the projector asks for: cut away what is empty.
-        occupied = np.argwhere((fractions > 0.02).any(axis=0))
+        occupied = np.argwhere((fractions > 0).any(axis=0))
         low, high = occupied.min(axis=0), occupied.max(axis=0) + 1
         box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
         self.grid = replace(grid, shape=tuple((high - low).tolist()))
