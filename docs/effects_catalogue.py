@@ -29,11 +29,11 @@ geometry. A voxel is divided among two materials by its HU (`materials`); at the
 attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from
 SpekPy.
 
-Effects act in this order: STAGES. `snakemake diagnosis` tries each of them on a recording
-([diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.
+Effects act in this order: STAGES. `snakemake diagnosis` tries each of them but the last on
+recordings of projections ([diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.
 
-Not in the chain yet: reconstruction kernel, slice thickness, HU scale and offset (they act on images), scatter grids,
-anode angle, off-focal radiation, detector non-linearity. Scatter has one kernel and does not know of depth; a bowtie's
+Those of the stage image act after the reconstruction. Not in the chain yet: scatter grids, anode angle, off-focal
+radiation, detector non-linearity. Scatter has one kernel and does not know of depth; a bowtie's
 thickness does not harden the beam; afterglow reaches one view.
 """
 

@@ -1,3 +1,8 @@
+def image_physics(wildcards):
+    """Effects that act on a protocol's images."""
+    return PLAN.config["protocols"][wildcards.protocol].get("image_physics", {})
+
+
 # One rule per distinct bundle of noise levels and seeds: all its images come out of one job.
 for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
 
@@ -9,6 +14,7 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
             levels=level_files(*(noise for noise, _ in bundle)),
             phantom=f"{RESULTS}/phantom/image.nii.gz",
             kernels=f"{RESULTS}/logs/kernels/{len(bundle)}.txt",
+            effects=lambda wildcards: effect_code(*image_physics(wildcards)),
             code=code("reconstruct.py"),
         output:
             [
@@ -45,6 +51,7 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
             ],
             geometry=lambda wildcards: PLAN.geometry_of(wildcards.protocol),
             acquisitions=[acquisition(noise, seed) for noise, seed in bundle],
+            physics=image_physics,
             engine=ENGINE,
             mu_water_per_mm=PLAN.config["mu_water_per_mm"],
             zero_counts_as=PLAN.config["noise"]["zero_counts_as"],

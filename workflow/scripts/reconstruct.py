@@ -38,6 +38,7 @@ with job(snakemake) as log:
         params.settings,
         engine=params.engine,
         mu_water_per_mm=params.mu_water_per_mm,
+        physics=params.physics,
         threads=snakemake.threads,
     )
     for volume, path in zip(volumes, snakemake.output, strict=True):

@@ -265,13 +265,18 @@ def _check_physics(config):
             settings["physics"] = config["physics"]
         if not settings.get("physics"):
             continue
-        from .physics.effect import checked  # loads spectra and cross-sections, which most studies do not need
+        from .physics.effect import (
+            acts_on_images,
+            checked,
+        )  # loads spectra and cross-sections, which most studies do not need
 
         if config["noise"]["model"] != "physical":
             raise InputError(
                 f"config: protocols.{name}.physics needs noise.model: physical; the astra model has no photons"
             )
-        settings["physics"] = checked(settings["physics"], f"config: protocols.{name}.physics")
+        physics = checked(settings["physics"], f"config: protocols.{name}.physics")
+        settings["physics"] = {key: values for key, values in physics.items() if not acts_on_images(key)}
+        settings["image_physics"] = {key: values for key, values in physics.items() if acts_on_images(key)}
 
 
 def _check_measured(config):

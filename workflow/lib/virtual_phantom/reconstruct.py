@@ -9,6 +9,7 @@ import numpy as np
 from . import fbp, solvers
 from .errors import InputError
 from .geometry import Grid, ScanGeometry, circular
+from .physics.image import with_effects
 from .projectors import projector
 from .units import attenuation_to_hu
 from .volumes import Volume
@@ -23,12 +24,14 @@ def reconstruct(
     *,
     engine: str,
     mu_water_per_mm: float,
+    physics: dict | None = None,
     threads: int = 1,
 ) -> list[Volume]:
     """One image per acquisition, int16 HU on `grid`.
 
     line_integrals        [acquisition, view, row, column]
     algorithm, settings   "sirt" with solvers.sirt's keywords, or "fbp" with fbp.fbp's
+    physics               effects of stage "image", {effect: {parameter: value}}
     Raises InputError for an unknown algorithm or a scan that it cannot use.
     """
     count = len(line_integrals)
@@ -40,6 +43,7 @@ def reconstruct(
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     hu = attenuation_to_hu(attenuation, mu_water_per_mm)
+    hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]
     limits = np.iinfo(np.int16)
     return [Volume(np.clip(np.rint(image), limits.min, limits.max).astype(np.int16), grid) for image in hu]
 

@@ -13,7 +13,8 @@ from .model import POSES, SURE, Model, stacked, weights
 from .observed import Observed
 
 ITERATIONS = 25
-CONVERGED = 0.02  # of chi-square between two iterations
+# Of chi-square between two iterations: in units of noise, and of what is left where the model lacks much.
+CONVERGED, CONVERGED_SHARE = 0.02, 1e-6
 # For derivatives: shares of the plausible range and of the alignment's standard deviation. Path lengths are in single
 # precision, so that smaller steps would measure rounding.
 STEP, ALIGNMENT_STEP = 2e-3, 1e-2
@@ -93,7 +94,7 @@ class Fitter:
             if problem.patterned:
                 pattern, residuals = problem.with_pattern(problem.residuals(point, None))
                 current = problem.chi_square(residuals, point)
-            if before - current < CONVERGED:
+            if before - current < max(CONVERGED, CONVERGED_SHARE * current):
                 break
         errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information, hermitian=True)), 0))
         return problem.result(point, errors, residuals, current, pattern)

@@ -7,7 +7,7 @@ from pathlib import Path
 from .. import volumes
 from ..errors import InputError
 from ..physics.chain import Chain
-from ..physics.effect import names
+from ..physics.effect import acts_on_images, names
 from ..physics.materials import Segmentation
 from ..physics.scene import DiscScene, VoxelScene
 from ..physics.spectra import KVP
@@ -20,9 +20,13 @@ FLOOR_SAMPLES = 1  # more rays per pixel and direction than the model's: the dif
 
 def candidates(settings: dict) -> list[str]:
     """The effects that a recording is tried against. Raises InputError for one that the library does not have."""
-    chosen = settings.get("effects") or list(names())
+    chosen = settings.get("effects") or [name for name in names() if not acts_on_images(name)]
     if unknown := [name for name in chosen if name not in names()]:
         raise InputError(f"diagnosis.effects: there is no effect '{unknown[0]}'; there are {', '.join(names())}")
+    if on_images := [name for name in chosen if acts_on_images(name)]:
+        raise InputError(
+            f"diagnosis.effects: {on_images[0]} acts on images, and projections do not show it; take it out"
+        )
     if settings.get("nominal_photons") is None:
         chosen = [name for name in chosen if name != "photon_flux"]  # nothing is stated that it could differ from
     return chosen

@@ -12,7 +12,18 @@ from ..errors import InputError
 
 FOLDER = Path(__file__).parent / "effects"
 # In the order in which they act.
-STAGES = ("geometry", "motion", "spectrum", "fluence", "focal_spot", "scatter", "crosstalk", "noise", "readout")
+STAGES = (
+    "geometry",
+    "motion",
+    "spectrum",
+    "fluence",
+    "focal_spot",
+    "scatter",
+    "crosstalk",
+    "noise",
+    "readout",
+    "image",
+)
 
 
 @dataclass(frozen=True)
@@ -46,7 +57,7 @@ class Effect:
     stage        one of STAGES
     signature    what tells it apart from others
     settled_by   the further recording that shows it alone
-    apply        (chain.State, values by name): changes the state in place
+    apply        (state, values by name): changes in place a chain.State, or at stage "image" an image.ImageState
     pattern      True if one unknown per detector pixel is fitted beside the parameters (rings)
     """
 
@@ -91,6 +102,11 @@ def load(name: str) -> Effect:
     if name not in names():
         raise InputError(f"physics: there is no effect '{name}'; there are {', '.join(names())}")
     return importlib.import_module(f".effects.{name}", __package__).EFFECT
+
+
+def acts_on_images(name: str) -> bool:
+    """Whether an effect acts after the reconstruction, not on projections."""
+    return load(name).stage == "image"
 
 
 def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "physics") -> dict[str, dict[str, float]]:
