@@ -71,6 +71,7 @@ def draw_images(image: Volume, title: str, window: tuple[float, float] = (-160.0
         box = (-across / 2, across / 2, -up / 2, up / 2)
         shown = place.imshow(slice_hu, extent=box, origin="lower", cmap="gray", vmin=window[0], vmax=window[1])
         place.grid(False)
+        place.invert_xaxis()  # as radiologists look: x grows towards the patient's right, which is on the left
         place.set(
             xlabel=f"{horizontal} from the middle (mm)",
             ylabel=f"{vertical} from the middle (mm)",
