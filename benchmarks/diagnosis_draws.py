@@ -25,7 +25,7 @@ from virtual_phantom.diagnosis.templates import taken_up, templates  # noqa: E40
 from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
 from virtual_phantom.geometry import Grid, circular  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
-from virtual_phantom.physics.effect import load, names  # noqa: E402
+from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
 from virtual_phantom.physics.materials import Segmentation  # noqa: E402
 from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
 from virtual_phantom.volumes import Volume  # noqa: E402
@@ -95,7 +95,7 @@ def one(task):
     kind, draw, only = task
     random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=(len(kind), draw)))
     chain, floor = (Chain(scene(), GEOMETRY, PHOTONS, samples=samples) for samples in (2, 3))
-    library = [name for name in names() if only is None or name in only]
+    library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
     blank = prepared.prepare(scans(chain, {}, random), None, chain, floor_chain=floor, nominal_photons=PHOTONS)
     count = {"none": 0, "pair": 2}.get(kind, 1)
     truth = [str(name) for name in random.permutation(library)[:count]]
