@@ -38,10 +38,10 @@ img { max-width: 100%; } .note { color: #555; }
 {% if d.ambiguous_with[e.name] %}The data explain as well: {{ d.ambiguous_with[e.name]|join(', ')|replace('_', ' ') }}.
 {% endif %}</p>
 <table><tr><th>parameter</th><th>value</th><th>95 % interval</th><th>unit</th></tr>
-{% for name, p in e.parameters.items() %}<tr><td>{{ name }}</td><td class="n">{{ p.value|number }}</td>
-<td>{{ p.ci95[0]|number }} to {{ p.ci95[1]|number }}</td><td>{{ p.unit }}</td></tr>{% endfor %}</table>
+{% for name, p in e.parameters.items() %}<tr><td>{{ name }}</td><td class="n">{{ p.value|within(p.ci95) }}</td>
+<td>{{ p.ci95[0]|within(p.ci95) }} to {{ p.ci95[1]|within(p.ci95) }}</td><td>{{ p.unit }}</td></tr>{% endfor %}</table>
 <p class="note">Without it, data that were not fitted lose {{ e.evidence.held_out_gain|number }} of log score;
-chance of such a gain for nothing, over all candidates: {{ e.evidence.p|number }}.
+chance of such a gain for nothing, over all candidates: {{ e.evidence.p|chance }}.
 Equation: {{ effects[e.name].equation }}. Source: {{ effects[e.name].source }}.</p>
 {% endfor %}{% endif %}
 <h2>Where they differ</h2>
@@ -50,7 +50,7 @@ Equation: {{ effects[e.name].equation }}. Source: {{ effects[e.name].source }}.<
 <p class="note">Data not fitted ({{ d.held_out_data }}). Grey: plus and minus 2 standard deviations.</p>
 <table><tr><th>domain</th><th>worst place</th><th>z before</th><th>p</th><th>z after</th><th>p</th></tr>
 {% for a, b in places %}<tr><td>{{ a.domain }}</td><td>{{ a.where }}</td><td class="n">{{ a.z|number }}</td>
-<td class="n">{{ a.p|number }}</td><td class="n">{{ b.z|number }}</td><td class="n">{{ b.p|number }}</td></tr>
+<td class="n">{{ a.p|chance }}</td><td class="n">{{ b.z|number }}</td><td class="n">{{ b.p|chance }}</td></tr>
 {% endfor %}</table>
 <p class="note">p: corrected for all places of a domain and all domains; under {{ alpha }} counts.</p>
 <h2>Agreement</h2>
@@ -68,8 +68,8 @@ is removed on data not fitted.</p>{% endif %}
 <li>{{ line.replace('_', ' ') }}</li>{% endfor %}</ul>{% endif %}
 <h2>Alignment</h2>
 <table><tr><th></th><th>value</th><th>95 % interval</th></tr>
-{% for name, a in d.alignment.items() %}<tr><td>{{ name }}</td><td class="n">{{ a.value|number }}</td>
-<td>{{ a.ci95[0]|number }} to {{ a.ci95[1]|number }}</td></tr>{% endfor %}</table>
+{% for name, a in d.alignment.items() %}<tr><td>{{ name }}</td><td class="n">{{ a.value|within(a.ci95) }}</td>
+<td>{{ a.ci95[0]|within(a.ci95) }} to {{ a.ci95[1]|within(a.ci95) }}</td></tr>{% endfor %}</table>
 <p class="note">Fitted in every model alike: nobody's physics.
 {% if d.noise_from_one_repeat %}The recording has one repeat: its noise was taken from second differences
 of neighbouring views, so variances and correlations were not tested.{% endif %}</p>
@@ -82,7 +82,7 @@ OTHER_COLOUR = "#D55E00"
 def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float) -> str:
     """The report as HTML."""
     environment = Environment(autoescape=True)
-    environment.filters["number"] = _number
+    environment.filters |= {"number": _number, "within": _within, "chance": _chance}
     content = diagnosis.content
     after = {place.domain: place for place in diagnosis.after}
     choice = diagnosis.choice
@@ -101,6 +101,18 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float) -> str:
 
 def _number(value: float) -> str:
     return style.number(value) if value == 0 or abs(value) >= SMALL else f"{value:.1e}"
+
+
+def _within(value: float, interval: list[float]) -> str:
+    """A number to two digits of its interval's width."""
+    width = interval[1] - interval[0]
+    if not 0 < width < np.inf:
+        return _number(value)
+    return f"{value:.{max(0, 1 - int(np.floor(np.log10(width))))}f}".replace("-", "−")
+
+
+def _chance(p: float) -> str:
+    return "under 1e-300" if p == 0 else _number(p)
 
 
 def picture(figure: Figure) -> str:
@@ -136,6 +148,6 @@ def _profiles(diagnosis: Diagnosis) -> list[tuple[str, np.ndarray, np.ndarray, n
     labels: dict[str, tuple[str, Callable]] = {
         "columns": ("detector column", np.arange),
         "views": ("view", np.arange),
-        "path length": ("line integral (tenths of the rays)", lambda n: np.arange(n) + 1),
+        "path length": ("line integral (tenth)", lambda n: np.arange(n) + 1),
     }
     return [(labels[key][0], labels[key][1](before.size), before, after) for key, (before, after) in pairs.items()]

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from . import style
 
 MAP_LIMIT = 6.0  # standard deviations: beyond them colours stay the same
 BEFORE, AFTER = style.VERMILLION, style.BLUE
 MOST_RANKED = 18
+LINEAR_SD = 5.0  # residuals; the axis is linear below
 LINEAR_GAIN = 1.0  # log score; the axis of gains is linear below
+
+
+def _plain(axis: Axis) -> None:
+    """Few numbers, written out: the shared style sets no formulas."""
+    axis.get_major_locator().set_params(numticks=6)
+    axis.set_major_formatter(FuncFormatter(lambda value, _: style.number(value)))
 
 
 @style.styled()
@@ -43,7 +52,8 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
         axes.axhspan(-2, 2, color="#EEEEEE")
         axes.plot(x, before, color=BEFORE, label="alignment only")
         axes.plot(x, after, color=AFTER, label="with the effects found")
-        axes.set_yscale("symlog", linthresh=5)
+        axes.set_yscale("symlog", linthresh=LINEAR_SD)
+        _plain(axes.yaxis)
         axes.set(xlabel=label, ylabel="recorded − modelled (SD)" if index == 0 else None)
         style.letter_panel(axes, index)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
@@ -62,6 +72,7 @@ def draw_ranking(gains: dict[str, float], chosen: tuple[str, ...]) -> Figure:
     axes.set_yticks(range(len(names)), [style.label(name) for name in names])
     axes.invert_yaxis()
     axes.set_xscale("symlog", linthresh=LINEAR_GAIN)
+    _plain(axes.xaxis)
     axes.axvline(0, color=style.GREY, linewidth=0.6)
     axes.set_xlabel("gain on data not fitted (log score), each effect alone; blue: in the verdict")
     axes.grid(axis="y", visible=False)
