@@ -33,6 +33,16 @@ def diagnosis_megabytes(wildcards):
     )
 
 
+def diagnosis_model(wildcards):
+    """What was scanned and is simulated: all that the fits of a recording share."""
+    return {
+        "folder": str(RECORDINGS[wildcards.recording].folder),
+        "settings": MODELLED[wildcards.recording],
+        "mu_water_per_mm": PLAN.config["mu_water_per_mm"],
+        "materials": PLAN.config["materials"],
+    }
+
+
 rule diagnosis_alignment:
     """The simulator with nothing but alignment: what every effect is held against."""
     input:
@@ -46,10 +56,7 @@ rule diagnosis_alignment:
         mem_mb=diagnosis_megabytes,
         runtime=60,
     params:
-        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
-        settings=lambda wildcards: MODELLED[wildcards.recording],
-        mu_water_per_mm=PLAN.config["mu_water_per_mm"],
-        materials=PLAN.config["materials"],
+        model=diagnosis_model,
         effect=None,
     script:
         "../scripts/diagnose_candidate.py"
@@ -66,10 +73,7 @@ use rule diagnosis_alignment as diagnosis_effect with:
     log:
         f"{RESULTS}/logs/diagnosis/{{recording}}/{{effect}}.log",
     params:
-        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
-        settings=lambda wildcards: MODELLED[wildcards.recording],
-        mu_water_per_mm=PLAN.config["mu_water_per_mm"],
-        materials=PLAN.config["materials"],
+        model=diagnosis_model,
         effect=lambda wildcards: wildcards.effect,
 
 
@@ -101,10 +105,7 @@ rule diagnose:
         mem_mb=diagnosis_megabytes,
         runtime=120,
     params:
-        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
-        settings=lambda wildcards: MODELLED[wildcards.recording],
-        mu_water_per_mm=PLAN.config["mu_water_per_mm"],
-        materials=PLAN.config["materials"],
+        model=diagnosis_model,
         effects=lambda wildcards: CANDIDATES[wildcards.recording],
     script:
         "../scripts/diagnose.py"

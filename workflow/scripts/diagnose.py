@@ -1,6 +1,5 @@
 """Choose the effects that explain a recording, and say it: diagnosis.json, physics.yaml, maps and the report."""
 
-import io
 import json
 from pathlib import Path
 
@@ -18,23 +17,14 @@ from virtual_phantom.job import job
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
-    recording, prepared = ready(
-        params.folder,
-        params.settings,
-        given.get("phantom"),
-        params.mu_water_per_mm,
-        params.materials,
-        snakemake.threads,
-    )
+    recording, prepared = ready(**params.model, phantom=given.get("phantom"), threads=snakemake.threads)
     singles = {name: read_trial(path) for name, path in zip(params.effects, given.candidates, strict=True)}
     found = diagnose(recording.name, prepared, choose(prepared.fitter, read_trial(given.baseline), singles))
     maps = Path(output.maps)
     maps.mkdir(parents=True, exist_ok=True)
     for place in found.before:
-        with files.replacing(maps / f"{place.domain}.npy") as temporary:
-            buffer = io.BytesIO()
-            np.save(buffer, place.map)
-            temporary.write_bytes(buffer.getvalue())
+        with files.replacing(maps / f"{place.domain}.npy") as temporary, temporary.open("wb") as file:
+            np.save(file, place.map)
     overlay = {"physics": found.choice.chosen.fit.physics, "noise": {"model": "physical"}}
     text = f"# {found.content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
     files.write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)

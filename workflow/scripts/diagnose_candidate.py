@@ -7,14 +7,7 @@ from virtual_phantom.job import job
 
 with job(snakemake) as log:
     params, given = snakemake.params, snakemake.input
-    recording, prepared = ready(
-        params.folder,
-        params.settings,
-        given.get("phantom"),
-        params.mu_water_per_mm,
-        params.materials,
-        snakemake.threads,
-    )
+    recording, prepared = ready(**params.model, phantom=given.get("phantom"), threads=snakemake.threads)
     effect = params.effect
     baseline = read_trial(given.baseline) if effect else None
     found = trial(prepared.fitter, (effect,) if effect else (), baseline, baseline)

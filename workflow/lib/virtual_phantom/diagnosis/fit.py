@@ -145,10 +145,10 @@ class Problem:
         for place, one in enumerate(self.unknowns):
             fresh = given is None or one.effect not in given.physics
             choices.append(one.starts if fresh else (self.start[place],))
-        places = [self.start[count:], np.array([one.expected for one in self.aligned])]
-        points = [np.array([*values, *place]) for values in product(*choices) for place in places]
         if all(len(choice) == 1 for choice in choices):
             return self.start
+        places = [self.start[count:], np.array([one.expected for one in self.aligned])]
+        points = [np.array([*values, *place]) for values in product(*choices) for place in places]
         polished = (self.polished(point, None) for point in points)
         return min(polished, key=lambda one: self.chi_square(one[1], one[0]))[0]
 

@@ -31,7 +31,6 @@ class Prepared:
     data: Observed
     held_out: Observed
     variance: np.ndarray
-    floor: np.ndarray
     held: str
     single: bool
     photons: float
@@ -92,7 +91,7 @@ def prepare(
         known or {},
     )
     fitter = Fitter(Model(chain, aligned, anode, tube_kvp), data, held_out, variance, floor)
-    return Prepared(fitter, data, held_out, variance, floor, words, single, photons)
+    return Prepared(fitter, data, held_out, variance, words, single, photons)
 
 
 def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:

@@ -79,19 +79,16 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial) -> float 
     if not gained > 0:
         return None
     fitter = prepared.fitter
+    fitted, held = (fitter.residuals(chosen.fit, held_out) for held_out in (False, True))
     maps = [
-        {
-            place.domain: place.map.ravel()
-            for place in locate(fitter.residuals(chosen.fit, held), weights, data, chosen.fit.pattern_variance)
-        }
-        for held, weights, data in (
-            (False, fitter.weights, prepared.data),
-            (True, fitter.held_weights, prepared.held_out),
+        {place.domain: place.map.ravel() for place in locate(residuals, weights, data, chosen.fit.pattern_variance)}
+        for residuals, weights, data in (
+            (fitted, fitter.weights, prepared.data),
+            (held, fitter.held_weights, prepared.held_out),
         )
     ]
     products = [here * maps[1][domain] for domain, here in maps[0].items() if domain not in NO_SIGNED_MAP]
-    here, there = fitter.residuals(chosen.fit, held_out=False)[0], fitter.residuals(chosen.fit)[0]
-    products.append(here * there * np.sqrt(fitter.weights[0] * fitter.held_weights[0]))
+    products.append(fitted[0] * held[0] * np.sqrt(fitter.weights[0] * fitter.held_weights[0]))
     left = [float(one.sum()) for one in products if one.sum() > LEFT_SD * np.sqrt((one**2).sum())]
     return gained / (gained + max(left, default=0.0))
 
