@@ -14,7 +14,7 @@ volume[z, y, x] and projections[view, row, column], each index running along the
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -129,6 +129,19 @@ class ScanGeometry:
     @property
     def views(self) -> int:
         return self.angles_rad.size
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Of its projections: views, rows, columns."""
+        return self.views, self.rows, self.columns
+
+    @property
+    def key(self) -> tuple:
+        """Equal for geometries whose rays are the same, and hashable."""
+        return tuple(
+            value.tobytes() if isinstance(value := getattr(self, one.name), np.ndarray) else value
+            for one in fields(self)
+        )
 
     @property
     def magnification(self) -> float:

@@ -9,6 +9,7 @@ from ..errors import InputError
 from ..physics.chain import Chain
 from ..physics.effect import acts_on_images, names
 from ..physics.materials import Segmentation
+from ..physics.posed import PosedScene
 from ..physics.scene import DiscScene, VoxelScene
 from ..physics.spectra import KVP
 from ..recordings.reading import load
@@ -79,4 +80,5 @@ def ready(
 def _scene(settings: dict, phantom: str | Path | None, mu_water_per_mm: float, materials: dict, threads: int):
     if "disc" in settings:
         return DiscScene(settings["disc"]["diameter_mm"], settings["disc"]["material"])
-    return VoxelScene.of(volumes.read_nifti(phantom), Segmentation(**materials), mu_water_per_mm, threads)
+    scene = VoxelScene.of(volumes.read_nifti(phantom), Segmentation(**materials), mu_water_per_mm, threads)
+    return PosedScene(scene)

@@ -12,10 +12,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..geometry import ScanGeometry
+from ..kept import Kept
 from .effect import STAGES, load
 from .materials import attenuation_per_mm
 from .scene import IN_PLACE, Pose, VoxelScene
 
+# A fit varies one parameter at a time, and most leave earlier steps alone.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 12, 24
 
 
@@ -122,7 +124,7 @@ class Chain:
     def __init__(self, scene: VoxelScene, geometry: ScanGeometry, photons: float = 1e5, samples: int = 1):
         """samples   rays per pixel and direction, whose signals are averaged; 1 is the baseline's ray to its centre"""
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
-        self._paths, self._transmissions = _Kept(PATHS_KEPT), _Kept(TRANSMISSIONS_KEPT)
+        self._paths, self._transmissions = Kept(PATHS_KEPT), Kept(TRANSMISSIONS_KEPT)
 
     def state(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, photons: float | None = None, **extra
@@ -152,16 +154,7 @@ class Chain:
 
     def transmission(self, geometry: ScanGeometry, pose: Pose, motion_mm=None, spectrum=None) -> np.ndarray:
         """Share of the signal in air, float64 [view, row, column]."""
-        rays = (
-            geometry.source_to_isocentre_mm,
-            geometry.source_to_detector_mm,
-            geometry.column_offset_px,
-            geometry.row_offset_px,
-            geometry.angles_rad.tobytes(),
-            geometry.source_z_mm.tobytes(),
-            pose,
-            None if motion_mm is None else motion_mm.tobytes(),
-        )
+        rays = (geometry.key, pose, None if motion_mm is None else motion_mm.tobytes())
         beam = None if spectrum is None else (spectrum[0].tobytes(), spectrum[1].tobytes())
         return self._transmissions.get(
             (rays, beam), lambda: self._transmission(rays, geometry, pose, motion_mm, spectrum)
@@ -183,20 +176,6 @@ class Chain:
         down = fine.rows // geometry.rows
         shape = (geometry.views, geometry.rows, down, geometry.columns, self.samples)
         return total.reshape(shape).mean(axis=(2, 4))
-
-
-class _Kept:
-    """The last few results by key: a fit varies one parameter at a time, and most leave earlier steps alone."""
-
-    def __init__(self, most: int):
-        self._most, self._results = most, {}
-
-    def get(self, key, make):
-        result = self._results.pop(key) if key in self._results else make()
-        self._results[key] = result
-        while len(self._results) > self._most:
-            self._results.pop(next(iter(self._results)))
-        return result
 
 
 def subdivided(geometry: ScanGeometry, samples: int) -> ScanGeometry:

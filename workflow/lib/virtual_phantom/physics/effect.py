@@ -6,6 +6,7 @@ import importlib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 from ..errors import InputError
@@ -92,6 +93,7 @@ class Effect:
         return {name: float(given.get(name, parameter.typical)) for name, parameter in known.items()}
 
 
+@cache
 def names() -> tuple[str, ...]:
     """Every effect of the library, sorted: the files of `effects`."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "__init__"))
