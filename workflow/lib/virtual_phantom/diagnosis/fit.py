@@ -1,4 +1,4 @@
-"""Fits of effects to condensed repeats: Gauss-Newton, with what is known of the alignment and plausible ranges."""
+"""Fits of effects to condensed repeats: Gauss-Newton with Broyden's updates, within plausible ranges."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ import numpy as np
 
 from ..physics.effect import load
 from . import pattern as patterns
-from .model import POSES, SURE, Model, stacked, weights
+from .model import SURE, Model, stacked, weights
 from .observed import Observed
 
 ITERATIONS = 25
 # Of chi-square between two iterations: in units of noise, and of what is left where the model lacks much.
 CONVERGED, CONVERGED_SHARE = 0.02, 1e-6
+# Share of the expected gain that a step must make for its Jacobian to stay in use.
+AS_EXPECTED = (0.7, 1.4)
 # For derivatives: shares of the plausible range and of the alignment's standard deviation. Path lengths are in single
 # precision, so that smaller steps would measure rounding.
 STEP, ALIGNMENT_STEP = 2e-3, 1e-2
 UNKNOWN_STEP = 1e-3  # of an alignment of which nothing is known
 # Marquardt's damping: from none, first to LEAST_DAMPING, then by factors of DAMPING while a step makes the fit worse.
 LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
-POSE_STEPS = 4  # derivatives of the pose are costly, and shifts far less than a pixel: they serve several steps
 
 
 @dataclass(frozen=True)
@@ -68,34 +69,45 @@ class Fitter:
     def fit(self, effects: tuple[str, ...], given: Fit | None = None) -> Fit:
         """Refit all parameters of these effects and the alignment, beginning where `given` ended."""
         problem = Problem(self, effects, given)
-        pattern = None
+        pattern = jacobian = None
         point = problem.best_start(given)
         residuals = problem.residuals(point, pattern)
         if problem.patterned:
             pattern, residuals = problem.with_pattern(residuals)
-        current, damping = problem.chi_square(residuals, point), 0.0
-        for iteration in range(ITERATIONS):
-            if iteration % POSE_STEPS == 0:
-                problem.forget_poses()
-            information, gradient = problem.normal(point, residuals, pattern)
-            before = current
+        current, damping, as_expected = problem.chi_square(residuals, point), 0.0, False
+        for _ in range(ITERATIONS):
+            fresh = jacobian is None
+            if fresh:
+                jacobian = problem.jacobian(point, residuals, pattern)
+            information, gradient = problem.normal(jacobian, point, residuals)
+            before, enough = current, max(CONVERGED, CONVERGED_SHARE * current)
             while True:
                 damped = information + damping * np.diag(np.diag(information))
                 step = bounded_step(damped, gradient, point, problem.low, problem.high)
+                expected = float(2 * gradient @ step - step @ information @ step)
+                if expected < enough:
+                    break
                 trial, tried = problem.polished(np.clip(point + step, problem.low, problem.high), pattern)
                 reached = problem.chi_square(tried, trial)
                 if reached <= current:
+                    jacobian = updated(jacobian, (trial - point) / problem.steps, residuals, tried)
                     point, residuals, current = trial, tried, reached
                     damping = damping / DAMPING if damping > LEAST_DAMPING else 0.0
                     break
                 damping = max(LEAST_DAMPING, damping * DAMPING)
-                if damping > MOST_DAMPING:
+                if damping > MOST_DAMPING or not fresh:
                     break
+            gained = before - current
+            if expected < enough and (fresh or as_expected):
+                break
+            as_expected = AS_EXPECTED[0] * expected < gained < AS_EXPECTED[1] * expected
             if problem.patterned:
                 pattern, residuals = problem.with_pattern(problem.residuals(point, None))
                 current = problem.chi_square(residuals, point)
-            if before - current < max(CONVERGED, CONVERGED_SHARE * current):
+            if gained < enough and fresh:
                 break
+            if not as_expected:
+                jacobian = None
         errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information, hermitian=True)), 0))
         return problem.result(point, errors, residuals, current, pattern)
 
@@ -118,7 +130,6 @@ class Problem:
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned = any(load(name).pattern for name in effects)
         self.unknowns, aligned = self.model.unknowns(self.effects), self.model.alignment(self.effects)
-        self.names = [None] * len(self.unknowns) + [one.name for one in aligned]
         values = [
             given.physics[one.effect][one.name] if given is not None and one.effect in given.physics else one.start
             for one in self.unknowns
@@ -135,7 +146,6 @@ class Problem:
         spans = [STEP * (one.high - one.low) for one in self.unknowns]
         spans += [ALIGNMENT_STEP * one.sd if np.isfinite(one.sd) else UNKNOWN_STEP for one in aligned]
         self.steps = np.array(spans)
-        self._poses: dict[str, list[np.ndarray]] = {}
 
     def best_start(self, given: Fit | None) -> np.ndarray:
         """Where to begin: numbers of new effects that have no neutral value are tried at several places of their range,
@@ -192,31 +202,28 @@ class Problem:
     def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
         return chi_square(self.weights, residuals) + float((self.knowledge * (point - self.centre) ** 2).sum())
 
-    def normal(self, point, residuals, pattern) -> tuple[np.ndarray, np.ndarray]:
+    def jacobian(self, point, residuals, pattern) -> list[np.ndarray]:
+        """Change of what is predicted per `steps`, by part: [parameter, datum]."""
+        columns = [self.derivative(index, point, residuals, pattern) for index in range(len(point))]
+        return [
+            np.stack([step * column[part] for step, column in zip(self.steps, columns, strict=True)])
+            for part in range(len(residuals))
+        ]
+
+    def normal(self, jacobian, point, residuals) -> tuple[np.ndarray, np.ndarray]:
         """Information matrix and gradient at a point."""
-        jacobian = [self.derivative(index, point, residuals, pattern) for index in range(len(point))]
         information, gradient = np.diag(self.knowledge), self.knowledge * (self.centre - point)
-        for part, weight in enumerate(self.weights):
-            columns = np.stack([column[part] for column in jacobian])
-            weighted = columns * weight
-            information = information + weighted @ columns.T
-            gradient = gradient + weighted @ residuals[part]
+        for rows, weight, residual in zip(jacobian, self.weights, residuals, strict=True):
+            weighted = rows * weight
+            information = information + (weighted @ rows.T) / np.outer(self.steps, self.steps)
+            gradient = gradient + (weighted @ residual) / self.steps
         return information, gradient
 
     def derivative(self, index, point, residuals, pattern) -> list[np.ndarray]:
-        name = self.names[index]
-        if name in self._poses:
-            return self._poses[name]
         step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
         moved = point.copy()
         moved[index] += step
-        column = [(here - there) / step for here, there in zip(residuals, self.residuals(moved, pattern), strict=True)]
-        if name in POSES:
-            self._poses[name] = column
-        return column
-
-    def forget_poses(self) -> None:
-        self._poses.clear()
+        return [(here - there) / step for here, there in zip(residuals, self.residuals(moved, pattern), strict=True)]
 
     def result(self, point, errors, residuals, total, pattern) -> Fit:
         physics: dict[str, dict[str, float]] = {name: {} for name in self.effects}
@@ -243,6 +250,18 @@ class Problem:
 
 def chi_square(weights: list[np.ndarray], residuals: list[np.ndarray]) -> float:
     return sum(float((weight * residual**2).sum()) for weight, residual in zip(weights, residuals, strict=True))
+
+
+def updated(jacobian, step, before, after) -> list[np.ndarray]:
+    """Broyden's update: the least change of a Jacobian that agrees with a step just made (C. G. Broyden, Math. Comp.
+    19, 577, 1965). Derivatives by differences cost one prediction per parameter, this none."""
+    size = float(step @ step)
+    if not size:
+        return jacobian
+    return [
+        rows + np.outer(step / size, old - new - step @ rows)
+        for rows, old, new in zip(jacobian, before, after, strict=True)
+    ]
 
 
 def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Observed) -> list[np.ndarray]:

@@ -1,0 +1,36 @@
+"""Veiling glare: light that spreads far within the detector."""
+
+from scipy import ndimage
+
+from ..chain import State
+from ..effect import Effect, Parameter
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    geometry, share = state.geometry, values["share"]
+    # A single row stands for a beam that is high enough to look alike from row to row.
+    rows = values["width_mm"] / geometry.row_pitch_mm if geometry.rows > 1 else 0.0
+    sigma = (0, rows, values["width_mm"] / geometry.column_pitch_mm)
+
+    def veiled(signal):
+        return (1 - share) * signal + share * ndimage.gaussian_filter(signal, sigma, mode="constant", truncate=3)
+
+    state.signal, state.air = veiled(state.signal), veiled(state.air)
+
+
+EFFECT = Effect(
+    name="veiling_glare",
+    physics="Light and fluorescence spread far within the detector, so that every pixel shows a little of its wide "
+    "surroundings, in the air scan too.",
+    equation="S' = (1 - g) S + g G_w * S, for the scan and for the air scan, G_w a Gaussian of standard deviation w",
+    source="J. A. Seibert, O. Nalcioglu and W. W. Roeck, Med. Phys. 11, 172 (1984), with one Gaussian",
+    stage="crosstalk",
+    signature="the shadow is too bright and the air beside it too dark: line integrals rise above 0 there; the white "
+    "field falls off at the edges",
+    settled_by="a lead disc in the beam: signal behind it that grows with the open field around it",
+    parameters=(
+        Parameter("share", "1", "share of the signal that spreads", 0.0, 0.3, 0.02, 0.03),
+        Parameter("width_mm", "mm", "width of the spread at the detector", 5.0, 200.0, 40.0, 40.0, None),
+    ),
+    apply=apply,
+)
