@@ -37,7 +37,7 @@ SAMPLES = 6
 PHANTOM_STREAM, NOISE_STREAM = 0, 3
 SHOWN_SD = 5.0
 FEW = (  # parts of few numbers: what they are, and how each is called
-    ("noise correlation", "next", ("column", "row", "view")),
+    ("noise correlation", "neighbouring", ("columns", "rows", "views")),
     ("white field", "order", ("c1", "c2", "c3", "c4", "r1", "r2")),
 )
 

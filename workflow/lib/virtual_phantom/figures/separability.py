@@ -56,11 +56,11 @@ def draw_templates(panels: Sequence[Panel]) -> Figure:
         place.text(
             0.97,
             0.95,
-            f"±{style.number(limit)}",
+            style.number(limit) if panel.names else f"±{style.number(limit)}",
             transform=place.transAxes,
             ha="right",
             va="top",
-            fontsize=style.FONT_POINTS - 1,
+            fontsize=style.FONT_POINTS,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
         )
     for place in axes[len(panels) :]:
@@ -72,7 +72,7 @@ def draw_templates(panels: Sequence[Panel]) -> Figure:
 def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
     """Heat map of cosines between templates, [template, template], in hundredths where they are not next to 0."""
     count = len(labels)
-    figure = style.figure(style.DOUBLE_COLUMN_MM, style.DOUBLE_COLUMN_MM * 0.93)
+    figure = style.figure(style.DOUBLE_COLUMN_MM, style.DOUBLE_COLUMN_MM * 0.85)
     axes = figure.subplots()
     shown = axes.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
     for row, column in np.argwhere(np.abs(correlation) >= WRITTEN):
@@ -83,7 +83,7 @@ def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
             f"{100 * value:.0f}".replace("-", "−"),
             ha="center",
             va="center",
-            fontsize=style.FONT_POINTS - 1.5,
+            fontsize=style.FONT_POINTS,
             color="white" if abs(value) > LIGHT else "black",
         )
     axes.set_xticks(range(count), labels, rotation=55, ha="right", rotation_mode="anchor")
