@@ -72,6 +72,9 @@ def test_flux_is_told_by_the_statement_alone(disc):
     # Of one number, known to 2 % beside what the blocks' variances say of it.
     data, known = fitter.weights[1].sum(), 1 / 0.02**2
     assert flux.taken_up == pytest.approx(data / (data + known), rel=1e-3)
+    unstated = np.linalg.qr(changes(Problem(fitter, (), fit), None)[: flux.whole.size])[0]
+    left = projected(flux.whole[None], unstated)[0]
+    assert left @ left < 1e-5 * (flux.whole @ flux.whole)
 
 
 def test_a_centred_disc_does_not_tell_detector_offset_from_centre_of_rotation(disc):
@@ -79,7 +82,7 @@ def test_a_centred_disc_does_not_tell_detector_offset_from_centre_of_rotation(di
     correlation = correlations(found)
     np.testing.assert_allclose(np.diag(correlation), 1)
     np.testing.assert_allclose(correlation, correlation.T)
-    # The object moved along the columns moves its shadow the other way that the detector does; by another length, at edges.
+    # The object moved along the columns moves its shadow the other way than the detector: by as much to first order.
     assert correlation[0, 1] < -0.95 and abs(correlation[0, 2]) < 0.05
 
 

@@ -72,7 +72,7 @@ def draw_templates(panels: Sequence[Panel]) -> Figure:
 def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
     """Heat map of cosines between templates, [template, template], in hundredths where they are not next to 0."""
     count = len(labels)
-    figure = style.figure(style.DOUBLE_COLUMN_MM, style.DOUBLE_COLUMN_MM * 0.85)
+    figure = style.figure(style.DOUBLE_COLUMN_MM, style.DOUBLE_COLUMN_MM * 1.08)
     axes = figure.subplots()
     shown = axes.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
     for row, column in np.argwhere(np.abs(correlation) >= WRITTEN):
@@ -90,5 +90,6 @@ def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
     axes.set_yticks(range(count), labels)
     axes.grid(False)
     axes.tick_params(length=0)
-    figure.colorbar(shown, ax=axes, label="correlation of templates, alignment projected out", shrink=0.6, aspect=30)
+    words = "correlation of templates, alignment projected out"
+    figure.colorbar(shown, ax=axes, location="top", label=words, shrink=0.6, aspect=40)
     return figure
