@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from ..physics.effect import load
+from ..physics.effect import Parameter, load
 from .fit import Fit, Fitter, Problem
 from .model import stacked
 from .pattern import estimate
@@ -23,22 +23,46 @@ def whitened(parts: list[np.ndarray], weights: list[np.ndarray]) -> np.ndarray:
     return np.concatenate([part * np.sqrt(weight) for part, weight in zip(parts, weights, strict=True)])
 
 
-def taken_up(fitter: Fitter, fit: Fit) -> np.ndarray:
-    """Orthonormal basis (columns) of what alignment and fitted parameters change, whitened."""
-    problem = Problem(fitter, fit.effects, fit)
-    residuals = problem.residuals(problem.start, fit.pattern)
+def changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
+    """Change of the whitened data per unit of every parameter and number of the alignment: [row, unknown].
+
+    What is known of the unknowns stands below the data as rows of their own, so that each can only be taken up as far.
+    """
+    residuals = problem.residuals(problem.start, pattern)
     columns = [
-        whitened(problem.derivative(index, problem.start, residuals, fit.pattern), fitter.weights)
+        whitened(problem.derivative(index, problem.start, residuals, pattern), problem.weights)
         for index in range(len(problem.start))
     ]
-    # What is known of the alignment stands below as rows of their own, so that it can only be taken up as far.
-    known = np.diag(np.sqrt(problem.knowledge))
-    return np.linalg.qr(np.vstack([np.stack(columns, axis=1), known]))[0]
+    return np.vstack([np.stack(columns, axis=1), np.diag(np.sqrt(problem.knowledge))])
+
+
+def taken_up(fitter: Fitter, fit: Fit) -> np.ndarray:
+    """Orthonormal basis (columns) of what alignment and fitted parameters change, whitened."""
+    return np.linalg.qr(changes(Problem(fitter, fit.effects, fit), fit.pattern))[0]
+
+
+def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """Whitened data [row, datum] less all that a basis of `taken_up` takes up: [row, datum and piece of knowledge]."""
+    known = basis.shape[0] - rows.shape[1]
+    rows = np.hstack([rows, np.zeros((len(rows), known))])
+    return rows - (rows @ basis) @ basis.T
+
+
+def varied(name: str) -> tuple[Parameter, ...]:
+    """The parameters of an effect that have a neutral value: each has a template of its own."""
+    return tuple(parameter for parameter in load(name).parameters if parameter.neutral is not None)
+
+
+def strength(parameter: Parameter) -> float:
+    """What a template has of a parameter; where the typical case has none of it, its range says how much is much."""
+    if parameter.typical != parameter.neutral:
+        return parameter.typical
+    return parameter.neutral + (parameter.high - parameter.neutral) / 20
 
 
 def templates(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
-    """Change of the whitened data per unit of each parameter of an effect that has a neutral value, the others typical;
-    of an effect without one, its change at typical values. Rows are parameters."""
+    """Change of the whitened data that an effect makes by each parameter alone that has a neutral value, at typical
+    strength; of an effect without such a parameter, its change at typical values. Rows are as `varied` names them."""
     effect = load(name)
     now = fitter.model.predict(fit.physics, fit.place, fitter.data)
     before = stacked(fitter.data, now)
@@ -47,14 +71,11 @@ def templates(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
         parameter.name: min(max(parameter.typical, ranges[parameter.name].low), ranges[parameter.name].high)
         for parameter in effect.parameters
     }
-    varied = [parameter for parameter in effect.parameters if parameter.neutral is not None]
-    settings = [typical] if not varied else []
-    for parameter in varied:
-        strength = parameter.typical
-        if strength == parameter.neutral:  # the typical case has none of it: its range says how much is much
-            strength = parameter.neutral + (parameter.high - parameter.neutral) / 20
-        off = {other.name: other.neutral for other in varied}
-        settings.append(typical | off | {parameter.name: strength})
+    parameters = varied(name)
+    settings = [typical] if not parameters else []
+    for parameter in parameters:
+        off = {other.name: other.neutral for other in parameters}
+        settings.append(typical | off | {parameter.name: strength(parameter)})
     rows = []
     for values in settings:
         after = stacked(fitter.data, fitter.model.predict(fit.physics | {name: values}, fit.place, fitter.data))
@@ -66,9 +87,7 @@ def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, float]
     """p-value of every effect's matched filter on what a fit leaves over of the data that were fitted."""
     parts = fitter.residuals(fit, held_out=False)
     basis = taken_up(fitter, fit)
-    known = basis.shape[0] - sum(part.size for part in parts)
-    residual = np.concatenate([whitened(parts, fitter.weights), np.zeros(known)])
-    residual = residual - basis @ (basis.T @ residual)
+    residual = projected(whitened(parts, fitter.weights)[None], basis)[0]
     found = {}
     for name in names:
         if load(name).pattern:
@@ -77,9 +96,8 @@ def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, float]
             found[name] = float(stats.norm.sf(pattern.rms / pattern.error)) if pattern.rms else 1.0
             continue
         rows = templates(fitter, fit, name)
-        rows = np.hstack([rows, np.zeros((len(rows), known))])
         size = (rows**2).sum(axis=1)
-        rows = rows - (rows @ basis) @ basis.T
+        rows = projected(rows, basis)
         rows = rows[(rows**2).sum(axis=1) > SMALL * np.maximum(size, 1e-300)]
         if not len(rows):
             found[name] = 1.0

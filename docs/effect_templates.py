@@ -1,0 +1,150 @@
+"""Figures and table of docs/theory.md: effects' templates on the study's phantom, and how alike they are."""
+
+import re
+import sys
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+
+from virtual_phantom import config  # noqa: E402
+from virtual_phantom.diagnosis import separability  # noqa: E402
+from virtual_phantom.diagnosis.fit import Fit  # noqa: E402
+from virtual_phantom.diagnosis.observed import scans  # noqa: E402
+from virtual_phantom.diagnosis.prepared import Prepared, prepare  # noqa: E402
+from virtual_phantom.diagnosis.separability import Template  # noqa: E402
+from virtual_phantom.diagnosis.templates import strength  # noqa: E402
+from virtual_phantom.figures.separability import Panel, draw_correlations, draw_templates  # noqa: E402
+from virtual_phantom.figures.style import label, number, save  # noqa: E402
+from virtual_phantom.geometry import grid_of, scan_geometry  # noqa: E402
+from virtual_phantom.phantom import layout, synthetic  # noqa: E402
+from virtual_phantom.physics.chain import Chain  # noqa: E402
+from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
+from virtual_phantom.physics.materials import Segmentation  # noqa: E402
+from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
+from virtual_phantom.recordings.projections import Projections  # noqa: E402
+
+PAGE, IMAGES = ROOT / "docs" / "theory.md", ROOT / "docs" / "images"
+BEGIN, END = "<!-- table made by docs/effect_templates.py -->", "<!-- end of the table -->"
+VIEWS, REPEATS = 90, 10
+DETECTOR = {"columns": 80, "rows": 24, "column_pitch_mm": 8.0, "row_pitch_mm": 8.0}
+# Rays per pixel and direction: with 2, blurs of less than a pixel are sampled so badly that templates come out wrong.
+SAMPLES = 6
+PHANTOM_STREAM, NOISE_STREAM = 0, 3
+SHOWN_SD = 5.0
+FEW = (  # parts of few numbers: what they are, and how each is called
+    ("noise correlation", "neighbouring", ("columns", "rows", "views")),
+    ("white field", "order", ("c1", "c2", "c3", "c4", "r1", "r2")),
+)
+
+
+def recording() -> Prepared:
+    """Repeats of the default study's scan with nothing left out, fewer views and larger pixels, made ready for fits."""
+    study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
+    study = config.check(study, config.SCHEMA)
+    grid = grid_of(study["grid"])
+    seed = np.random.SeedSequence(study["seed"], spawn_key=(PHANTOM_STREAM,))
+    shapes = layout.read_layout(ROOT / study["phantom"]["layout"])
+    phantom = synthetic.build(shapes, grid, study["grid"]["oversampling"], seed)
+    scene = VoxelScene.of(phantom.fine, Segmentation(**study["materials"]), study["mu_water_per_mm"])
+    geometry = scan_geometry({**study["scan"], **DETECTOR}, VIEWS, grid)
+    photons = 1 / study["noise"]["levels"]["dose10"]["A"]
+    chains = [Chain(scene, geometry, photons, SAMPLES + more) for more in (0, 1)]
+    state = chains[0].state({})
+    random = np.random.default_rng(np.random.SeedSequence(study["seed"], spawn_key=(NOISE_STREAM,)))
+    white = state.measured_air[0] * photons
+    dark = np.zeros_like(white)
+    taken = scans([Projections(state.counts(random), white, dark) for _ in range(REPEATS)])
+    return prepare(taken, None, chains[0], nominal_photons=photons, floor_chain=chains[1])
+
+
+def labels(found: list[Template]) -> list[str]:
+    """Effects by name, with the parameter where an effect has several templates."""
+    counts = Counter(one.effect for one in found)
+    return [
+        label(one.effect) if counts[one.effect] == 1 else f"{label(one.effect)}: {label(bare(one.parameter))}"
+        for one in found
+    ]
+
+
+def bare(parameter: str) -> str:
+    """A parameter's name without its unit."""
+    return re.sub("_(mm|px|deg)$", "", parameter)
+
+
+def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:
+    """Of every template the mean or the noise's variance, whichever holds more; of what is few numbers, what shows."""
+    data, result = prepared.data, []
+    shapes = {"mean": data.mean.shape, "noise variance": data.blocks.shape}
+    for name, one in zip(labels(found), found, strict=True):
+        parts = separability.split(prepared.fitter, one.left)
+        most = max(shapes, key=lambda part: parts[part] @ parts[part])
+        across, values = summed(parts[most].reshape(shapes[most]))
+        result.append(Panel(name, values, across if most == "mean" else f"{across}: {most}"))
+        for part, axis, ticks in FEW:
+            if np.linalg.norm(parts[part]) > SHOWN_SD:
+                result.append(Panel(name, parts[part], f"{part}, {axis}", ticks))
+    return result
+
+
+def summed(values: np.ndarray) -> tuple[str, np.ndarray]:
+    """A template [view, row, column] over rows or over columns, whichever keeps more, with noise of 1 SD: what is left
+    beside the view, and the map."""
+    sums = {"column": values.sum(axis=1) / values.shape[1] ** 0.5, "row": values.sum(axis=2) / values.shape[2] ** 0.5}
+    kept = max(sums, key=lambda name: (sums[name] ** 2).sum())
+    return kept, sums[kept]
+
+
+def percent(share: float) -> str:
+    return "-" if share < 5e-5 else "< 0.1" if share < 1e-3 else f"{100 * share:.1f}"
+
+
+def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
+    """What section 3 of the page says of every template."""
+    correlation = separability.correlations(found)
+    in_range = separability.taken_up_in_range(prepared.fitter, fit, np.stack([one.whole for one in found]))
+    effects, called = np.array([one.effect for one in found]), labels(found)
+    lines = [
+        "| effect | strength | mean | variance | correlation | white | alignment takes up | in its range | left, SD "
+        "| most alike | correlation | left beside it, SD |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for place, one in enumerate(found):
+        size = np.linalg.norm(one.left)
+        alike = np.where(effects == one.effect, 0, np.nan_to_num(correlation[place]))
+        other = int(np.argmax(np.abs(alike)))
+        beside = size * np.sqrt(max(0.0, 1 - alike[other] ** 2))
+        cells = [called[place], at(one)]
+        cells += [percent(share) for share in separability.shares(prepared.fitter, one.whole).values()]
+        cells += [percent(one.taken_up), percent(in_range[place]), number(size)]
+        cells += [called[other], f"{alike[other]:.3f}", number(beside)]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def at(one: Template) -> str:
+    """The strength of a template, with its unit."""
+    parameters = [p for p in load(one.effect).parameters if one.parameter in (None, p.name) and p.unit != "number"]
+    values = [(strength(p) if p.neutral is not None else p.typical, p.unit) for p in parameters]
+    return ", ".join(f"{value:g}" + ("" if unit == "1" else f" {unit}") for value, unit in values)
+
+
+def with_table(page: str, content: str) -> str:
+    """The page with what stands between the markers replaced. Raises ValueError if they are not there."""
+    before, rest = page.split(BEGIN)
+    return f"{before}{BEGIN}\n\n{content}\n\n{END}{rest.split(END)[1]}"
+
+
+if __name__ == "__main__":
+    prepared = recording()
+    fit = prepared.fitter.fit(())
+    found = separability.described(prepared.fitter, fit, [name for name in names() if not acts_on_images(name)])
+    save(draw_templates(panels(prepared, found)), [IMAGES / "effect_templates.png"])
+    order = separability.grouped(separability.correlations(found))
+    ordered = [found[place] for place in order]
+    save(draw_correlations(separability.correlations(ordered), labels(ordered)), [IMAGES / "effect_correlations.png"])
+    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), table(prepared, fit, found)), encoding="utf-8")

@@ -1,0 +1,163 @@
+"""What recordings can tell apart, where it is known: a centred disc, closed forms, and vectors drawn by hand."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from virtual_phantom.diagnosis import observed, prepared
+from virtual_phantom.diagnosis.fit import Problem
+from virtual_phantom.diagnosis.separability import (
+    Template,
+    correlations,
+    described,
+    grouped,
+    shares,
+    split,
+    taken_up_in_range,
+)
+from virtual_phantom.diagnosis.templates import changes, projected
+from virtual_phantom.geometry import circular
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import acts_on_images, names
+from virtual_phantom.physics.scene import DiscScene
+from virtual_phantom.recordings.projections import Projections
+
+ROOT = Path(__file__).resolve().parents[2]
+PHOTONS = 1e5
+GEOMETRY = circular(
+    views=24,
+    source_to_isocentre_mm=500.0,
+    source_to_detector_mm=1000.0,
+    columns=60,
+    rows=4,
+    column_pitch_mm=8.0,
+    row_pitch_mm=8.0,
+)
+
+
+def ready(**known):
+    chain = Chain(DiscScene(160.0, "water"), GEOMETRY, PHOTONS, samples=6)
+    state, random = chain.state({}), np.random.default_rng(5)
+    white = state.measured_air[0] * PHOTONS
+    taken = [Projections(state.counts(random), white, np.zeros_like(white)) for _ in range(8)]
+    given = prepared.prepare(observed.scans(taken), None, chain, nominal_photons=PHOTONS, known=known)
+    return given.fitter, given.fitter.fit(())
+
+
+@pytest.fixture(scope="module")
+def disc():
+    return ready()
+
+
+def test_noise_has_no_share_in_the_mean_and_flux_is_in_closed_form(disc):
+    fitter, fit = disc
+    quiet = ("electronic_noise", "current_modulation", "photon_flux", "heel", "bowtie")
+    for one in described(fitter, fit, quiet):
+        found = shares(fitter, one.whole)
+        assert found["mean"] < 1e-3 and sum(found.values()) == pytest.approx(1)
+        assert (found["white field"] > 0.01) == (one.effect in ("heel", "bowtie"))
+    (flux,) = described(fitter, fit, ["photon_flux"])
+    # 0.7 of the photons: variances over 0.7, in every block.
+    expected = np.log(0.7) ** 2 * fitter.weights[1].sum()
+    part = split(fitter, flux.whole)["noise variance"]
+    assert part @ part == pytest.approx(expected, rel=1e-6)
+
+
+def test_flux_is_told_by_the_statement_alone(disc):
+    fitter, fit = disc
+    (flux,) = described(fitter, fit, ["photon_flux"])
+    # Of one number, known to 2 % beside what the blocks' variances say of it.
+    data, known = fitter.weights[1].sum(), 1 / 0.02**2
+    assert flux.taken_up == pytest.approx(data / (data + known), rel=1e-3)
+    unstated = np.linalg.qr(changes(Problem(fitter, (), fit), None)[: flux.whole.size])[0]
+    left = projected(flux.whole[None], unstated)[0]
+    assert left @ left < 1e-5 * (flux.whole @ flux.whole)
+
+
+def test_a_centred_disc_does_not_tell_detector_offset_from_centre_of_rotation(disc):
+    found = described(*disc, ("detector_offset", "centre_of_rotation", "scatter", "optical_crosstalk"))
+    correlation = correlations(found)
+    np.testing.assert_allclose(np.diag(correlation), 1)
+    np.testing.assert_allclose(correlation, correlation.T)
+    # The object moved along the columns moves its shadow the other way than the detector: by as much to first order.
+    assert correlation[0, 1] < -0.95 and abs(correlation[0, 2]) < 0.05
+
+
+def test_crosstalk_in_light_and_in_x_rays_differ_by_their_noise(disc):
+    fitter, fit = disc
+    xray, light = (described(fitter, fit, [name])[0] for name in ("xray_crosstalk", "optical_crosstalk"))
+    means = [split(fitter, one.whole)["mean"] for one in (xray, light)]
+    assert means[0] @ means[1] > 0.999 * np.linalg.norm(means[0]) * np.linalg.norm(means[1])
+    assert shares(fitter, xray.whole)["noise correlation"] == 0
+    # (c, 1 - 2c, c) with c = 0.03 correlates neighbouring columns by 2 c (1 - 2c) / ((1 - 2c)^2 + 2 c^2).
+    expected = 2 * 0.03 * 0.94 / (0.94**2 + 2 * 0.03**2) * np.sqrt(fitter.weights[2][0])
+    assert split(fitter, light.whole)["noise correlation"][0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_free_scale_takes_up_more_scatter_than_a_held_one():
+    found = []
+    for fitter, fit in (ready(scale=0.001, offset=0.001), ready(scale=1.0, offset=1.0)):
+        (scatter,) = described(fitter, fit, ["scatter"])
+        found.append(taken_up_in_range(fitter, fit, scatter.whole[None])[0])
+        assert found[-1] <= scatter.taken_up + 1e-9
+    held, free = found
+    assert held < free - 0.02 and free == pytest.approx(scatter.taken_up, abs=1e-6)
+
+
+def test_what_lies_out_of_range_is_not_taken_up(disc):
+    fitter, fit = disc
+    problem = Problem(fitter, (), fit)
+    place = problem.names.index("scale")
+    column = changes(problem, None)[: sum(part.size for part in fitter.weights), place]
+    room = problem.high[place] - problem.start[place]
+    found = taken_up_in_range(fitter, fit, np.stack([0.5 * room * column, 100 * room * column]))
+    # Within its range all, far beyond it hardly any.
+    assert found[0] > 0.999 and found[1] < 0.1
+
+
+def test_a_gain_pattern_is_that_of_its_draw(disc):
+    fitter, fit = disc
+    (one,) = described(fitter, fit, ["gain_pattern"])
+    mean = split(fitter, one.whole)["mean"].reshape(fitter.data.mean.shape) / np.sqrt(
+        fitter.weights[0].reshape(fitter.data.mean.shape)
+    )
+    np.testing.assert_allclose(mean, np.broadcast_to(mean[0], mean.shape), atol=1e-9)
+    assert mean[0].std() == pytest.approx(0.005, rel=0.2)  # of 240 normal draws
+
+
+def test_cosines_and_groups_by_hand():
+    vectors = {"a": [1.0, 0, 0, 0], "c": [0, 0, 2.0, 0], "b": [1.0, 1, 0, 0], "d": [0, 0, -3.0, 0.3], "none": [0.0] * 4}
+    found = [Template(name, None, np.ones(4), np.array(left)) for name, left in vectors.items()]
+    correlation = correlations(found)
+    assert correlation[0, 2] == pytest.approx(np.sqrt(0.5))
+    assert correlation[1, 3] == pytest.approx(-3 / np.hypot(3, 0.3))
+    assert np.isnan(correlation[4]).all()
+    order = grouped(correlation)
+    assert sorted(order) == list(range(5))
+    assert abs(order.index(1) - order.index(3)) == 1 and abs(order.index(0) - order.index(2)) == 1
+
+
+def test_projection_leaves_what_is_orthogonal():
+    basis = np.linalg.qr(np.array([[1.0, 0], [1, 0], [0, 1], [0, 0], [1, 1]]))[0]
+    rows = np.array([[1.0, 1, 0, 0], [1, -1, 0, 2]])
+    left = projected(rows, basis)
+    assert left.shape == (2, 5)
+    np.testing.assert_allclose(left @ basis, 0, atol=1e-12)
+    np.testing.assert_allclose(left[1], [1, -1, 0, 2, 0], atol=1e-12)
+
+
+def test_the_page_lists_every_effect_on_projections():
+    spec = importlib.util.spec_from_file_location("effect_templates", ROOT / "docs" / "effect_templates.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    page = module.PAGE.read_text(encoding="utf-8")
+    body = page.split(module.BEGIN)[1].split(module.END)[0]
+    listed = {re.match(r"\| ([^|:]+?)(:[^|]+)? \|", line)[1] for line in body.strip().splitlines()[2:]}
+    wanted = {name.replace("_", " ") for name in names() if not acts_on_images(name)}
+    assert listed == wanted, "run python docs/effect_templates.py"
+    assert module.with_table(page, body.strip()) == page
+    with pytest.raises(ValueError):
+        module.with_table("a page without markers", "table")

@@ -1,0 +1,95 @@
+"""What effects change of a recording, and how alike their templates are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from . import style
+
+ACROSS, PANEL_MM, TITLE_MM = 4, 30.0, 8.0
+MOST_SHOWN = 99.5  # percentile of |values| that has the full colour: single pixels at edges would hide the rest
+LIGHT = 0.6  # |correlation| above which a cell is too dark for black digits
+WRITTEN = 0.05  # |correlation| from which a cell has its value written
+
+
+@dataclass(frozen=True)
+class Panel:
+    """What a part of the data shows of one template, in standard deviations.
+
+    values   [view, x] as a map, or (x,) as bars with `names`
+    across   what x is, and of which part
+    """
+
+    title: str
+    values: np.ndarray
+    across: str
+    names: tuple[str, ...] = ()
+
+
+@style.styled()
+def draw_templates(panels: Sequence[Panel]) -> Figure:
+    """Small multiples, each on its own scale: the number in its corner has the full colour, or is the longest bar."""
+    down = -(-len(panels) // ACROSS)
+    figure = style.figure(style.DOUBLE_COLUMN_MM, TITLE_MM + PANEL_MM * down)
+    axes = figure.subplots(down, ACROSS).ravel()
+    for place, panel in zip(axes, panels, strict=False):
+        sizes = np.abs(panel.values)
+        limit = float(sizes.max() if panel.names else np.percentile(sizes, MOST_SHOWN)) or 1.0
+        if panel.names:
+            place.bar(range(panel.values.size), panel.values, color=style.BLUE, width=0.7)
+            place.axhline(0, color=style.GREY, linewidth=0.6)
+            place.set_xticks(range(panel.values.size), panel.names)
+            place.margins(y=0.3)
+            place.tick_params(length=0)
+        else:
+            place.imshow(panel.values, aspect="auto", cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
+            place.set_xticks([])
+        place.set_yticks([])
+        place.grid(False)
+        place.set_title(panel.title, loc="left", fontsize=style.FONT_POINTS)
+        place.set_xlabel(panel.across, labelpad=2)
+        place.set_ylabel("SD" if panel.names else "view", labelpad=2)
+        place.text(
+            0.97,
+            0.95,
+            style.number(limit) if panel.names else f"±{style.number(limit)}",
+            transform=place.transAxes,
+            ha="right",
+            va="top",
+            fontsize=style.FONT_POINTS,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
+        )
+    for place in axes[len(panels) :]:
+        place.set_axis_off()
+    return figure
+
+
+@style.styled()
+def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
+    """Heat map of cosines between templates, [template, template], in hundredths where they are not next to 0."""
+    count = len(labels)
+    figure = style.figure(style.DOUBLE_COLUMN_MM, style.DOUBLE_COLUMN_MM * 1.08)
+    axes = figure.subplots()
+    shown = axes.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
+    for row, column in np.argwhere(np.abs(correlation) >= WRITTEN):
+        value = correlation[row, column]
+        axes.text(
+            column,
+            row,
+            f"{100 * value:.0f}".replace("-", "−"),
+            ha="center",
+            va="center",
+            fontsize=style.FONT_POINTS,
+            color="white" if abs(value) > LIGHT else "black",
+        )
+    axes.set_xticks(range(count), labels, rotation=55, ha="right", rotation_mode="anchor")
+    axes.set_yticks(range(count), labels)
+    axes.grid(False)
+    axes.tick_params(length=0)
+    words = "correlation of templates, alignment projected out"
+    figure.colorbar(shown, ax=axes, location="top", label=words, shrink=0.6, aspect=40)
+    return figure
