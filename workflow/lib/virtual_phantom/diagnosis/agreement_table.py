@@ -15,20 +15,19 @@ NAMES = {
     "features": "features within a repeat SD",
 }
 TABLE = """{% if table.metrics %}
-<table><tr><th>in reconstructed images</th><th>recorded</th><th>before</th><th>after</th><th>difference before</th>
-<th>after</th><th>noise alone</th></tr>
+<table><tr><th>in reconstructed images</th><th>recorded</th><th>before</th><th>after</th><th>noise alone</th></tr>
 {% for name, m in table.metrics.items() %}<tr><td>{{ names[name] }}</td><td class="n">{{ m.recorded|quantity(m.unit) }}
-</td><td class="n">{{ m.before.value|quantity(m.unit) }}</td><td class="n">{{ m.after.value|quantity(m.unit) }}</td>
-<td class="n">{{ m.before|difference(m) }}</td><td class="n">{{ m.after|difference(m) }}</td>
+</td><td class="n">{{ m.before|compared(m.unit) }}</td><td class="n">{{ m.after|compared(m.unit) }}</td>
 <td class="n">{{ m|floor }}</td></tr>
 {% endfor %}</table>
 <p class="note">{{ table.repeats }} recorded and as many simulated scans, by filtered back-projection onto
 {{ table.grid.shape[2] }} × {{ table.grid.shape[1] }} × {{ table.grid.shape[0] }} voxels of
 {{ table.grid.spacing_mm[2]|short }} × {{ table.grid.spacing_mm[1]|short }} × {{ table.grid.spacing_mm[0]|short }} mm.
-Regions: {{ table.rois|join(', ')|replace('_', ' ') }}. Noise alone: standard error of the difference after; of spectra
-the difference, of features the share that is expected where nothing else differs.</p>{% endif %}
-{% for name, reason in table.left_out.items() %}<p class="note">Not measured in images: {{ names.get(name, name) }}
-({{ reason }}).</p>
+Contrasts are of {{ table.rois|join(', ')|replace('_', ' ') }}. In brackets: simulated against recorded. Noise alone:
+standard error of that difference after; of spectra the difference, of features the share that is expected where
+nothing but noise differs.</p>{% endif %}
+{% for name, reason in table.left_out.items() %}<p class="note">
+{{ 'Images were not compared' if name == 'images' else 'Not measured in images: ' ~ names[name] }} ({{ reason }}).</p>
 {% endfor %}"""
 
 
@@ -39,8 +38,8 @@ def agreement_table(table: dict | None) -> str:
     environment = Environment(autoescape=True)
     environment.filters |= {
         "quantity": _quantity,
-        "difference": lambda column, metric: _difference(column["relative_difference"]),
-        "floor": lambda metric: _floor(metric),
+        "compared": _compared,
+        "floor": _floor,
         "short": style.number,
     }
     return environment.from_string(TABLE).render(table=table, names=NAMES)
@@ -52,8 +51,12 @@ def _quantity(value: float | None, unit: str) -> str:
     return f"{100 * value:.0f} %" if unit == "share" else f"{style.number(value)} {unit}"
 
 
-def _difference(relative: float | None) -> str:
-    return "" if relative is None else f"{style.number(100 * relative)} %"
+def _compared(column: dict, unit: str) -> str:
+    value, relative = _quantity(column["value"], unit), column["relative_difference"]
+    if relative is None:
+        return value
+    difference = f"{style.number(100 * relative)} %"
+    return f"{value} ({difference})" if value else difference
 
 
 def _floor(metric: dict) -> str:

@@ -39,8 +39,9 @@ def agreement_of(
 
     scanned   None for a disc
     "before" is the model with nothing but alignment, "after" the chosen one, each drawn as often as there are repeats.
-    All are reconstructed by filtered back-projection. Edge and ROIs lie where the chosen model puts the object. Where
-    the scan cannot be reconstructed, the table has no metrics and says why.
+    All are reconstructed by filtered back-projection. Edge and ROIs lie where the chosen model puts the object;
+    features are those of the study's ROIs. Where the scan cannot be reconstructed, there are no metrics
+    but the reason.
     """
     chain, fits = prepared.fitter.model.chain, {"before": choice.baseline.fit, "after": choice.chosen.fit}
     place = choice.chosen.fit.place
@@ -61,7 +62,7 @@ def agreement_of(
             simulated[column] = reconstruct(lines)
     except InputError as error:
         return {"metrics": {}, "left_out": {"images": str(error)}}
-    return agreement(recorded, simulated, regions) | {
+    return agreement(recorded, simulated, regions, features=scanned is not None) | {
         "rois": list(regions.rois),
         "repeats": len(repeats),
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},

@@ -14,12 +14,13 @@ from ..geometry import Grid, ScanGeometry
 from ..parallel_rays import ParallelRays
 from ..phantom import read_masks
 from ..physics.scene import DiscScene, Pose
+from ..statistics.image_quality import LEAST_ROI_VOXELS
 from ..statistics.resolution import signed_distance_mm
 from ..units import HU_AIR, HU_BODY
 from ..volumes import Volume, read_nifti
 from .agreement import INNER_VOXELS, Regions
 
-MOST_VOXELS, MOST_SLICES = 128, 4
+MOST_VOXELS, MOST_SLICES = 128, 8
 AIR_VOXELS = 8  # around the object: what its edge needs
 SUBDIVIDED = 5  # samples per voxel and direction, of the edge
 
@@ -97,7 +98,7 @@ def phantom_regions(grid: Grid, valid: np.ndarray, scanned: Scanned, pose: Pose)
     rois = {}
     for name, mask in scanned.rois.items():
         shown = (_sampled(mask.astype(np.uint8), scanned.grid, grid, pose, order=0, outside=0) > 0) & valid
-        if shown.any():
+        if shown.sum() >= LEAST_ROI_VOXELS:
             rois[name] = shown
     return Regions(grid.spacing, rois if len(rois) > 1 else _object_and_air(distance, valid, grid), distance, valid)
 

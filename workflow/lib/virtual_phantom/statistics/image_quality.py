@@ -1,8 +1,9 @@
 """Image quality from repeated images: contrast, noise magnitude and noise texture, each with its standard error.
 
-Definitions: ICRU Report 87 (2012), chapter 4; AAPM Report 233, Performance Evaluation of Computed Tomography Systems
-(2019), sections 3 and 4. Noise is taken from differences of repeats, which are free of structure. Its standard errors
-are those of Gaussian noise: an ordinate of a periodogram has a standard deviation equal to its expectation.
+Definitions: ICRU Report 87 (2012); AAPM Report 233, Performance Evaluation of Computed Tomography Systems (2019). Noise
+is taken from differences of repeats, which are free of structure. Its standard errors are those of Gaussian noise: an
+ordinate of a periodogram has a standard deviation equal to its expectation. Correlations that reach farther than a
+square of the spectrum, as streaks of few views do, are not counted.
 """
 
 from __future__ import annotations

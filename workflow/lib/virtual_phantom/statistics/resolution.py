@@ -1,7 +1,7 @@
 """Resolution from edges: the edge spread function across a known boundary, and the frequency where its modulation
 transfer function (MTF) falls to one half.
 
-Task-based MTF of AAPM Report 233 (2019), section 5, after S. Richard et al., Med. Phys. 39, 4115 (2012): voxels are
+Task-based MTF of AAPM Report 233 (2019), after S. Richard et al., Med. Phys. 39, 4115 (2012): voxels are
 sorted by their distance to the boundary, which samples the edge far more finely than voxels do. A signed distance
 serves boundaries of any shape.
 """
