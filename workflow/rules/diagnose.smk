@@ -24,6 +24,17 @@ def diagnosis_inputs(wildcards):
     return inputs
 
 
+def agreement_inputs(wildcards):
+    """Regions of the study's phantom, if that was scanned."""
+    if "disc" in DIAGNOSED[wildcards.recording]:
+        return {}
+    return {
+        "image": rules.phantom.output.image,
+        "rois": rules.phantom.output.table,
+        "masks": rules.phantom.output.rois,
+    }
+
+
 def diagnosis_megabytes(wildcards):
     """Rays of all repeats, path lengths at several samples per pixel, and derivatives, MB."""
     scan = RECORDINGS[wildcards.recording].content["scan"]
@@ -81,6 +92,7 @@ rule diagnose:
     """Verdict, physics and report of one recording."""
     input:
         unpack(diagnosis_inputs),
+        unpack(agreement_inputs),
         baseline=rules.diagnosis_alignment.output[0],
         candidates=lambda wildcards: [
             f"{RESULTS}/diagnosis/{wildcards.recording}/effects/{effect}.json"
@@ -107,6 +119,7 @@ rule diagnose:
     params:
         model=diagnosis_model,
         effects=lambda wildcards: CANDIDATES[wildcards.recording],
+        seed=PLAN.config["seed"],
     script:
         "../scripts/diagnose.py"
 

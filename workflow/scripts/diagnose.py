@@ -9,17 +9,26 @@ import yaml
 from virtual_phantom import files
 from virtual_phantom.diagnosis.attribute import choose
 from virtual_phantom.diagnosis.locate import ALPHA
+from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
+from virtual_phantom.diagnosis.regions import Scanned
 from virtual_phantom.diagnosis.report import page
 from virtual_phantom.diagnosis.setting import ready
 from virtual_phantom.diagnosis.store import read_trial
 from virtual_phantom.diagnosis.verdict import diagnose
 from virtual_phantom.job import job
 
+AGREEMENT_STREAM = 3  # of the study's seed: noise of the images for the table of agreement
+
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
     recording, prepared = ready(**params.model, phantom=given.get("phantom"), threads=snakemake.threads)
     singles = {name: read_trial(path) for name, path in zip(params.effects, given.candidates, strict=True)}
     found = diagnose(recording.name, prepared, choose(prepared.fitter, read_trial(given.baseline), singles))
+    scanned = Scanned.read(given.phantom, given.image, given.rois) if "phantom" in given.keys() else None
+    seed = np.random.SeedSequence(params.seed, spawn_key=(AGREEMENT_STREAM,))
+    found.content["agreement"] = agreement_of_recording(
+        recording, prepared, found.choice, params.model["mu_water_per_mm"], seed, scanned, snakemake.threads
+    )
     maps = Path(output.maps)
     maps.mkdir(parents=True, exist_ok=True)
     for place in found.before:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from ..figures import diagnosis as figures
 from ..figures import style
 from ..physics.effect import load
+from .agreement_table import agreement_table
 from .fit import Fit
 from .prepared import Prepared
 from .verdict import Diagnosis
@@ -61,6 +62,7 @@ Equation: {{ effects[e.name].equation }}. Source: {{ effects[e.name].source }}.<
 {% endfor %}</table>
 {% if d.excess_removed is not none %}<p>Of the difference beyond noise, {{ (100 * d.excess_removed)|round(1) }} %
 is removed on data not fitted.</p>{% endif %}
+{{ agreement|safe }}
 <h2>All candidates</h2>
 <img alt="gain of every candidate on held-out data" src="{{ ranking }}">
 {% if d.ruled_out %}<p>Ruled out as an explanation: {{ d.ruled_out|join(', ')|replace('_', ' ') }}.</p>{% endif %}
@@ -93,6 +95,7 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float) -> str:
         effects={one["name"]: load(one["name"]) for one in content["effects"]},
         places=[(place, after[place.domain]) for place in diagnosis.before],
         alpha=alpha,
+        agreement=agreement_table(content.get("agreement")),
         maps=picture(figures.draw_maps(*_maps(diagnosis, prepared), f"{content['recording']}: mean over rows")),
         profiles=picture(figures.draw_profiles(_profiles(diagnosis))),
         ranking=picture(figures.draw_ranking(gains, choice.chosen.fit.effects)),

@@ -1,0 +1,205 @@
+"""The table of agreement: of images with known differences, and of a scan whose blur is concealed."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy import special
+
+from virtual_phantom.diagnosis import observed, prepared
+from virtual_phantom.diagnosis.agreement import Regions, agreement, share_within
+from virtual_phantom.diagnosis.agreement_table import agreement_table
+from virtual_phantom.diagnosis.attribute import choose, trial
+from virtual_phantom.diagnosis.reconstructed import Reconstruction, agreement_of, compared, filled
+from virtual_phantom.diagnosis.regions import Scanned, complete, image_grid, phantom_regions
+from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.volumes import Volume
+
+PHOTONS, MU_WATER = 1e5, 0.0193
+SPACING = (2.0, 1.0, 1.0)
+METRICS = ("contrast", "noise_magnitude", "noise_texture", "noise_spectrum", "resolution")
+
+
+def disc_regions():
+    y, x = np.mgrid[:80, :80] - 39.5
+    distance = np.broadcast_to(np.hypot(y, x) - 28.3, (2, 80, 80))
+    rois = {"object": distance < -4, "air": distance > 4}
+    return Regions(SPACING, rois, distance, np.ones(distance.shape, bool))
+
+
+def disc(regions, repeats, seed, *, hu=0.0, sigma=10.0, blur=1.0):
+    random = np.random.default_rng(np.random.SeedSequence(seed))
+    clean = -1000 + (hu + 1000) * (1 - special.erf(regions.distance_mm / (np.sqrt(2) * blur))) / 2
+    return clean + random.normal(0, sigma, (repeats, *clean.shape))
+
+
+def test_known_differences_are_the_ones_in_the_table():
+    regions = disc_regions()
+    simulated = {
+        "before": disc(regions, 4, 2, hu=-50.0, sigma=8.0, blur=0.8),
+        "after": disc(regions, 4, 3),
+    }
+    found = agreement(disc(regions, 4, 1), simulated, regions, features=False)
+    assert tuple(found["metrics"]) == METRICS and found["left_out"] == {}
+    for name, difference in (("contrast", -0.05), ("noise_magnitude", -0.2), ("resolution", 0.25)):
+        entry = found["metrics"][name]
+        assert entry["before"]["relative_difference"] == pytest.approx(difference, abs=0.02 + 4 * entry["floor"])
+    for name, entry in found["metrics"].items():
+        assert abs(entry["after"]["relative_difference"]) < 3 * entry["floor"], name
+        if entry["recorded"] is not None:
+            value = entry["recorded"] * (1 + entry["after"]["relative_difference"])
+            assert entry["after"]["value"] == pytest.approx(value)
+    json.dumps(found, allow_nan=False)
+
+
+def test_the_floor_falls_with_the_root_of_the_repeats():
+    regions = disc_regions()
+    floors = []
+    for repeats in (9, 33):  # 8 and 32 independent differences
+        images = [disc(regions, repeats, seed) for seed in (5, 6)]
+        metrics = agreement(images[0], {"after": images[1]}, regions, features=False)["metrics"]
+        floors.append([metrics[name]["floor"] for name in METRICS])
+    np.testing.assert_allclose(np.divide(*floors), 2, rtol=0.2)
+
+
+def test_a_single_repeat_has_no_noise_and_no_floor():
+    regions = disc_regions()
+    found = agreement(disc(regions, 1, 1), {"after": disc(regions, 1, 2)}, regions)
+    assert set(found["metrics"]) == {"contrast", "resolution"}
+    assert all(entry["floor"] is None for entry in found["metrics"].values())
+    assert "there is one; record more" in found["left_out"]["noise_magnitude"]
+
+
+def test_features_within_a_repeat_sd_are_counted():
+    random = np.random.default_rng(np.random.SeedSequence(8))
+    recorded = random.normal(0, 1, (200, 400))
+    assert share_within(recorded, recorded + 0.75) > 0.99
+    assert share_within(recorded, recorded + 1.3) < 0.01
+    regions = disc_regions()
+    images = [disc(regions, 3, seed, sigma=30.0) for seed in (1, 2)]
+    entry = agreement(images[0], {"same": images[0], "other": images[1]}, regions)["metrics"]["features"]
+    assert entry["same"]["value"] == 1.0 and 0.3 < entry["other"]["value"] < 1.0
+    # Means of three and three repeats lie within an SD of two degrees of freedom: Student's t at sqrt(3/2).
+    t = np.sqrt(1.5)
+    assert entry["floor"] == pytest.approx(t / np.sqrt(2 + t**2))
+
+
+GEOMETRY = circular(
+    views=90,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=64,
+    rows=5,
+    column_pitch_mm=8.0,
+    row_pitch_mm=8.0,
+)
+
+
+@pytest.fixture(scope="module")
+def scanned():
+    grid = Grid((12, 96, 96), (4.0, 2.7, 2.7))
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    hu = np.where((x / 105) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
+    bone, fat = np.hypot(x - 50, y - 10), np.hypot(x + 40, y + 20)
+    hu[bone < 22], hu[fat < 22] = 800.0, -80.0
+    rois = {"bone": bone < 13, "fat": fat < 13}
+    return Scanned(Volume(hu.astype(np.float32), grid), rois, grid)
+
+
+def diagnosed(scene, geometry, physics, library, repeats=8):
+    chain = Chain(scene, geometry, PHOTONS)
+    state = chain.state(physics)
+    random = np.random.default_rng(np.random.SeedSequence(4))
+    air = state.measured_air * state.photons
+    lines = [-np.log(np.maximum(state.counts(random), 0.5) / air) for _ in range(repeats)]
+    taken = observed.Scans(np.stack(lines).astype(np.float32), air.mean(axis=0), np.ones(lines[0].shape, bool))
+    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
+    baseline = trial(given.fitter, ())
+    singles = {name: trial(given.fitter, (name,), baseline, baseline) for name in library}
+    return taken, given, choose(given.fitter, baseline, singles)
+
+
+def test_concealed_blur_is_off_before_and_within_noise_after(scanned):
+    scene = VoxelScene.of(scanned.fine, Segmentation(), MU_WATER)
+    physics = {"optical_crosstalk": {"column": 0.08, "row": 0.08}}
+    taken, given, choice = diagnosed(scene, GEOMETRY, physics, ("optical_crosstalk", "scatter"))
+    repeats = compared(taken, None)
+    assert len(repeats) == 4 and np.array_equal(repeats.repeats, taken.repeats[1::2])
+    found = agreement_of(repeats, given, choice, MU_WATER, np.random.SeedSequence(1), scanned)
+    assert found["left_out"] == {} and found["rois"] == ["bone", "fat"] and found["repeats"] == 4
+    metrics = found["metrics"]
+    # What is shared with neighbours lowers both the noise and the resolution.
+    for name in ("resolution", "noise_magnitude"):
+        assert metrics[name]["before"]["relative_difference"] > max(0.1, 5 * metrics[name]["floor"]), name
+    for name in METRICS:
+        assert abs(metrics[name]["after"]["relative_difference"]) < 4 * metrics[name]["floor"], name
+    assert metrics["features"]["after"]["value"] > metrics["features"]["before"]["value"]
+    assert metrics["contrast"]["recorded"] == pytest.approx(880, rel=0.02)  # well within bone and fat
+    html = agreement_table(found)
+    assert "resolution (frequency at MTF 0.5)" in html and "64 × 64" in html and "Not measured" not in html
+
+
+def test_regions_lie_where_the_pose_puts_the_object(scanned):
+    """The chain's own projections of a displaced and turned object, reconstructed."""
+    pose = Pose(x_mm=9.0, y_mm=-7.0, turn_deg=25.0)
+    lines = Chain(VoxelScene.of(scanned.fine, Segmentation(), MU_WATER), GEOMETRY).state({}, pose).line_integrals()
+    grid = image_grid(GEOMETRY, scanned.radius_mm + 12)
+    valid = complete(GEOMETRY, grid)
+    (image,) = Reconstruction(GEOMETRY, grid, MU_WATER, np.ones(lines.shape, bool))(lines[None].astype(np.float32))
+    means = {}
+    for name, where in (("moved", pose), ("unmoved", Pose())):
+        regions = phantom_regions(grid, valid, scanned, where)
+        means[name] = image[regions.rois["bone"]].mean()
+        half = image[np.abs(regions.distance_mm) < 1].mean()
+        assert (abs(half + 490) < 40) == (name == "moved")  # half-way from air to the body, at its edge alone
+    assert means["moved"] == pytest.approx(800, rel=0.02) and means["unmoved"] < 700
+
+
+def test_a_scan_of_less_than_half_a_turn_is_told_in_one_line():
+    geometry = circular(
+        views=40,
+        turns=0.3,
+        source_to_isocentre_mm=410.0,
+        source_to_detector_mm=553.0,
+        columns=64,
+        rows=1,
+        column_pitch_mm=1.6,
+        row_pitch_mm=1.6,
+    )
+    taken, given, choice = diagnosed(DiscScene(70.0, "pmma"), geometry, {}, ("scatter",), repeats=4)
+    found = agreement_of(compared(taken, None), given, choice, MU_WATER, np.random.SeedSequence(1))
+    assert found["metrics"] == {} and "do not hold every direction of rays" in found["left_out"]["images"]
+    html = agreement_table(found)
+    assert "Images were not compared (scan: 40 views over 0.3 turns" in html and "<table>" not in html
+    assert agreement_table(None) == ""
+
+
+def test_the_grid_shows_the_object_with_air_around_and_only_complete_slices(scanned):
+    grid = image_grid(GEOMETRY, scanned.radius_mm)
+    assert scanned.radius_mm == pytest.approx(105, abs=2.7)
+    assert grid.spacing[2] == pytest.approx(8 * 570 / 1040) and max(grid.shape) <= 128
+    assert grid.extent_mm[2] / 2 > scanned.radius_mm + 6 * grid.spacing[2]
+    valid = complete(GEOMETRY, grid)
+    _, y, x = grid.axes_mm()
+    assert valid[:, np.hypot(y[:, None], x) < scanned.radius_mm].all()
+
+
+def test_rays_that_measured_nothing_lie_between_their_neighbours():
+    lines = np.tile(np.arange(6.0, dtype=np.float32), (2, 1, 2, 1))
+    usable = np.ones((1, 2, 6), bool)
+    usable[0, 0, 2:4] = False
+    broken = np.where(usable, lines, 99)
+    np.testing.assert_allclose(filled(broken, usable), lines)
+
+
+def test_repeats_that_are_compared():
+    lines = np.arange(6.0).reshape(6, 1, 1, 1)
+    taken = observed.Scans(lines, None, np.ones((1, 1, 1), bool))
+    further = observed.Scans(lines[:2] + 10, None, taken.usable)
+    assert compared(taken, further) is further
+    assert compared(taken, None).repeats.ravel().tolist() == [1, 3, 5]
+    few = observed.Scans(lines[:3], None, taken.usable)
+    assert compared(few, None) is few
