@@ -181,10 +181,9 @@ class Problem:
         physics, place = self._named(point)
         prediction = self.model.predict(physics, place, self.data)
         residuals = less_pattern(stacked(self.data, prediction), pattern, self.data)
-        lines = prediction.state.line_integrals().ravel()
         first = len(self.unknowns)
         index = [first + [one.name for one in self.aligned].index(name) for name in ("scale", "offset")]
-        design, weight = np.stack([lines, np.ones_like(lines)]), self.weights[0]
+        design, weight = np.stack([column.ravel() for column in prediction.design]), self.weights[0]
         information = (design * weight) @ design.T + np.diag(self.knowledge[index])
         gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.centre[index] - point[index])
         step = np.linalg.solve(information, gradient)

@@ -11,7 +11,8 @@ from .observed import Observed
 
 ALPHA = 0.01  # family-wise, over all domains and all places in them
 EDGE_SHARE = 0.1  # of the rays: those where line integrals change most from column to column count as edges
-PATH_BINS = 10
+BINS = 10
+AXES = ("views", "rows", "columns")
 THIN = 0.05  # of the largest line integral: rays with less pass beside the object
 
 
@@ -56,36 +57,45 @@ def locate(
     # A sum over views of one pixel also varies by what its constant is not known to.
     extra = pixels**2 * left
     found = [
-        _extreme("columns", _marginal(residual, weight, (0, 1), extra.sum(0)), lambda i: f"column {i} of {shape[2]}"),
-        _extreme("rows", _marginal(residual, weight, (0, 2), extra.sum(1)), lambda i: f"row {i} of {shape[1]}"),
-        _extreme(
+        extreme("columns", _marginal(residual, weight, (0, 1), extra.sum(0)), lambda i: f"column {i} of {shape[2]}"),
+        extreme("rows", _marginal(residual, weight, (0, 2), extra.sum(1)), lambda i: f"row {i} of {shape[1]}"),
+        extreme(
             "views",
             _marginal(residual, weight, (1, 2), (weight**2 * left).sum((1, 2))),
             lambda i: f"view {i} of {shape[0]}",
         ),
-        _blocks("projections", _block_z(residual, weight, data, left), data),
+        blocks("projections", _block_z(residual, weight, data, left), data),
         _path_lengths(residual, weight, predicted),
         _edges(residual, weight, predicted),
         _pixels(_marginal(residual, weight, 0, extra), pixels),
     ]
-    place = 1
-    if data.variance is not None:
-        z = residuals[place] * np.sqrt(weights[place])
-        found.append(_blocks("noise variance", z, data))
-        found.append(_level(residuals[place], weights[place]))
-        z = residuals[place + 1] * np.sqrt(weights[place + 1])
-        names = ("columns", "rows", "views")
-        found.append(_extreme("noise correlation", z, lambda i: f"between neighbouring {names[i]}"))
-        place += 2
+    found += noise_places(residuals, weights, data, [f"neighbouring {name}" for name in AXES[::-1]])
     if data.white is not None:
-        z = residuals[place] * np.sqrt(weights[place])
-        found.append(_extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))
-    found.sort(key=lambda one: one.p)
-    corrected, largest = [], 0.0
+        z = residuals[-1] * np.sqrt(weights[-1])
+        found.append(extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))
+    return corrected(found)
+
+
+def noise_places(residuals, weights, data: Observed, pairs: list[str], axes=AXES) -> list[Location]:
+    """Places of difference in the noise's variance over blocks, its level, and its correlations between `pairs`."""
+    if data.variance is None:
+        return []
+    z, correlated = (residual * np.sqrt(weight) for residual, weight in zip(residuals[1:3], weights[1:3], strict=True))
+    return [
+        blocks("noise variance", z, data, axes),
+        _level(residuals[1], weights[1]),
+        extreme("noise correlation", correlated, lambda i: f"between {pairs[i]}"),
+    ]
+
+
+def corrected(found: list[Location]) -> list[Location]:
+    """The worst first, p corrected over domains (Holm)."""
+    found = sorted(found, key=lambda one: one.p)
+    held, largest = [], 0.0
     for rank, one in enumerate(found):
         largest = max(largest, min(1.0, one.p * (len(found) - rank)))
-        corrected.append(Location(one.domain, one.where, one.z, largest, one.map))
-    return corrected
+        held.append(Location(one.domain, one.where, one.z, largest, one.map))
+    return held
 
 
 def _marginal(residual, weight, axes, extra) -> np.ndarray:
@@ -124,19 +134,19 @@ def _likely(z: np.ndarray) -> float:
     return min(1.0, 2 * min(worst, float(stats.chi2.sf((tested**2).sum(), tested.size))))
 
 
-def _extreme(domain: str, z: np.ndarray, words) -> Location:
+def extreme(domain: str, z: np.ndarray, words) -> Location:
+    """A domain by its worst place, `words` saying which it is."""
     worst = int(np.argmax(np.abs(z)))
     return Location(domain, words(worst), float(z[worst]), _likely(z), z)
 
 
-def _blocks(domain: str, z: np.ndarray, data: Observed) -> Location:
+def blocks(domain: str, z: np.ndarray, data: Observed, axes=AXES) -> Location:
+    """A domain of blocks of the data, whose axes have these names."""
     worst = int(np.argmax(np.abs(z)))
     place = np.unravel_index(worst, data.blocks.shape)
     ranges = [
         f"{name} {n * i // parts} to {n * (i + 1) // parts - 1}"
-        for name, n, i, parts in zip(
-            ("views", "rows", "columns"), data.mean.shape, place, data.blocks.shape, strict=True
-        )
+        for name, n, i, parts in zip(axes, data.mean.shape, place, data.blocks.shape, strict=True)
     ]
     return Location(domain, ", ".join(ranges), float(z[worst]), _likely(z), z.reshape(data.blocks.shape))
 
@@ -144,24 +154,33 @@ def _blocks(domain: str, z: np.ndarray, data: Observed) -> Location:
 def _path_lengths(residual, weight, predicted) -> Location:
     """By line integral: what depends on the amount of matter alone."""
     inside = (weight > 0) & (predicted > THIN * predicted.max())
-    edges = np.quantile(predicted[inside], np.linspace(0, 1, PATH_BINS + 1)) if inside.any() else np.zeros(2)
-    index = np.where(inside, np.clip(np.searchsorted(edges, predicted) - 1, 0, PATH_BINS - 1), PATH_BINS)
-    total = np.bincount(index.ravel(), weight.ravel(), PATH_BINS + 1)[:PATH_BINS]
-    sums = np.bincount(index.ravel(), (residual * weight).ravel(), PATH_BINS + 1)[:PATH_BINS]
+    return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside)
+
+
+def by_value(domain: str, words: str, residual, weight, values, inside) -> Location:
+    """Sums over tenths of the data that lie `inside`, in the order of `values`; `words` take a tenth's bounds."""
+    edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
+    index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
+    total = np.bincount(index.ravel(), weight.ravel(), BINS + 1)[:BINS]
+    sums = np.bincount(index.ravel(), (residual * weight).ravel(), BINS + 1)[:BINS]
     z = sums / np.sqrt(np.where(total > 0, total, np.inf))
-    bounds = [f"line integrals {a:.2f} to {b:.2f}" for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    return _extreme("path length", z, lambda i: bounds[min(i, len(bounds) - 1)])
+    return extreme(domain, z, lambda i: words.format(edges[i], edges[i + 1]))
 
 
 def _edges(residual, weight, predicted) -> Location:
-    """Excess of chi-square where line integrals change most: blur, geometry and motion show there."""
+    """Where line integrals change most: blur, geometry and motion show there."""
     slope = np.abs(np.gradient(predicted, axis=2)) if predicted.shape[2] > 1 else np.zeros_like(predicted)
+    return steepest("rays", residual, weight, slope)
+
+
+def steepest(what: str, residual, weight, slope) -> Location:
+    """Excess of chi-square where a slope is largest."""
     chosen = (weight > 0) & (slope >= np.quantile(slope[weight > 0], 1 - EDGE_SHARE))
     count = int(chosen.sum())
     square = float((weight[chosen] * residual[chosen] ** 2).sum())
     z = (square - count) / np.sqrt(2 * count)
     p = float(stats.chi2.sf(square, count))
-    return Location("edges", f"the {100 * EDGE_SHARE:.0f} % steepest rays", float(z), p, np.array([z]))
+    return Location("edges", f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))
 
 
 def _pixels(z, pixels) -> Location:

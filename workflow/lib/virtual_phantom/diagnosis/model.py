@@ -73,13 +73,17 @@ def nuisances(log_photons: float, photons_sd: float, known: Mapping[str, float])
 
 @dataclass(frozen=True)
 class Prediction:
-    """As Observed: mean [view, row, column], log_variance (block,) over its reference, correlation, white."""
+    """As Observed: mean [view, row, column], log_variance (block,) over its reference, correlation, white.
+
+    design   change of the mean with the alignment's scale and offset, the same shape (or broadcast to it)
+    """
 
     mean: np.ndarray
     log_variance: np.ndarray
     correlation: np.ndarray
     white: np.ndarray | None
     state: State
+    design: tuple[np.ndarray, np.ndarray]
 
 
 class Model:
@@ -125,12 +129,15 @@ class Model:
         state = self.chain.state(shown, pose, photons=float(np.exp(place["log_photons"])), anode=self.anode)
         variance = state.variance()
         # The logarithm of noisy counts lies above that of their mean by half their relative variance, to first order.
-        mean = place["scale"] * state.line_integrals() + place["offset"] + variance / 2
+        lines = state.line_integrals()
+        mean = place["scale"] * lines + place["offset"] + variance / 2
         ratio = np.where(data.usable, variance / data.reference, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(data.blocks.sum(ratio) / data.blocks.sum(data.usable))
         white = None if data.white is None else white_shape(state.measured_air[0])
-        return Prediction(mean, log_variance, np.array(state.correlations()), white, state)
+        return Prediction(
+            mean, log_variance, np.array(state.correlations()), white, state, (lines, np.ones(lines.shape))
+        )
 
 
 def stacked(data: Observed, prediction: Prediction) -> list[np.ndarray]:

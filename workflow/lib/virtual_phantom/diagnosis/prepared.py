@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..physics.chain import Chain
 from .fit import Fitter
+from .look import PROJECTIONS, Look
 from .model import Model, nuisances
 from .observed import Blocks, Observed, Scans, observe
 
@@ -25,6 +26,7 @@ class Prepared:
     held      what is held out, in words
     single    True if the noise had to be taken from neighbouring views of a single repeat
     photons   per pixel in air, as estimated from the variances
+    look      how its differences are looked at
     """
 
     fitter: Fitter
@@ -34,6 +36,7 @@ class Prepared:
     held: str
     single: bool
     photons: float
+    look: Look = PROJECTIONS
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:

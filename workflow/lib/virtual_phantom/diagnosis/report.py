@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Callable
 
 import numpy as np
 from jinja2 import Environment
@@ -15,6 +14,7 @@ from ..figures import style
 from ..physics.effect import load
 from .agreement_table import agreement_table
 from .fit import Fit
+from .look import Look
 from .prepared import Prepared
 from .verdict import Diagnosis
 
@@ -47,7 +47,7 @@ Equation: {{ effects[e.name].equation }}. Source: {{ effects[e.name].source }}.<
 {% endfor %}{% endif %}
 <h2>Where they differ</h2>
 <img alt="maps of the residuals before and after" src="{{ maps }}">
-<img alt="residuals along columns, views and line integrals" src="{{ profiles }}">
+<img alt="residuals along three axes" src="{{ profiles }}">
 <p class="note">Data not fitted ({{ d.held_out_data }}). Grey: plus and minus 2 standard deviations.</p>
 <table><tr><th>domain</th><th>worst place</th><th>z before</th><th>p</th><th>z after</th><th>p</th></tr>
 {% for a, b in places %}<tr><td>{{ a.domain }}</td><td>{{ a.where }}</td><td class="n">{{ a.z|number }}</td>
@@ -87,7 +87,7 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float) -> str:
     environment.filters |= {"number": _number, "within": _within, "chance": _chance}
     content = diagnosis.content
     after = {place.domain: place for place in diagnosis.after}
-    choice = diagnosis.choice
+    choice, look = diagnosis.choice, prepared.look
     gains = {name: one.score - choice.baseline.score for name, one in choice.singles.items()}
     return environment.from_string(PAGE).render(
         d=content,
@@ -96,8 +96,8 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float) -> str:
         places=[(place, after[place.domain]) for place in diagnosis.before],
         alpha=alpha,
         agreement=agreement_table(content.get("agreement")),
-        maps=picture(figures.draw_maps(*_maps(diagnosis, prepared), f"{content['recording']}: mean over rows")),
-        profiles=picture(figures.draw_profiles(_profiles(diagnosis))),
+        maps=picture(figures.draw_maps(*_maps(diagnosis, prepared), _title(content, prepared), look.across, look.down)),
+        profiles=picture(figures.draw_profiles(_profiles(diagnosis, look))),
         ranking=picture(figures.draw_ranking(gains, choice.chosen.fit.effects)),
     )
 
@@ -131,11 +131,12 @@ def _maps(diagnosis: Diagnosis, prepared: Prepared) -> tuple[np.ndarray, np.ndar
 
 
 def _map(fit: Fit, prepared: Prepared) -> np.ndarray:
-    """Standardised residual [view, column] of the data held out: weighted means over rows and blocks of rays."""
+    """Standardised residual of the data held out: weighted means over one axis and over blocks of rays or voxels."""
     fitter = prepared.fitter
     shape = prepared.held_out.mean.shape
     residual, weight = (part[0].reshape(shape) for part in (fitter.residuals(fit), fitter.held_weights))
-    sums, weights = (residual * weight).sum(axis=1), weight.sum(axis=1)
+    summed = prepared.look.summed
+    sums, weights = (residual * weight).sum(axis=summed), weight.sum(axis=summed)
     for axis in (0, 1):
         step = -(-sums.shape[axis] // PIXELS_ACROSS)
         edges = np.arange(0, sums.shape[axis], step)
@@ -143,14 +144,15 @@ def _map(fit: Fit, prepared: Prepared) -> np.ndarray:
     return sums / np.sqrt(np.where(weights > 0, weights, np.inf))
 
 
-def _profiles(diagnosis: Diagnosis) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
-    pairs = {}
-    for key in ("columns", "views", "path length"):
-        maps = [next(one for one in side if one.domain == key).map for side in (diagnosis.before, diagnosis.after)]
-        pairs[key] = maps
-    labels: dict[str, tuple[str, Callable]] = {
-        "columns": ("detector column", np.arange),
-        "views": ("view", np.arange),
-        "path length": ("line integral (tenth)", lambda n: np.arange(n) + 1),
-    }
-    return [(labels[key][0], labels[key][1](before.size), before, after) for key, (before, after) in pairs.items()]
+def _profiles(diagnosis: Diagnosis, look: Look) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+    panels = []
+    for domain, label, first in look.profiles:
+        before, after = (
+            next(one for one in side if one.domain == domain).map for side in (diagnosis.before, diagnosis.after)
+        )
+        panels.append((label, np.arange(before.size) + first, before, after))
+    return panels
+
+
+def _title(content: dict, prepared: Prepared) -> str:
+    return f"{content['recording']}: mean over {('slices', 'rows')[prepared.look.summed]}"

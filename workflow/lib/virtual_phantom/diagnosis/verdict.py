@@ -8,7 +8,7 @@ import numpy as np
 
 from ..physics.effect import load
 from .attribute import Choice, Trial
-from .locate import Location, locate
+from .locate import Location
 from .prepared import Prepared
 
 NORMAL_95 = 1.959964
@@ -33,7 +33,7 @@ class Diagnosis:
 
 def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     """Judge a choice of effects on the data held out."""
-    fitter = prepared.fitter
+    fitter, locate = prepared.fitter, prepared.look.places
     before = locate(fitter.residuals(choice.baseline.fit), fitter.held_weights, prepared.held_out)
     fit = choice.chosen.fit
     after = locate(fitter.residuals(fit), fitter.held_weights, prepared.held_out, fit.pattern_variance)
@@ -78,7 +78,7 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial) -> float 
     gained = 2 * (chosen.score - baseline.score)
     if not gained > 0:
         return None
-    fitter = prepared.fitter
+    fitter, locate = prepared.fitter, prepared.look.places
     fitted, held = (fitter.residuals(chosen.fit, held_out) for held_out in (False, True))
     maps = [
         {place.domain: place.map.ravel() for place in locate(residuals, weights, data, chosen.fit.pattern_variance)}
@@ -105,9 +105,12 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     residuals = {
         key: fitter.residuals(one.fit, held_out) for key, one in (("before", choice.baseline), ("after", choice.chosen))
     }
-    rms = {key: float(np.sqrt((value[0][used] ** 2).mean())) for key, value in residuals.items()}
+    rms = {
+        key: float(np.sqrt((prepared.look.difference(prepared, one.fit, held_out) ** 2).mean()))
+        for key, one in (("before", choice.baseline), ("after", choice.chosen))
+    }
     floor = float(np.sqrt((prepared.variance.ravel()[used] / data.n).mean()))
-    found["rms_line_integral"] = {**rms, "floor": floor}
+    found[f"rms_{prepared.look.unit}"] = {**rms, "floor": floor}
     for place, name in enumerate(parts):
         count = int((weights[place] > 0).sum())
         if not count:

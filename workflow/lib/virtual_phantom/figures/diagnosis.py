@@ -23,8 +23,8 @@ def _plain(axis: Axis) -> None:
 
 
 @style.styled()
-def draw_maps(before: np.ndarray, after: np.ndarray, title: str) -> Figure:
-    """Standardised residuals [view block, column block], before and after, on one scale."""
+def draw_maps(before: np.ndarray, after: np.ndarray, title: str, across: str, down: str) -> Figure:
+    """Standardised residuals [down, across], before and after, on one scale."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
     axes = figure.subplots(1, 2, sharey=True)
     for index, (place, values, name) in enumerate(
@@ -34,9 +34,9 @@ def draw_maps(before: np.ndarray, after: np.ndarray, title: str) -> Figure:
             values, aspect="auto", cmap="RdBu_r", vmin=-MAP_LIMIT, vmax=MAP_LIMIT, interpolation="nearest"
         )
         place.grid(False)
-        place.set(xlabel="detector column", title=name)
+        place.set(xlabel=across, title=name)
         style.letter_panel(place, index)
-    axes[0].set_ylabel("view")
+    axes[0].set_ylabel(down)
     figure.colorbar(shown, ax=axes, label="recorded − modelled (standard deviations)", extend="both", shrink=0.9)
     figure.suptitle(title, fontsize=style.FONT_POINTS + 0.5)
     return figure

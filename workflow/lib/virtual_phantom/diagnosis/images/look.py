@@ -1,0 +1,31 @@
+"""How differences of images are looked at."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...units import HU_AIR
+from ..look import Look
+from .locate import locate
+
+
+def _hu(prepared, fit, held_out: bool) -> np.ndarray:
+    data = prepared.held_out if held_out else prepared.data
+    mean = prepared.fitter.model.images(fit.physics, fit.place)[0]
+    modelled = fit.place["scale"] * (mean - HU_AIR) + HU_AIR + fit.place["offset"]
+    return (data.hu - modelled)[data.usable]
+
+
+IMAGES = Look(
+    places=locate,
+    difference=_hu,
+    unit="hu",
+    summed=0,
+    down="row",
+    across="column",
+    profiles=(
+        ("distance from the axis", "ring around the isocentre", 1),
+        ("slices", "slice", 0),
+        ("tissue", "HU (tenth of the object)", 1),
+    ),
+)

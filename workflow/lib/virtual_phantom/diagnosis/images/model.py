@@ -1,0 +1,110 @@
+"""What the chain and a reconstruction predict of images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ...errors import InputError
+from ...kept import Kept
+from ...physics.chain import Chain, State, shared
+from ...physics.effect import acts_on_images
+from ...physics.image import with_effects
+from ...physics.scene import Pose
+from ...units import HU_AIR
+from ..model import POSES, Model, Nuisance, Prediction
+from .observed import Condenser, ObservedImages
+
+REALISATIONS = 7  # of noise; one more lane holds the mean
+WATER_SD = 0.3  # of the scale beside a spectrum: scanners set HU by scans of water, whatever their energies
+IMAGES_KEPT = 6
+
+
+class ImagesModel(Model):
+    """Predictions of images in HU, whitened.
+
+    reconstruct   [lane, view, row, column] line integrals to [lane, z, y, x] in HU
+    seed          of the realisations of noise, which all predictions share, so that they change smoothly
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        aligned: tuple[Nuisance, ...],
+        reconstruct: Callable[[np.ndarray], np.ndarray],
+        spacing_mm: tuple[float, float, float],
+        seed: np.random.SeedSequence,
+        anode: str = "W",
+        tube_kvp: float | None = None,
+    ):
+        super().__init__(chain, aligned, anode, tube_kvp)
+        self.reconstruct, self.spacing_mm, self._seed = reconstruct, spacing_mm, seed
+        self.condenser: Condenser | None = None
+        self._means, self._noises = Kept(IMAGES_KEPT), Kept(IMAGES_KEPT)
+
+    def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
+        """The alignment beside these effects: with a spectrum the scale is free, as water has been set to 0 HU."""
+        if "spectrum" not in effects:
+            return self.aligned
+        return tuple(replace(one, sd=max(one.sd, WATER_SD)) if one.name == "scale" else one for one in self.aligned)
+
+    def predict(self, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float], data: ObservedImages):
+        """The prediction for settings of effects and of the alignment: `mean` is whitened."""
+        white = self.condenser.white
+        mean, noise, _ = self.images(physics, place)
+        scaled = place["scale"] * (mean - HU_AIR) + HU_AIR + place["offset"]
+        statistics = self.condenser.noise(place["scale"] * noise)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            log_variance = np.log(statistics.variance)
+        design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
+        return Prediction(white(scaled), log_variance, statistics.correlation, None, None, design)
+
+    def images(self, physics, place) -> tuple[np.ndarray, np.ndarray, State]:
+        """Mean [z, y, x] and noise [realisation, z, y, x] in HU before scale and offset, and the state of the chain."""
+        on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
+        before = {name: dict(values) for name, values in physics.items() if name not in on_images}
+        photons = float(np.exp(place["log_photons"]))
+        pose = Pose(**{name: place[name] for name in POSES if name in place})
+        state = self.chain.state(before, pose, photons=photons, anode=self.anode)
+        key = (tuple((name, *sorted(values.items())) for name, values in sorted(before.items())), photons)
+
+        def mean():
+            # The logarithm of noisy counts lies above that of their mean by half their relative variance.
+            return self.reconstruct((state.line_integrals() + state.variance() / 2)[None])[0]
+
+        def noise():
+            # Where the object moves by less than a voxel, its noise stays.
+            return self.reconstruct(noise_lines(state, REALISATIONS, self._seed)) - HU_AIR
+
+        image = self._means.get((key, pose), mean)
+        realisations = self._noises.get(key, noise)
+        if not on_images:
+            return image, realisations, state
+        zero = with_effects(np.zeros_like(image), self.spacing_mm, on_images)
+        changed = np.stack([with_effects(one, self.spacing_mm, on_images) - zero for one in realisations])
+        return with_effects(image, self.spacing_mm, on_images), changed, state
+
+
+def noise_lines(state: State, count: int, seed: np.random.SeedSequence) -> np.ndarray:
+    """Noise of line integrals [realisation, view, row, column], to first order and normal: quantum noise as neighbours
+    share it, and electronic noise. The same seed gives the same underlying draws in every state."""
+    random = np.random.default_rng(seed)
+    signal = shared(state.signal, state.neighbours)
+    lines = np.empty((count, *signal.shape), np.float32)
+    for one in lines:
+        quantum = random.standard_normal(signal.shape) * np.sqrt(state.signal / state.photons)
+        read = shared(quantum, state.neighbours)
+        read += random.standard_normal(signal.shape) * (state.electronic / state.photons)
+        one[...] = -read / signal
+    return lines
+
+
+def refuse_patterns(names: list[str]) -> list[str]:
+    """Effects that images can be tried against."""
+    from ...physics.effect import load
+
+    if patterned := [name for name in names if load(name).pattern]:
+        raise InputError(f"diagnosis.effects: {patterned[0]} has one unknown per pixel, which images do not tell apart")
+    return names

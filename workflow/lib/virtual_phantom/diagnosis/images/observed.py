@@ -1,0 +1,107 @@
+"""What repeats of an image say, condensed as those of projections are (diagnosis.observed)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..observed import Blocks, Observed
+from .whitening import Whitening
+
+PARTS = (4, 6, 6)  # blocks along z, y and x for the noise's variance
+PRIOR = 8  # realisations that the scatter usual in all blocks counts as
+LAGS = ((0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 2, 0), (1, 0, 0))  # z, y, x, voxels
+
+
+@dataclass(frozen=True)
+class ObservedImages(Observed):
+    """As Observed, of images: `mean` is whitened, `variance` over `reference` (HU^2), `correlation` by LAGS.
+
+    hu         [z, y, x] mean over the repeats
+    expected   [z, y, x] HU without noise, of the model with nothing fitted: it tells tissues and edges apart
+    """
+
+    hu: np.ndarray | None = None
+    expected: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class NoiseStatistics:
+    """Variance over blocks and correlation by lag, of noise over the standard deviation of a Whitening."""
+
+    variance: np.ndarray
+    correlation: np.ndarray
+
+
+class Condenser:
+    """Condenses recorded and simulated images alike.
+
+    nulls       realisations of noise [realisation, z, y, x], HU: how much statistics of one realisation scatter
+    simulated   realisations that every prediction is made from: their scatter adds to the errors
+    expected    [z, y, x] HU, for ObservedImages
+    """
+
+    def __init__(self, white: Whitening, nulls: np.ndarray, simulated: int, expected: np.ndarray):
+        self.white, self.simulated, self.expected = white, simulated, expected
+        self.blocks = Blocks.of(white.sd.shape, PARTS)
+        self._counts = self.blocks.sum(white.used)
+        self._pairs = [_shift_pairs(white.used, lag) for lag in LAGS]
+        # Nulls may be louder than the recording: relative scatter is what counts.
+        level = float(np.mean([white.over_sd(one)[white.used].var() for one in nulls]))
+        each = [self.noise([one / np.sqrt(level)]) for one in nulls]
+        variances = np.var([one.variance for one in each], axis=0, ddof=1)
+        # Few realisations tell little of one block, and all blocks together what is usual.
+        usual = np.nanmedian(variances * self._counts) / np.maximum(self._counts, 1)
+        self._variance_sd = np.sqrt((len(nulls) * variances + PRIOR * usual) / (len(nulls) + PRIOR))
+        self._correlation_sd = np.std([one.correlation for one in each], axis=0, ddof=1)
+
+    def observe(self, repeats: np.ndarray, usable: np.ndarray) -> ObservedImages:
+        """Condense repeats [repeat, z, y, x] in HU; the variance only of two or more.
+
+        usable   bool [z, y, x]: voxels that count in the whitened mean
+        """
+        n, mean = len(repeats), repeats.mean(axis=0, dtype=np.float64)
+        statistics = variance_error = correlation_error = None
+        if n > 1:
+            statistics = self.noise([(one - mean) * np.sqrt(n / (n - 1)) for one in repeats])
+            free = 1 / (n - 1) + 1 / self.simulated
+            variance_error, correlation_error = (sd * np.sqrt(free) for sd in (self._variance_sd, self._correlation_sd))
+        return ObservedImages(
+            mean=self.white(mean),
+            n=n,
+            usable=usable & self.white.used,
+            blocks=self.blocks,
+            reference=self.white.sd**2,
+            variance=None if statistics is None else statistics.variance,
+            variance_error=variance_error,
+            correlation=None if statistics is None else statistics.correlation,
+            correlation_error=correlation_error,
+            white=None,
+            hu=mean,
+            expected=self.expected,
+        )
+
+    def noise(self, realisations) -> NoiseStatistics:
+        """Of realisations [z, y, x] of mean 0, HU."""
+        square, products, total = 0.0, np.zeros(len(LAGS)), 0.0
+        for one in realisations:
+            over = self.white.over_sd(one)
+            square = square + over**2
+            total += float((over**2).sum())
+            for place, (lag, pairs) in enumerate(zip(LAGS, self._pairs, strict=True)):
+                products[place] += float((over * np.roll(over, [-step for step in lag], (0, 1, 2)))[pairs].sum())
+        with np.errstate(invalid="ignore"):
+            variance = self.blocks.sum(square) / (self._counts * len(realisations))
+        count = np.array([pairs.sum() for pairs in self._pairs]) * len(realisations)
+        mean_square = total / (self.white.used.sum() * len(realisations))
+        return NoiseStatistics(variance, products / np.maximum(count, 1) / mean_square)
+
+
+def _shift_pairs(used: np.ndarray, lag: tuple[int, int, int]) -> np.ndarray:
+    """Voxels that count and whose partner a lag further on does, without wrapping round."""
+    partner = np.zeros_like(used)
+    inner = tuple(slice(0, n - step) for n, step in zip(used.shape, lag, strict=True))
+    moved = tuple(slice(step, None) for step in lag)
+    partner[inner] = used[moved]
+    return used & partner

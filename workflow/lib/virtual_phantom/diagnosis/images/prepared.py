@@ -1,0 +1,100 @@
+"""A recording of images made ready for fits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy import fft
+
+from ...errors import InputError
+from ...physics.chain import Chain
+from ...units import HU_AIR
+from ..fit import Fitter
+from ..model import nuisances
+from ..prepared import NOMINAL_PHOTONS_SD, Prepared
+from .look import IMAGES
+from .model import REALISATIONS, ImagesModel, noise_lines
+from .observed import Condenser
+from .whitening import local_variance, whitening
+
+OFFSET_SD_HU = 1.0  # of the alignment: zero of the HU scale
+RECORDED_NOISE = 3  # repeats from which the noise is known by itself; with fewer, by simulation
+FINE = 0.5  # of the highest frequency in the plane: noise rules there, not the object
+TRIAL_PHOTONS = 1e5
+NULLS = 4  # batches of realisations that say how noise scatters
+
+
+def prepare(
+    repeats: np.ndarray,
+    further: np.ndarray | None,
+    chain: Chain,
+    floor_chain: Chain,
+    reconstruct: Callable[[np.ndarray], np.ndarray],
+    spacing_mm: tuple[float, float, float],
+    valid: np.ndarray,
+    seed: np.random.SeedSequence,
+    *,
+    anode: str = "W",
+    tube_kvp: float | None = None,
+    nominal_photons: float | None = None,
+    known: dict[str, float] | None = None,
+) -> Prepared:
+    """Noise, floor and alignment of a recording.
+
+    repeats, further   [repeat, z, y, x] in HU; `further` is held out, or None
+    reconstruct        [lane, view, row, column] line integrals to [lane, z, y, x] HU on the same voxels
+    valid              bool [z, y, x]: voxels that were reconstructed from complete data
+    The other arguments are those of diagnosis.prepared.prepare.
+    Raises InputError if the repeats do not vary.
+    """
+    given = {"offset": OFFSET_SD_HU} | (known or {})
+
+    def model(log_photons, sd):
+        return ImagesModel(chain, nuisances(log_photons, sd, given), reconstruct, spacing_mm, seed, anode, tube_kvp)
+
+    blank = model(np.log(TRIAL_PHOTONS), np.inf)
+    expected, simulated, _ = blank.images({}, {"log_photons": np.log(TRIAL_PHOTONS)})
+    taken = repeats if further is None else np.concatenate([repeats, further])
+    single = len(repeats) == 1
+    if len(taken) >= RECORDED_NOISE:
+        noise = (taken - taken.mean(axis=0, dtype=np.float64)) * np.sqrt(len(taken) / (len(taken) - 1))
+        ratio = float(np.median((noise**2).mean(axis=0)[valid] / (simulated**2).mean(axis=0)[valid]))
+    else:
+        ratio = _fine_power(taken[0] - expected, valid) / np.mean([_fine_power(one, valid) for one in simulated])
+        noise = simulated * np.sqrt(ratio)
+    if not ratio > 1e-9:
+        raise InputError("the repeats of the recording do not vary: are they copies of one file?")
+    photons = TRIAL_PHOTONS / ratio
+    finer = reconstruct(floor_chain.state({}, anode=anode).line_integrals()[None])[0]
+    coarse = reconstruct(chain.state({}, anode=anode).line_integrals()[None])[0]
+    fitted, held, words, usable = _split(repeats, further, valid)
+    white = whitening(noise, valid, finer - coarse, max(len(fitted), 1))
+    log_photons = np.log(nominal_photons or photons)
+    final = model(log_photons, NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf)
+    state = chain.state({}, photons=photons, anode=anode)
+    batches = (reconstruct(noise_lines(state, REALISATIONS, branch)) for branch in seed.spawn(NULLS))
+    nulls = np.concatenate([one - HU_AIR for one in batches])
+    final.condenser = Condenser(white, nulls, REALISATIONS, expected)
+    data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
+    fitter = Fitter(final, data, held_out, local_variance(white, nulls), np.zeros(expected.shape))
+    return Prepared(fitter, data, held_out, white.sd**2, words, single, photons, IMAGES)
+
+
+def _split(repeats, further, valid):
+    """What is fitted, what is held out, how that is said, and the voxels that count in either."""
+    if further is not None:
+        return repeats, further, "repeats kept for it", (valid, valid)
+    if len(repeats) > 1:
+        return repeats[0::2], repeats[1::2], "every second repeat", (valid, valid)
+    upper = np.zeros(valid.shape, bool)
+    upper[valid.shape[0] // 2 :] = True
+    return repeats, repeats, "the upper half of the slices", (valid & ~upper, valid & upper)
+
+
+def _fine_power(image: np.ndarray, valid: np.ndarray) -> float:
+    """Mean square of what changes from voxel to voxel in the plane."""
+    spectrum = fft.rfft2(np.where(valid, image, 0), axes=(1, 2))
+    ky, kx = np.fft.fftfreq(image.shape[1]), np.fft.rfftfreq(image.shape[2])
+    fine = np.hypot(ky[:, None], kx) > FINE / 2
+    return float((np.abs(spectrum[:, fine]) ** 2).mean())
