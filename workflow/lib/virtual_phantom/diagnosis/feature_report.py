@@ -54,7 +54,7 @@ fitted; chance that it would as much of a difference of another origin, over all
 
 def page(diagnosis: FeatureDiagnosis) -> str:
     """The report as HTML."""
-    trials = diagnosis.trials
+    trials, found = diagnosis.trials, diagnosis.content["effects"]
     return render(
         PAGE,
         diagnosis.content,
@@ -64,12 +64,12 @@ def page(diagnosis: FeatureDiagnosis) -> str:
         most=MOST_PLACES,
         alpha=ALPHA,
         material=MATERIAL,
-        shifts=picture(figures.draw_shifts(diagnosis.before.cells, diagnosis.after.cells)),
+        shifts=picture(figures.draw_shifts(diagnosis.before.cells, diagnosis.after.cells if found else None)),
         shares=picture(
             figures.draw_shares(
                 {one.name: trial.fitted for one, trial in trials.items()},
                 {one.name: trial.held_out for one, trial in trials.items()},
-                tuple(effect["name"] for effect in diagnosis.content["effects"]),
+                tuple(effect["name"] for effect in found),
                 MATERIAL,
             )
         ),

@@ -135,11 +135,13 @@ def _parameters(data: Responses, one: Property, mean: str) -> dict:
     """Strengths fitted on all regions, with 95 % intervals of a bootstrap over regions and repeats."""
     rng = np.random.default_rng(np.random.SeedSequence(0))
     draws = [_draw(data, rng) for _ in range(RESAMPLES)]
+    tried: dict[str, list[float]] = {}
     everything = np.arange(len(data.rois)), None, None
     if one.name == "hu_calibration":
         units, fit = {"scale": "1", "offset_hu": "HU"}, _calibrated(data, mean)
     elif one.parameter is not None:
         units, fit = dict([one.parameter]), _strength(data, one)
+        tried[one.parameter[0]] = data.curves[one][FOLDS[0]].strengths[[0, -1]].tolist()
     else:
         return {}
     value, spread = fit(*everything), [fit(*draw) for draw in draws]
@@ -148,6 +150,7 @@ def _parameters(data: Responses, one: Property, mean: str) -> dict:
             "value": value[key],
             "ci95": [float(np.percentile([draw[key] for draw in spread], q)) for q in (TAIL, 100 - TAIL)],
             "unit": unit,
+            "tried": tried.get(key),
         }
         for key, unit in units.items()
     }

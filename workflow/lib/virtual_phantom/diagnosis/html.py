@@ -29,7 +29,8 @@ img { max-width: 100%; } .note { color: #555; }
 # Parts of templates: an effect `e` with its parameters, metrics on data held out, what to do next.
 PARAMETERS = """<table><tr><th>parameter</th><th>value</th><th>95 % interval</th><th>unit</th></tr>
 {% for name, p in e.parameters.items() %}<tr><td>{{ name }}</td><td class="n">{{ p.value|within(p.ci95) }}</td>
-<td>{{ p.ci95[0]|within(p.ci95) }} to {{ p.ci95[1]|within(p.ci95) }}</td><td>{{ p.unit }}</td></tr>
+<td>{{ p.ci95[0]|within(p.ci95) }} to {{ p.ci95[1]|within(p.ci95) }}</td><td>{{ p.unit -}}
+{% if p.tried %}, tried {{ p.tried[0]|number }} to {{ p.tried[1]|number }}{% endif %}</td></tr>
 {% endfor %}</table>"""
 AGREEMENT = """<h2>Agreement</h2>
 <table><tr><th>on data not fitted</th><th>before</th><th>after</th><th>noise alone</th></tr>

@@ -15,21 +15,23 @@ ROW_MM = 6.0
 
 
 @style.styled()
-def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame) -> Figure:
-    """Median |shift| of every family in every ROI, in repeat SDs, two heat maps on one scale.
+def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame | None = None) -> Figure:
+    """Median |shift| of every family in every ROI, in repeat SDs, as heat maps on one scale.
 
-    before, after   from `statistics.comparison.compare`
+    before, after   from `statistics.comparison.compare`; without `after` there is one map
     Raises InputError if a table is empty or lacks roi, family or shift_sd.
     """
     wide = []
     for table, name in ((before, "comparison before"), (after, "comparison after")):
+        if table is None:
+            continue
         tables.check_table(table, name, text=["roi", "family"], numbers=["shift_sd"])
         medians = table.assign(size=table["shift_sd"].abs()).groupby(["family", "roi"], sort=False)["size"].median()
         wide.append(medians.unstack(sort=False))
     figure = style.figure(style.DOUBLE_COLUMN_MM, ROW_MM * len(wide[0]) + 34)
-    axes = figure.subplots(1, 2, sharey=True)
+    axes = figure.subplots(1, 2, sharey=True)  # of the same width, with one map too
     for index, (place, values, name) in enumerate(
-        zip(axes, wide, ("as simulated", "with the property found, regions not fitted"), strict=True)
+        zip(axes, wide, ("as simulated", "with the property found, regions not fitted"), strict=False)
     ):
         shown = place.imshow(values, cmap="Blues", vmin=0, vmax=STRONG_SD, aspect="auto")
         place.grid(False)
@@ -45,6 +47,8 @@ def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame) -> Figure:
         )
         place.set_title(name)
         style.letter_panel(place, index)
+    for place in axes[len(wide) :]:
+        place.set_axis_off()
     axes[0].set_yticks(range(len(wide[0])), list(wide[0].index))
     figure.colorbar(shown, ax=axes, label="median |shift| (repeat SDs)", extend="max", shrink=0.9)
     return figure
