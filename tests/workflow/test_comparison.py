@@ -105,7 +105,7 @@ def test_features_are_diagnosed(compared):
         found[name] = json.loads((folder / "diagnosis.json").read_text())
         assert found[name]["sentence"] in (folder / "report.html").read_text()
         assert "physics" in yaml.safe_load((folder / "physics.yaml").read_text())
-        assert {path.stem for path in (folder / "maps").iterdir()} == {"mean", "SD", "order of regions"}
+        assert {path.stem for path in (folder / "maps").glob("*.npy")} == {"mean", "SD", "order of regions"}
     assert found["same"]["verdict"] == "match" and found["other"]["verdict"] != "match"
     for place in found["other"]["locations"]:
         assert place["p"] < 0.01 and (compared / "diagnosis" / "other" / "maps" / place["map"]).exists()
