@@ -17,6 +17,7 @@ include: "workflow/rules/stats.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/recordings.smk"
 include: "workflow/rules/compare.smk"
+include: "workflow/rules/diagnose_features.smk"
 include: "workflow/rules/diagnose.smk"
 include: "workflow/rules/download.smk"
 

@@ -53,10 +53,20 @@ def test_defaults_are_filled_in():
     assert "seed" not in DEFAULT
 
 
+def test_a_comparison_and_a_recording_that_are_diagnosed_have_names_of_their_own():
+    config = changed("analyses.comparison", {"scanner": COMPARISON})
+    config["recordings"] = {"scanner": "somewhere"}
+    config["diagnosis"] = {"comparisons": ["scanner"]}
+    assert check(config, SCHEMA)["diagnosis"]["comparisons"] == ["scanner"]
+    config["diagnosis"]["recordings"] = {"scanner": {}}
+    refuse(config, "diagnosis.comparisons names 'scanner', as diagnosis.recordings does")
+
+
 @pytest.mark.parametrize(
     "path, value, message",
     [
         ("diagnosis", {"recordings": {"bench": {}}}, "diagnosis.recordings names 'bench', which is not there"),
+        ("diagnosis", {"comparisons": ["x"]}, "diagnosis.comparisons names 'x', which is not there"),
         ("diagnosis", {"recordings": {"bench": {"sample": 2}}}, "unknown key 'sample' in diagnosis.recordings.bench"),
         ("physics", {"scatter": {}}, "physics needs noise.model: physical"),
         ("reconstruct", {}, "unknown key 'reconstruct' in config; did you mean 'reconstruction'"),

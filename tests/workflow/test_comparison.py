@@ -1,5 +1,6 @@
 """Recordings in the study: what the tiny study itself measured, handed back to it as a recording."""
 
+import json
 import shutil
 
 import nibabel
@@ -90,6 +91,28 @@ def test_a_recording_agrees_with_what_made_it_and_not_with_another_protocol(comp
     assert families["same"].loc["all", "median_abs_shift_sd"] < 1.5
     assert families["other"].loc["all", "share_mean_differs"] > 0.2
     assert families["other"].loc["all", "median_abs_shift_sd"] > 5
+
+
+def test_features_are_diagnosed(compared):
+    """Against what made it a recording is a match; against another number of projections it is none."""
+    own = {"recordings": {"own": str(compared.parent / "own")}, **OVERLAY}
+    overlay = {**own, "diagnosis": {"comparisons": ["same", "other"]}}
+    process = tiny(compared, "diagnosis", overlay=overlay, beside=compared.parent / "diagnosed")
+    assert process.returncode == 0, process.stderr[-4000:]
+    found = {}
+    for name in ("same", "other"):
+        folder = compared / "diagnosis" / name
+        found[name] = json.loads((folder / "diagnosis.json").read_text())
+        assert found[name]["sentence"] in (folder / "report.html").read_text()
+        assert "physics" in yaml.safe_load((folder / "physics.yaml").read_text())
+        assert {path.stem for path in (folder / "maps").glob("*.npy")} == {"mean", "SD", "order of regions"}
+    assert found["same"]["verdict"] == "match" and found["other"]["verdict"] != "match"
+    for place in found["other"]["locations"]:
+        assert place["p"] < 0.01 and (compared / "diagnosis" / "other" / "maps" / place["map"]).exists()
+    overlay = {**own, "diagnosis": {"recordings": {"own": {}}}}
+    process = tiny(compared, "-n", "diagnosis", overlay=overlay, beside=compared.parent / "wrong")
+    assert process.returncode == 1
+    assert "Error: diagnosis.recordings.own: holds features; name comparisons" in process.stderr
 
 
 def test_figures_and_tables_of_recordings_are_there(compared):

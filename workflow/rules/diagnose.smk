@@ -1,5 +1,5 @@
 # Where recordings and the simulator differ, and which physics explains it: one job per recording and candidate effect.
-from virtual_phantom.diagnosis.setting import candidates
+from virtual_phantom.diagnosis.setting import candidates, check_kinds
 
 DIAGNOSED = PLAN.config["diagnosis"]["recordings"]
 # What every fit of a recording depends on: another list of effects redoes none.
@@ -8,6 +8,7 @@ MODELLED = {
     for name, settings in DIAGNOSED.items()
 }
 try:
+    check_kinds(DIAGNOSED, RECORDINGS)
     CANDIDATES = {name: candidates(settings) for name, settings in DIAGNOSED.items()}
 except InputError as error:
     sys.exit(f"Error: {error}")
@@ -112,6 +113,8 @@ rule diagnose:
         maps=directory(f"{RESULTS}/diagnosis/{{recording}}/maps"),
     log:
         f"{RESULTS}/logs/diagnosis/{{recording}}/diagnose.log",
+    wildcard_constraints:
+        recording="|".join(DIAGNOSED) or "none",
     threads: 2
     resources:
         mem_mb=diagnosis_megabytes,
@@ -125,6 +128,9 @@ rule diagnose:
 
 
 rule diagnosis:
-    """Every recording under diagnosis.recordings."""
+    """Every recording and comparison under diagnosis."""
     input:
-        [f"{RESULTS}/diagnosis/{name}/diagnosis.json" for name in DIAGNOSED],
+        [
+            f"{RESULTS}/diagnosis/{name}/diagnosis.json"
+            for name in [*DIAGNOSED, *DIAGNOSED_COMPARISONS]
+        ],

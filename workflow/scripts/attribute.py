@@ -1,9 +1,6 @@
 """Which property of the images of one protocol and noise level explains that their features miss a recording's."""
 
-import numpy as np
-
 from virtual_phantom import files, phantom, radiomics, volumes
-from virtual_phantom.errors import InputError
 from virtual_phantom.job import job
 from virtual_phantom.property_variants import property_variants
 from virtual_phantom.recordings.reference import where
@@ -13,13 +10,9 @@ from virtual_phantom.statistics.comparison import common_features, common_rois
 with job(snakemake) as log:
     params = snakemake.params
     recorded = where(files.read_csv(snakemake.input.recorded), params.where, f"recording {params.recording}")
-    repeats = [volumes.read_nifti(path) for path in snakemake.input.images]
-    grid = repeats[0].grid
-    if odd := [path for path, one in zip(snakemake.input.images, repeats, strict=True) if not one.grid.matches(grid)]:
-        raise InputError(f"{odd[0]}: is on another grid than {snakemake.input.images[0]}; make the images anew")
+    images, grid = volumes.read_repeats(snakemake.input.images)
     rois, masks = phantom.read_masks(snakemake.input.rois, grid)
     masks = {roi: masks[roi] for roi in common_rois(rois, recorded, params.rois)}
-    images = np.stack([one.array for one in repeats]).astype(np.float64)
     tables = {}
     for name, changed, own_grid, own_masks in property_variants(images, grid, masks, recorded, params.voxel_mm):
         tables[name] = radiomics.extract_repeats(changed, own_grid, own_masks, name)

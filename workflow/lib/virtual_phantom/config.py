@@ -241,6 +241,13 @@ def _check_names(config):
         repeated(comparison["noise"], COMPARED_REPEATS, f"{where} needs at least {COMPARED_REPEATS} for an SD")
     for name in config["diagnosis"]["recordings"]:
         known(name, config["recordings"], "diagnosis.recordings")
+    for name in config["diagnosis"]["comparisons"]:
+        known(name, analyses.get("comparison", {}), "diagnosis.comparisons")
+        if name in config["diagnosis"]["recordings"]:
+            raise InputError(
+                f"config: diagnosis.comparisons names '{name}', as diagnosis.recordings does; both would be written to "
+                "one folder, so name the comparison otherwise"
+            )
     for name in analyses.get("stability", {}).get("recordings", []):
         known(name, config["recordings"], "analyses.stability.recordings")
     for figure, selection in analyses.get("pca", {}).items():

@@ -78,10 +78,10 @@ def property_variants(
     contrast = variants.match_means(mean, noise, masks, {roi: float(targets[roi]) for roi in masks})
     yield "contrast", contrast, grid, masks
     if voxel_mm is not None:
-        yield "voxels", *_sampled(images, grid, masks, voxel_mm)
+        yield "voxels", *sampled(images, grid, masks, voxel_mm)
 
 
-def _sampled(images, grid, masks, voxel_mm) -> tuple[np.ndarray, Grid, dict[str, np.ndarray]]:
+def sampled(images, grid, masks, voxel_mm) -> tuple[np.ndarray, Grid, dict[str, np.ndarray]]:
     """Images and ROIs on voxels of this size in the box of the ROIs and two voxels around it."""
     occupied = np.argwhere(np.any(list(masks.values()), axis=0))
     low = np.maximum(occupied.min(axis=0) - 2, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,3 +74,15 @@ def write_nifti(volume: Volume, path: str | Path) -> None:
     image.set_qform(volume.grid.affine, code="scanner")
     with replacing(path) as temporary:
         nibabel.save(image, temporary)
+
+
+def read_repeats(paths: Sequence[str | Path]) -> tuple[np.ndarray, Grid]:
+    """Images of one scan, float64 [repeat, z, y, x], and their grid.
+
+    Raises InputError if one lies on another grid than the first.
+    """
+    repeats = [read_nifti(path) for path in paths]
+    grid = repeats[0].grid
+    if odd := [path for path, one in zip(paths, repeats, strict=True) if not one.grid.matches(grid)]:
+        raise InputError(f"{odd[0]}: is on another grid than {paths[0]}; make the images anew")
+    return np.stack([one.array for one in repeats]).astype(np.float64), grid

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from .. import volumes
@@ -31,6 +32,18 @@ def candidates(settings: dict) -> list[str]:
     if settings.get("nominal_photons") is None:
         chosen = [name for name in chosen if name != "photon_flux"]  # nothing is stated that it could differ from
     return chosen
+
+
+def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
+    """Raise InputError if `diagnosis.recordings` names a recording of features, which are diagnosed by comparison.
+
+    recordings   {name: RecordingDocument}
+    """
+    for name in diagnosed:
+        if recordings[name].content["kind"] == "features":
+            raise InputError(
+                f"diagnosis.recordings.{name}: holds features; name comparisons with it under diagnosis.comparisons"
+            )
 
 
 def ready(

@@ -40,7 +40,7 @@ ON_WHITE = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY_BLUE, "#000000", "#6666
 ON_GREY_IMAGE = (ORANGE, SKY_BLUE, GREEN, YELLOW, VERMILLION, PURPLE, BLUE)
 MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*", "p", "<", ">", "h", "d", "8", "H")
 _MARKER_AREA = {"s": 0.8, "D": 0.75, "P": 1.6, "X": 1.6, "*": 2.0}  # so that all look equally large
-ACRONYMS = {"sirt", "fbp", "fdk", "ct"}
+ACRONYMS = {"sirt", "fbp", "fdk", "ct", "hu"}
 GREY = "#666666"
 
 _RC = {

@@ -1,0 +1,131 @@
+"""Tables of features whose difference is known: the property that was changed is named, and nothing else is."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import ndimage
+
+from virtual_phantom import radiomics
+from virtual_phantom.diagnosis import features
+from virtual_phantom.diagnosis.feature_verdict import diagnose_features, overlay
+from virtual_phantom.diagnosis.properties import calibration, folds, property_tables
+from virtual_phantom.diagnosis.responses import responses
+from virtual_phantom.errors import InputError
+from virtual_phantom.geometry import Grid
+from virtual_phantom.property_variants import MEAN
+from virtual_phantom.radiomics import FEATURES
+
+GRID = Grid((10, 36, 52), (2.0, 1.5, 1.5))
+CLASSES = {"cyst_1": "cyst", "cyst_2": "cyst", "liver_1": "liver", "liver_2": "liver"}
+HU = {"cyst_1": 20, "cyst_2": 45, "liver_1": 90, "liver_2": 130}
+NOISE_HU = 15.0
+REPEATS = 8
+
+
+@pytest.fixture(autouse=True)
+def fewer_draws(monkeypatch):
+    monkeypatch.setattr(features, "DRAWS", 199)  # enough for 5 % over six properties
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A structured object and four regions in it."""
+    rng = np.random.default_rng(5)
+    mean = 40 * ndimage.gaussian_filter(rng.normal(size=GRID.shape), 0.6)
+    masks = {roi: np.zeros(GRID.shape, bool) for roi in CLASSES}
+    for roi, (y, x) in zip(CLASSES, ((2, 2), (19, 2), (2, 28), (19, 28)), strict=True):
+        masks[roi][1:9, y : y + 15, x : x + 22] = True
+        mean[masks[roi]] += HU[roi]
+    return mean, masks
+
+
+def scans(mean, noise_hu=NOISE_HU, sigma=0.0, seed=0):
+    noise = np.random.default_rng(seed).normal(size=(REPEATS, *GRID.shape))
+    noise = np.stack([ndimage.gaussian_filter(one, sigma) for one in noise])
+    return mean + noise_hu / noise.std() * noise
+
+
+def recording(images, masks):
+    table = radiomics.extract_repeats(images, GRID, masks, "recorded")
+    return table.assign(tissue_class=table["roi"].map(CLASSES))
+
+
+@pytest.fixture(scope="module")
+def tables(scene):
+    """Of the simulation with every property changed; the recording enters the HU calibration alone."""
+    mean, masks = scene
+    recorded = recording(scans(mean + 30, seed=1), masks)
+    made = pd.concat(property_tables(scans(mean), GRID, masks, folds(CLASSES), recorded), ignore_index=True)
+    return made.assign(tissue_class=made["roi"].map(CLASSES))
+
+
+def diagnosed(tables, recorded):
+    data = responses(tables, recorded, FEATURES, GRID)
+    return data, diagnose_features("test", data, {}, MEAN).content
+
+
+def test_nothing_changed_is_a_match(scene, tables):
+    mean, masks = scene
+    _, found = diagnosed(tables, recording(scans(mean, seed=1), masks))
+    assert found["verdict"] == "match", found["sentence"]
+    assert found["locations"] == found["effects"] == found["unexplained"] == []
+
+
+CHANGED = {
+    "resolution": (lambda mean: scans(ndimage.gaussian_filter(mean, 0.55), seed=1), {"sigma_voxels": 0.55}),
+    "noise_texture": (lambda mean: scans(mean, sigma=0.6, seed=1), {"sigma_voxels": 0.6}),
+    "photon_flux": (lambda mean: scans(mean, 1.6 * NOISE_HU, seed=1), {"factor": 1.6**-2}),
+    "hu_calibration": (lambda mean: scans(mean + 30, seed=1), {"offset_hu": 30, "scale": 1}),
+    "reconstruction_kernel": (
+        lambda mean: ndimage.gaussian_filter(scans(mean, seed=1), (0, 0, 0.5, 0.5)),
+        {"sigma_mm": 0.75},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_the_property_that_was_changed_is_named(scene, tables, name):
+    mean, masks = scene
+    change, truth = CHANGED[name]
+    data, found = diagnosed(tables, recording(change(mean), masks))
+    assert found["verdict"] in ("mismatch explained", "mismatch partly explained"), found["sentence"]
+    assert found["effects"][0]["name"] == name, found["candidates"]
+    # The mean over eight repeats holds an eighth of the noise's variance, which no change of the noise alone reaches.
+    assert found["excess_removed"] > 0.5, found["candidates"]
+    squares = found["held_out"]["mean_squared_shift"]
+    assert squares["after"] < 0.25 * squares["before"]
+    for key, value in truth.items():
+        low, high = found["effects"][0]["parameters"][key]["ci95"]
+        # Between the strengths that were simulated features are interpolated: within a step of the truth.
+        assert low - 0.12 * abs(value) - 0.02 <= value <= high + 0.12 * abs(value) + 0.02, (key, low, high)
+    wanted = {name} if name in ("photon_flux", "hu_calibration", "reconstruction_kernel") else set()
+    assert set(overlay(data, found)["physics"]) == wanted
+
+
+@pytest.mark.parametrize("alike", [True, False], ids=["alike in all regions", "apart in every region"])
+def test_random_offsets_are_unexplained(scene, tables, alike):
+    mean, masks = scene
+    recorded = recording(scans(mean, seed=1), masks)
+    rng = np.random.default_rng(3)
+    spread = recorded.groupby("roi")[list(FEATURES)].std()
+    offsets = {roi: rng.normal(size=len(FEATURES)) for roi in CLASSES}
+    for roi in CLASSES:
+        rows = recorded["roi"] == roi
+        offset = 8 * offsets["cyst_1" if alike else roi] * spread.loc[roi].to_numpy()
+        recorded.loc[rows, list(FEATURES)] += offset
+    _, found = diagnosed(tables, recorded)
+    assert found["verdict"] == "unexplained", found["sentence"]
+    assert found["effects"] == [] and found["excess_removed"] is None and found["next_measurement"]
+
+
+def test_folds_hold_every_class_that_has_two_regions():
+    fold_of = folds(CLASSES)
+    assert all({fold_of[f"{name}_1"], fold_of[f"{name}_2"]} == {1, 2} for name in ("cyst", "liver"))
+    with pytest.raises(InputError, match="1 ROI to compare"):
+        folds({"cyst_1": "cyst"})
+
+
+def test_calibration_is_the_line_through_the_means():
+    simulated = np.array([0.0, 50.0, 100.0])
+    assert calibration(simulated, 1.05 * simulated - 12) == pytest.approx({"scale": 1.05, "offset_hu": -12})
+    assert calibration(simulated[:2], simulated[:2] + 7) == pytest.approx({"scale": 1.0, "offset_hu": 7})

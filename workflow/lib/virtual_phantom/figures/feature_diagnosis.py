@@ -1,0 +1,82 @@
+"""A diagnosis of features in pictures: shifts by family and region, and what every property removes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas
+from matplotlib.figure import Figure
+
+from . import style, tables
+from .diagnosis import AFTER
+
+STRONG_SD = 10.0  # colours end there
+DARK = 0.6  # of the range: letters on it are white
+ROW_MM = 6.0
+
+
+@style.styled()
+def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame | None = None) -> Figure:
+    """Median |shift| of every family in every ROI, in repeat SDs, as heat maps on one scale.
+
+    before, after   from `statistics.comparison.compare`; without `after` there is one map
+    Raises InputError if a table is empty or lacks roi, family or shift_sd.
+    """
+    wide = []
+    for table, name in ((before, "comparison before"), (after, "comparison after")):
+        if table is None:
+            continue
+        tables.check_table(table, name, text=["roi", "family"], numbers=["shift_sd"])
+        medians = table.assign(size=table["shift_sd"].abs()).groupby(["family", "roi"], sort=False)["size"].median()
+        wide.append(medians.unstack(sort=False))
+    figure = style.figure(style.DOUBLE_COLUMN_MM, ROW_MM * len(wide[0]) + 34)
+    axes = figure.subplots(1, 2, sharey=True)  # of the same width, with one map too
+    for index, (place, values, name) in enumerate(
+        zip(axes, wide, ("as simulated", "with the property found, regions not fitted"), strict=False)
+    ):
+        shown = place.imshow(values, cmap="Blues", vmin=0, vmax=STRONG_SD, aspect="auto")
+        place.grid(False)
+        for (row, column), value in np.ndenumerate(values.to_numpy()):
+            colour = "white" if value > DARK * STRONG_SD else "black"
+            place.text(column, row, style.number(round(value, 1)), ha="center", va="center", color=colour)
+        place.set_xticks(
+            range(values.shape[1]),
+            [style.label(roi) for roi in values.columns],
+            rotation=60,
+            ha="right",
+            rotation_mode="anchor",
+        )
+        place.set_title(name)
+        style.letter_panel(place, index)
+    for place in axes[len(wide) :]:
+        place.set_axis_off()
+    axes[0].set_yticks(range(len(wide[0])), list(wide[0].index))
+    figure.colorbar(shown, ax=axes, label="median |shift| (repeat SDs)", extend="max", shrink=0.9)
+    return figure
+
+
+@style.styled()
+def draw_shares(
+    fitted: dict[str, float], held_out: dict[str, float], chosen: tuple[str, ...], material: float
+) -> Figure:
+    """Share of the difference beyond noise that every property alone removes, in their order.
+
+    fitted, held_out   by property: of regions that were fitted, and that were not
+    chosen             those of the verdict
+    material           share from which a property counts
+    """
+    names = list(held_out)
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 20 + ROW_MM * len(names))
+    axes = figure.subplots()
+    colours = [AFTER if name in chosen else "#BBBBBB" for name in names]
+    axes.barh(range(len(names)), [100 * held_out[name] for name in names], color=colours, height=0.6)
+    axes.plot([100 * fitted[name] for name in names], range(len(names)), "|", color="black", markersize=9)
+    axes.axvline(0, color=style.GREY, linewidth=0.6)
+    axes.axvline(100 * material, color=style.GREY, linewidth=0.8, linestyle="--")
+    axes.set_yticks(range(len(names)), [style.label(name) for name in names])
+    axes.invert_yaxis()
+    axes.set_xlabel(
+        "difference removed on regions not fitted (%), each property alone; blue: in the verdict\n"
+        "bars across: on the regions fitted; dashed: the least that counts"
+    )
+    axes.grid(axis="y", visible=False)
+    return figure

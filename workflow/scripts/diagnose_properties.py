@@ -1,0 +1,25 @@
+"""Features of the simulated images with one property changed at a time, which a diagnosis of features chooses from."""
+
+import pandas as pd
+
+from virtual_phantom import files, phantom, volumes
+from virtual_phantom.diagnosis.properties import folds, property_tables
+from virtual_phantom.job import job
+from virtual_phantom.recordings.reference import where
+from virtual_phantom.statistics.comparison import common_rois
+
+with job(snakemake) as log:
+    params = snakemake.params
+    recorded = where(files.read_csv(snakemake.input.recorded), params.where, f"recording {params.recording}")
+    images, grid = volumes.read_repeats(snakemake.input.images)
+    rois, masks = phantom.read_masks(snakemake.input.rois, grid)
+    chosen = common_rois(rois, recorded, params.rois)
+    classes = rois.set_index("roi")["tissue_class"]
+    fold_of = folds({roi: classes[roi] for roi in chosen})
+    tables = []
+    made = property_tables(images, grid, {roi: masks[roi] for roi in chosen}, fold_of, recorded, params.voxel_mm)
+    for table in made:
+        tables.append(table)
+        log.info("%s %g", table["property"].iloc[0], table["strength"].iloc[0])
+    whole = pd.concat(tables, ignore_index=True)
+    files.write_csv(whole.assign(tissue_class=whole["roi"].map(classes)), snakemake.output[0])
