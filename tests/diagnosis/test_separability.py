@@ -110,7 +110,7 @@ def test_a_free_scale_takes_up_more_scatter_than_a_held_one():
 def test_what_lies_out_of_range_is_not_taken_up(disc):
     fitter, fit = disc
     problem = Problem(fitter, (), fit)
-    place = problem.names.index("scale")
+    place = len(problem.unknowns) + [one.name for one in problem.aligned].index("scale")
     column = changes(problem, None)[: sum(part.size for part in fitter.weights), place]
     room = problem.high[place] - problem.start[place]
     found = taken_up_in_range(fitter, fit, np.stack([0.5 * room * column, 100 * room * column]))

@@ -14,7 +14,11 @@ class Kept:
     def __init__(self, most: int):
         self._most, self._results = most, {}
 
-    def get(self, key: Hashable, make: Callable[[], Result]) -> Result:
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._results
+
+    def get(self, key: Hashable, make: Callable[[], Result] | None = None) -> Result:
+        """The result of this key, made if it is not there; without `make` it must be."""
         result = self._results.pop(key) if key in self._results else make()
         self._results[key] = result
         while len(self._results) > self._most:

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...errors import InputError
 from ...kept import Kept
 from ...physics.chain import Chain, State, shared
 from ...physics.effect import acts_on_images
@@ -70,16 +69,15 @@ class ImagesModel(Model):
         state = self.chain.state(before, pose, photons=photons, anode=self.anode)
         key = (tuple((name, *sorted(values.items())) for name, values in sorted(before.items())), photons)
 
-        def mean():
-            # The logarithm of noisy counts lies above that of their mean by half their relative variance.
-            return self.reconstruct((state.line_integrals() + state.variance() / 2)[None])[0]
-
-        def noise():
-            # Where the object moves by less than a voxel, its noise stays.
-            return self.reconstruct(noise_lines(state, REALISATIONS, self._seed)) - HU_AIR
-
-        image = self._means.get((key, pose), mean)
-        realisations = self._noises.get(key, noise)
+        # The logarithm of noisy counts lies above that of their mean by half their relative variance.
+        # Where the object moves by less than a voxel, its noise stays, so that it does not count for the noise's key.
+        lines = (state.line_integrals() + state.variance() / 2)[None]
+        if key not in self._noises:
+            both = self.reconstruct(np.concatenate([lines, noise_lines(state, REALISATIONS, self._seed)]))
+            self._means.get((key, pose), lambda: both[0])
+            self._noises.get(key, lambda: both[1:] - HU_AIR)
+        image = self._means.get((key, pose), lambda: self.reconstruct(lines)[0])
+        realisations = self._noises.get(key)
         if not on_images:
             return image, realisations, state
         zero = with_effects(np.zeros_like(image), self.spacing_mm, on_images)
@@ -99,12 +97,3 @@ def noise_lines(state: State, count: int, seed: np.random.SeedSequence) -> np.nd
         read += random.standard_normal(signal.shape) * (state.electronic / state.photons)
         one[...] = -read / signal
     return lines
-
-
-def refuse_patterns(names: list[str]) -> list[str]:
-    """Effects that images can be tried against."""
-    from ...physics.effect import load
-
-    if patterned := [name for name in names if load(name).pattern]:
-        raise InputError(f"diagnosis.effects: {patterned[0]} has one unknown per pixel, which images do not tell apart")
-    return names
