@@ -4,12 +4,19 @@ from virtual_phantom.diagnosis.setting import candidates, check_kinds
 DIAGNOSED = PLAN.config["diagnosis"]["recordings"]
 # What every fit of a recording depends on: another list of effects redoes none.
 MODELLED = {
-    name: {key: value for key, value in settings.items() if key != "effects"}
+    name: {
+        key: value
+        for key, value in settings.items()
+        if key not in ("effects", "physics_from")
+    }
     for name, settings in DIAGNOSED.items()
 }
 try:
     check_kinds(DIAGNOSED, RECORDINGS)
-    CANDIDATES = {name: candidates(settings) for name, settings in DIAGNOSED.items()}
+    CANDIDATES = {
+        name: [] if "physics_from" in settings else candidates(settings)
+        for name, settings in DIAGNOSED.items()
+    }
 except InputError as error:
     sys.exit(f"Error: {error}")
 
@@ -20,14 +27,33 @@ localrules:
 
 def diagnosis_inputs(wildcards):
     inputs = {"files": [str(path) for path in RECORDINGS[wildcards.recording].files]}
-    if "disc" not in DIAGNOSED[wildcards.recording]:
+    settings = DIAGNOSED[wildcards.recording]
+    if "object" in settings:
+        inputs["mask"] = settings["object"]["mask"]
+    elif "disc" not in settings:
         inputs["phantom"] = rules.phantom.output.fine
     return inputs
 
 
+def physics_inputs(wildcards):
+    """Where the physics is taken from, if it is not to be found here."""
+    if "physics_from" not in DIAGNOSED[wildcards.recording]:
+        return {}
+    other = DIAGNOSED[wildcards.recording]["physics_from"]
+    return {"physics": f"{RESULTS}/diagnosis/{other}/diagnosis.json"}
+
+
+def same_material(wildcards):
+    """Whether the object whose physics is taken was of the same single material."""
+    settings = DIAGNOSED[wildcards.recording]
+    both = settings, DIAGNOSED.get(settings.get("physics_from"), {})
+    materials = [one.get("disc", one.get("object", {})).get("material") for one in both]
+    return materials[0] is not None and materials[0] == materials[1]
+
+
 def agreement_inputs(wildcards):
     """Regions of the study's phantom, if that was scanned."""
-    if "disc" in DIAGNOSED[wildcards.recording]:
+    if {"disc", "object"} & set(DIAGNOSED[wildcards.recording]):
         return {}
     return {
         "image": rules.phantom.output.image,
@@ -94,6 +120,7 @@ rule diagnose:
     input:
         unpack(diagnosis_inputs),
         unpack(agreement_inputs),
+        unpack(physics_inputs),
         baseline=rules.diagnosis_alignment.output[0],
         candidates=lambda wildcards: [
             f"{RESULTS}/diagnosis/{wildcards.recording}/effects/{effect}.json"
@@ -122,6 +149,7 @@ rule diagnose:
     params:
         model=diagnosis_model,
         effects=lambda wildcards: CANDIDATES[wildcards.recording],
+        same_material=same_material,
         seed=PLAN.config["seed"],
     script:
         "../scripts/diagnose.py"

@@ -1,6 +1,7 @@
 """Choose the effects that explain a recording, and say it: diagnosis.json, physics.yaml, maps and the report."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from virtual_phantom.diagnosis.report import page
 from virtual_phantom.diagnosis.setting import ready
 from virtual_phantom.diagnosis.store import read_trial
 from virtual_phantom.diagnosis.verdict import diagnose
+from virtual_phantom.diagnosis.verified import Physics, stated, verified
 from virtual_phantom.job import job
 
 AGREEMENT_STREAM = 3  # of the study's seed: noise of the images for the table of agreement
@@ -22,9 +24,20 @@ AGREEMENT_STREAM = 3  # of the study's seed: noise of the images for the table o
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
     recording, prepared = ready(**params.model, phantom=given.get("phantom"), threads=snakemake.threads)
-    singles = {name: read_trial(path) for name, path in zip(params.effects, given.candidates, strict=True)}
-    found = diagnose(recording.name, prepared, choose(prepared.fitter, read_trial(given.baseline), singles))
-    scanned = Scanned.read(given.phantom, given.image, given.rois) if "phantom" in given.keys() else None
+    baseline = read_trial(given.baseline)
+    if "physics" in given.keys():
+        physics = Physics.read(given.physics)
+        choice = verified(prepared.fitter, baseline, physics, params.same_material)
+        found = diagnose(recording.name, prepared, choice)
+        found = replace(found, content=stated(found.content, physics))
+    else:
+        singles = {name: read_trial(path) for name, path in zip(params.effects, given.candidates, strict=True)}
+        found = diagnose(recording.name, prepared, choose(prepared.fitter, baseline, singles))
+    scanned = None
+    if "phantom" in given.keys():
+        scanned = Scanned.read(given.phantom, given.image, given.rois)
+    elif "mask" in given.keys():
+        scanned = Scanned.of_mask(given.mask)
     seed = np.random.SeedSequence(params.seed, spawn_key=(AGREEMENT_STREAM,))
     found.content["agreement"] = agreement_of_recording(
         recording, prepared, found.choice, params.model["mu_water_per_mm"], seed, scanned, snakemake.threads

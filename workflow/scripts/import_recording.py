@@ -1,6 +1,6 @@
 """Make a recording folder from another format (docs/recordings.md). Run it by hand:
 
-python workflow/scripts/import_recording.py htc2022 SINOGRAM.mat FOLDER     a sinogram of the Helsinki challenge
+python workflow/scripts/import_recording.py htc2022 SINOGRAM.mat FOLDER [--segmentation S.mat]   Helsinki challenge
 python workflow/scripts/import_recording.py features TABLE.csv FOLDER       a published table of features
 python workflow/scripts/import_recording.py dicom TREE FOLDER [--kernel K]  a tree of DICOM series, one repeat each
 python workflow/scripts/import_recording.py study results/projections/GEOMETRY/NOISE FOLDER   a study's acquisitions
@@ -30,6 +30,8 @@ def main() -> int:
         options.add_argument("source", help="what to read")
         options.add_argument("folder", help="recording folder to write; its name becomes the recording's")
         options.add_argument("--phantom", help="what was scanned, for recording.yaml")
+        if name == "htc2022":
+            options.add_argument("--segmentation", help="the data set's own (.mat): becomes object.nii.gz")
         if name == "dicom":
             options.add_argument("--kernel", help="take the series of this reconstruction kernel only")
     arguments = vars(parser.parse_args())

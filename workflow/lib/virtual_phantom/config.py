@@ -239,8 +239,9 @@ def _check_names(config):
         known(comparison["protocol"], protocols, f"{where}.protocol")
         known(comparison["noise"], levels, f"{where}.noise")
         repeated(comparison["noise"], COMPARED_REPEATS, f"{where} needs at least {COMPARED_REPEATS} for an SD")
-    for name in config["diagnosis"]["recordings"]:
+    for name, settings in config["diagnosis"]["recordings"].items():
         known(name, config["recordings"], "diagnosis.recordings")
+        _check_diagnosed(name, settings, config["diagnosis"]["recordings"])
     for name in config["diagnosis"]["comparisons"]:
         known(name, analyses.get("comparison", {}), "diagnosis.comparisons")
         if name in config["diagnosis"]["recordings"]:
@@ -263,6 +264,23 @@ def _check_names(config):
     for name, scan in {"scan": config["scan"], **{f"scans.{k}": v for k, v in config["scans"].items()}}.items():
         if scan["source_to_detector_mm"] <= scan["source_to_isocentre_mm"]:
             raise InputError(f"config: {name}.source_to_detector_mm must be larger than source_to_isocentre_mm")
+
+
+def _check_diagnosed(name, settings, diagnosed):
+    """One recording under diagnosis.recordings."""
+    where = f"config: diagnosis.recordings.{name}"
+    if "disc" in settings and "object" in settings:
+        raise InputError(f"{where} has both disc and object; keep the one that was scanned")
+    if "physics_from" not in settings:
+        return
+    other = settings["physics_from"]
+    if other == name or other not in diagnosed:
+        others = ", ".join(sorted(set(diagnosed) - {name})) or "none"
+        raise InputError(f"{where}.physics_from is '{other}'; name another diagnosed recording: {others}")
+    if "physics_from" in diagnosed[other]:
+        raise InputError(f"{where}.physics_from is '{other}', which has its physics from elsewhere; name that one")
+    if "effects" in settings:
+        raise InputError(f"{where} has both effects and physics_from; effects are those of '{other}', remove effects")
 
 
 def _check_physics(config):

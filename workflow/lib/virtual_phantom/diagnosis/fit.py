@@ -167,7 +167,7 @@ class Problem:
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Effects' parameters and the alignment of a point, by name."""
-        physics: dict[str, dict[str, float]] = {name: {} for name in self.effects}
+        physics = {name: dict(self.model.fixed.get(name, {})) for name in self.effects}
         for one, value in zip(self.unknowns, point, strict=False):
             physics[one.effect][one.name] = float(value)
         aligned = point[len(self.unknowns) :]
@@ -225,7 +225,7 @@ class Problem:
         return [(here - there) / step for here, there in zip(residuals, self.residuals(moved, pattern), strict=True)]
 
     def result(self, point, errors, residuals, total, pattern) -> Fit:
-        physics: dict[str, dict[str, float]] = {name: {} for name in self.effects}
+        physics = {name: dict(self.model.fixed.get(name, {})) for name in self.effects}
         spread: dict[str, dict[str, float]] = {name: {} for name in self.effects}
         for one, value, error in zip(self.unknowns, point, errors, strict=False):
             physics[one.effect][one.name], spread[one.effect][one.name] = float(value), float(error)

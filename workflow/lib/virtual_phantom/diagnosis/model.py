@@ -90,24 +90,38 @@ class Model:
     """Predictions for effects' parameters and the alignment.
 
     tube_kvp   as the label on the scanner says, taken to be known to TUBE_KVP_SD; None: not known
+    fixed      effects whose parameters are known from elsewhere and not fitted
+    density    of the material over the listed one, and its standard deviation: the scale beside a spectrum
     """
 
-    def __init__(self, chain: Chain, aligned: tuple[Nuisance, ...], anode: str = "W", tube_kvp: float | None = None):
+    def __init__(
+        self,
+        chain: Chain,
+        aligned: tuple[Nuisance, ...],
+        anode: str = "W",
+        tube_kvp: float | None = None,
+        fixed: Mapping[str, Mapping[str, float]] | None = None,
+        density: tuple[float, float] = (1.0, DENSITY_SD),
+    ):
         self.chain, self.aligned, self.anode, self.tube_kvp = chain, aligned, anode, tube_kvp
+        self.fixed, self.density = fixed or {}, density
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """The alignment beside these effects. A spectrum leaves the scale only the density of the material: that of a
         monochromatic beam also holds the energy."""
         if "spectrum" not in effects:
             return self.aligned
-        return tuple(replace(one, sd=min(one.sd, DENSITY_SD)) if one.name == "scale" else one for one in self.aligned)
+        value, sd = self.density
+        return tuple(
+            replace(one, expected=value, sd=min(one.sd, sd)) if one.name == "scale" else one for one in self.aligned
+        )
 
     def unknowns(self, effects: tuple[str, ...]) -> list[Unknown]:
-        """The effects' numbers that are fitted, in order. Of a gain pattern there are none: pixels are fitted."""
+        """The effects' numbers that are fitted, in order. Of a gain pattern and of fixed effects there are none."""
         found = []
         for name in effects:
             effect = load(name)
-            for one in () if effect.pattern else effect.parameters:
+            for one in () if effect.pattern or name in self.fixed else effect.parameters:
                 low, high = one.low, one.high
                 if (name, one.name) == ("spectrum", "kvp"):
                     low, high = KVP[self.anode]

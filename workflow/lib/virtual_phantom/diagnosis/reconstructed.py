@@ -62,7 +62,7 @@ def agreement_of(
             simulated[column] = reconstruct(lines)
     except InputError as error:
         return {"metrics": {}, "left_out": {"images": str(error)}}
-    return agreement(recorded, simulated, regions, features=scanned is not None) | {
+    return agreement(recorded, simulated, regions, features=scanned is not None and bool(scanned.rois)) | {
         "rois": list(regions.rois),
         "repeats": len(repeats),
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},

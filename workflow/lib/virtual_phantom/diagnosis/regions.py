@@ -16,9 +16,10 @@ from ..phantom import read_masks
 from ..physics.scene import DiscScene, Pose
 from ..statistics.image_quality import LEAST_ROI_VOXELS
 from ..statistics.resolution import signed_distance_mm
-from ..units import HU_AIR, HU_BODY
+from ..units import HU_AIR, HU_BODY, attenuation_to_hu
 from ..volumes import Volume, read_nifti
 from .agreement import INNER_VOXELS, Regions
+from .scanned import read_mask
 
 MOST_VOXELS, MOST_SLICES = 128, 8
 AIR_VOXELS = 8  # around the object: what its edge needs
@@ -27,7 +28,7 @@ SUBDIVIDED = 5  # samples per voxel and direction, of the edge
 
 @dataclass(frozen=True)
 class Scanned:
-    """The study's phantom, if that was scanned.
+    """The study's phantom, or an object given as a mask, if that was scanned.
 
     fine   HU, what projections were taken of
     rois   bool masks [z, y, x] by name, on `grid`
@@ -42,6 +43,12 @@ class Scanned:
         """What the study's rule `phantom` wrote. Raises InputError as volumes.read_nifti and phantom.read_masks."""
         grid = read_nifti(image).grid
         return cls(read_nifti(fine), read_masks(rois_csv, grid)[1], grid)
+
+    @classmethod
+    def of_mask(cls, mask: str | Path) -> Scanned:
+        """A homogeneous object: no ROIs but itself. Raises InputError as scanned.read_mask."""
+        volume = read_mask(mask)
+        return cls(Volume(attenuation_to_hu(volume.array, 1.0), volume.grid), {}, volume.grid)
 
     @property
     def radius_mm(self) -> float:

@@ -23,8 +23,10 @@ PAGE = (
 """
     + PARAMETERS
     + """
-<p class="note">Without it, data that were not fitted lose {{ e.evidence.held_out_gain|number }} of log score;
-chance of such a gain for nothing, over all candidates: {{ e.evidence.p|chance }}.
+<p class="note">Without it, data that were not fitted lose {{ e.evidence.held_out_gain|number }} of log score
+{%- if e.evidence.p is not none %};
+chance of such a gain for nothing, over all candidates: {{ e.evidence.p|chance }}{% endif %}.
+{% if e.taken_from %}Taken as found on {{ e.taken_from }}.{% endif %}
 Equation: {{ effects[e.name].equation }}. Source: {{ effects[e.name].source }}.</p>
 {% endfor %}{% endif %}
 <h2>Where they differ</h2>
@@ -40,10 +42,11 @@ Equation: {{ effects[e.name].equation }}. Source: {{ effects[e.name].source }}.<
     + AGREEMENT
     + """
 {% if d.excess_removed is not none %}<p>Of the difference beyond noise, {{ (100 * d.excess_removed)|round(1) }} %
-is removed on data not fitted.</p>{% endif %}
+is removed on data not fitted{% if d.excess_rms_removed is not none %}, {{ (100 * d.excess_rms_removed)|round(1) }} %
+of its root mean square{% endif %}.</p>{% endif %}
 {{ agreement|safe }}
-<h2>All candidates</h2>
-<img alt="gain of every candidate on held-out data" src="{{ ranking }}">
+{% if ranking %}<h2>All candidates</h2>
+<img alt="gain of every candidate on held-out data" src="{{ ranking }}">{% endif %}
 {% if d.ruled_out %}<p>Ruled out as an explanation: {{ d.ruled_out|join(', ')|replace('_', ' ') }}.</p>{% endif %}
 """
     + NEXT
@@ -74,7 +77,7 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float) -> str:
         agreement=agreement_table(content.get("agreement")),
         maps=picture(figures.draw_maps(*_maps(diagnosis, prepared), _title(content, prepared), look.across, look.down)),
         profiles=picture(figures.draw_profiles(_profiles(diagnosis, look))),
-        ranking=picture(figures.draw_ranking(gains, choice.chosen.fit.effects)),
+        ranking=picture(figures.draw_ranking(gains, choice.chosen.fit.effects)) if gains else None,
     )
 
 

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from .. import volumes
 from ..errors import InputError
 from ..physics.chain import Chain
 from ..physics.effect import acts_on_images, names
-from ..physics.materials import Segmentation
-from ..physics.posed import PosedScene
-from ..physics.scene import DiscScene, VoxelScene
 from ..physics.spectra import KVP
 from ..recordings.reading import load
 from .observed import scans
 from .prepared import Prepared, prepare
+from .scanned import scene_of
 
 FLOOR_SAMPLES = 1  # more rays per pixel and direction than the model's: the difference is the numerical floor
 
@@ -59,7 +56,7 @@ def ready(
     folder     of the recording
     settings   diagnosis.recordings.<name> of the configuration, complete
     materials  how HU are divided, as the configuration's section
-    phantom    image of the study's phantom, HU; None where `settings.disc` says what was scanned
+    phantom    image of the study's phantom, HU; None where `settings` has a disc or an object
     Raises InputError for a recording of another kind, and a nominal anode or tube voltage that no spectrum is known of.
     """
     recording = load(folder)
@@ -67,7 +64,7 @@ def ready(
         raise InputError(
             f"{recording.document.path}: holds {recording.kind}; only recordings of projections can be diagnosed"
         )
-    scene = _scene(settings, phantom, mu_water_per_mm, materials, threads)
+    scene = scene_of(settings, phantom, mu_water_per_mm, materials, threads)
     chains = [Chain(scene, recording.geometry, samples=settings["samples"] + more) for more in (0, FLOOR_SAMPLES)]
     nominal = recording.nominal
     anode, tube_kvp = nominal.get("anode", "W"), nominal.get("tube_kvp")
@@ -88,10 +85,3 @@ def ready(
         floor_chain=chains[1],
     )
     return recording, prepared
-
-
-def _scene(settings: dict, phantom: str | Path | None, mu_water_per_mm: float, materials: dict, threads: int):
-    if "disc" in settings:
-        return DiscScene(settings["disc"]["diameter_mm"], settings["disc"]["material"])
-    scene = VoxelScene.of(volumes.read_nifti(phantom), Segmentation(**materials), mu_water_per_mm, threads)
-    return PosedScene(scene)

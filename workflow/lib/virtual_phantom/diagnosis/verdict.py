@@ -60,6 +60,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         },
         **metrics,
         "excess_removed": removed,
+        "excess_rms_removed": excess_rms_removed(**metrics["held_out"]["rms_line_integral"]) if effects else None,
         "unexplained": [_location(place) for place in left],
         "next_measurement": next_measurements(choice, bool(left)),
         "held_out_data": prepared.held,
@@ -91,6 +92,17 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial) -> float 
     products.append(fitted[0] * held[0] * np.sqrt(fitter.weights[0] * fitter.held_weights[0]))
     left = [float(one.sum()) for one in products if one.sum() > LEFT_SD * np.sqrt((one**2).sum())]
     return gained / (gained + max(left, default=0.0))
+
+
+def excess_rms_removed(before: float, after: float, floor: float) -> float | None:
+    """Share of the root mean square beyond noise that is removed: 1 - sqrt((after^2 - floor^2) / (before^2 - floor^2)).
+
+    Noise adds in squares, so that what is left after the root is that of the mean difference alone. None if there is
+    no excess before.
+    """
+    if before <= floor:
+        return None
+    return float(1 - np.sqrt(max(0.0, after**2 - floor**2) / (before**2 - floor**2)))
 
 
 def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:

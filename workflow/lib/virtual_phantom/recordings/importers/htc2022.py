@@ -17,19 +17,25 @@ from scipy.io import loadmat
 
 from ...errors import InputError
 from ...files import replacing
+from ...volumes import write_nifti
 from ..provenance import sha256
 from ..recording import Recording
 from . import write_folder
+from .htc2022_object import read_object
 
 VARIABLES = ("CtDataFull", "CtDataLimited")
 CITATION = "Helsinki Tomography Challenge 2022 (HTC2022) open tomographic dataset, Zenodo, 10.5281/zenodo.6984868"
+OBJECT = "object.nii.gz"
 STEP_TOLERANCE_DEG = 1e-3
 
 
-def import_htc2022(mat_file: str | Path, folder: str | Path, phantom: str | None = None) -> Recording:
+def import_htc2022(
+    mat_file: str | Path, folder: str | Path, phantom: str | None = None, segmentation: str | Path | None = None
+) -> Recording:
     """Write a recording of projections (line integrals, one detector row) and load it.
 
-    phantom   what was scanned, for recording.yaml
+    phantom        what was scanned, for recording.yaml
+    segmentation   the data set's own (.mat), which becomes OBJECT, the mask of what was scanned
     Raises InputError if the file is missing, truncated or something else, lacks a field, is not in mm, or has angles
     that are not evenly spaced.
     """
@@ -39,19 +45,23 @@ def import_htc2022(mat_file: str | Path, folder: str | Path, phantom: str | None
     parameters = _field(mat_file, data, "parameters")
     angles = np.atleast_1d(np.asarray(_field(mat_file, parameters, "angles"), float))
     scan = _scan(mat_file, parameters, sinogram.shape, angles)
+    scanned = None if segmentation is None else read_object(segmentation, scan)
+    sources = [mat_file] if segmentation is None else [mat_file, Path(segmentation)]
 
     def write(target: Path) -> None:
         with replacing(target / "projections.h5") as temporary, h5py.File(temporary, "w") as file:
             stored = file.create_dataset("exchange/data", data=sinogram[:, None, :], compression="gzip", shuffle=True)
             stored.attrs["log"] = True
             file.create_dataset("exchange/theta", data=angles).attrs["units"] = "degree"
+        if scanned is not None:
+            write_nifti(scanned, target / OBJECT)
 
     content = {
         "kind": "projections",
         **({"phantom": phantom} if phantom else {}),
         "scan": scan,
         "nominal": _nominal(parameters),
-        "origin": {"citation": CITATION, "importer": "htc2022", "sha256": [sha256(mat_file)]},
+        "origin": {"citation": CITATION, "importer": "htc2022", "sha256": [sha256(source) for source in sources]},
         "repeats": ["projections.h5"],
     }
     return write_folder(folder, content, write)
