@@ -14,7 +14,11 @@ MODELLED = {
 try:
     check_kinds(DIAGNOSED, RECORDINGS)
     CANDIDATES = {
-        name: [] if "physics_from" in settings else candidates(settings)
+        name: (
+            []
+            if "physics_from" in settings
+            else candidates(settings, RECORDINGS[name].content["kind"])
+        )
         for name, settings in DIAGNOSED.items()
     }
 except InputError as error:
@@ -63,12 +67,36 @@ def agreement_inputs(wildcards):
 
 
 def diagnosis_megabytes(wildcards):
-    """Rays of all repeats, path lengths at several samples per pixel, and derivatives, MB."""
-    scan = RECORDINGS[wildcards.recording].content["scan"]
-    rays = scan["views"] * scan["rows"] * scan["columns"] / 1e6
+    """Rays of all repeats, path lengths at several samples per pixel, and derivatives; of images, the realisations of
+    noise, MB."""
+    protocol = diagnosis_protocol(wildcards)
+    scan = (
+        protocol["scan"]
+        if protocol
+        else RECORDINGS[wildcards.recording].content["scan"]
+    )
+    views = protocol["projections"] if protocol else scan["views"]
+    rays = views * scan["rows"] * scan["columns"] / 1e6
     return int(
         1500 + rays * (60 * DIAGNOSED[wildcards.recording]["samples"] ** 2 + 400)
     )
+
+
+def diagnosis_protocol(wildcards):
+    """The protocol that simulates a recording of images; None for projections."""
+    name = DIAGNOSED[wildcards.recording].get("protocol")
+    if name is None:
+        return None
+    config, settings = PLAN.config, PLAN.config["protocols"][name]
+    geometry = PLAN.geometry_settings(PLAN.geometry_of(name))
+    return {
+        "scan": geometry["scan"],
+        "grid": config["grid"],
+        "projections": geometry["projections"],
+        "algorithm": settings["algorithm"],
+        "settings": config["reconstruction"][settings["algorithm"]],
+        "engine": ENGINE,
+    }
 
 
 def diagnosis_model(wildcards):
@@ -78,6 +106,8 @@ def diagnosis_model(wildcards):
         "settings": MODELLED[wildcards.recording],
         "mu_water_per_mm": PLAN.config["mu_water_per_mm"],
         "materials": PLAN.config["materials"],
+        "seed": PLAN.config["seed"],
+        "protocol": diagnosis_protocol(wildcards),
     }
 
 
@@ -150,7 +180,6 @@ rule diagnose:
         model=diagnosis_model,
         effects=lambda wildcards: CANDIDATES[wildcards.recording],
         same_material=same_material,
-        seed=PLAN.config["seed"],
     script:
         "../scripts/diagnose.py"
 

@@ -9,6 +9,7 @@ import yaml
 
 from virtual_phantom import files
 from virtual_phantom.diagnosis.attribute import choose
+from virtual_phantom.diagnosis.images.setting import agreement_of_images
 from virtual_phantom.diagnosis.locate import ALPHA
 from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
 from virtual_phantom.diagnosis.regions import Scanned
@@ -38,10 +39,15 @@ with job(snakemake) as log:
         scanned = Scanned.read(given.phantom, given.image, given.rois)
     elif "mask" in given.keys():
         scanned = Scanned.of_mask(given.mask)
-    seed = np.random.SeedSequence(params.seed, spawn_key=(AGREEMENT_STREAM,))
-    found.content["agreement"] = agreement_of_recording(
-        recording, prepared, found.choice, params.model["mu_water_per_mm"], seed, scanned, snakemake.threads
-    )
+    if recording.kind == "images":
+        table = agreement_of_images(prepared, found.choice, scanned)
+    else:
+        seed = np.random.SeedSequence(params.model["seed"], spawn_key=(AGREEMENT_STREAM,))
+        mu_water_per_mm = params.model["mu_water_per_mm"]
+        table = agreement_of_recording(
+            recording, prepared, found.choice, mu_water_per_mm, seed, scanned, snakemake.threads
+        )
+    found.content["agreement"] = table
     maps = Path(output.maps)
     maps.mkdir(parents=True, exist_ok=True)
     for place in found.before:

@@ -242,6 +242,8 @@ def _check_names(config):
     for name, settings in config["diagnosis"]["recordings"].items():
         known(name, config["recordings"], "diagnosis.recordings")
         _check_diagnosed(name, settings, config["diagnosis"]["recordings"])
+        if "protocol" in settings:
+            known(settings["protocol"], protocols, f"diagnosis.recordings.{name}.protocol")
     for name in config["diagnosis"]["comparisons"]:
         known(name, analyses.get("comparison", {}), "diagnosis.comparisons")
         if name in config["diagnosis"]["recordings"]:

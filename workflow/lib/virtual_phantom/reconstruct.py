@@ -34,6 +34,23 @@ def reconstruct(
     physics               effects of stage "image", {effect: {parameter: value}}
     Raises InputError for an unknown algorithm or a scan that it cannot use.
     """
+    hu = in_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
+    hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]
+    limits = np.iinfo(np.int16)
+    return [Volume(np.clip(np.rint(image), limits.min, limits.max).astype(np.int16), grid) for image in hu]
+
+
+def in_hu(
+    line_integrals: np.ndarray,
+    geometry: ScanGeometry,
+    grid: Grid,
+    algorithm: str,
+    settings: dict,
+    engine: str,
+    mu_water_per_mm: float,
+    threads: int = 1,
+) -> np.ndarray:
+    """As `reconstruct`, [acquisition, z, y, x] in HU, not rounded and without effects on images."""
     count = len(line_integrals)
     if algorithm == "sirt":
         attenuation = solvers.sirt(projector(engine, geometry, grid, count, threads), line_integrals, **settings)
@@ -42,10 +59,7 @@ def reconstruct(
         attenuation = fbp.fbp(projector("cpu", geometry, grid, count, threads), line_integrals, **settings)
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
-    hu = attenuation_to_hu(attenuation, mu_water_per_mm)
-    hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]
-    limits = np.iinfo(np.int16)
-    return [Volume(np.clip(np.rint(image), limits.min, limits.max).astype(np.int16), grid) for image in hu]
+    return attenuation_to_hu(attenuation, mu_water_per_mm)
 
 
 def compile_kernels(lanes: Sequence[int]) -> None:

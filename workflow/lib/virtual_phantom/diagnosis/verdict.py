@@ -60,7 +60,9 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         },
         **metrics,
         "excess_removed": removed,
-        "excess_rms_removed": excess_rms_removed(**metrics["held_out"]["rms_line_integral"]) if effects else None,
+        "excess_rms_removed": excess_rms_removed(**metrics["held_out"][f"rms_{prepared.look.unit}"])
+        if effects
+        else None,
         "unexplained": [_location(place) for place in left],
         "next_measurement": next_measurements(choice, bool(left)),
         "held_out_data": prepared.held,

@@ -60,6 +60,11 @@ class ImagesModel(Model):
         design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
         return Prediction(white(scaled), log_variance, statistics.correlation, None, None, design)
 
+    def repeats(self, physics, place, count: int) -> np.ndarray:
+        """Simulated images [repeat, z, y, x] in HU, at most REALISATIONS."""
+        mean, noise, _ = self.images(physics, place)
+        return place["scale"] * (mean + noise[:count] - HU_AIR) + HU_AIR + place["offset"]
+
     def images(self, physics, place) -> tuple[np.ndarray, np.ndarray, State]:
         """Mean [z, y, x] and noise [realisation, z, y, x] in HU before scale and offset, and the state of the chain."""
         on_images = {name: values for name, values in physics.items() if acts_on_images(name)}

@@ -18,10 +18,12 @@ LAGS = ((0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 2, 0), (1, 0, 0))  # z, y, x, voxel
 class ObservedImages(Observed):
     """As Observed, of images: `mean` is whitened, `variance` over `reference` (HU^2), `correlation` by LAGS.
 
+    repeats    [repeat, z, y, x], HU
     hu         [z, y, x] mean over the repeats
     expected   [z, y, x] HU without noise, of the model with nothing fitted: it tells tissues and edges apart
     """
 
+    repeats: np.ndarray | None = None
     hu: np.ndarray | None = None
     expected: np.ndarray | None = None
 
@@ -78,6 +80,7 @@ class Condenser:
             correlation=None if statistics is None else statistics.correlation,
             correlation_error=correlation_error,
             white=None,
+            repeats=repeats,
             hu=mean,
             expected=self.expected,
         )

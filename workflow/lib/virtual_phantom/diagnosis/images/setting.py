@@ -1,0 +1,133 @@
+"""A configured recording of images, made ready: by which protocol it is simulated, and which voxels count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...errors import InputError
+from ...geometry import Grid, ScanGeometry, grid_of, scan_geometry
+from ...physics.chain import Chain
+from ...physics.scene import Pose
+from ...reconstruct import in_hu
+from ...recordings.images import ImagesRecording
+from ..agreement import agreement
+from ..attribute import Choice
+from ..model import POSES
+from ..prepared import Prepared
+from ..regions import Scanned, complete, phantom_regions
+from .model import REALISATIONS
+from .prepared import prepare
+
+MOST_SLICES = 24  # more would add little but time
+LEAST_SLICES = 4
+STREAM = 4  # of the study's seed: noise of simulated images
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """The protocol of the study that simulates the images.
+
+    scan, grid    sections of the configuration, complete
+    projections   number of views
+    algorithm     "sirt" or "fbp", with its settings and engine
+    """
+
+    scan: dict
+    grid: dict
+    projections: int
+    algorithm: str
+    settings: dict
+    engine: str
+
+    @property
+    def geometry(self) -> ScanGeometry:
+        return scan_geometry(self.scan, self.projections, grid_of(self.grid))
+
+
+def ready_images(
+    recording: ImagesRecording,
+    protocol: Protocol,
+    chains: list[Chain],
+    mu_water_per_mm: float,
+    seed: int,
+    threads: int,
+    stated: dict,
+) -> Prepared:
+    """The central slices of a recording, prepared for fits. The images' centre is taken for the isocentre.
+
+    chains   the simulator, and the same with more rays per pixel
+    stated   keywords of prepare
+    Raises InputError if too few slices are seen from every direction.
+    """
+    whole = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
+    valid = complete(protocol.geometry, whole)
+    slices = central_slices(valid)
+    grid = Grid((slices.stop - slices.start, *whole.shape[1:]), whole.spacing)
+    # Iterative reconstruction needs the object whole; filtered back-projection makes slices one by one.
+    made, shown = (grid, slice(None)) if protocol.algorithm == "fbp" else (whole, slices)
+
+    def reconstruct(lines: np.ndarray) -> np.ndarray:
+        return in_hu(
+            lines.astype(np.float32),
+            protocol.geometry,
+            made,
+            protocol.algorithm,
+            protocol.settings,
+            protocol.engine,
+            mu_water_per_mm,
+            threads,
+        )[:, shown]
+
+    def arrays(repeats):
+        return np.stack([one.array[slices] for one in repeats]).astype(np.float32) if len(repeats) else None
+
+    return prepare(
+        arrays(recording.repeats),
+        arrays(recording.held_out),
+        *chains,
+        reconstruct,
+        grid.spacing,
+        valid[slices],
+        np.random.SeedSequence(seed, spawn_key=(STREAM,)),
+        **stated,
+    )
+
+
+def central_slices(valid: np.ndarray) -> slice:
+    """The slices, alike above and below the middle, whose voxels were all seen as far out as any are.
+
+    Raises InputError if there are fewer than LEAST_SLICES.
+    """
+    full = valid.sum(axis=(1, 2)) == valid.sum(axis=(1, 2)).max()
+    count = len(full)
+    away = 0
+    while away < count // 2 and full[away : count - away].all() is np.False_:
+        away += 1
+    away = max(away, (count - MOST_SLICES) // 2)
+    if count - 2 * away < LEAST_SLICES:
+        raise InputError(
+            f"scan: {count - 2 * away} slices around the isocentre are seen from every direction; a diagnosis of "
+            f"images needs {LEAST_SLICES}: give the protocol the scanner's rows and pitch"
+        )
+    return slice(away, count - away)
+
+
+def agreement_of_images(prepared: Prepared, choice: Choice, scanned: Scanned) -> dict:
+    """agreement.agreement of the repeats held out with as many simulated ones (at most REALISATIONS) of either model."""
+    repeats = prepared.held_out.repeats
+    model, count = prepared.fitter.model, min(len(repeats), REALISATIONS)
+    place = choice.chosen.fit.place
+    pose = Pose(**{name: place[name] for name in POSES if name in place})
+    grid = Grid(repeats.shape[1:], model.spacing_mm)
+    regions = phantom_regions(grid, prepared.data.usable | prepared.held_out.usable, scanned, pose)
+    simulated = {
+        column: model.repeats(fit.physics, fit.place, count)
+        for column, fit in (("before", choice.baseline.fit), ("after", choice.chosen.fit))
+    }
+    return agreement(repeats, simulated, regions) | {
+        "rois": list(regions.rois),
+        "repeats": len(repeats),
+        "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
+    }
