@@ -115,7 +115,7 @@ def central_slices(valid: np.ndarray) -> slice:
 
 
 def agreement_of_images(prepared: Prepared, choice: Choice, scanned: Scanned) -> dict:
-    """agreement.agreement of the repeats held out with as many simulated ones (at most REALISATIONS) of either model."""
+    """agreement.agreement of the repeats held out with as many simulated ones (at most REALISATIONS) of each."""
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALISATIONS)
     place = choice.chosen.fit.place
