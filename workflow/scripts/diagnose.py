@@ -33,7 +33,7 @@ with job(snakemake) as log:
         found = replace(found, content=stated(found.content, physics))
     else:
         singles = {name: read_trial(path) for name, path in zip(params.effects, given.candidates, strict=True)}
-        found = diagnose(recording.name, prepared, choose(prepared.fitter, baseline, singles))
+        found = diagnose(recording.name, prepared, choose(prepared.fitter, baseline, singles, snakemake.threads))
     scanned = None
     if "phantom" in given.keys():
         scanned = Scanned.read(given.phantom, given.image, given.rois)

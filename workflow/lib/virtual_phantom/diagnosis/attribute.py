@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import multiprocessing
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from scipy import stats
+from threadpoolctl import threadpool_limits
 
 from .fit import Fit, Fitter
-from .templates import screened
+from .templates import Screened, screened
 
 ALPHA = 0.001  # of an effect's likelihood ratio, over all candidates
 LEAST_GAIN = 4.0  # log score on held-out data that an effect must add
@@ -16,6 +18,8 @@ AS_GOOD = 3.0  # log score by which an effect may be worse and still stand for a
 RULED_OUT = 10.0
 MOST_EFFECTS = 4
 SCREEN = 0.05  # of the matched filter, times the candidates: what does worse is not fitted beside the chosen ones
+# Of those that the matched filter leaves: fitted are the first few by its gain, and all with this share of the best.
+FEW, NEAR_BEST = 6, 0.5
 
 
 @dataclass(frozen=True)
@@ -35,8 +39,9 @@ class Choice:
     singles     every candidate alone
     chosen      the fit that is taken; no effects if none is needed
     gains       {effect: held-out log score lost without it, the others refitted}
-    stand_ins   {effect: {other: log score lost if it stands in}}, for all others
-    p           {effect: chance of such a likelihood ratio without it, times the candidates}
+    stand_ins   {effect: {other: log score lost if it stands in}}, for all others; to first order for those that the
+                matched filter puts far behind
+    p           {effect: chance of such a likelihood ratio without it, times the candidates; None: not fitted here}
     """
 
     baseline: Trial
@@ -44,7 +49,7 @@ class Choice:
     chosen: Trial
     gains: dict[str, float]
     stand_ins: dict[str, dict[str, float]]
-    p: dict[str, float]
+    p: dict[str, float | None]
 
     def ambiguous_with(self, effect: str) -> list[str]:
         """Effects that explain the data as well in its place."""
@@ -73,53 +78,96 @@ def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, 
     return Trial(fit, fitter.score(fit), p)
 
 
-def choose(fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial]) -> Choice:
+_fitter: Fitter | None = None  # of the processes that `trials` forks: too large to be sent with every task
+
+
+def trials(fitter: Fitter, tasks: Sequence[tuple], processes: int = 1) -> list[Trial]:
+    """`trial` of all tasks (effects, given, against), each in a process forked for it alone.
+
+    A fit leaves traced rays behind that the next one would begin from. Forked from one state, with one thread for
+    linear algebra each, results are the same whatever the number of processes.
+    """
+    global _fitter
+    if not tasks:
+        return []
+    _fitter = fitter
+    try:
+        with multiprocessing.get_context("fork").Pool(min(processes, len(tasks)), maxtasksperchild=1) as pool:
+            return pool.map(_trial, tasks, chunksize=1)
+    finally:
+        _fitter = None
+
+
+def _trial(task: tuple) -> Trial:
+    with threadpool_limits(1):
+        return trial(_fitter, *task)
+
+
+def choose(fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], processes: int = 1) -> Choice:
     """Add effects while held-out data gain by them; drop those that are no longer needed; find stand-ins.
 
     baseline, singles   from `trial`: alignment alone, and every candidate alone
     """
-    current, trials = baseline, dict(singles)
+    current, tried = baseline, dict(singles)
     for _ in range(MOST_EFFECTS):
-        best_name = max(trials, key=lambda name: trials[name].score)
-        best = trials[best_name]
+        best_name = max(tried, key=lambda name: tried[name].score)
+        best = tried[best_name]
         if best.score - current.score < LEAST_GAIN or best.p * len(singles) > ALPHA:
             break
-        current = best
-        current = _without_idle(fitter, current, baseline, singles)
+        current = _without_idle(fitter, best, baseline, singles, processes)
         left = [name for name in singles if name not in current.fit.effects]
-        hopeful = [name for name, p in screened(fitter, current.fit, left).items() if p * len(left) < SCREEN]
+        found = screened(fitter, current.fit, left)
+        hopeful = best_few({name: one for name, one in found.items() if one.p * len(left) < SCREEN})
         if not hopeful:
             break
-        trials = {name: trial(fitter, (*current.fit.effects, name), current, current) for name in hopeful}
+        tasks = [((*current.fit.effects, name), current, current) for name in hopeful]
+        tried = dict(zip(hopeful, trials(fitter, tasks, processes), strict=True))
+    rests = {effect: _less(current.fit.effects, effect) for effect in current.fit.effects}
+    without = dict(zip(rests, _known(fitter, list(rests.values()), current, baseline, singles, processes), strict=True))
     gains, stand_ins, p = {}, {}, {}
-    for effect in current.fit.effects:
-        rest = tuple(name for name in current.fit.effects if name != effect)
-        without = _known(fitter, rest, current, baseline, singles)
-        gains[effect] = current.score - without.score
-        lost = max(0.0, without.fit.chi_square - current.fit.chi_square)
-        free = max(1, current.fit.free - without.fit.free)
+    for effect, rest in rests.items():
+        gains[effect] = current.score - without[effect].score
+        lost = max(0.0, without[effect].fit.chi_square - current.fit.chi_square)
+        free = max(1, current.fit.free - without[effect].fit.free)
         p[effect] = min(1.0, float(stats.chi2.sf(lost, free)) * len(singles))
         others = [name for name in singles if name not in current.fit.effects]
-        stand_ins[effect] = {
-            name: current.score - _known(fitter, (*rest, name), without, baseline, singles).score for name in others
-        }
+        stand_ins[effect] = {}
+        if rest:
+            found = screened(fitter, without[effect].fit, others)
+            first_order = {name: gains[effect] - found[name].gain / 2 for name in others}
+            hopeful = best_few(found)
+            stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
+            others = [name for name in others if name in hopeful or first_order[name] < RULED_OUT]
+        sets = [(*rest, name) for name in others]
+        fitted = _known(fitter, sets, without[effect], baseline, singles, processes)
+        stand_ins[effect] |= {name: current.score - one.score for name, one in zip(others, fitted, strict=True)}
     return Choice(baseline, dict(singles), current, gains, stand_ins, p)
 
 
-def _known(fitter, effects, given, baseline, singles) -> Trial:
-    """A fit that was made already, or a new one."""
-    if not effects:
-        return baseline
-    if len(effects) == 1:
-        return singles[effects[0]]
-    return trial(fitter, effects, given)
+def best_few(found: Mapping[str, Screened]) -> list[str]:
+    """Those with the largest first-order gains, the best first."""
+    ranked = sorted(found, key=lambda name: -found[name].gain)
+    return [
+        name for rank, name in enumerate(ranked) if rank < FEW or found[name].gain >= NEAR_BEST * found[ranked[0]].gain
+    ]
 
 
-def _without_idle(fitter, current: Trial, baseline: Trial, singles) -> Trial:
+def _less(effects: tuple[str, ...], effect: str) -> tuple[str, ...]:
+    return tuple(name for name in effects if name != effect)
+
+
+def _known(fitter, sets: Sequence[tuple[str, ...]], given, baseline, singles, processes) -> list[Trial]:
+    """Fits of sets of effects, those that were made already and new ones."""
+    fresh = [effects for effects in sets if len(effects) > 1]
+    made = dict(zip(fresh, trials(fitter, [(effects, given) for effects in fresh], processes), strict=True))
+    made |= {(): baseline} | {(name,): one for name, one in singles.items()}
+    return [made[effects] for effects in sets]
+
+
+def _without_idle(fitter, current: Trial, baseline: Trial, singles, processes) -> Trial:
     """Drop effects that later ones have made needless."""
     for effect in current.fit.effects[:-1]:
-        rest = tuple(name for name in current.fit.effects if name != effect)
-        without = _known(fitter, rest, current, baseline, singles)
+        (without,) = _known(fitter, [_less(current.fit.effects, effect)], current, baseline, singles, processes)
         if current.score - without.score < LEAST_GAIN:
             current = without
     return current

@@ -13,8 +13,8 @@ from .model import SURE, Model, stacked, weights
 from .observed import Observed
 
 ITERATIONS = 25
-# Of chi-square between two iterations: in units of noise, and of what is left where the model lacks much.
-CONVERGED, CONVERGED_SHARE = 0.02, 1e-6
+# Of chi-square between two iterations: in units of noise, and of its excess over noise where the model lacks much.
+CONVERGED, CONVERGED_SHARE = 0.02, 1e-5
 # Share of the expected gain that a step must make for its Jacobian to stay in use.
 AS_EXPECTED = (0.7, 1.4)
 # For derivatives: shares of the plausible range and of the alignment's standard deviation. Path lengths are in single
@@ -80,7 +80,7 @@ class Fitter:
             if fresh:
                 jacobian = problem.jacobian(point, residuals, pattern)
             information, gradient = problem.normal(jacobian, point, residuals)
-            before, enough = current, max(CONVERGED, CONVERGED_SHARE * current)
+            before, enough = current, max(CONVERGED, CONVERGED_SHARE * (current - problem.count))
             while True:
                 damped = information + damping * np.diag(np.diag(information))
                 step = bounded_step(damped, gradient, point, problem.low, problem.high)
@@ -140,6 +140,7 @@ class Problem:
         self.high = np.array([one.high for one in self.unknowns] + [one.expected + SURE * one.sd for one in aligned])
         self.start = np.clip(start, self.low, self.high)
         self.aligned = aligned
+        self.count = sum(int((weight > 0).sum()) for weight in self.weights)
         self.centre = np.array([one.expected for one in (*self.unknowns, *aligned)])
         width = np.array([one.sd for one in (*self.unknowns, *aligned)])
         self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)

@@ -7,6 +7,7 @@ that alignment and the effects already fitted could take up projected out.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
@@ -83,8 +84,16 @@ def templates(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
     return np.stack(rows)
 
 
-def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, float]:
-    """p-value of every effect's matched filter on what a fit leaves over of the data that were fitted."""
+@dataclass(frozen=True)
+class Screened:
+    """An effect's matched filter on what a fit leaves over: its p-value, and what chi-square gains to first order."""
+
+    p: float
+    gain: float
+
+
+def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
+    """Every effect's matched filter on what a fit leaves over of the data that were fitted."""
     parts = fitter.residuals(fit, held_out=False)
     basis = taken_up(fitter, fit)
     residual = projected(whitened(parts, fitter.weights)[None], basis)[0]
@@ -92,16 +101,19 @@ def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, float]
     for name in names:
         if load(name).pattern:
             shape = fitter.data.mean.shape
-            pattern = estimate(parts[0].reshape(shape), fitter.weights[0].reshape(shape))
-            found[name] = float(stats.norm.sf(pattern.rms / pattern.error)) if pattern.rms else 1.0
+            mean, weight = parts[0].reshape(shape), fitter.weights[0].reshape(shape)
+            pattern = estimate(mean, weight)
+            gain = float((weight * (2 * mean - pattern.values) * pattern.values).sum())
+            found[name] = Screened(float(stats.norm.sf(pattern.rms / pattern.error)) if pattern.rms else 1.0, gain)
             continue
         rows = templates(fitter, fit, name)
         size = (rows**2).sum(axis=1)
         rows = projected(rows, basis)
         rows = rows[(rows**2).sum(axis=1) > SMALL * np.maximum(size, 1e-300)]
         if not len(rows):
-            found[name] = 1.0
+            found[name] = Screened(1.0, 0.0)
             continue
-        gain = residual @ rows.T @ np.linalg.pinv(rows @ rows.T, hermitian=True) @ rows @ residual
-        found[name] = float(stats.chi2.sf(gain, len(rows)))
+        seen = rows @ residual
+        gain = float(seen @ np.linalg.pinv(rows @ rows.T, hermitian=True) @ seen)
+        found[name] = Screened(float(stats.chi2.sf(gain, len(rows))), gain)
     return found

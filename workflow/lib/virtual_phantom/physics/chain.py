@@ -19,6 +19,7 @@ from .scene import IN_PLACE, Pose, VoxelScene
 
 # A fit varies one parameter at a time, and most leave earlier steps alone.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 12, 24
+NODES = 4096  # of the table of one material's transmission: errors under 1e-6 at 1/mm and 100 mm
 
 
 @dataclass
@@ -168,14 +169,29 @@ class Chain:
         else:
             energies, shares = spectrum
             table = np.stack([attenuation_per_mm(material, energies) for material in self.scene.materials])
-            total = np.zeros(paths.shape[1:])
-            for column, share in zip(table.T.astype(np.float32), shares, strict=True):
-                total += share * np.exp(-np.tensordot(column, paths, 1))
+            total = transmitted(paths, table, shares)
         if self.samples == 1:
             return total
         down = fine.rows // geometry.rows
         shape = (geometry.views, geometry.rows, down, geometry.columns, self.samples)
         return total.reshape(shape).mean(axis=(2, 4))
+
+
+def transmitted(paths: np.ndarray, attenuation_per_mm: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Share of the signal that many energies leave of path lengths [material, ...], float64.
+
+    attenuation_per_mm   [material, energy]
+    shares               (energy,) of the signal in air
+    One material's transmission is a function of the path length alone and is taken from a table.
+    """
+    if len(paths) == 1:
+        nodes = np.linspace(0, max(float(paths.max()), 1e-6), NODES)
+        logarithm = np.log(np.exp(-np.outer(nodes, attenuation_per_mm[0])) @ shares)
+        return np.exp(np.interp(paths[0], nodes, logarithm))
+    total = np.zeros(paths.shape[1:])
+    for column, share in zip(attenuation_per_mm.T.astype(np.float32), shares, strict=True):
+        total += share * np.exp(-np.tensordot(column, paths, 1))
+    return total
 
 
 def subdivided(geometry: ScanGeometry, samples: int) -> ScanGeometry:

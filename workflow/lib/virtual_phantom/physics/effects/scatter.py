@@ -1,10 +1,10 @@
 """Scattered radiation."""
 
 import numpy as np
-from scipy import ndimage
 
 from ..chain import State
 from ..effect import Effect, Parameter
+from ..spread import spread
 
 
 def apply(state: State, values: dict[str, float]) -> None:
@@ -14,9 +14,7 @@ def apply(state: State, values: dict[str, float]) -> None:
     geometry = state.geometry
     # A single row stands for a beam that is high enough to look alike from row to row.
     rows = values["width_mm"] / geometry.row_pitch_mm if geometry.rows > 1 else 0.0
-    sigma = (rows, values["width_mm"] / geometry.column_pitch_mm)
-    spread = ndimage.gaussian_filter(source, (0, *sigma), mode="constant", truncate=3)
-    state.signal = state.signal + values["amount"] * spread
+    state.signal = state.signal + values["amount"] * spread(source, rows, values["width_mm"] / geometry.column_pitch_mm)
 
 
 EFFECT = Effect(

@@ -1,19 +1,18 @@
 """Veiling glare: light that spreads far within the detector."""
 
-from scipy import ndimage
-
 from ..chain import State
 from ..effect import Effect, Parameter
+from ..spread import spread
 
 
 def apply(state: State, values: dict[str, float]) -> None:
     geometry, share = state.geometry, values["share"]
     # A single row stands for a beam that is high enough to look alike from row to row.
     rows = values["width_mm"] / geometry.row_pitch_mm if geometry.rows > 1 else 0.0
-    sigma = (0, rows, values["width_mm"] / geometry.column_pitch_mm)
+    columns = values["width_mm"] / geometry.column_pitch_mm
 
     def veiled(signal):
-        return (1 - share) * signal + share * ndimage.gaussian_filter(signal, sigma, mode="constant", truncate=3)
+        return (1 - share) * signal + share * spread(signal, rows, columns)
 
     state.signal, state.air = veiled(state.signal), veiled(state.air)
 

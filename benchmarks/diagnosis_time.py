@@ -1,0 +1,93 @@
+"""How long a whole diagnosis of one recording takes, on a larger scan than benchmarks/diagnosis_draws.py.
+
+    python benchmarks/diagnosis_time.py --effect scatter --processes 2
+
+128 columns x 16 rows x 180 views, 4 repeats of 1e5 photons per pixel, one effect at half of its typical strength left
+out, made by the library's own chain: preparation, alignment, every effect on projections alone (in processes of their
+own, as Snakemake runs them), and the choice among them.
+"""
+
+import argparse
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
+
+from diagnosis_draws import scene  # noqa: E402
+
+from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
+from virtual_phantom.diagnosis.attribute import choose, trial, trials  # noqa: E402
+from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
+from virtual_phantom.geometry import circular  # noqa: E402
+from virtual_phantom.physics.chain import Chain  # noqa: E402
+from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
+from virtual_phantom.physics.posed import PosedScene  # noqa: E402
+
+PHOTONS, REPEATS, STRENGTH = 1e5, 4, 0.5
+GEOMETRY = circular(
+    views=180,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=128,
+    rows=16,
+    column_pitch_mm=4.0,
+    row_pitch_mm=4.0,
+)
+
+
+def scans(chain, physics, random):
+    state = chain.state(physics)
+    air = state.measured_air
+    repeats = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(REPEATS)]
+    return observed.Scans(
+        np.stack(repeats).astype(np.float32), air.mean(axis=0) * state.photons, np.ones(repeats[0].shape, bool)
+    )
+
+
+def weaker(name):
+    """Parameters with a neutral value at STRENGTH of the way to the typical one."""
+    return {
+        one.name: one.typical if one.neutral is None else one.neutral + STRENGTH * (one.typical - one.neutral)
+        for one in load(name).parameters
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--effect", default="scatter")
+    parser.add_argument("--samples", type=int, default=2)
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    options = parser.parse_args()
+    random = np.random.default_rng(np.random.SeedSequence(20261121))
+    exact = Chain(scene(), GEOMETRY, PHOTONS, samples=options.samples)
+    taken = scans(exact, {options.effect: weaker(options.effect)}, random)
+    marks, began = {}, time.perf_counter()
+
+    def mark(name):
+        marks[name] = time.perf_counter() - began - sum(marks.values())
+        print(f"{name:12s} {marks[name]:7.1f} s", flush=True)
+
+    model, floor = (Chain(PosedScene(scene()), GEOMETRY, PHOTONS, samples=options.samples + more) for more in (0, 1))
+    given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
+    mark("preparation")
+    baseline = trial(given.fitter, ())
+    mark("alignment")
+    library = [name for name in names() if not acts_on_images(name)]
+    tasks = [((name,), baseline, baseline) for name in library]
+    singles = dict(zip(library, trials(given.fitter, tasks, options.processes), strict=True))
+    mark("singles")
+    found = choose(given.fitter, baseline, singles, options.processes)
+    mark("choice")
+    content = diagnose("benchmark", given, found).content
+    mark("verdict")
+    print(content["sentence"])
+    print(f"all {sum(marks.values()):.0f} s, {len(library)} candidates, {options.processes} processes")
+    print(f"load of the machine over the last 5 minutes {os.getloadavg()[1]:.1f}, {os.cpu_count()} cores")
+
+
+if __name__ == "__main__":
+    main()
