@@ -1,0 +1,184 @@
+"""Diagnosis of images: whitening against noise of known spectrum, errors against realisations, effects found again."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from virtual_phantom.diagnosis.attribute import choose, trial
+from virtual_phantom.diagnosis.images.observed import LAGS, Condenser
+from virtual_phantom.diagnosis.images.prepared import prepare
+from virtual_phantom.diagnosis.images.setting import central_slices
+from virtual_phantom.diagnosis.images.whitening import local_variance, whitening
+from virtual_phantom.diagnosis.regions import complete
+from virtual_phantom.diagnosis.verdict import diagnose
+from virtual_phantom.errors import InputError
+from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import acts_on_images, load
+from virtual_phantom.physics.image import with_effects
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.posed import PosedScene
+from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.reconstruct import in_hu
+from virtual_phantom.volumes import Volume
+
+MU, PHOTONS, REPEATS = 0.0193, 1e5, 4
+SHAPE = (6, 48, 48)
+GEOMETRY = circular(
+    views=60,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=64,
+    rows=10,
+    column_pitch_mm=8.0,
+    row_pitch_mm=8.0,
+)
+GRID = Grid(SHAPE, (4.4, 5.4, 5.4))
+
+
+def blurred_noise(random, count, sigma=1.0):
+    noise = random.normal(size=(count, *SHAPE))
+    noise = ndimage.gaussian_filter(noise, (0, 0, sigma, sigma), mode="wrap")
+    return 20 * noise / noise.std()
+
+
+def test_whitened_noise_is_white():
+    random = np.random.default_rng(1)
+    used = np.ones(SHAPE, bool)
+    white = whitening(blurred_noise(random, 40, 0.6), used, np.zeros(SHAPE), 2)
+    fresh = np.stack([white(one) for one in blurred_noise(random, 40, 0.6)])
+    assert fresh.var() == pytest.approx(1, abs=0.05)
+    neighbours = (fresh[..., 1:] * fresh[..., :-1]).mean()
+    before = blurred_noise(random, 40, 0.6)
+    assert (before[..., 1:] * before[..., :-1]).mean() / before.var() > 0.4 > 0.05 > abs(neighbours)
+    assert np.abs(local_variance(white, blurred_noise(random, 40, 0.6)) - 1).max() < 0.3
+
+
+def test_the_floor_counts_like_noise_that_repeats_share():
+    random = np.random.default_rng(2)
+    used, noise = np.ones(SHAPE, bool), blurred_noise(random, 40, 0.3)
+    floor = 10 * random.normal(size=SHAPE)
+    bare, held = (whitening(noise, used, error, 4) for error in (np.zeros(SHAPE), floor))
+    # Of a mean of 4 repeats the noise is 20 / 2 = 10 HU: the floor is as large, so that the variance halves.
+    assert (held(floor) ** 2).mean() / (bare(floor) ** 2).mean() == pytest.approx(0.5, abs=0.1)
+
+
+def test_noise_statistics_scatter_by_their_errors():
+    random = np.random.default_rng(3)
+    used = np.ones(SHAPE, bool)
+    used[:, :4] = False
+    white = whitening(blurred_noise(random, 60), used, np.zeros(SHAPE), 2)
+    condenser = Condenser(white, blurred_noise(random, 40), 10**9, np.zeros(SHAPE))
+    z, pairs = [], []
+    for _ in range(60):
+        found = condenser.observe(blurred_noise(random, 3), used)
+        z.append((found.variance - 1) / found.variance_error)
+        pairs.append((found.correlation, found.correlation_error))
+    assert np.std(z) == pytest.approx(1, abs=0.15)
+    values = np.array([one for one, _ in pairs])
+    assert values.std(axis=0) == pytest.approx(pairs[0][1], rel=0.5)
+    # A Gaussian of standard deviation s leaves exp(-d^2 / 4 s^2) between voxels d apart.
+    expected = [np.exp(-sum(step**2 for step in lag[1:]) / 4) if not lag[0] else 0 for lag in LAGS]
+    assert values.mean(axis=0) == pytest.approx(expected, abs=0.03)
+
+
+def test_central_slices_lie_alike_about_the_middle():
+    valid = np.zeros((30, 4, 4), bool)
+    valid[3:28] = True
+    assert central_slices(valid) == slice(3, 27)
+    valid[:] = True
+    assert central_slices(np.ones((40, 4, 4), bool)) == slice(8, 32)
+    with pytest.raises(InputError, match="needs 4"):
+        few = np.zeros((30, 4, 4), bool)
+        few[14:16] = True
+        central_slices(few)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    grid = Grid((20, 80, 80), (4.0, 3.5, 3.5))
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    hu = np.where((x / 110) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
+    hu = np.where((x - 50) ** 2 + (y - 10) ** 2 < 20**2, 800.0, hu)
+    hu = np.where((x + 40) ** 2 + (y + 20) ** 2 + (z + 5) ** 2 < 18**2, -80.0, hu)
+    return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), MU)
+
+
+def reconstruct(lines):
+    return in_hu(np.asarray(lines, np.float32), GEOMETRY, GRID, "fbp", {}, "cpu", MU)
+
+
+def recorded(scene, physics, seed, repeats=REPEATS):
+    """Images made from Poisson counts, as scanners make them."""
+    random = np.random.default_rng(seed)
+    before = {name: values for name, values in physics.items() if not acts_on_images(name)}
+    after = {name: values for name, values in physics.items() if name not in before}
+    state = Chain(scene, GEOMETRY, PHOTONS, samples=2).state(before)
+    air = state.measured_air * state.photons
+    lines = [-np.log(np.maximum(state.counts(random), 0.5) / air) for _ in range(repeats)]
+    return np.stack([with_effects(image, GRID.spacing, after) for image in reconstruct(np.stack(lines))])
+
+
+def prepared(scene, physics, seed=1, repeats=REPEATS):
+    chains = [Chain(PosedScene(scene), GEOMETRY, PHOTONS, samples=samples) for samples in (2, 3)]
+    return prepare(
+        recorded(scene, physics, seed, repeats),
+        None,
+        *chains,
+        reconstruct,
+        GRID.spacing,
+        complete(GEOMETRY, GRID),
+        np.random.SeedSequence(7),
+        nominal_photons=PHOTONS,
+    )
+
+
+def found(given, candidates):
+    baseline = trial(given.fitter, ())
+    singles = {name: trial(given.fitter, (name,), baseline, baseline) for name in candidates}
+    return diagnose("images", given, choose(given.fitter, baseline, singles))
+
+
+CANDIDATES = ("hu_calibration", "reconstruction_kernel", "photon_flux")
+
+
+def test_nothing_concealed_is_a_match(scene):
+    given = prepared(scene, {})
+    assert given.photons == pytest.approx(PHOTONS, rel=0.15)
+    content = found(given, CANDIDATES).content
+    assert content["verdict"] == "match", content["sentence"]
+    rms = content["held_out"]["rms_hu"]
+    assert rms["before"] == pytest.approx(rms["floor"], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "name, key, value",
+    [
+        ("reconstruction_kernel", "sigma_mm", 2.5),
+        ("hu_calibration", "offset_hu", 12.0),
+        ("slice_thickness", "thickness_mm", 7.0),
+        ("photon_flux", None, None),
+        ("scatter", "amount", 0.03),
+    ],
+)
+def test_a_concealed_effect_is_named(scene, name, key, value):
+    effect = load(name)
+    key = key or effect.parameters[0].name
+    values = {one.name: one.neutral if one.neutral is not None else one.typical for one in effect.parameters}
+    values[key] = 0.6 if value is None else value
+    content = found(prepared(scene, {name: values}), dict.fromkeys([*CANDIDATES, name])).content
+    named = {one["name"]: one["parameters"] for one in content["effects"]}
+    assert list(named)[:1] == [name], content["sentence"]
+    low, high = named[name][key]["ci95"]
+    assert low - (high - low) / 2 < values[key] < high + (high - low) / 2
+    assert content["excess_removed"] > 0.9
+
+
+def test_one_repeat_says_where_its_noise_is_from(scene):
+    given = prepared(scene, {}, repeats=1)
+    assert given.single and "slices" in given.held
+    assert given.photons == pytest.approx(PHOTONS, rel=0.15)
+    baseline = trial(given.fitter, ())
+    square = (given.fitter.residuals(baseline.fit)[0] ** 2 * given.fitter.held_weights[0]).sum()
+    count = (given.fitter.held_weights[0] > 0).sum()
+    assert square / count == pytest.approx(1, abs=0.2)
