@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
+from scipy import special
 
 from ..errors import InputError
 
@@ -84,7 +85,8 @@ class Observed:
     mean              [view, row, column]
     n                 number of repeats
     usable            rays that count
-    variance          (block,) mean of the sample variance over `reference`; None of a single repeat
+    variance          (block,) mean of the sample variance over `reference`, so scaled that its logarithm is unbiased;
+                      None of a single repeat
     variance_error    (block,) standard error of its logarithm
     correlation       (column, row, view), with correlation_error; entries of an axis of one pixel are missing (NaN)
     white             coefficients of the white field's shape, or None
@@ -120,9 +122,12 @@ def observe(taken: Scans, reference: np.ndarray, blocks: Blocks | None = None) -
         rays = blocks.sum(taken.usable)
         deviations = [(one - mean) * np.sqrt(weight) for one in taken.repeats]
         square = sum(deviation**2 for deviation in deviations)
+        half = rays * (n - 1) / 2
         with np.errstate(invalid="ignore", divide="ignore"):
-            variance = blocks.sum(square) / (rays * (n - 1))
-            variance_error = np.sqrt(2 / (rays * (n - 1)))
+            # Logarithms of sample variances lie below that of the variance on average: by a standard error over all
+            # blocks, were it left so.
+            variance = blocks.sum(square) / (2 * half) * np.exp(np.log(half) - special.digamma(half))
+            variance_error = np.sqrt(special.polygamma(1, half))
         variance[rays == 0] = np.nan
         correlation, correlation_error = np.full(3, np.nan), np.full(3, np.nan)
         for place, axis in enumerate((2, 1, 0)):

@@ -68,6 +68,8 @@ class Condenser:
         if n > 1:
             statistics = self.noise([(one - mean) * np.sqrt(n / (n - 1)) for one in repeats])
             free = 1 / (n - 1) + 1 / self.simulated
+            # Logarithms of sample variances lie low by half their relative variance, predicted ones too.
+            unbiased = np.exp(self._variance_sd**2 / 2 * (1 / (n - 1) - 1 / self.simulated))
             variance_error, correlation_error = (sd * np.sqrt(free) for sd in (self._variance_sd, self._correlation_sd))
         return ObservedImages(
             mean=self.white(mean),
@@ -75,7 +77,7 @@ class Condenser:
             usable=usable & self.white.used,
             blocks=self.blocks,
             reference=self.white.sd**2,
-            variance=None if statistics is None else statistics.variance,
+            variance=None if statistics is None else statistics.variance * unbiased,
             variance_error=variance_error,
             correlation=None if statistics is None else statistics.correlation,
             correlation_error=correlation_error,
