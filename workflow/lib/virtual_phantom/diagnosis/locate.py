@@ -40,12 +40,17 @@ class Location:
 
 
 def locate(
-    residuals: list[np.ndarray], weights: list[np.ndarray], data: Observed, constants: np.ndarray | None = None
+    residuals: list[np.ndarray],
+    weights: list[np.ndarray],
+    data: Observed,
+    constants: np.ndarray | None = None,
+    fitted: list[np.ndarray] | None = None,
 ) -> list[Location]:
     """Standardised residuals of every domain, the worst first, p corrected over places (Bonferroni) and domains (Holm).
 
     residuals, weights   by part, as Fitter gives them
     constants            [row, column] variance that a fitted gain pattern leaves to every pixel's constant
+    fitted               weights of the data that the model was fitted to, if those are others
 
     A domain counts by its worst place or by the sum of squares over all places, whichever is less likely, times two.
     """
@@ -69,22 +74,29 @@ def locate(
         _edges(residual, weight, predicted),
         _pixels(_marginal(residual, weight, 0, extra), pixels),
     ]
-    found += noise_places(residuals, weights, data, [f"neighbouring {name}" for name in AXES[::-1]])
+    found += noise_places(residuals, weights, data, [f"neighbouring {name}" for name in AXES[::-1]], fitted=fitted)
     if data.white is not None:
         z = residuals[-1] * np.sqrt(weights[-1])
         found.append(extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))
     return corrected(found)
 
 
-def noise_places(residuals, weights, data: Observed, pairs: list[str], axes=AXES) -> list[Location]:
-    """Places of difference in the noise's variance over blocks, its level, and its correlations between `pairs`."""
+def noise_places(residuals, weights, data: Observed, pairs: list[str], axes=AXES, fitted=None) -> list[Location]:
+    """Places of difference in the noise's variance over blocks, its level, and its correlations between `pairs`.
+
+    Level and correlations are few numbers, known to the fit no better than to the data held out: both errors count.
+    """
     if data.variance is None:
         return []
-    z, correlated = (residual * np.sqrt(weight) for residual, weight in zip(residuals[1:3], weights[1:3], strict=True))
+    level, total = residuals[1] @ weights[1], weights[1].sum()
+    both = 1 / total + (1 / fitted[1].sum() if fitted else 0)
+    z = float(level / total / np.sqrt(both))
+    with np.errstate(divide="ignore"):
+        error = 1 / weights[2] + (1 / fitted[2] if fitted else 0)
     return [
-        blocks("noise variance", z, data, axes),
-        _level(residuals[1], weights[1]),
-        extreme("noise correlation", correlated, lambda i: f"between {pairs[i]}"),
+        blocks("noise variance", residuals[1] * np.sqrt(weights[1]), data, axes),
+        Location("noise level", "everywhere", z, _two_sided(z, 1), np.array([z])),
+        extreme("noise correlation", residuals[2] / np.sqrt(error), lambda i: f"between {pairs[i]}"),
     ]
 
 
@@ -112,12 +124,6 @@ def _block_z(residual, weight, data, left) -> np.ndarray:
     for part, start in enumerate(starts):
         extra += np.bincount(data.blocks.index[start].ravel(), (pixels[part] ** 2 * left).ravel(), data.blocks.count)
     return data.blocks.sum(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
-
-
-def _level(residual, weight) -> Location:
-    """The noise as a whole."""
-    z = float((residual * weight).sum() / np.sqrt(weight.sum()))
-    return Location("noise level", "all rays", z, _two_sided(z, 1), np.array([z]))
 
 
 def _two_sided(z: float, places: int) -> float:

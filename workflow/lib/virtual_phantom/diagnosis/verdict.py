@@ -34,9 +34,11 @@ class Diagnosis:
 def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     """Judge a choice of effects on the data held out."""
     fitter, locate = prepared.fitter, prepared.look.places
-    before = locate(fitter.residuals(choice.baseline.fit), fitter.held_weights, prepared.held_out)
+    before = locate(
+        fitter.residuals(choice.baseline.fit), fitter.held_weights, prepared.held_out, fitted=fitter.weights
+    )
     fit = choice.chosen.fit
-    after = locate(fitter.residuals(fit), fitter.held_weights, prepared.held_out, fit.pattern_variance)
+    after = locate(fitter.residuals(fit), fitter.held_weights, prepared.held_out, fit.pattern_variance, fitter.weights)
     effects = choice.chosen.fit.effects
     left = [place for place in after if place.significant]
     verdict = VERDICTS[(1 if not left else 2) if effects else (0 if not left else 3)]

@@ -12,7 +12,7 @@ AXES = ("slices", "rows", "columns")
 RINGS = 16  # of equal width around the isocentre
 
 
-def locate(residuals, weights, data: ObservedImages, constants: None = None) -> list[Location]:
+def locate(residuals, weights, data: ObservedImages, constants: None = None, fitted=None) -> list[Location]:
     """As diagnosis.locate.locate, of whitened voxels. `constants` is there for projections alone."""
     shape = data.mean.shape
     residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
@@ -30,7 +30,7 @@ def locate(residuals, weights, data: ObservedImages, constants: None = None) -> 
         extreme("distance from the axis", _by(ring, residual, weight), lambda i: f"ring {i + 1} of {RINGS}"),
         by_value("tissue", "voxels of {:.0f} to {:.0f} HU", residual, weight, expected, inside),
         steepest("voxels", residual, weight, slope),
-        *noise_places(residuals, weights, data, [_words(lag) for lag in LAGS], AXES),
+        *noise_places(residuals, weights, data, [_words(lag) for lag in LAGS], AXES, fitted),
     ]
     return corrected(found)
 
