@@ -109,7 +109,7 @@ def choose(fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], proces
     baseline, singles   from `trial`: alignment alone, and every candidate alone
     """
     current, tried = baseline, dict(singles)
-    for _ in range(MOST_EFFECTS):
+    for _ in range(MOST_EFFECTS if singles else 0):
         best_name = max(tried, key=lambda name: tried[name].score)
         best = tried[best_name]
         if best.score - current.score < LEAST_GAIN or best.p * len(singles) > ALPHA:

@@ -21,6 +21,7 @@ from ..errors import InputError
 
 VIEW_BLOCKS, COLUMN_BLOCKS, ROW_BLOCKS = 12, 8, 4
 LEAST_TRANSMISSION = 1e-5  # what fewer photons are read as: such rays are left out
+PLATEAU = 0.001  # share of rays that may have one value by chance; integer counts in air repeat
 WHITE_COLUMNS, WHITE_ROWS = 4, 2  # highest orders of the white field's shape
 WHITE_TOLERANCE = 0.005  # by which pixels' sensitivities may shape a white field smoothly
 
@@ -51,9 +52,16 @@ def scans(acquisitions) -> Scans:
         if not acquisition.log:
             good &= array < -np.log(LEAST_TRANSMISSION) * 0.999
             whites.append(acquisition.white - acquisition.dark)
+        good &= ~saturated(-array if acquisition.log else acquisition.data)
         arrays.append(np.where(good, array, 0).astype(np.float32))
         usable = good if usable is None else usable & good
     return Scans(np.stack(arrays), np.mean(whites, axis=0) if whites else None, usable)
+
+
+def saturated(signal: np.ndarray) -> np.ndarray:
+    """bool: rays at the highest signal of a scan, as read out, if more stand there than noise puts on one value."""
+    highest = signal == np.nanmax(signal)
+    return highest & (highest.mean() > PLATEAU)
 
 
 @dataclass(frozen=True)

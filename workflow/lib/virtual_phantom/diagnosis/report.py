@@ -16,7 +16,8 @@ from .verdict import Diagnosis
 PIXELS_ACROSS = 120  # of the map: more blocks than that hold too few rays to show anything
 
 PAGE = (
-    """{% if d.effects %}<h2>What was left out</h2>
+    """{% for line in d.caveats %}<p><strong>Caution.</strong> {{ line }}</p>{% endfor %}
+{% if d.effects %}<h2>What was left out</h2>
 {% for e in d.effects %}<p><strong>{{ e.name.replace('_', ' ') }}</strong>: {{ e.physics }}
 {% if d.ambiguous_with[e.name] %}The data explain as well: {{ d.ambiguous_with[e.name]|join(', ')|replace('_', ' ') }}.
 {% endif %}</p>

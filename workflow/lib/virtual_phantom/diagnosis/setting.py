@@ -10,6 +10,7 @@ from ..physics.chain import Chain
 from ..physics.effect import acts_on_images, load, names
 from ..physics.spectra import KVP
 from ..recordings.reading import load as read
+from .caveats import check_scans
 from .images.setting import Protocol, ready_images
 from .observed import scans
 from .prepared import prepare
@@ -104,4 +105,6 @@ def ready(
         return recording, ready_images(recording, setting, chains, mu_water_per_mm, seed, threads, stated)
     chains = [Chain(scene, recording.geometry, samples=count) for count in samples]
     further = scans(recording.held_out) if len(recording.held_out) else None
-    return recording, prepare(scans(recording.repeats), further, chains[0], floor_chain=chains[1], **stated)
+    taken = scans(recording.repeats)
+    check_scans(taken, str(recording.document.path))
+    return recording, prepare(taken, further, chains[0], floor_chain=chains[1], **stated)

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..physics.effect import load
 from .attribute import Choice, Trial
+from .caveats import caveats
 from .locate import Location
 from .prepared import Prepared
 
@@ -69,6 +70,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "next_measurement": next_measurements(choice, bool(left)),
         "held_out_data": prepared.held,
         "noise_from_one_repeat": prepared.single,
+        "caveats": caveats(prepared, choice, fitter.model.tube_kvp),
     }
     return Diagnosis(choice, before, after, content)
 
