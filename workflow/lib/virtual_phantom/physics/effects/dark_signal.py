@@ -5,11 +5,13 @@ import numpy as np
 from ..chain import State
 from ..effect import Effect, Parameter
 
+LEAST = 1e-6  # of the signal in air: a logarithm of less is none
+
 
 def apply(state: State, values: dict[str, float]) -> None:
     views = state.geometry.views
     time = (np.arange(views) / max(views - 1, 1) - 0.5)[:, None, None]
-    state.signal = state.signal + values["level"] + values["drift"] * time
+    state.signal = np.maximum(state.signal + values["level"] + values["drift"] * time, LEAST)
     state.air = state.air + values["level"]
 
 
@@ -24,7 +26,7 @@ EFFECT = Effect(
     "to view",
     settled_by="dark frames before and after the scan",
     parameters=(
-        Parameter("level", "1", "dark signal left over, over the signal in air", -0.05, 0.1, 0.001, 0.005),
+        Parameter("level", "1", "dark signal left over, over the signal in air", -0.02, 0.1, 0.001, 0.005),
         Parameter("drift", "1", "its change over the scan, over the signal in air", -0.02, 0.02, 0.0005, 0.001),
     ),
     apply=apply,
