@@ -14,6 +14,7 @@ from virtual_phantom.errors import InputError
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
+from virtual_phantom.volumes import read_nifti
 
 SCRIPT = Path(__file__).resolve().parents[2] / "workflow" / "scripts" / "import_recording.py"
 PARAMETERS = {
@@ -49,10 +50,10 @@ def import_refused(folder, run, message):
 def test_a_sinogram_becomes_a_fan_beam(tmp_path):
     sinogram = mat_file(tmp_path / "s.mat")
     recording = import_htc2022(tmp_path / "s.mat", tmp_path / "disc", phantom="disc")
-    np.testing.assert_array_equal(recording.repeats[0].data[:, 0], sinogram.astype(np.float32))
+    np.testing.assert_array_equal(recording.repeats[0].data[:, 0], sinogram[:, ::-1].astype(np.float32))
     geometry = recording.geometry
     assert (geometry.views, geometry.views_per_rotation, geometry.rows) == (13, 12, 1)
-    np.testing.assert_allclose(np.rad2deg(geometry.angles_rad), PARAMETERS["angles"], atol=1e-9)
+    np.testing.assert_allclose(np.rad2deg(geometry.angles_rad), PARAMETERS["angles"] + 180, atol=1e-9)
     assert recording.nominal == {"tube_kvp": 45, "anode": "Mo", "filtration": "0.5 mm Al"}
     assert (recording.name, recording.phantom, recording.log) == ("disc", "disc", True)
 
@@ -71,6 +72,24 @@ def test_a_sinogram_becomes_a_fan_beam(tmp_path):
 def test_sinograms_that_cannot_be_right(tmp_path, changes, message):
     mat_file(tmp_path / "s.mat", **changes)
     import_refused(tmp_path / "disc", lambda: import_htc2022(tmp_path / "s.mat", tmp_path / "disc"), message)
+
+
+def test_a_segmentation_becomes_the_mask_of_what_was_scanned(tmp_path):
+    mat_file(tmp_path / "s.mat")
+    inside = np.zeros((64, 64), np.uint8)
+    inside[4:12, 40:60] = 1  # above the middle and to the right of it
+    savemat(tmp_path / "seg.mat", {"reconFullFbpSeg": inside})
+    import_htc2022(tmp_path / "s.mat", tmp_path / "disc", segmentation=tmp_path / "seg.mat")
+    mask = read_nifti(tmp_path / "disc" / "object.nii.gz")
+    pixel = 1.0 * 410.66 / 553.74
+    assert mask.grid.shape == (1, 64, 64) and mask.grid.spacing[1:] == pytest.approx((pixel, pixel))
+    assert mask.array.sum() == pytest.approx(inside.sum(), rel=0.03)  # corners are rounded
+    _, y, x = mask.grid.axes_mm()
+    centre = (mask.array[0] * x).sum() / mask.array.sum(), (mask.array[0] * y[:, None]).sum() / mask.array.sum()
+    assert centre == pytest.approx(((49.5 - 31.5) * pixel, (31.5 - 7.5) * pixel), abs=0.01)
+    for source, message in (("none.mat", "no such file; give a segmentation"), ("s.mat", "holds no segmentation")):
+        run = lambda source=source: import_htc2022(tmp_path / "s.mat", tmp_path / "b", segmentation=tmp_path / source)  # noqa: E731
+        import_refused(tmp_path / "b", run, message)
 
 
 def test_other_and_truncated_mat_files_are_refused(tmp_path):

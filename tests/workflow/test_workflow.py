@@ -28,11 +28,28 @@ PCA = ("sirt", "fbp", "multicentre")
 PROTOCOL = {"algorithm": "sirt", "projections": 150, "group": 1}
 
 
-def recorded(folder):
+SCAN = {"trajectory": "circular", "source_to_isocentre_mm": 410.66, "source_to_detector_mm": 553.74, "columns": 560}
+SCAN |= {
+    "rows": 1,
+    "column_pitch_mm": 0.2,
+    "row_pitch_mm": 0.2,
+    "views": 721,
+    "views_per_rotation": 720,
+    "start_angle_deg": 0,
+    "direction": 1,
+}
+IMPORTED = {
+    "recordings.yaml": {"tandem": "features", "dose_series": "features"},
+    "htc2022.yaml": {"solid_disc": "projections", "ta": "projections", "tb": "projections"},
+}
+
+
+def recorded(folder, kind):
     """A recording that stands in for an imported one: planning reads its recording.yaml only."""
     folder.mkdir()
-    (folder / "features.csv").write_text("image,roi\n")
-    content = {"name": folder.name, "kind": "features", "repeats": ["features.csv"]}
+    (folder / "repeat").write_text("image,roi\n")
+    content = {"name": folder.name, "kind": kind, "repeats": ["repeat"]}
+    content |= {"scan": SCAN} if kind == "projections" else {}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
     return folder
 
@@ -40,8 +57,9 @@ def recorded(folder):
 @pytest.mark.parametrize("config", sorted(path.name for path in (ROOT / "config").glob("*.yaml")))
 def test_every_shipped_config_plans(config, tmp_path):
     overlay = {"results_dir": f"{tmp_path}/r"}
-    if config == "recordings.yaml":
-        overlay["recordings"] = {name: str(recorded(tmp_path / name)) for name in ("tandem", "dose_series")}
+    if config in IMPORTED:
+        named = IMPORTED[config]
+        overlay["recordings"] = {name: str(recorded(tmp_path / name, kind)) for name, kind in named.items()}
     (tmp_path / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     process = snakemake("-n", "-q", "rules", "--configfile", f"config/{config}", tmp_path / "overlay.yaml")
     assert process.returncode == 0, process.stderr[-2000:]

@@ -8,13 +8,12 @@ import numpy as np
 
 from .. import volumes
 from ..errors import InputError
-from ..geometry import Grid
 from ..physics.materials import Segmentation
 from ..physics.posed import PosedScene
+from ..physics.prism import PrismScene
 from ..physics.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
 from ..volumes import Volume
 
-PRISM_SLICE_MM = 500.0  # of each of the two slices that a single one becomes: beyond any beam's height at the object
 PARTIAL_TOLERANCE = 1e-3
 
 
@@ -33,27 +32,24 @@ def scene_of(settings: dict, phantom: str | Path | None, mu_water_per_mm: float,
     return PosedScene(scene)
 
 
-def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene:
+def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene | PrismScene:
     """A homogeneous object: the share of every voxel (0 to 1) that it fills, the image's centre at the isocentre.
 
     A single slice stands for an object that is alike along z and longer than the beam is high.
     Raises InputError if the mask is missing, broken, empty, or holds values outside 0 to 1.
     """
     volume = read_mask(mask)
+    if volume.grid.shape[0] == 1:
+        return PrismScene(volume.array[0], volume.grid, material)
     return VoxelScene(volume.array[None], volume.grid, (material,), DISC_ENERGY_KEV, threads)
 
 
 def read_mask(mask: str | Path) -> Volume:
-    """The shares of mask_scene, float32 [z, y, x], a single slice made two. Raises InputError as mask_scene."""
+    """The shares of mask_scene, float32 [z, y, x]. Raises InputError as mask_scene."""
     volume = volumes.read_nifti(mask)
     share, grid = volume.array, volume.grid
     if not np.isfinite(share).all() or share.min() < -PARTIAL_TOLERANCE or share.max() > 1 + PARTIAL_TOLERANCE:
         raise InputError(f"{mask}: holds values outside 0 to 1; give the share of every voxel that the object fills")
     if not share.max() > 0:
         raise InputError(f"{mask}: is empty; mark the voxels that the object fills with 1")
-    share = np.clip(share, 0, 1)
-    if grid.shape[0] == 1:
-        # Between the centres of two equal slices, interpolation along z changes nothing.
-        share = np.repeat(share, 2, axis=0)
-        grid = Grid(share.shape, (PRISM_SLICE_MM, *grid.spacing[1:]))
-    return Volume(share.astype(np.float32), grid)
+    return Volume(np.clip(share, 0, 1).astype(np.float32), grid)

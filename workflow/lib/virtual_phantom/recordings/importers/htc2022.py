@@ -3,8 +3,10 @@
 Data: Zenodo 6984868 (later versions: 8041800). By its description the sinograms are corrected for background and flat
 field, compensated for a misaligned centre of rotation, and logged. They have one detector row: a fan beam.
 
-The frame: with the source at +y in the first view and turning from +y towards -x, images come out as the data set's own
-segmentations show them, row 0 at the top (+y), column 0 at the left (-x).
+The frame: with the source at -y in the first view and turning from -y towards +x, images come out as the data set's own
+segmentations show them, row 0 at the top (+y), column 0 at the left (-x). The detector's columns then run the other way
+than in the files. That the source is on that side, and not on the other with the columns as they are, shows where the
+fan diverges: a part of the object that is nearer to the source casts a wider shadow.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from .htc2022_object import read_object
 
 VARIABLES = ("CtDataFull", "CtDataLimited")
 CITATION = "Helsinki Tomography Challenge 2022 (HTC2022) open tomographic dataset, Zenodo, 10.5281/zenodo.6984868"
+FIRST_DEG = 180.0  # of the frame here, where the files have 0
 OBJECT = "object.nii.gz"
 STEP_TOLERANCE_DEG = 1e-3
 
@@ -50,9 +53,11 @@ def import_htc2022(
 
     def write(target: Path) -> None:
         with replacing(target / "projections.h5") as temporary, h5py.File(temporary, "w") as file:
-            stored = file.create_dataset("exchange/data", data=sinogram[:, None, :], compression="gzip", shuffle=True)
+            stored = file.create_dataset(
+                "exchange/data", data=sinogram[:, None, ::-1], compression="gzip", shuffle=True
+            )
             stored.attrs["log"] = True
-            file.create_dataset("exchange/theta", data=angles).attrs["units"] = "degree"
+            file.create_dataset("exchange/theta", data=angles + FIRST_DEG).attrs["units"] = "degree"
         if scanned is not None:
             write_nifti(scanned, target / OBJECT)
 
@@ -110,7 +115,7 @@ def _scan(mat_file: Path, parameters, shape: tuple[int, ...], angles: np.ndarray
         "row_pitch_mm": pitch,
         "views": angles.size,
         "views_per_rotation": 360 / abs(step),
-        "start_angle_deg": float(angles[0]),
+        "start_angle_deg": float(angles[0]) + FIRST_DEG,
         "direction": 1 if step > 0 else -1,
     }
 

@@ -1,0 +1,62 @@
+"""Physics found on the solid disc of the Helsinki challenge, held against a disc with holes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from virtual_phantom.diagnosis.attribute import trial
+from virtual_phantom.diagnosis.fit import Fitter
+from virtual_phantom.diagnosis.model import Model, nuisances
+from virtual_phantom.diagnosis.observed import observe, scans
+from virtual_phantom.diagnosis.scanned import mask_scene
+from virtual_phantom.diagnosis.verdict import excess_rms_removed
+from virtual_phantom.diagnosis.verified import Physics, verified
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.posed import PosedScene
+from virtual_phantom.recordings.importers.htc2022 import OBJECT, import_htc2022
+
+REAL = Path(__file__).resolve().parents[2] / "../shared/real/htc2022"
+pytestmark = [
+    pytest.mark.real,
+    pytest.mark.skipif(not REAL.exists(), reason="the real measurements are not beside this checkout"),
+]
+PHOTONS = 36000.0  # per pixel in air, from differences of neighbouring views
+EVERY = 24  # of the views; of those half are held out
+FOUND = {
+    "spectrum": {"kvp": 40.0, "filtration_mm": 2.335},
+    "dark_signal": {"level": 0.0497, "drift": 0.0045},
+}
+DENSITY = (0.961, 0.002)
+
+
+def test_physics_of_the_solid_disc_holds_for_one_with_holes(tmp_path):
+    name = "htc2022_ta_full"
+    recording = import_htc2022(REAL / f"{name}.mat", tmp_path / "ta", segmentation=REAL / f"{name}_recon_fbp_seg.mat")
+    geometry, taken, kept = recording.geometry, scans(recording.repeats), slice(0, 720, EVERY)
+    geometry = replace(
+        geometry,
+        angles_rad=geometry.angles_rad[kept],
+        source_z_mm=geometry.source_z_mm[kept],
+        views_per_rotation=geometry.views_per_rotation / EVERY,
+    )
+    taken = replace(taken, repeats=taken.repeats[:, kept], usable=taken.usable[kept])
+    chain = Chain(PosedScene(mask_scene(tmp_path / "ta" / OBJECT, "pmma")), geometry)
+    variance = np.exp(taken.repeats[0].astype(float)) / PHOTONS
+    odd = (np.arange(geometry.views) % 2 == 1)[:, None, None]
+    data, held_out = (observe(replace(taken, usable=taken.usable & part), variance) for part in (~odd, odd))
+    aligned = nuisances(np.log(PHOTONS), 0.02, {"scale": 1.0, "size": 0.01, "offset": 0.02})
+    fitter = Fitter(Model(chain, aligned, "Mo", 45.0), data, held_out, variance, np.zeros_like(variance))
+    errors = {effect: dict.fromkeys(values, 0.0) for effect, values in FOUND.items()}
+    baseline = trial(fitter, ())
+    choice = verified(fitter, baseline, Physics("solid_disc", FOUND, errors, DENSITY, ()), same_material=True)
+    used = fitter.held_weights[0] > 0
+    before, after = (
+        float(np.sqrt((fitter.residuals(one.fit)[0][used] ** 2).mean())) for one in (baseline, choice.chosen)
+    )
+    floor = float(np.sqrt(variance.ravel()[used].mean()))
+    assert before > 5 * floor
+    assert excess_rms_removed(before, after, floor) > 0.6
+    # Neither alone does it: the beam is not monochromatic, and something is added to its signal.
+    assert all(gain > 1000 for gain in choice.gains.values())

@@ -1,0 +1,167 @@
+"""Physics found on one recording, held against another, and objects given as masks."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from virtual_phantom import volumes
+from virtual_phantom.diagnosis import observed, prepared
+from virtual_phantom.diagnosis.attribute import best_few, trial
+from virtual_phantom.diagnosis.scanned import mask_scene
+from virtual_phantom.diagnosis.templates import Screened
+from virtual_phantom.diagnosis.verdict import diagnose, excess_rms_removed
+from virtual_phantom.diagnosis.verified import Physics, stated, verified
+from virtual_phantom.errors import InputError
+from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.posed import PosedScene
+from virtual_phantom.recordings.importers.htc2022_object import with_partial_pixels
+from virtual_phantom.recordings.projections import Projections
+
+PHOTONS, DENSITY = 1e5, 1.03
+GEOMETRY = circular(
+    views=60,
+    source_to_isocentre_mm=410.0,
+    source_to_detector_mm=553.0,
+    columns=100,
+    rows=1,
+    column_pitch_mm=1.1,
+    row_pitch_mm=1.1,
+)
+TRUTH = {"spectrum": {"kvp": 90.0, "filtration_mm": 3.0}, "scatter": {"amount": 0.1, "width_mm": 40.0}}
+
+
+def mask_of(path, inside, size=160, spacing=0.5):
+    axis = (np.arange(size) - (size - 1) / 2) * spacing
+    share = ndimage.uniform_filter(inside(axis[None], axis[:, None]).astype(np.float32), 2)
+    volume = volumes.Volume(share[None], Grid((1, size, size), (1.0, spacing, spacing)))
+    volumes.write_nifti(volume, path)
+    return path
+
+
+def found_on(disc, scale, effects=TRUTH, **extra):
+    """A diagnosis.json of another recording."""
+    parameters = {
+        name: {key: {"value": value, "ci95": [0.99 * value, 1.01 * value], "unit": "1"} for key, value in one.items()}
+        for name, one in effects.items()
+    }
+    content = {
+        "recording": disc,
+        "effects": [{"name": name, "parameters": values} for name, values in parameters.items()],
+        "alignment": {"scale": {"value": scale, "ci95": [scale - 0.001, scale + 0.001]}},
+    }
+    return content | extra
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory):
+    """A disc with a notch, of a density that is not the listed one, prepared for fits; and where its mask lies."""
+    folder = tmp_path_factory.mktemp("other")
+    mask = mask_of(folder / "object.nii.gz", lambda x, y: (np.hypot(x, y) < 35) & ~((x > 5) & (np.abs(y) < 6)))
+    scene = mask_scene(mask, "pmma")
+    dense = mask_scene(mask, "pmma")
+    dense._share, dense._turned = DENSITY * dense._share, DENSITY * dense._turned
+    state = Chain(dense, GEOMETRY, PHOTONS).state(TRUTH)
+    random, air = np.random.default_rng(3), state.measured_air.mean(axis=0) * PHOTONS
+    taken = observed.scans([Projections(state.counts(random), air, 0 * air) for _ in range(4)])
+    given = prepared.prepare(
+        taken, None, Chain(PosedScene(scene), GEOMETRY, PHOTONS), tube_kvp=90.0, known={"scale": 1.0}
+    )
+    return given, mask, folder
+
+
+def test_physics_of_another_recording_removes_the_excess(other):
+    given, _, folder = other
+    (folder / "diagnosis.json").write_text(json.dumps(found_on("disc", DENSITY)))
+    physics = Physics.read(folder / "diagnosis.json")
+    baseline = trial(given.fitter, ())
+    choice = verified(given.fitter, baseline, physics, same_material=True)
+    assert choice.chosen.fit.physics == TRUTH and choice.chosen.fit.free == 0
+    assert choice.chosen.fit.place["scale"] == pytest.approx(DENSITY, abs=0.003)
+    assert all(gain > 100 for gain in choice.gains.values())
+    content = stated(diagnose("notch", given, choice).content, physics)
+    json.dumps(content, allow_nan=False)
+    assert content["excess_removed"] > 0.9 and content["excess_rms_removed"] > 0.8
+    assert "found on disc" in content["sentence"]
+    for effect in content["effects"]:
+        assert effect["taken_from"] == "disc" and effect["evidence"]["p"] is None
+        low, high = effect["parameters"][next(iter(effect["parameters"]))]["ci95"]
+        assert high > low
+
+
+def test_a_density_that_is_not_that_of_the_object_removes_less(other):
+    given, _, folder = other
+    baseline = trial(given.fitter, ())
+    (folder / "light.json").write_text(json.dumps(found_on("disc", 0.95)))
+    wrong = verified(given.fitter, baseline, Physics.read(folder / "light.json"), same_material=True)
+    right = verified(given.fitter, baseline, Physics.read(folder / "light.json"), same_material=False)
+    assert wrong.chosen.score < right.chosen.score - 1000
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "is no diagnosis"),
+        ("{", "is no diagnosis"),
+        (json.dumps({"recording": "disc", "effects": []}), "is no diagnosis"),
+        (json.dumps(found_on("disc", 1.0, {})), "found no effect that another recording could be held against"),
+        (json.dumps(found_on("disc", 1.0, {"scatter": {"amount": 7.0}})), "is out of the plausible range"),
+    ],
+)
+def test_other_files_are_refused_in_a_line(tmp_path, content, message):
+    if content is not None:
+        (tmp_path / "d.json").write_text(content)
+    with pytest.raises(InputError, match=message) as error:
+        Physics.read(tmp_path / "d.json")
+    assert "\n" not in str(error.value)
+
+
+def test_patterns_of_pixels_stay_with_their_scan(tmp_path):
+    pattern = {"gain_pattern": {"rms": 0.004, "detector": 1.0}}
+    (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, TRUTH | pattern)))
+    physics = Physics.read(tmp_path / "d.json")
+    assert set(physics.effects) == set(TRUTH) and physics.not_taken == ("gain_pattern",)
+    scatter = {"scatter": TRUTH["scatter"]}
+    (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, scatter)))
+    assert Physics.read(tmp_path / "d.json").scale is None  # without a spectrum it also holds the energy
+
+
+def test_masks_that_are_none_are_refused(tmp_path):
+    good = volumes.read_nifti(mask_of(tmp_path / "good.nii.gz", lambda x, y: np.hypot(x, y) < 20))
+    for name, array, message in (
+        ("empty", 0 * good.array, "is empty"),
+        ("hu", 1000 * good.array, "holds values outside 0 to 1"),
+        ("nan", np.where(good.array > 0.5, np.nan, 0).astype(np.float32), "holds values outside 0 to 1"),
+    ):
+        volumes.write_nifti(replace(good, array=array), tmp_path / f"{name}.nii.gz")
+        with pytest.raises(InputError, match=message):
+            mask_scene(tmp_path / f"{name}.nii.gz", "pmma")
+    with pytest.raises(InputError, match="no such file"):
+        mask_scene(tmp_path / "none.nii.gz", "pmma")
+
+
+def test_a_threshold_gets_an_edge_of_one_pixel_where_the_outline_is():
+    axis = np.arange(200) - 99.5
+    radius = 60.3
+    inside = np.hypot(axis[:, None], axis) < radius
+    share = with_partial_pixels(inside)
+    assert share.sum() == pytest.approx(np.pi * radius**2, rel=2e-3)
+    assert share.min() == 0 and share.max() == 1 and ((share > 0) & (share < 1)).sum() < 3 * 2 * np.pi * radius
+    distance = radius - np.hypot(axis[:, None], axis)
+    exact = np.clip(0.5 + distance, 0, 1)
+    assert np.abs(share - exact).mean() < 0.6 * np.abs(inside - exact).mean()
+
+
+def test_excess_is_what_is_beyond_noise_in_squares():
+    assert excess_rms_removed(before=5.0, after=np.sqrt(3**2 + 2**2), floor=3.0) == pytest.approx(0.5)
+    assert excess_rms_removed(before=5.0, after=2.9, floor=3.0) == 1.0
+    assert excess_rms_removed(before=3.0, after=3.0, floor=3.0) is None
+
+
+def test_the_few_best_and_all_near_the_best_are_fitted():
+    gains = {f"e{i}": Screened(0.0, gain) for i, gain in enumerate([10, 9, 8, 7, 6, 5.5, 5.0, 4.9, 1, 0.5])}
+    assert best_few(gains) == [f"e{i}" for i in range(7)]
+    assert best_few({"one": Screened(1.0, 0.0)}) == ["one"]

@@ -1,0 +1,33 @@
+"""Dark signal that was not subtracted, and its drift."""
+
+import numpy as np
+
+from ..chain import State
+from ..effect import Effect, Parameter
+
+LEAST = 1e-6  # of the signal in air: a logarithm of less is none
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    views = state.geometry.views
+    time = (np.arange(views) / max(views - 1, 1) - 0.5)[:, None, None]
+    state.signal = np.maximum(state.signal + values["level"] + values["drift"] * time, LEAST)
+    state.air = state.air + values["level"]
+
+
+EFFECT = Effect(
+    name="dark_signal",
+    physics="The detector reads a signal without radiation that differs from the one subtracted, and that drifts as it "
+    "warms up.",
+    equation="S' = S + d + r (t - 1/2), S_air' = S_air + d, in units of the signal in air, t from 0 to 1 over the scan",
+    source="J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624 (1999)",
+    stage="readout",
+    signature="line integrals too low where little is transmitted, alike in all columns; with a drift, more from view "
+    "to view",
+    settled_by="dark frames before and after the scan",
+    parameters=(
+        Parameter("level", "1", "dark signal left over, over the signal in air", -0.02, 0.1, 0.001, 0.005),
+        Parameter("drift", "1", "its change over the scan, over the signal in air", -0.02, 0.02, 0.0005, 0.001),
+    ),
+    apply=apply,
+)
