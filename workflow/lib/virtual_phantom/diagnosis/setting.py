@@ -70,5 +70,6 @@ def ready(
         nominal_photons=settings.get("nominal_photons"),
         known=settings["alignment"],
         floor_chain=chains[1],
+        step=settings["view_step"],
     )
     return recording, prepared
