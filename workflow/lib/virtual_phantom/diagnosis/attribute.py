@@ -105,8 +105,8 @@ def _trial(task: tuple) -> Trial:
 
 
 def choose(fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], processes: int = 1) -> Choice:
-    """Add effects while held-out data gain by them; drop those that are no longer needed; swap those that are worse, beside
-    the others, than what could stand in.
+    """Add effects while held-out data gain by them; drop those that are no longer needed; swap those that are worse,
+    beside the others, than what could stand in.
 
     baseline, singles   from `trial`: alignment alone, and every candidate alone
     """
@@ -133,7 +133,7 @@ def choose(fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], proces
 
 
 def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes) -> tuple[Choice, Trial | None]:
-    """The choice of these effects, with what each is worth and what could stand in; and the best fit with a stand-in."""
+    """These effects, with what each is worth and what could stand in; and the best fit with a stand-in."""
     rests = {effect: _less(current.fit.effects, effect) for effect in current.fit.effects}
     without = dict(zip(rests, _known(fitter, list(rests.values()), current, baseline, singles, processes), strict=True))
     gains, stand_ins, p, swapped = {}, {}, {}, []
