@@ -165,3 +165,19 @@ def test_the_few_best_and_all_near_the_best_are_fitted():
     gains = {f"e{i}": Screened(0.0, gain) for i, gain in enumerate([10, 9, 8, 7, 6, 5.5, 5.0, 4.9, 1, 0.5])}
     assert best_few(gains) == [f"e{i}" for i in range(7)]
     assert best_few({"one": Screened(1.0, 0.0)}) == ["one"]
+
+
+def test_one_view_of_so_many_keeps_the_noise_of_all(other):
+    given, mask, _ = other
+    chain = Chain(PosedScene(mask_scene(mask, "pmma")), GEOMETRY, PHOTONS)
+    random = np.random.default_rng(5)
+    state = chain.state({})
+    air = state.measured_air.mean(axis=0) * PHOTONS
+    taken = observed.scans([Projections(state.counts(random), air, 0 * air)])
+    whole = prepared.prepare(taken, None, chain)
+    thinned = prepared.prepare(taken, None, chain, step=3)
+    assert thinned.photons == whole.photons and thinned.step == 3
+    assert thinned.data.mean.shape == (20, 1, 100)
+    np.testing.assert_array_equal(thinned.variance, whole.variance[::3])
+    chi_square = -2 * trial(thinned.fitter, ()).score / (thinned.fitter.held_weights[0] > 0).sum()
+    assert chi_square == pytest.approx(1, abs=0.25)

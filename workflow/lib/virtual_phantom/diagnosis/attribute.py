@@ -17,6 +17,7 @@ LEAST_GAIN = 4.0  # log score on held-out data that an effect must add
 AS_GOOD = 3.0  # log score by which an effect may be worse and still stand for another: a factor of 20 in odds
 RULED_OUT = 10.0
 MOST_EFFECTS = 4
+MOST_SWAPS = 2  # of a chosen effect for a better one that only pays beside the others
 SCREEN = 0.05  # of the matched filter, times the candidates: what does worse is not fitted beside the chosen ones
 # Of those that the matched filter leaves: fitted are the first few by its gain, and all with this share of the best.
 FEW, NEAR_BEST = 6, 0.5
@@ -104,7 +105,8 @@ def _trial(task: tuple) -> Trial:
 
 
 def choose(fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], processes: int = 1) -> Choice:
-    """Add effects while held-out data gain by them; drop those that are no longer needed; find stand-ins.
+    """Add effects while held-out data gain by them; drop those that are no longer needed; swap those that are worse,
+    beside the others, than what could stand in.
 
     baseline, singles   from `trial`: alignment alone, and every candidate alone
     """
@@ -122,9 +124,19 @@ def choose(fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], proces
             break
         tasks = [((*current.fit.effects, name), current, current) for name in hopeful]
         tried = dict(zip(hopeful, trials(fitter, tasks, processes), strict=True))
+    for _ in range(MOST_SWAPS + 1):
+        choice, best = _with_stand_ins(fitter, current, baseline, singles, processes)
+        if best is None or best.score - current.score < LEAST_GAIN:
+            break
+        current = best
+    return choice
+
+
+def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes) -> tuple[Choice, Trial | None]:
+    """These effects, with what each is worth and what could stand in; and the best fit with a stand-in."""
     rests = {effect: _less(current.fit.effects, effect) for effect in current.fit.effects}
     without = dict(zip(rests, _known(fitter, list(rests.values()), current, baseline, singles, processes), strict=True))
-    gains, stand_ins, p = {}, {}, {}
+    gains, stand_ins, p, swapped = {}, {}, {}, []
     for effect, rest in rests.items():
         gains[effect] = current.score - without[effect].score
         lost = max(0.0, without[effect].fit.chi_square - current.fit.chi_square)
@@ -141,7 +153,9 @@ def choose(fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], proces
         sets = [(*rest, name) for name in others]
         fitted = _known(fitter, sets, without[effect], baseline, singles, processes)
         stand_ins[effect] |= {name: current.score - one.score for name, one in zip(others, fitted, strict=True)}
-    return Choice(baseline, dict(singles), current, gains, stand_ins, p)
+        swapped += fitted
+    best = max(swapped, key=lambda one: one.score, default=None)
+    return Choice(baseline, dict(singles), current, gains, stand_ins, p), best
 
 
 def best_few(found: Mapping[str, Screened]) -> list[str]:

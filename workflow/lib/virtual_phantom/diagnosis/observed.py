@@ -11,7 +11,7 @@ that change the mean:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -41,6 +41,10 @@ class Scans:
 
     def __len__(self) -> int:
         return len(self.repeats)
+
+    def every(self, step: int) -> Scans:
+        """One view of so many."""
+        return self if step == 1 else replace(self, repeats=self.repeats[:, ::step], usable=self.usable[::step])
 
 
 def scans(acquisitions) -> Scans:

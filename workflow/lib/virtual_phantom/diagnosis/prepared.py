@@ -29,6 +29,7 @@ class Prepared:
     single    True if the noise had to be taken from neighbouring views of a single repeat
     photons   per pixel in air, as estimated from the variances
     look      how its differences are looked at
+    step      one view of so many was fitted or held out
     """
 
     fitter: Fitter
@@ -39,6 +40,7 @@ class Prepared:
     single: bool
     photons: float
     look: Look = PROJECTIONS
+    step: int = 1
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
@@ -63,6 +65,7 @@ def prepare(
     nominal_photons: float | None = None,
     known: dict[str, float] | None = None,
     floor_chain: Chain | None = None,
+    step: int = 1,
 ) -> Prepared:
     """Noise, floor and alignment of a recording.
 
@@ -71,6 +74,7 @@ def prepare(
     nominal_photons   per pixel in air, if it is stated
     known             standard deviations of the alignment, by name, where the defaults do not hold
     floor_chain       the same scene with more rays per pixel: the difference of the two is the floor
+    step              fit and hold out one view of so many, with the noise estimated from all
     Raises InputError if the repeats do not vary.
     """
     state = chain.state({}, photons=1.0, anode=anode)
@@ -80,6 +84,10 @@ def prepare(
     photons = 1 / float(np.mean(noise[taken.usable] / unit[taken.usable]))
     if not np.isfinite(photons) or photons > MOST_PHOTONS:
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")
+    if step > 1:
+        taken, further = taken.every(step), None if further is None else further.every(step)
+        chain, floor_chain = every(chain, step), None if floor_chain is None else every(floor_chain, step)
+        clean, unit, noise = clean[::step], unit[::step], noise[::step]
     reference = unit / photons
     blocks = Blocks.of(taken.usable.shape)
     whole = observe(taken, reference, blocks)
@@ -96,7 +104,19 @@ def prepare(
         known or {},
     )
     fitter = Fitter(Model(chain, aligned, anode, tube_kvp), data, held_out, variance, floor)
-    return Prepared(fitter, data, held_out, variance, words, single, photons)
+    return Prepared(fitter, data, held_out, variance, words, single, photons, step)
+
+
+def every(chain: Chain, step: int) -> Chain:
+    """The chain of one view of so many."""
+    geometry = chain.geometry
+    thinned = replace(
+        geometry,
+        angles_rad=geometry.angles_rad[::step],
+        source_z_mm=geometry.source_z_mm[::step],
+        views_per_rotation=geometry.views_per_rotation / step,
+    )
+    return Chain(chain.scene, thinned, chain.photons, chain.samples)
 
 
 def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:

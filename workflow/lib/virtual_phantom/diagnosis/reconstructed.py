@@ -20,10 +20,10 @@ from .prepared import HALVES, Prepared, split
 from .regions import Scanned, complete, disc_regions, image_grid, phantom_regions
 
 
-def agreement_of_recording(recording: ProjectionsRecording, *arguments) -> dict:
+def agreement_of_recording(recording: ProjectionsRecording, prepared: Prepared, *arguments) -> dict:
     """`agreement_of` the repeats of a recording of projections that were held out."""
     further = scans(recording.held_out) if len(recording.held_out) else None
-    return agreement_of(compared(scans(recording.repeats), further), *arguments)
+    return agreement_of(compared(scans(recording.repeats), further).every(prepared.step), prepared, *arguments)
 
 
 def agreement_of(

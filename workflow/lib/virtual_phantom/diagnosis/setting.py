@@ -107,4 +107,4 @@ def ready(
     further = scans(recording.held_out) if len(recording.held_out) else None
     taken = scans(recording.repeats)
     check_scans(taken, str(recording.document.path))
-    return recording, prepare(taken, further, chains[0], floor_chain=chains[1], **stated)
+    return recording, prepare(taken, further, chains[0], floor_chain=chains[1], step=settings["view_step"], **stated)
