@@ -104,7 +104,7 @@ def prepare(
         known or {},
     )
     fitter = Fitter(Model(chain, aligned, anode, tube_kvp), data, held_out, variance, floor)
-    return Prepared(fitter, data, held_out, variance, words, single, photons, step)
+    return Prepared(fitter, data, held_out, variance, words, single, photons, step=step)
 
 
 def every(chain: Chain, step: int) -> Chain:
