@@ -185,7 +185,7 @@ def test_one_view_of_so_many_keeps_the_noise_of_all(other):
 
 
 def test_an_effect_that_is_worse_beside_the_others_is_swapped(monkeypatch):
-    """`mimic` is best alone, but `true` explains more beside `second`, and no third may join; scores stand in for fits."""
+    """`mimic` is best alone, but `true` explains more beside `second`; scores stand in for fits."""
     monkeypatch.setattr(attribute, "MOST_EFFECTS", 2)
     scores = {
         (): 0,
