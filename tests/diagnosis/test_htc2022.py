@@ -22,13 +22,14 @@ pytestmark = [
     pytest.mark.real,
     pytest.mark.skipif(not REAL.exists(), reason="the real measurements are not beside this checkout"),
 ]
+# docs/htc2022.md; focal spot and gain pattern, which change little, are left out.
 PHOTONS = 36000.0  # per pixel in air, from differences of neighbouring views
-EVERY = 24  # of the views; of those half are held out
+EVERY = 36  # of the views; of those half are held out
 FOUND = {
-    "spectrum": {"kvp": 40.0, "filtration_mm": 2.335},
-    "dark_signal": {"level": 0.0497, "drift": 0.0045},
+    "spectrum": {"kvp": 40.0, "filtration_mm": 1.992},
+    "dark_signal": {"level": 0.0403, "drift": 0.0046},
 }
-DENSITY = (0.961, 0.002)
+DENSITY = (0.909, 0.010)
 
 
 def test_physics_of_the_solid_disc_holds_for_one_with_holes(tmp_path):
@@ -59,4 +60,4 @@ def test_physics_of_the_solid_disc_holds_for_one_with_holes(tmp_path):
     assert before > 5 * floor
     assert excess_rms_removed(before, after, floor) > 0.6
     # Neither alone does it: the beam is not monochromatic, and something is added to its signal.
-    assert all(gain > 1000 for gain in choice.gains.values())
+    assert min(choice.gains["spectrum"], choice.gains["dark_signal"]) > 1000

@@ -8,8 +8,9 @@ import pytest
 from scipy import ndimage
 
 from virtual_phantom import volumes
-from virtual_phantom.diagnosis import observed, prepared
-from virtual_phantom.diagnosis.attribute import best_few, trial
+from virtual_phantom.diagnosis import attribute, observed, prepared
+from virtual_phantom.diagnosis.attribute import Trial, best_few, trial
+from virtual_phantom.diagnosis.fit import Fit
 from virtual_phantom.diagnosis.scanned import mask_scene
 from virtual_phantom.diagnosis.templates import Screened
 from virtual_phantom.diagnosis.verdict import diagnose, excess_rms_removed
@@ -181,3 +182,32 @@ def test_one_view_of_so_many_keeps_the_noise_of_all(other):
     np.testing.assert_array_equal(thinned.variance, whole.variance[::3])
     chi_square = -2 * trial(thinned.fitter, ()).score / (thinned.fitter.held_weights[0] > 0).sum()
     assert chi_square == pytest.approx(1, abs=0.25)
+
+
+def test_an_effect_that_is_worse_beside_the_others_is_swapped(monkeypatch):
+    """`mimic` is best alone, but `true` explains more beside `second`; scores stand in for fits."""
+    monkeypatch.setattr(attribute, "MOST_EFFECTS", 2)
+    scores = {
+        (): 0,
+        ("mimic",): 500,
+        ("true",): 400,
+        ("second",): 100,
+        ("mimic", "second"): 700,
+        ("second", "true"): 900,
+    }
+    scores |= {("mimic", "true"): 505, ("mimic", "second", "true"): 901}
+
+    def scored(effects):
+        fit = Fit(tuple(effects), {}, {}, {}, {}, -2.0 * scores[tuple(sorted(effects))], (), len(effects))
+        return Trial(fit, scores[tuple(sorted(effects))], 0.0)
+
+    monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, processes: [scored(task[0]) for task in tasks])
+    monkeypatch.setattr(
+        attribute, "screened", lambda fitter, fit, names: dict.fromkeys(names, Screened(p=0.0, gain=100.0))
+    )
+    singles = {name: scored((name,)) for name in ("mimic", "true", "second")}
+    choice = attribute.choose(None, scored(()), singles)
+    assert set(choice.chosen.fit.effects) == {"second", "true"}
+    assert choice.gains == {"second": 500, "true": 800}
+    assert choice.stand_ins == {"second": {"mimic": 395}, "true": {"mimic": 200}}
+    assert choice.ruled_out == {"mimic": 200} and choice.ambiguous_with("true") == []

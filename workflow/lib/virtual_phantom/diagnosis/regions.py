@@ -23,6 +23,7 @@ from .scanned import read_mask
 
 MOST_VOXELS, MOST_SLICES = 128, 8
 AIR_VOXELS = 8  # around the object: what its edge needs
+PRISM_MM = 1000.0  # slice of an object that is alike along z: beyond any beam's height
 SUBDIVIDED = 5  # samples per voxel and direction, of the edge
 
 
@@ -47,8 +48,11 @@ class Scanned:
     @classmethod
     def of_mask(cls, mask: str | Path) -> Scanned:
         """A homogeneous object: no ROIs but itself. Raises InputError as scanned.read_mask."""
-        volume = read_mask(mask)
-        return cls(Volume(attenuation_to_hu(volume.array, 1.0), volume.grid), {}, volume.grid)
+        share, grid = (volume := read_mask(mask)).array, volume.grid
+        if grid.shape[0] == 1:  # alike along z: two slices, between whose centres nothing changes
+            share = np.repeat(share, 2, axis=0)
+            grid = Grid(share.shape, (PRISM_MM, *grid.spacing[1:]))
+        return cls(Volume(attenuation_to_hu(share, 1.0), grid), {}, grid)
 
     @property
     def radius_mm(self) -> float:
