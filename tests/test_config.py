@@ -288,3 +288,28 @@ def test_reference_page_is_up_to_date():
     spec.loader.exec_module(module)
     assert module.page() == (ROOT / "config" / "README.md").read_text(), "run python docs/config_reference.py"
     assert "|  | object" not in module.page() and "|  | array" not in module.page()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        (
+            {"disc": {"diameter_mm": 70, "material": "pmma"}, "object": {"mask": "m.nii.gz", "material": "pmma"}},
+            "diagnosis.recordings.b has both disc and object; keep the one that was scanned",
+        ),
+        ({"physics_from": "c"}, "diagnosis.recordings.b.physics_from is 'c'; name another diagnosed recording: a"),
+        ({"physics_from": "b"}, "diagnosis.recordings.b.physics_from is 'b'; name another diagnosed recording: a"),
+        ({"physics_from": "a", "effects": ["scatter"]}, "has both effects and physics_from"),
+    ],
+)
+def test_diagnosed_objects_and_their_physics_are_one_each(settings, message):
+    config = changed("recordings", {"a": "recordings/a", "b": "recordings/b"})
+    refuse({**config, "diagnosis": {"recordings": {"a": {}, "b": settings}}}, message)
+
+
+def test_physics_is_not_taken_from_where_it_was_taken_to():
+    config = changed("recordings", {name: f"recordings/{name}" for name in "abc"})
+    diagnosed = {"a": {}, "b": {"physics_from": "a"}, "c": {"physics_from": "b"}}
+    refuse({**config, "diagnosis": {"recordings": diagnosed}}, "which has its physics from elsewhere; name that one")
+    diagnosed["c"] = {"physics_from": "a"}
+    check({**config, "diagnosis": {"recordings": diagnosed}}, SCHEMA)
