@@ -17,9 +17,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
 
-from diagnosis_draws import scene  # noqa: E402
+from diagnosis_draws import PHOTONS, scans, scene  # noqa: E402
 
-from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
+from virtual_phantom.diagnosis import prepared  # noqa: E402
 from virtual_phantom.diagnosis.attribute import choose, trial, trials  # noqa: E402
 from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
 from virtual_phantom.geometry import circular  # noqa: E402
@@ -27,7 +27,7 @@ from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
 from virtual_phantom.physics.posed import PosedScene  # noqa: E402
 
-PHOTONS, REPEATS, STRENGTH = 1e5, 4, 0.5
+STRENGTH = 0.5
 GEOMETRY = circular(
     views=180,
     source_to_isocentre_mm=570.0,
@@ -37,15 +37,6 @@ GEOMETRY = circular(
     column_pitch_mm=4.0,
     row_pitch_mm=4.0,
 )
-
-
-def scans(chain, physics, random):
-    state = chain.state(physics)
-    air = state.measured_air
-    repeats = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(REPEATS)]
-    return observed.Scans(
-        np.stack(repeats).astype(np.float32), air.mean(axis=0) * state.photons, np.ones(repeats[0].shape, bool)
-    )
 
 
 def weaker(name):

@@ -1,13 +1,9 @@
 """Choose the effects that explain a recording, and say it: diagnosis.json, physics.yaml, maps and the report."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
-import yaml
 
-from virtual_phantom import files
 from virtual_phantom.diagnosis.attribute import choose
 from virtual_phantom.diagnosis.images.setting import agreement_of_images
 from virtual_phantom.diagnosis.locate import ALPHA
@@ -15,7 +11,7 @@ from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
 from virtual_phantom.diagnosis.regions import Scanned
 from virtual_phantom.diagnosis.report import page
 from virtual_phantom.diagnosis.setting import ready
-from virtual_phantom.diagnosis.store import read_trial
+from virtual_phantom.diagnosis.store import read_trial, write_diagnosis
 from virtual_phantom.diagnosis.verdict import diagnose
 from virtual_phantom.diagnosis.verified import Physics, stated, verified
 from virtual_phantom.job import job
@@ -48,15 +44,8 @@ with job(snakemake) as log:
             recording, prepared, found.choice, mu_water_per_mm, seed, scanned, snakemake.threads
         )
     found.content["agreement"] = table
-    maps = Path(output.maps)
-    maps.mkdir(parents=True, exist_ok=True)
-    for place in found.before:
-        with files.replacing(maps / f"{place.domain}.npy") as temporary, temporary.open("wb") as file:
-            np.save(file, place.map)
     overlay = {"physics": found.choice.chosen.fit.physics, "noise": {"model": "physical"}}
-    text = f"# {found.content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
-    files.write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)
-    files.write_text(page(found, prepared, ALPHA), output.report)
-    files.write_text(json.dumps(found.content, indent=2) + "\n", output.diagnosis)
+    maps = {place.domain: place.map for place in found.before}
+    write_diagnosis(output, found.content, overlay, page(found, prepared, ALPHA), maps)
     log.info("%s", found.content["sentence"])
     print(found.content["sentence"])

@@ -71,6 +71,11 @@ def nuisances(log_photons: float, photons_sd: float, known: Mapping[str, float])
     return (Nuisance("log_photons", "1", log_photons, photons_sd), *rest)
 
 
+def pose_of(place: Mapping[str, float]) -> Pose:
+    """The object's pose in an alignment."""
+    return Pose(**{name: place[name] for name in POSES if name in place})
+
+
 @dataclass(frozen=True)
 class Prediction:
     """As Observed: mean [view, row, column], log_variance (block,) over its reference, correlation, white.
@@ -138,9 +143,8 @@ class Model:
     def predict(self, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float], data: Observed):
         """The prediction for settings of effects and of the alignment. A gain pattern is fitted elsewhere: it has no
         mean of its own here."""
-        pose = Pose(**{name: place[name] for name in POSES if name in place})
         shown = {name: values for name, values in physics.items() if not load(name).pattern}
-        state = self.chain.state(shown, pose, photons=float(np.exp(place["log_photons"])), anode=self.anode)
+        state = self.chain.state(shown, pose_of(place), photons=float(np.exp(place["log_photons"])), anode=self.anode)
         variance = state.variance()
         # The logarithm of noisy counts lies above that of their mean by half their relative variance, to first order.
         lines = state.line_integrals()

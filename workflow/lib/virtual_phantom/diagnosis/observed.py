@@ -12,6 +12,7 @@ that change the mean:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -176,7 +177,13 @@ def white_shape(white: np.ndarray) -> np.ndarray:
     The constant and pixels without signal are left out.
     """
     good = white > 0
-    rows, columns = white.shape
+    matrix = _shapes(*white.shape)[:, good].T
+    return np.linalg.lstsq(matrix, np.log(white[good]), rcond=None)[0][1:]
+
+
+@cache
+def _shapes(rows: int, columns: int) -> np.ndarray:
+    """The constant, then the polynomials of columns and of rows: [shape, row, column]."""
     terms = [(0, order) for order in range(1, min(WHITE_COLUMNS, columns - 1) + 1)]
     terms += [(order, 0) for order in range(1, min(WHITE_ROWS, rows - 1) + 1)]
 
@@ -184,7 +191,5 @@ def white_shape(white: np.ndarray) -> np.ndarray:
         position = np.linspace(-1, 1, length) if length > 1 else np.zeros(1)
         return legendre.legval(position, [0] * order + [1])
 
-    design = [np.ones(white.shape)]
-    design += [polynomial(rows, r)[:, None] * polynomial(columns, c)[None, :] for r, c in terms]
-    matrix = np.stack([column[good] for column in design], axis=1)
-    return np.linalg.lstsq(matrix, np.log(white[good]), rcond=None)[0][1:]
+    shapes = [np.ones((rows, columns))]
+    return np.stack(shapes + [polynomial(rows, r)[:, None] * polynomial(columns, c)[None, :] for r, c in terms])

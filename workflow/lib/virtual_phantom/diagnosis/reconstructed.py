@@ -7,14 +7,13 @@ import numpy as np
 from ..errors import InputError
 from ..fbp import fbp
 from ..geometry import Grid, ScanGeometry
-from ..physics.scene import Pose
 from ..projectors import projector
 from ..recordings.projections import ProjectionsRecording
 from ..units import attenuation_to_hu
 from .agreement import agreement
 from .attribute import Choice
 from .fit import Fit
-from .model import POSES
+from .model import pose_of
 from .observed import LEAST_TRANSMISSION, Scans, scans
 from .prepared import HALVES, Prepared, split
 from .regions import Scanned, complete, disc_regions, image_grid, phantom_regions
@@ -44,8 +43,7 @@ def agreement_of(
     but the reason.
     """
     chain, fits = prepared.fitter.model.chain, {"before": choice.baseline.fit, "after": choice.chosen.fit}
-    place = choice.chosen.fit.place
-    pose = Pose(**{name: place[name] for name in POSES if name in place})
+    pose = pose_of(choice.chosen.fit.place)
     try:
         radius = chain.scene.radius_mm if scanned is None else scanned.radius_mm
         grid = image_grid(chain.geometry, radius)

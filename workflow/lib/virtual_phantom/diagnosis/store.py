@@ -1,15 +1,17 @@
-"""Fits as JSON, so that every candidate can be a job of its own."""
+"""Files of a diagnosis: fits as JSON, so that every candidate can be a job of its own, and what all of it leaves."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from ..errors import InputError
-from ..files import write_text
+from ..files import replacing, write_text
 from .attribute import Trial
 from .fit import Fit
 
@@ -23,6 +25,22 @@ def write_trial(trial: Trial, path: str | Path) -> None:
         fit[name] = None if fit[name] is None else fit[name].tolist()
     content = {"fit": fit, "score": trial.score, "p": trial.p}
     write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
+
+
+def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mapping[str, np.ndarray]) -> None:
+    """What every diagnosis leaves: diagnosis.json, physics.yaml, the report and the maps by domain.
+
+    output   paths, as attributes diagnosis, physics, report and maps
+    """
+    folder = Path(output.maps)
+    folder.mkdir(parents=True, exist_ok=True)
+    for domain, values in maps.items():
+        with replacing(folder / f"{domain}.npy") as temporary, temporary.open("wb") as file:
+            np.save(file, values)
+    text = f"# {content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
+    write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)
+    write_text(page, output.report)
+    write_text(json.dumps(content, indent=2) + "\n", output.diagnosis)
 
 
 def read_trial(path: str | Path) -> Trial:

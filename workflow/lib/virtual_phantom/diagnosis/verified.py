@@ -11,9 +11,7 @@ from ..errors import InputError
 from ..physics.effect import checked, load
 from .attribute import Choice, Trial, trial
 from .fit import Fitter
-from .model import Model
-
-NORMAL_95 = 1.959964
+from .verdict import NORMAL_95
 
 
 @dataclass(frozen=True)
@@ -66,7 +64,8 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     """
     model, held = fitter.model, copy.copy(fitter)
     density = physics.scale if physics.scale is not None and same_material else model.density
-    held.model = Model(model.chain, model.aligned, model.anode, model.tube_kvp, physics.effects, density)
+    held.model = copy.copy(model)  # of projections or of images
+    held.model.fixed, held.model.density = physics.effects, density
     chosen = trial(held, tuple(physics.effects), baseline)
     gains = {}
     for name in physics.effects:

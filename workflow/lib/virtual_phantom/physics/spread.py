@@ -5,19 +5,21 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import toeplitz
 
+from ..geometry import ScanGeometry
+
 TRUNCATED = 3.0  # standard deviations: beyond them a kernel is 0
 
 
-def spread(array: np.ndarray, rows_px: float, columns_px: float) -> np.ndarray:
-    """Each view of an array [view, row, column] under a Gaussian of these standard deviations in pixels (0: none).
+def spread(array: np.ndarray, geometry: ScanGeometry, width_mm: float) -> np.ndarray:
+    """Each view of an array [view, row, column] under a Gaussian of this standard deviation on the detector.
 
-    Beyond the detector there is nothing, as scipy.ndimage.gaussian_filter's mode "constant". Kernels as wide as the
-    detector are quicker as matrices than tap by tap.
+    A single row stands for a beam that is high enough to look alike from row to row. Beyond the detector there is
+    nothing, as scipy.ndimage.gaussian_filter's mode "constant". Kernels as wide as the detector are quicker as matrices
+    than tap by tap.
     """
-    if columns_px > 0:
-        array = array @ _matrix(array.shape[2], columns_px)
-    if rows_px > 0 and array.shape[1] > 1:
-        array = _matrix(array.shape[1], rows_px) @ array
+    array = array @ _matrix(geometry.columns, width_mm / geometry.column_pitch_mm)
+    if geometry.rows > 1:
+        array = _matrix(geometry.rows, width_mm / geometry.row_pitch_mm) @ array
     return array
 
 

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...units import HU_AIR
 from ..look import Look
 from .locate import locate
+from .model import scaled
 
 
 def _hu(prepared, fit, held_out: bool) -> np.ndarray:
     data = prepared.held_out if held_out else prepared.data
     mean = prepared.fitter.model.images(fit.physics, fit.place)[0]
-    modelled = fit.place["scale"] * (mean - HU_AIR) + HU_AIR + fit.place["offset"]
-    return (data.hu - modelled)[data.usable]
+    return (data.hu - scaled(mean, fit.place))[data.usable]
 
 
 IMAGES = Look(

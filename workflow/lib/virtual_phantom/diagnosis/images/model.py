@@ -11,9 +11,8 @@ from ...kept import Kept
 from ...physics.chain import Chain, State, shared
 from ...physics.effect import acts_on_images
 from ...physics.image import with_effects
-from ...physics.scene import Pose
 from ...units import HU_AIR
-from ..model import POSES, Model, Nuisance, Prediction
+from ..model import Model, Nuisance, Prediction, pose_of
 from .observed import Condenser, ObservedImages
 
 REALISATIONS = 7  # of noise; one more lane holds the mean
@@ -53,24 +52,23 @@ class ImagesModel(Model):
         """The prediction for settings of effects and of the alignment: `mean` is whitened."""
         white = self.condenser.white
         mean, noise, _ = self.images(physics, place)
-        scaled = place["scale"] * (mean - HU_AIR) + HU_AIR + place["offset"]
         statistics = self.condenser.noise(place["scale"] * noise)
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(statistics.variance)
         design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
-        return Prediction(white(scaled), log_variance, statistics.correlation, None, None, design)
+        return Prediction(white(scaled(mean, place)), log_variance, statistics.correlation, None, None, design)
 
     def repeats(self, physics, place, count: int) -> np.ndarray:
         """Simulated images [repeat, z, y, x] in HU, at most REALISATIONS."""
         mean, noise, _ = self.images(physics, place)
-        return place["scale"] * (mean + noise[:count] - HU_AIR) + HU_AIR + place["offset"]
+        return scaled(mean + noise[:count], place)
 
     def images(self, physics, place) -> tuple[np.ndarray, np.ndarray, State]:
         """Mean [z, y, x] and noise [realisation, z, y, x] in HU before scale and offset, and the state of the chain."""
         on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
         before = {name: dict(values) for name, values in physics.items() if name not in on_images}
         photons = float(np.exp(place["log_photons"]))
-        pose = Pose(**{name: place[name] for name in POSES if name in place})
+        pose = pose_of(place)
         state = self.chain.state(before, pose, photons=photons, anode=self.anode)
         key = (tuple((name, *sorted(values.items())) for name, values in sorted(before.items())), photons)
 
@@ -88,6 +86,11 @@ class ImagesModel(Model):
         zero = with_effects(np.zeros_like(image), self.spacing_mm, on_images)
         changed = np.stack([with_effects(one, self.spacing_mm, on_images) - zero for one in realisations])
         return with_effects(image, self.spacing_mm, on_images), changed, state
+
+
+def scaled(hu: np.ndarray, place: Mapping[str, float]) -> np.ndarray:
+    """Images in HU with the scale and offset of an alignment."""
+    return place["scale"] * (hu - HU_AIR) + HU_AIR + place["offset"]
 
 
 def noise_lines(state: State, count: int, seed: np.random.SeedSequence) -> np.ndarray:

@@ -9,12 +9,11 @@ import numpy as np
 from ...errors import InputError
 from ...geometry import Grid, ScanGeometry, grid_of, scan_geometry
 from ...physics.chain import Chain
-from ...physics.scene import Pose
 from ...reconstruct import in_hu
 from ...recordings.images import ImagesRecording
 from ..agreement import agreement
 from ..attribute import Choice
-from ..model import POSES
+from ..model import pose_of
 from ..prepared import Prepared
 from ..regions import Scanned, complete, phantom_regions
 from .model import REALISATIONS
@@ -118,8 +117,7 @@ def agreement_of_images(prepared: Prepared, choice: Choice, scanned: Scanned) ->
     """agreement.agreement of the repeats held out with as many simulated ones (at most REALISATIONS) of each."""
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALISATIONS)
-    place = choice.chosen.fit.place
-    pose = Pose(**{name: place[name] for name in POSES if name in place})
+    pose = pose_of(choice.chosen.fit.place)
     grid = Grid(repeats.shape[1:], model.spacing_mm)
     regions = phantom_regions(grid, prepared.data.usable | prepared.held_out.usable, scanned, pose)
     simulated = {

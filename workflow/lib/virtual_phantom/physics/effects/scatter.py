@@ -11,10 +11,7 @@ def apply(state: State, values: dict[str, float]) -> None:
     transmission = state.signal / state.air
     # What leaves the primary beam: most where about 1/e of it is left.
     source = -transmission * np.log(np.clip(transmission, 1e-12, 1)) * state.air
-    geometry = state.geometry
-    # A single row stands for a beam that is high enough to look alike from row to row.
-    rows = values["width_mm"] / geometry.row_pitch_mm if geometry.rows > 1 else 0.0
-    state.signal = state.signal + values["amount"] * spread(source, rows, values["width_mm"] / geometry.column_pitch_mm)
+    state.signal = state.signal + values["amount"] * spread(source, state.geometry, values["width_mm"])
 
 
 EFFECT = Effect(

@@ -6,13 +6,10 @@ from ..spread import spread
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    geometry, share = state.geometry, values["share"]
-    # A single row stands for a beam that is high enough to look alike from row to row.
-    rows = values["width_mm"] / geometry.row_pitch_mm if geometry.rows > 1 else 0.0
-    columns = values["width_mm"] / geometry.column_pitch_mm
+    share = values["share"]
 
     def veiled(signal):
-        return (1 - share) * signal + share * spread(signal, rows, columns)
+        return (1 - share) * signal + share * spread(signal, state.geometry, values["width_mm"])
 
     state.signal, state.air = veiled(state.signal), veiled(state.air)
 
