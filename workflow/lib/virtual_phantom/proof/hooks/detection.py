@@ -1,0 +1,35 @@
+"""Every repeat's reading of a view from one projection: XCIST's own detection, run once per repeat."""
+
+import numpy as np
+from gecatsim.pyfiles.Detection_EI import Detection_EI
+
+
+def detection(cfg, view, subview):
+    """Add up a view's subviews, then let XCIST detect them once per repeat, each with its own noise and lag.
+
+    Readings are appended to `cfg.hooks.views` as [repeat, row, column].
+    """
+    hooks = cfg.hooks
+    hooks.photons = cfg.thisSubView.copy() if subview == 0 else hooks.photons + cfg.thisSubView
+    subviews = cfg.sim.subViewCount
+    if subview < subviews - 1:
+        return cfg
+    readings = []
+    repeats = 1 if cfg.sim.isAirScan else hooks.repeats
+    cfg.sim.subViewCount = 1  # detection sees them as one: sums of Poisson counts are Poisson counts
+    for repeat in range(repeats):
+        cfg.thisSubView = hooks.photons.copy()
+        if view > cfg.sim.startViewId and cfg.physics.lagCallback:
+            cfg.memview1, cfg.memview2 = hooks.lag[repeat]
+        cfg = Detection_EI(cfg, view, 0)
+        if cfg.physics.lagCallback:
+            hooks.lag[repeat] = cfg.memview1, cfg.memview2
+        reading = cfg.thisView.reshape(cfg.scanner.detectorColCount, cfg.scanner.detectorRowCount).T
+        readings.append(reading / hooks.current if not cfg.sim.isAirScan else reading)
+    cfg.sim.subViewCount = subviews
+    hooks.views.append(np.stack(readings).astype(np.float32))
+    if cfg.sim.isAirScan:
+        absorbed = hooks.photons * cfg.sim.Wvec
+        energies = np.atleast_1d(cfg.sim.Evec)
+        hooks.quanta = (absorbed @ energies) ** 2 / (absorbed @ energies**2)
+    return cfg

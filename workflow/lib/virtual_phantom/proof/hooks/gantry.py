@@ -1,0 +1,21 @@
+"""Places of source and detector in every view: XCIST's own, then what is displaced."""
+
+import numpy as np
+from gecatsim.pyfiles.Gantry_Helical import Gantry_Helical
+
+
+def gantry(cfg):
+    """XCIST's rotation, with a shifted detector, an axis beside the central ray, and an object that drifts.
+
+    An object displaced by d is a source and a detector displaced by -d.
+    """
+    cfg = Gantry_Helical(cfg)
+    hooks = cfg.hooks
+    along = cfg.detNew.uvecs[0]  # the direction of growing columns
+    shift = hooks.detector_columns_px * cfg.scanner.detectorColSize * along
+    time = (cfg.time / cfg.protocol.rotationTime * cfg.protocol.viewsPerRotation + 0.5) / cfg.sim.viewCount
+    displaced = hooks.axis_shift_mm * along + (time - 0.5) * np.asarray(hooks.drift_mm)
+    cfg.detNew.modCoords = np.single(cfg.detNew.modCoords + shift - displaced)
+    cfg.srcNew.samples = np.single(cfg.srcNew.samples - displaced)
+    cfg.srcNew.corners = np.single(cfg.srcNew.corners - displaced)
+    return cfg

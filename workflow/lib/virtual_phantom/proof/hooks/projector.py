@@ -1,0 +1,42 @@
+"""XCIST's projection on cells finer than the detector's, whose transmissions are averaged.
+
+Its distance-driven projector averages path lengths over a cell; a detector adds up photons. Finer cells bring the one
+close to the other.
+"""
+
+import copy
+
+import numpy as np
+from gecatsim.pyfiles.C_Projector_SetData import set_detector_voxelized
+from gecatsim.pyfiles.C_Projector_Voxelized import C_Projector_Voxelized
+from gecatsim.pyfiles.Detector_ThirdgenCurved import Detector_ThirdgenCurved
+
+
+def projector(cfg, view, subview):
+    """Multiply `cfg.thisSubView` [cell, energy] by the mean transmission over each cell."""
+    divided = cfg.hooks.cells_divided
+    if view == cfg.sim.startViewId and subview == 0:
+        cfg.hooks.fine = _divided(cfg, divided)
+        set_detector_voxelized(cfg.hooks.fine)  # the library projects onto these cells from here on
+    fine, scanner = cfg.hooks.fine, cfg.scanner
+    finer = copy.copy(cfg)
+    finer.detNew = copy.copy(cfg.detNew)
+    finer.detNew.totalNumCells = fine.det.totalNumCells
+    finer.thisSubView = np.ones((fine.det.totalNumCells, cfg.spec.nEbin), np.float32)
+    transmission = C_Projector_Voxelized(finer, view, subview).thisSubView
+    shape = scanner.detectorColCount, divided, scanner.detectorRowCount, divided, cfg.spec.nEbin
+    mean = transmission.reshape(shape).mean(axis=(1, 3)).reshape(-1, cfg.spec.nEbin)
+    cfg.thisSubView = cfg.thisSubView * mean
+    return cfg
+
+
+def _divided(cfg, divided):
+    """A configuration with a detector of the same size and `divided` times as many cells each way."""
+    finer = copy.copy(cfg)
+    finer.scanner = scanner = copy.copy(cfg.scanner)
+    finer.det = None
+    scanner.detectorColsPerMod = scanner.detectorColCount = cfg.scanner.detectorColCount * divided
+    scanner.detectorRowsPerMod = scanner.detectorRowCount = cfg.scanner.detectorRowCount * divided
+    scanner.detectorColSize = cfg.scanner.detectorColSize / divided
+    scanner.detectorRowSize = cfg.scanner.detectorRowSize / divided
+    return Detector_ThirdgenCurved(finer)
