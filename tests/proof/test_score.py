@@ -76,6 +76,11 @@ def test_two_stand_ins_need_two_named_effects():
     assert [Case(pair, said).all_or_stand_ins_named for said in (one, two, swapped)] == [False, True, False]
 
 
+def test_a_difference_without_a_name_is_no_exact_answer_where_nothing_is_concealed():
+    blank = truth("a", "none")
+    assert not Case(blank, diagnosis("a", "unexplained")).exact and Case(blank, diagnosis("a", "match")).exact
+
+
 def test_excess_removed_counts_nothing_named_as_nothing_removed(found):
     removed = found["excess_removed"]["in_library"]  # 0.98, 0.9, none, 1.0, 0.5
     assert removed["n"] == 5 and removed["counted_as_0"] == 1

@@ -86,8 +86,8 @@ class Case:
 
     @property
     def exact(self) -> bool:
-        """Whether precisely the effects concealed were named."""
-        return set(self.named) == set(self.concealed)
+        """Whether precisely the effects concealed were named; of nothing concealed, whether the verdict is a match."""
+        return set(self.named) == set(self.concealed) and (bool(self.concealed) or self.verdict == MATCH)
 
     @property
     def all_named(self) -> bool:

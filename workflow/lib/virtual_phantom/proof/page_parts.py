@@ -13,7 +13,7 @@ HEADLINE = """<h2>What had to be reached</h2>
 <h2>What was concealed, and what was named first</h2>
 <img alt="confusion matrix" src="{{ matrix }}">
 <p class="note">{{ s.confusion.meaning }}
-{% if s.confusion.pairs_left_out %}The {{ s.confusion.pairs_left_out }} cases with two effects are counted in the
+{% if s.confusion.pairs_left_out %}Cases with two effects ({{ s.confusion.pairs_left_out }}) are counted in the
 table below.{% endif %}</p>
 """
 

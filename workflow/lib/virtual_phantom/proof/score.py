@@ -16,7 +16,8 @@ from .targets import targets
 MEANING = {
     "first": "Cases with one concealed effect of the library: it was named first.",
     "first_or_stand_in": "The same, or it was reported to explain the data as well as the one named first.",
-    "exact": "Cases whose concealed effects the library has, or with none: precisely these were named, in any order.",
+    "exact": "Cases whose concealed effects the library has, or with none: precisely these were named, in any order; "
+    "of nothing, a match.",
     "pairs": "Cases with two concealed effects.",
     "false_alarms": "Cases with nothing concealed: the verdict was not a match.",
     "unknown": "Cases with an effect that the library lacks: the verdict owned up to something unexplained.",
