@@ -191,7 +191,7 @@ def summary(rows):
         right = [row for row in told if row["verdict"] in LEFT_OPEN and row["worst"] in row["seen"].split(";")]
         open_ = [row for row in told if row["verdict"] in LEFT_OPEN]
         print(f"{n - len(told)} stood in for within the noise")
-        print(f"of the other {len(told)}: {len(open_)} not or partly explained, {len(right)} of them at the right place")
+        print(f"of the other {len(told)}: {len(open_)} not or partly explained, {len(right)} at the right place")
     verdicts = {}
     for row in draws:
         verdicts[row["verdict"]] = verdicts.get(row["verdict"], 0) + 1

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 import yaml
 from workflow_runs import ROOT, planned, tiny
@@ -62,6 +63,9 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     assert report.startswith("<!doctype html>") and found["sentence"] in report
     for place in found["locations"]:
         assert (folder / "maps" / place["map"]).stat().st_size > 0
+    before, after = (np.load(folder / "maps" / f"residuals {name}.npy") for name in ("before", "after"))
+    assert before.shape == after.shape == (90, SCAN["columns"])
+    assert (before**2).mean() > 2 > (after**2).mean()  # standard deviations of noise
 
 
 def test_its_physics_is_an_overlay_that_the_study_takes(bench):

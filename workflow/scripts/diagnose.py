@@ -9,9 +9,9 @@ from virtual_phantom.diagnosis.images.setting import agreement_of_images
 from virtual_phantom.diagnosis.locate import ALPHA
 from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
 from virtual_phantom.diagnosis.regions import Scanned
-from virtual_phantom.diagnosis.report import page
+from virtual_phantom.diagnosis.report import page, residual_maps
 from virtual_phantom.diagnosis.setting import ready
-from virtual_phantom.diagnosis.store import read_trial, write_diagnosis
+from virtual_phantom.diagnosis.store import RESIDUAL_MAPS, read_trial, write_diagnosis
 from virtual_phantom.diagnosis.verdict import diagnose
 from virtual_phantom.diagnosis.verified import Physics, stated, verified
 from virtual_phantom.job import job
@@ -46,6 +46,7 @@ with job(snakemake) as log:
     found.content["agreement"] = table
     overlay = {"physics": found.choice.chosen.fit.physics, "noise": {"model": "physical"}}
     maps = {place.domain: place.map for place in found.before}
+    maps |= dict(zip(RESIDUAL_MAPS, residual_maps(found, prepared), strict=True))
     write_diagnosis(output, found.content, overlay, page(found, prepared, ALPHA), maps)
     log.info("%s", found.content["sentence"])
     print(found.content["sentence"])

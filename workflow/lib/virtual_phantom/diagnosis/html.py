@@ -12,20 +12,27 @@ from matplotlib.figure import Figure
 from ..figures import style
 
 SMALL = 1e-3  # what is smaller is written with an exponent
-HEAD = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>Diagnosis of {{ d.recording }}</title>
-<style>
-body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
+STYLE = """body { font: 15px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem;
+color: #222; }
 h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2rem; }
-.verdict { border-left: 6px solid {{ colour }}; background: #f6f6f6; padding: .8rem 1.2rem; font-size: 1.1rem; }
-.verdict b { text-transform: uppercase; letter-spacing: .04em; font-size: .85rem; display: block; }
 table { border-collapse: collapse; margin: .6rem 0; } td, th { padding: .25rem .9rem .25rem 0; text-align: left;
 border-bottom: 1px solid #ddd; vertical-align: top; } td.n { text-align: right; font-variant-numeric: tabular-nums; }
 img { max-width: 100%; } .note { color: #555; }
+"""
+HEAD = (
+    """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>Diagnosis of {{ d.recording }}</title>
+<style>
+"""
+    + STYLE
+    + """.verdict { border-left: 6px solid {{ colour }}; background: #f6f6f6; padding: .8rem 1.2rem;
+font-size: 1.1rem; }
+.verdict b { text-transform: uppercase; letter-spacing: .04em; font-size: .85rem; display: block; }
 </style></head><body>
 <h1>Diagnosis of {{ d.recording }}</h1>
 <p class="verdict"><b>{{ d.verdict }}</b>{{ d.sentence }}</p>
 """
+)
 # Parts of templates: an effect `e` with its parameters, metrics on data held out, what to do next.
 PARAMETERS = """<table><tr><th>parameter</th><th>value</th><th>95 % interval</th><th>unit</th></tr>
 {% for name, p in e.parameters.items() %}<tr><td>{{ name }}</td><td class="n">{{ p.value|within(p.ci95) }}</td>
@@ -52,12 +59,13 @@ def render(body: str, content: dict, **values) -> str:
     values    what else the template names; it has the filters number, within (an interval) and chance
     """
     environment = Environment(autoescape=True)
-    environment.filters |= {"number": _number, "within": _within, "chance": _chance}
+    environment.filters |= {"number": number, "within": _within, "chance": _chance}
     colour = COLOURS.get(content["verdict"], OTHER_COLOUR)
     return environment.from_string(HEAD + body + FOOT).render(d=content, colour=colour, **values)
 
 
-def _number(value: float) -> str:
+def number(value: float) -> str:
+    """Three significant digits, with an exponent where it is small."""
     return style.number(value) if value == 0 or abs(value) >= SMALL else f"{value:.1e}"
 
 
@@ -65,12 +73,12 @@ def _within(value: float, interval: list[float]) -> str:
     """A number to two digits of its interval's width."""
     width = interval[1] - interval[0]
     if not 0 < width < np.inf:
-        return _number(value)
+        return number(value)
     return f"{value:.{max(0, 1 - int(np.floor(np.log10(width))))}f}".replace("-", "−")
 
 
 def _chance(p: float) -> str:
-    return "under 1e-300" if p == 0 else _number(p)
+    return "under 1e-300" if p == 0 else number(p)
 
 
 def picture(figure: Figure) -> str:
@@ -78,4 +86,9 @@ def picture(figure: Figure) -> str:
     buffer = io.BytesIO()
     with style.styled():
         figure.savefig(buffer, format="png", metadata={"Software": None})
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode()
+    return data_url(buffer.getvalue())
+
+
+def data_url(png: bytes) -> str:
+    """A PNG as a data URL."""
+    return "data:image/png;base64," + base64.b64encode(png).decode()

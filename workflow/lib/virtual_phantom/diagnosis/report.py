@@ -68,6 +68,7 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float) -> str:
     content = diagnosis.content
     after = {place.domain: place for place in diagnosis.after}
     choice, look = diagnosis.choice, prepared.look
+    maps = residual_maps(diagnosis, prepared)
     gains = {name: one.score - choice.baseline.score for name, one in choice.singles.items()}
     return render(
         PAGE,
@@ -76,13 +77,14 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float) -> str:
         places=[(place, after[place.domain]) for place in diagnosis.before],
         alpha=alpha,
         agreement=agreement_table(content.get("agreement")),
-        maps=picture(figures.draw_maps(*_maps(diagnosis, prepared), _title(content, prepared), look.across, look.down)),
+        maps=picture(figures.draw_maps(*maps, _title(content, prepared), look.across, look.down)),
         profiles=picture(figures.draw_profiles(_profiles(diagnosis, look))),
         ranking=picture(figures.draw_ranking(gains, choice.chosen.fit.effects)) if gains else None,
     )
 
 
-def _maps(diagnosis: Diagnosis, prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
+def residual_maps(diagnosis: Diagnosis, prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
+    """What the report shows: standardised residuals [down, across] of the data held out, before and after."""
     return tuple(_map(one.fit, prepared) for one in (diagnosis.choice.baseline, diagnosis.choice.chosen))
 
 

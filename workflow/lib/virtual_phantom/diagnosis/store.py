@@ -16,6 +16,7 @@ from .attribute import Trial
 from .fit import Fit
 
 PATTERNS = ("pattern", "pattern_variance")
+RESIDUAL_MAPS = ("residuals before", "residuals after")  # beside the maps of domains
 
 
 def write_trial(trial: Trial, path: str | Path) -> None:

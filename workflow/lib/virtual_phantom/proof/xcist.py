@@ -211,5 +211,7 @@ def _configured(scan: Scan, path: Path, current: float = 1.0):
         physics.lag_alphas = [settings["lag_share"], 0.0]
     physics.enableElectronicNoise = int("electronic_photons" in settings)
     scanner.eNoise = settings.get("electronic_photons", 0.0) * scan.kev
-    cfg.hooks = SimpleNamespace(**settings, cells_divided=CELLS_DIVIDED, views=[], lag=[None], current=1.0, repeats=1, quanta=None, photons=None)
+    cfg.hooks = SimpleNamespace(
+        **settings, cells_divided=CELLS_DIVIDED, views=[], lag=[None], current=1.0, repeats=1, quanta=None, photons=None
+    )
     return cfg

@@ -20,8 +20,6 @@ def source(cfg):
         more = np.repeat(cfg.src.samples.mean(axis=0, keepdims=True), OFF_FOCAL_SAMPLES, axis=0)
         more[:, 0] += places
         cfg.src.samples = np.single(np.vstack([cfg.src.samples, more]))
-        cfg.src.weights = np.single(
-            np.hstack([cfg.src.weights * (1 - share), share * (weights / weights.sum())[None]])
-        )
+        cfg.src.weights = np.single(np.hstack([cfg.src.weights * (1 - share), share * (weights / weights.sum())[None]]))
         cfg.src.nSamples = len(cfg.src.samples)
     return cfg

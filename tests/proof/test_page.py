@@ -1,0 +1,139 @@
+"""The page and the job that makes it."""
+
+import base64
+import io
+import json
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+from proof_suite import DIAGNOSES, TRUTHS, diagnosis, truth, write_suite
+
+from virtual_phantom.dependencies import files_behind
+from virtual_phantom.errors import InputError
+from virtual_phantom.figures.before_after import thumbnail
+from virtual_phantom.proof.case import Case, collect
+from virtual_phantom.proof.example import example, in_words, residual_maps
+from virtual_phantom.proof.page import page, percent
+from virtual_phantom.proof.score import score
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Given(dict):
+    """What Snakemake's lists of named files are like."""
+
+    __getattr__ = dict.__getitem__
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The script's outputs for the suite of nine."""
+    folder = tmp_path_factory.mktemp("suite")
+    given = Given(write_suite(folder), maps=[folder / "diagnosis" / one["case"] / "maps" for one in TRUTHS])
+    names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
+    output = Given({name: folder / name.replace("_", ".") for name in names})
+    output |= {"score": folder / "score.json", "page": folder / "index.html"}
+    snakemake = SimpleNamespace(input=given, output=Given(output), params={}, log=[folder / "log"], threads=1)
+    runpy.run_path(str(ROOT / "workflow/scripts/score_proof.py"), {"snakemake": snakemake})
+    return output
+
+
+def test_the_job_writes_everything(made):
+    assert len(json.loads(made["score"].read_text())["cases"]) == 9
+    for name in ("confusion_png", "example_png"):
+        assert made[name].read_bytes().startswith(b"\x89PNG")
+    for name in ("confusion_pdf", "example_pdf"):
+        assert made[name].read_bytes().startswith(b"%PDF")
+
+
+def test_the_page_has_every_case_with_its_pictures_and_report(made):
+    text = made["page"].read_text()
+    for one in TRUTHS:
+        assert f'id="{one["case"]}"' in text
+        assert f'href="diagnosis/{one["case"]}/report.html"' in text
+    assert text.count("data:image/png;base64,") == 1 + 2 * len(TRUTHS)
+    assert "http" not in text
+
+
+def test_the_page_escapes_what_it_is_told(made):
+    text = made["page"].read_text()
+    assert "left &lt;b&gt;over&lt;/b&gt; &amp; more" in text and "<b>over" not in text
+
+
+def test_names_of_concealed_effects_and_cases_are_escaped():
+    case = Case(truth("<i>", "unknown", {"!<script>": {}}), diagnosis("<i>", "unexplained"))
+    blank = np.zeros((2, 2))
+    text = page(score([case]), {"<i>": (blank, blank)}, {"<i>": '"><script>'})
+    assert "<script>" not in text and "<i>" not in text and "&lt;script&gt;" in text
+
+
+def test_missing_tables_and_untested_domains_are_said(made):
+    text = made["page"].read_text()
+    assert "<strong>Without a held-out protocol:</strong> case_03" in text
+    assert text.count("There is no table of agreement on another protocol.") == len(TRUTHS) - 2
+    assert "Domains that no diagnosis tested:\nrows." in text
+
+
+def test_a_case_without_maps_is_refused(tmp_path):
+    cases = collect(**write_suite(tmp_path, TRUTHS[:1], DIAGNOSES[:1]))
+    with pytest.raises(InputError, match="case_01: has no maps"):
+        page(score(cases), {}, {})
+    with pytest.raises(InputError, match="residuals before.npy: cannot be read"):
+        residual_maps(tmp_path)
+
+
+def test_thumbnails_are_on_one_scale():
+    values = np.array([[-60.0, -6.0, 0.0, 6.0, 60.0]])
+    (row,) = np.asarray(Image.open(io.BytesIO(thumbnail(values))).convert("RGB")).astype(int)
+    assert (row[0] == row[1]).all() and (row[3] == row[4]).all()
+    assert row[0][2] > row[0][0] + 50 and row[4][0] > row[4][2] + 50  # blue below, red above
+    assert row[2].min() > 240
+    half = np.asarray(Image.open(io.BytesIO(thumbnail(values / 60))).convert("RGB")).astype(int)
+    assert half.min() > 150  # a standard deviation is pale, whatever else is in the map
+
+
+def test_the_page_shows_the_maps_it_is_given(made):
+    picture = made["page"].read_text().split('alt="residuals after" src="data:image/png;base64,')[1].split('"')[0]
+    assert base64.b64decode(picture) == thumbnail(np.linspace(-1, 1, 600).reshape(30, 20))
+
+
+def test_the_example_is_the_median_of_the_strongest():
+    cases = [
+        Case(
+            truth(f"c{i}", "single", {"heel": {}}, strength),
+            diagnosis(f"c{i}", "mismatch explained", {"heel": {}}, removed=removed),
+        )
+        for i, (strength, removed) in enumerate([("strong", 0.9), ("strong", 0.2), ("strong", 1.0), ("weak", 0.95)])
+    ]
+    assert example(cases).name == "c0" and example(cases[1:3]).name == "c1" and example(cases[3:]).name == "c3"
+    assert in_words(cases[0]) == ("heel (strong)", "heel")
+    with pytest.raises(InputError, match="no cases"):
+        example([])
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (0.0, "0 %"),
+        (0.014, "1.4 %"),
+        (0.333, "33 %"),
+        (0.996, "99.6 %"),
+        (1 - 1e-9, "over 99.9 %"),
+        (1.0, "100 %"),
+    ],
+)
+def test_percent(value, text):
+    assert percent(value) == text
+
+
+def test_the_diagnosis_has_no_path_to_the_proof():
+    library = ROOT / "workflow/lib/virtual_phantom"
+    scripts = list((ROOT / "workflow/scripts").glob("diagnose*.py"))
+    files = {path for one in (*scripts, *library.glob("diagnosis/**/*.py")) for path in files_behind(one)}
+    assert library / "diagnosis/verdict.py" in files and library / "physics/chain.py" in files
+    assert not [path for path in files if library / "proof" in path.parents]

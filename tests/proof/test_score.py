@@ -1,0 +1,231 @@
+"""The score of nine cases, worked out by hand."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+from proof_suite import DIAGNOSES, OTHERS, TRUTHS, diagnosis, metric, truth, write_suite
+
+from virtual_phantom.errors import InputError
+from virtual_phantom.proof.case import Case, checked, collect
+from virtual_phantom.proof.intervals import share
+from virtual_phantom.proof.score import score
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    return score(collect(**write_suite(tmp_path_factory.mktemp("suite"))))
+
+
+def counted(entry):
+    return entry["count"], entry["n"]
+
+
+# Newcombe, Stat. Med. 17, 857 (1998), table I, method 3.
+@pytest.mark.parametrize(
+    ("count", "n", "low", "high"),
+    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
+)
+def test_wilson_intervals_are_those_published(count, n, low, high):
+    entry = share([True] * count + [False] * (n - count))
+    np.testing.assert_allclose(entry["ci95"], [low, high], atol=5e-5)
+    assert counted(entry) == (count, n) and entry["share"] == count / n
+
+
+def test_counts(found):
+    assert found["counts"] == {
+        "cases": 9,
+        "by_category": {"single": 3, "none": 2, "pair": 2, "unknown": 2},
+        "by_kind": {"projections": 8, "images": 1},
+        "by_phantom": {"abdomen": 8, "quality_assurance": 1},
+        "single_by_strength": {"weak": 1, "medium": 1, "strong": 1},
+    }
+
+
+def test_accuracy(found):
+    accuracy = found["accuracy"]
+    assert counted(accuracy["first"]["all"]) == (1, 3)
+    assert counted(accuracy["first"]["medium_or_strong"]) == (1, 2)
+    assert [counted(accuracy["first"]["by_strength"][name]) for name in ("weak", "medium", "strong")] == [
+        (0, 1),
+        (0, 1),
+        (1, 1),
+    ]
+    assert counted(accuracy["first"]["by_kind"]["images"]) == (0, 1)
+    assert counted(accuracy["first_or_stand_in"]["all"]) == (2, 3)
+    assert counted(accuracy["first_or_stand_in"]["medium_or_strong"]) == (2, 2)
+    assert counted(accuracy["exact"]["all"]) == (3, 7)
+    assert [counted(accuracy["exact"][name]) for name in ("single", "none", "pair")] == [(1, 3), (1, 2), (1, 2)]
+    assert [counted(accuracy["pairs"][name]) for name in ("both_named", "both_named_or_stand_ins", "one_named")] == [
+        (1, 2),
+        (1, 2),
+        (2, 2),
+    ]
+    assert counted(accuracy["false_alarms"]) == (1, 2)
+    assert counted(accuracy["unknown"]) == (1, 2)
+    assert counted(accuracy["located"]) == (1, 2)
+    assert accuracy["domains_never_tested"] == ["rows"]
+
+
+def test_two_stand_ins_need_two_named_effects():
+    pair = truth("a", "pair", {"bowtie": {}, "heel": {}})
+    one = diagnosis("a", "mismatch explained", {"scatter": {}}, {"scatter": ["bowtie", "heel"]})
+    two = diagnosis("a", "mismatch explained", {"scatter": {}, "heel": {}}, {"scatter": ["bowtie"]})
+    swapped = diagnosis("a", "mismatch explained", {"scatter": {}, "heel": {}}, {"heel": ["bowtie"]})
+    assert [Case(pair, said).all_or_stand_ins_named for said in (one, two, swapped)] == [False, True, False]
+
+
+def test_a_difference_without_a_name_is_no_exact_answer_where_nothing_is_concealed():
+    blank = truth("a", "none")
+    assert not Case(blank, diagnosis("a", "unexplained")).exact and Case(blank, diagnosis("a", "match")).exact
+
+
+def test_excess_removed_counts_nothing_named_as_nothing_removed(found):
+    removed = found["excess_removed"]["in_library"]  # 0.98, 0.9, none, 1.0, 0.5
+    assert removed["n"] == 5 and removed["counted_as_0"] == 1
+    assert removed["median"] == pytest.approx(0.9) and removed["median_where_named"] == pytest.approx(0.94)
+    assert found["excess_removed"]["lacking"]["median"] == pytest.approx(0.65)
+
+
+def test_parameters(found):
+    parameters = found["parameters"]
+    first, second = parameters["parameters"]
+    assert (first["case"], second["case"]) == ("case_01", "case_06")
+    assert first["relative_error"] == pytest.approx(0.04) and first["half_widths"] == pytest.approx(0.5)
+    assert second["relative_error"] == pytest.approx(-0.1) and second["half_widths"] == pytest.approx(-2)
+    assert (first["covered"], second["covered"]) == (True, False)
+    assert parameters["all"]["median_absolute_relative_error"] == pytest.approx(0.07)
+    assert parameters["all"]["median_absolute_half_widths"] == pytest.approx(1.25)
+    assert counted(parameters["by_effect"]["scatter"]["covered"]) == (1, 2)
+
+
+def test_agreement_on_the_held_out_protocol(found):
+    agreement = found["agreement"]
+    contrast, features = agreement["metrics"]["contrast"], agreement["metrics"]["features"]
+    assert contrast["n"] == 2 and contrast["dukesim"] == 0.014
+    assert [contrast[key] for key in ("before", "after", "floor")] == pytest.approx([0.04, 0.015, 0.005])
+    assert [features[key] for key in ("before", "after", "floor")] == [0.4, 0.9, 0.7]
+    assert agreement["metrics"]["noise_texture"]["n"] == 0 and agreement["metrics"]["noise_texture"]["after"] is None
+    assert agreement["missing"] == ["case_03"] and agreement["cases"] == 3
+
+
+def test_confusion(found):
+    matrix = found["confusion"]
+    assert matrix["rows"] == [
+        "focal_spot",
+        "heel",
+        "scatter",
+        "nothing",
+        "off_focal_radiation (not in library)",
+        "rotation_blur (not in library)",
+    ]
+    cells = {(cell["row"], cell["column"]): cell for cell in matrix["cells"]}
+    expected = {
+        ("scatter", "scatter"): ("strong", "right"),
+        ("focal_spot", "xray_crosstalk"): ("medium", "stand-in"),
+        ("heel", "nothing"): ("weak", "wrong"),
+        ("nothing", "nothing"): (None, "right"),
+        ("nothing", "gain_pattern"): (None, "wrong"),
+        ("off_focal_radiation (not in library)", "veiling_glare"): (None, "right"),
+        ("rotation_blur (not in library)", "focal_spot"): (None, "wrong"),
+    }
+    assert {key: (cell["strength"], *[k for k, n in cell["outcomes"].items() if n]) for key, cell in cells.items()} == (
+        expected
+    )
+    assert np.sum(matrix["counts"]) == 7 and matrix["pairs_left_out"] == 2
+    assert matrix["counts"][matrix["rows"].index("heel")][matrix["columns"].index("nothing")] == 1
+
+
+def test_calibration(found):
+    none, one, more = found["calibration"]["first_named"]
+    assert counted(none["came_true"]) == (2, 3) and counted(none["with_lacking"]) == (2, 5)
+    assert none["stated_at_least"] == pytest.approx(20.0855 / 21.0855, abs=1e-4)
+    assert counted(one["came_true"]) == (1, 2) and counted(one["or_stand_in"]) == (2, 2) and one["kept"]
+    assert one["stated_at_least"] == 0.5
+    assert counted(more["came_true"]) == (0, 0) and more["kept"] is None
+    low, high = found["calibration"]["gain"]
+    assert (low["stated"], high["stated"]) == ("gain under 10", "gain 100 to 1000")
+    assert counted(low["came_true"]) == (0, 2) and low["kept"] is False
+    assert counted(high["came_true"]) == (4, 4) and high["kept"] is True
+    assert low["stated_at_least"] == pytest.approx(1 / (1 + np.exp(-6)))
+    (chance,) = found["calibration"]["p"]
+    assert counted(chance["came_true"]) == (4, 6) and counted(chance["with_lacking"]) == (4, 8)
+    verdicts = {line["stated"]: counted(line["with_lacking"]) for line in found["calibration"]["verdict"]}
+    assert verdicts == {
+        "match": (1, 2),
+        "mismatch explained": (2, 5),
+        "mismatch partly explained": (2, 2),
+        "unexplained": (0, 0),
+    }
+
+
+def test_targets(found):
+    reached = {target["name"]: target["reached"] for target in found["targets"]}
+    assert reached == {
+        "first": False,
+        "pairs": False,
+        "false_alarms": False,
+        "unknown": False,
+        "excess_removed": True,
+        "contrast": False,
+        "noise_magnitude": None,
+        "noise_texture": None,
+        "resolution": True,
+        "minutes": None,
+    }
+
+
+def test_targets_without_cases_are_open(tmp_path):
+    found = score(collect(**write_suite(tmp_path, TRUTHS[3:4], DIAGNOSES[3:4])), minutes=91.0)
+    reached = {target["name"]: target["reached"] for target in found["targets"]}
+    assert reached.pop("false_alarms") is True and reached.pop("minutes") is False
+    assert set(reached.values()) == {None}
+    json.dumps(found, allow_nan=False)
+
+
+def test_why_cases_were_missed(found):
+    reasons = {row["case"]: " ".join(row["why_missed"]) for row in found["cases"]}
+    assert [case for case, reason in reasons.items() if not reason] == ["case_01", "case_04", "case_06", "case_08"]
+    assert reasons["case_02"].startswith("Focal spot was reported as a stand-in of xray crosstalk")
+    assert reasons["case_03"].startswith("Too little signal")
+    assert "columns (column 3 of 64)" in reasons["case_05"]
+    assert reasons["case_07"].startswith("Bowtie was reported as a stand-in of heel")
+    assert "beside focal spot" in reasons["case_09"]
+
+
+def test_a_ruled_out_truth_is_said_with_its_loss():
+    said = diagnosis("a", "mismatch explained", {"heel": {}}, ruled_out={"bowtie": 123.4})
+    (row,) = score([Case(truth("a", "single", {"bowtie": {}}, "strong"), said)])["cases"]
+    assert "Bowtie was ruled out: in its best place it would lose 123 of log score" in row["why_missed"][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda t: t["effects"][0].update(name="scattering"), "the library lacks scattering"),
+        (lambda t: t["effects"][0].update(known=False), "the library has scatter"),
+        (lambda t: t.update(category="pair"), "category pair does not fit"),
+        (lambda t: t.update(category="unknown"), "nothing that the library lacks"),
+        (lambda t: t.update(strength="huge"), "strength"),
+        (lambda t: t.update(strength=None), "no strength"),
+        (lambda t: t.pop("where"), "where"),
+    ],
+)
+def test_truths_that_make_no_sense_are_refused(change, said):
+    content = copy.deepcopy(TRUTHS[0])
+    change(content)
+    with pytest.raises(InputError, match=f"case.json: is no truth of a case .*{said}"):
+        checked(content, "case.json")
+
+
+def test_a_broken_diagnosis_is_named(tmp_path):
+    given = write_suite(tmp_path, TRUTHS[:1], [DIAGNOSES[0] | {"verdict": "guilty"}])
+    with pytest.raises(InputError, match="case_01/diagnosis.json: .*'guilty'"):
+        collect(**given)
+
+
+def test_a_broken_table_is_named(tmp_path):
+    others = OTHERS | {"case_01": {"contrast": {"before": metric(0, 0, 0)["before"]}}}
+    with pytest.raises(InputError, match="held_out_protocol.json: contrast has no before, after and floor"):
+        collect(**write_suite(tmp_path, others=others))

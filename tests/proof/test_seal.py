@@ -1,0 +1,117 @@
+"""Seals and verdicts: what was changed after it was bound is caught."""
+
+import hashlib
+import json
+
+import pytest
+from proof_suite import SALT, TRUTHS, write_suite
+
+from virtual_phantom.errors import InputError
+from virtual_phantom.proof import seal
+from virtual_phantom.proof.case import collect
+
+
+def changed(path, change):
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def test_digest_is_sha256_of_salt_and_canonical_json():
+    text = SALT + '{"case":"a","x":[1,0.1,null,"\\u00e9"]}'
+    document = seal.sealed({"x": (1, 0.1, None, "é"), "case": "a"}, SALT)
+    assert seal.digest(document) == hashlib.sha256(text.encode()).hexdigest()
+    assert seal.publish([document]) == {"a": seal.digest(document)}
+
+
+def test_a_seal_opens_to_the_truth(tmp_path):
+    document = seal.sealed(TRUTHS[0], SALT)
+    seal.write(document, tmp_path / "case_01.json")
+    assert seal.open_seal(tmp_path / "case_01.json", seal.publish([document])) == TRUTHS[0]
+
+
+@pytest.mark.parametrize("salt", ["", "5A" * 32, "5a" * 31, 7 * "5a" + "\n"])
+def test_other_salts_are_refused(salt):
+    with pytest.raises(ValueError, match="64 hexadecimal digits"):
+        seal.sealed(TRUTHS[0], salt)
+
+
+def test_a_case_is_sealed_once():
+    document = seal.sealed(TRUTHS[0], SALT)
+    with pytest.raises(ValueError, match="twice"):
+        seal.publish([document, document])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda c: c["truth"]["effects"][0]["comparable"].update(amount=0.0500001),
+        lambda c: c["truth"].update(category="pair"),
+        lambda c: c["truth"]["where"].reverse(),
+        lambda c: c.update(salt="5b" + SALT[2:]),
+        lambda c: c["truth"].update(case="case_02"),
+        lambda c: c.update(case="case_02"),
+    ],
+)
+def test_tampered_truth_or_salt_is_caught(tmp_path, change):
+    given = write_suite(tmp_path)
+    changed(given["sealed"][0], change)
+    with pytest.raises(InputError, match="case_01.json: truth or salt of case_0[12] were changed"):
+        collect(**given)
+
+
+def test_an_unpublished_case_is_caught(tmp_path):
+    given = write_suite(tmp_path)
+    changed(given["seals"], lambda seals: seals.pop("case_03"))
+    with pytest.raises(InputError, match="case_03 is not among the published seals"):
+        collect(**given)
+
+
+@pytest.mark.parametrize("content", ["{}", "[]", "nonsense", '{"case": "case_01", "truth": 3, "salt": 4}'])
+def test_a_broken_seal_is_named(tmp_path, content):
+    path = tmp_path / "broken.json"
+    path.write_text(content)
+    with pytest.raises(InputError, match="broken.json"):
+        seal.open_seal(path, {"case_01": "0"})
+
+
+def test_a_diagnosis_changed_after_its_verdict_is_caught(tmp_path):
+    given = write_suite(tmp_path)
+    path = given["diagnoses"][2]
+    path.write_text(path.read_text().replace("match", "unexplained"))
+    with pytest.raises(InputError, match="case_03/diagnosis.json: was changed after its verdict"):
+        collect(**given)
+
+
+def test_a_space_more_in_a_diagnosis_is_caught(tmp_path):
+    given = write_suite(tmp_path)
+    path = given["diagnoses"][0]
+    path.write_text(path.read_text() + " ")
+    with pytest.raises(InputError, match="was changed after"):
+        seal.check_verdict(path, given["verdicts"][0])
+
+
+def test_a_tampered_verdict_is_caught(tmp_path):
+    given = write_suite(tmp_path)
+    changed(given["verdicts"][1], lambda verdict: verdict.update(diagnosis_sha256="0" * 64))
+    with pytest.raises(InputError, match="case_02/diagnosis.json: was changed after its verdict"):
+        collect(**given)
+
+
+def test_exchanged_diagnoses_are_caught(tmp_path):
+    given = write_suite(tmp_path)
+    first, second = (path.read_text() for path in given["diagnoses"][:2])
+    given["diagnoses"][0].write_text(second)
+    given["diagnoses"][1].write_text(first)
+    with pytest.raises(InputError, match="was changed after its verdict"):
+        collect(**given)
+
+
+@pytest.mark.parametrize(
+    ("key", "what"), [("sealed", "sealed truth"), ("diagnoses", "diagnosis"), ("verdicts", "verdict")]
+)
+def test_every_published_case_counts(tmp_path, key, what):
+    given = write_suite(tmp_path)
+    del given[key][4]
+    with pytest.raises(InputError, match=f"seals.json: case_05 was published, but it has no {what}"):
+        collect(**given)

@@ -1,0 +1,149 @@
+"""A blind test of nine cases, written by hand, with known scores."""
+
+import json
+
+import numpy as np
+
+from virtual_phantom.files import write_text
+from virtual_phantom.proof import seal
+
+SALT = "5a" * 32
+
+
+def truth(case, category, effects=(), strength=None, where=(), kind="projections", phantom="abdomen"):
+    """effects: {name: comparable parameters}; those that the library lacks begin with an exclamation mark."""
+    return {
+        "case": case,
+        "kind": kind,
+        "phantom": phantom,
+        "category": category,
+        "strength": strength,
+        "effects": [
+            {
+                "name": name.lstrip("!"),
+                "known": not name.startswith("!"),
+                "strength": strength,
+                "settings": {"scale": 1.0},
+                "comparable": comparable,
+            }
+            for name, comparable in dict(effects).items()
+        ],
+        "where": list(where),
+    }
+
+
+def diagnosis(case, verdict, effects=(), ambiguous=None, ruled_out=None, removed=None, p=0.0, gain=500.0, **named):
+    """effects: {name: {parameter: (value, low, high)}}, the first chosen first; p: of the location in columns."""
+    return {
+        "recording": case,
+        "verdict": verdict,
+        "sentence": named.get("sentence", f"{case}: {verdict}"),
+        "locations": [
+            {"domain": "columns", "where": "column 3 of 64", "z": 9.0, "p": p, "map": "columns.npy"},
+            {"domain": "edges", "where": "the 10 % steepest rays", "z": 1.0, "p": 0.2, "map": "edges.npy"},
+        ],
+        "effects": [
+            {
+                "name": name,
+                "physics": "A sentence.",
+                "parameters": {
+                    key: {"value": value, "ci95": [low, high], "unit": "1"}
+                    for key, (value, low, high) in values.items()
+                },
+                "evidence": {"held_out_gain": gain, "p": 1e-50},
+            }
+            for name, values in dict(effects).items()
+        ],
+        "ambiguous_with": {name: (ambiguous or {}).get(name, []) for name in dict(effects)},
+        "ruled_out": ruled_out or {},
+        "excess_removed": removed,
+    }
+
+
+def metric(before, after, floor):
+    def column(difference):
+        return {"value": 40 * (1 + difference), "relative_difference": difference}
+
+    return {"unit": "HU", "recorded": 40.0, "before": column(before), "after": column(after), "floor": floor}
+
+
+def share(before, after, floor):
+    columns = {
+        name: {"value": value, "relative_difference": None} for name, value in (("before", before), ("after", after))
+    }
+    return {"unit": "share", "recorded": None, **columns, "floor": floor}
+
+
+TRUTHS = [
+    truth("case_01", "single", {"scatter": {"amount": 0.05}}, "strong", ["columns", "rows"]),
+    truth("case_02", "single", {"focal_spot": {"width_mm": 1.0}}, "medium", ["edges"], "images"),
+    truth("case_03", "single", {"heel": {}}, "weak"),
+    truth("case_04", "none"),
+    truth("case_05", "none", phantom="quality_assurance"),
+    truth("case_06", "pair", {"scatter": {"amount": 0.1}, "electronic_noise": {}}),
+    truth("case_07", "pair", {"bowtie": {}, "heel": {}}),
+    truth("case_08", "unknown", {"!off_focal_radiation": {}}),
+    truth("case_09", "unknown", {"!rotation_blur": {}}),
+]
+DIAGNOSES = [
+    diagnosis("case_01", "mismatch explained", {"scatter": {"amount": (0.052, 0.048, 0.056)}}, removed=0.98),
+    diagnosis(
+        "case_02",
+        "mismatch explained",
+        {"xray_crosstalk": {"column": (0.02, 0.01, 0.03)}},
+        {"xray_crosstalk": ["focal_spot"]},
+        removed=0.9,
+        gain=8.0,
+    ),
+    diagnosis("case_03", "match", p=0.5),
+    diagnosis("case_04", "match", p=1.0),
+    diagnosis("case_05", "mismatch explained", {"gain_pattern": {}}, removed=0.5, gain=6.0),
+    diagnosis(
+        "case_06",
+        "mismatch explained",
+        {"electronic_noise": {"photons": (30.0, 29.0, 31.0)}, "scatter": {"amount": (0.09, 0.085, 0.095)}},
+        removed=1.0,
+    ),
+    diagnosis(
+        "case_07",
+        "mismatch partly explained",
+        {"heel": {"slope": (0.2, 0.1, 0.3)}},
+        {"heel": ["bowtie"]},
+        removed=0.5,
+        sentence="left <b>over</b> & more",
+    ),
+    diagnosis("case_08", "mismatch partly explained", {"veiling_glare": {}}, ruled_out={"scatter": 40.0}, removed=0.7),
+    diagnosis("case_09", "mismatch explained", {"focal_spot": {}}, removed=0.6),
+]
+OTHERS = {
+    "case_01": {
+        "contrast": metric(-0.03, 0.01, 0.004),
+        "resolution": metric(-0.2, -0.02, 0.01),
+        "features": share(0.4, 0.9, 0.7),
+    },
+    "case_02": {"metrics": {"contrast": metric(0.05, -0.02, 0.006)}, "left_out": {"resolution": "no edge"}},
+}
+
+
+def write_suite(folder, truths=TRUTHS, diagnoses=DIAGNOSES, others=OTHERS):
+    """All files of the test under `folder`; returns the arguments of case.collect."""
+    documents = [seal.sealed(one, SALT) for one in truths]
+    seal.write(seal.publish(documents), folder / "seals.json")
+    given = {"sealed": [], "seals": folder / "seals.json", "verdicts": [], "diagnoses": [], "others": []}
+    for document, content in zip(documents, diagnoses, strict=True):
+        case = document["case"]
+        given["sealed"].append(folder / "sealed" / f"{case}.json")
+        seal.write(document, given["sealed"][-1])
+        given["diagnoses"].append(folder / "diagnosis" / case / "diagnosis.json")
+        write_text(json.dumps(content, indent=2) + "\n", given["diagnoses"][-1])
+        given["verdicts"].append(folder / "verdicts" / f"{case}.json")
+        seal.write(seal.verdict_of(case, given["diagnoses"][-1]), given["verdicts"][-1])
+        if case in others:
+            given["others"].append(folder / "diagnosis" / case / "held_out_protocol.json")
+            seal.write(others[case], given["others"][-1])
+        maps = folder / "diagnosis" / case / "maps"
+        maps.mkdir()
+        ramp = np.linspace(-8, 8, 30 * 20).reshape(30, 20)
+        np.save(maps / "residuals before.npy", ramp)
+        np.save(maps / "residuals after.npy", ramp / 8)
+    return given

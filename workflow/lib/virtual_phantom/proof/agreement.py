@@ -1,0 +1,59 @@
+"""Agreement in images on a protocol that nothing was fitted to, beside that of a published simulator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .case import Case
+
+# Of |simulated / recorded - 1|, as the work is held to them.
+TARGETS = {"contrast": 0.014, "noise_magnitude": 0.02, "noise_texture": 0.026, "resolution": 0.03}
+# DukeSim against a real scanner: E. Abadi et al., IEEE Trans. Med. Imaging 38, 1457 (2019).
+DUKESIM = {"contrast": 0.014, "noise_magnitude": 0.005, "noise_texture": 0.026, "resolution": 0.03}
+METRICS = (*TARGETS, "noise_spectrum", "features")
+MEANING = (
+    "Cases with one effect of the library; the physics found is held against a second scan by another protocol, where "
+    "only the alignment is fitted. Medians over cases of |simulated / recorded - 1|, before (alignment alone) and "
+    "after; floor: the standard error that noise leaves it. Of features the share within one repeat SD, and the share "
+    "that is expected where nothing but noise differs."
+)
+
+
+def summary(cases: Sequence[Case]) -> dict:
+    """Medians over cases with one concealed effect of the library.
+
+    metrics   {metric: {n, before, after, floor, target, dukesim}}: those of |relative difference|, of features the
+              shares; None where there are none
+    missing   cases without any number on another protocol
+    """
+    singles = [case for case in cases if case.category == "single"]
+    found = {}
+    for metric in METRICS:
+        entries = [case.other[metric] for case in singles if case.other and metric in case.other]
+        found[metric] = {
+            "n": len(entries),
+            "before": _median(_size(entry["before"]) for entry in entries),
+            "after": _median(_size(entry["after"]) for entry in entries),
+            "floor": _median(entry["floor"] for entry in entries),
+            "target": TARGETS.get(metric),
+            "dukesim": DUKESIM.get(metric),
+        }
+    return {
+        "meaning": MEANING,
+        "metrics": found,
+        "cases": len(singles),
+        "missing": [case.name for case in singles if not case.other],
+    }
+
+
+def _size(column: dict) -> float:
+    """|relative difference|, or the value of a metric that is itself a share."""
+    relative = column["relative_difference"]
+    return column["value"] if relative is None else abs(relative)
+
+
+def _median(values) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None

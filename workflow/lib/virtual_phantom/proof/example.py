@@ -1,0 +1,55 @@
+"""The case that is shown, and its maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..diagnosis.store import RESIDUAL_MAPS
+from ..errors import InputError
+from ..figures.style import label
+from .case import Case
+
+SHOWN_FIRST = ("strong", "medium", "weak", None)
+
+
+def example(cases: Sequence[Case]) -> Case:
+    """A typical case: of those with one effect (else of all), of the largest strength there is, the one whose excess
+    removed is the median (the lower of two). Never the best one, and whether it is right plays no part.
+
+    Raises InputError if there are no cases.
+    """
+    if not cases:
+        raise InputError("proof: there are no cases; nothing can be scored")
+    taken = [case for case in cases if case.category == "single"] or list(cases)
+    strength = next(one for one in SHOWN_FIRST if any(case.strength == one for case in taken))
+    taken = [case for case in taken if case.strength == strength]
+    ranked = sorted(taken, key=lambda case: (case.diagnosis["excess_removed"] or 0.0, case.name))
+    return ranked[(len(ranked) - 1) // 2]
+
+
+def in_words(case: Case) -> tuple[str, str]:
+    """What is concealed, and what was named."""
+    strength = f" ({case.strength})" if case.strength and case.concealed else ""
+    concealed = " and ".join(map(label, case.concealed)) or "nothing"
+    return concealed + strength, " and ".join(map(label, case.named)) or "nothing"
+
+
+def residual_maps(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
+    """Standardised residuals [down, across] before and after, from the maps of a diagnosis.
+
+    Raises InputError if one is missing or no such map.
+    """
+    found = []
+    for name in RESIDUAL_MAPS:
+        path = Path(folder) / f"{name}.npy"
+        try:
+            values = np.load(path, allow_pickle=False)
+        except (OSError, ValueError, EOFError) as error:
+            raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); diagnose it anew") from None
+        if values.ndim != 2 or not np.isfinite(values).all():
+            raise InputError(f"{path}: is no map of finite numbers; diagnose the recording anew")
+        found.append(values)
+    return found[0], found[1]

@@ -1,0 +1,72 @@
+"""How far fitted parameters lie from the concealed ones, and whether their intervals hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .case import Case
+from .intervals import share
+
+MEANING = (
+    "Of effects that were concealed and named: parameters that the generator defines as the library does. Relative "
+    "error: fitted / concealed - 1. In half-widths: fitted - concealed over half of the 95 % interval's width."
+)
+
+
+def errors(case: Case) -> list[dict]:
+    """Parameters of a case whose truth is comparable, those of effects that were not named left out.
+
+    Each has effect, parameter, unit, concealed, fitted, ci95, relative_error (None of 0), half_widths (None of an
+    interval without width) and covered.
+    """
+    fitted = {effect["name"]: effect["parameters"] for effect in case.diagnosis["effects"]}
+    found = []
+    for effect in case.truth["effects"]:
+        for name, truth in effect["comparable"].items():
+            if name not in fitted.get(effect["name"], {}):
+                continue
+            entry = fitted[effect["name"]][name]
+            low, high = entry["ci95"]
+            error = entry["value"] - truth
+            found.append(
+                {
+                    "case": case.name,
+                    "effect": effect["name"],
+                    "parameter": name,
+                    "unit": entry["unit"],
+                    "concealed": truth,
+                    "fitted": entry["value"],
+                    "ci95": [low, high],
+                    "relative_error": error / truth if truth else None,
+                    "half_widths": 2 * error / (high - low) if high > low else None,
+                    "covered": low <= truth <= high,
+                }
+            )
+    return found
+
+
+def summary(cases: Sequence[Case]) -> dict:
+    """Medians of the absolute errors, coverage in all and by effect, and every parameter."""
+    rows = [row for case in cases for row in errors(case)]
+    effects = sorted({row["effect"] for row in rows})
+    return {
+        "meaning": MEANING,
+        "all": _of(rows),
+        "by_effect": {name: _of([row for row in rows if row["effect"] == name]) for name in effects},
+        "parameters": rows,
+    }
+
+
+def _of(rows: list[dict]) -> dict:
+    return {
+        "median_absolute_relative_error": _median(row["relative_error"] for row in rows),
+        "median_absolute_half_widths": _median(row["half_widths"] for row in rows),
+        "covered": share(row["covered"] for row in rows),
+    }
+
+
+def _median(values) -> float | None:
+    sizes = [abs(value) for value in values if value is not None]
+    return float(np.median(sizes)) if sizes else None

@@ -1,0 +1,31 @@
+"""Open the seals of the blind test and score it: score.json, the page, the confusion matrix and an example."""
+
+import json
+import os
+from pathlib import Path
+
+from virtual_phantom.figures import before_after, confusion, style
+from virtual_phantom.files import write_text
+from virtual_phantom.job import job
+from virtual_phantom.proof.case import collect
+from virtual_phantom.proof.example import example, in_words, residual_maps
+from virtual_phantom.proof.page import page
+from virtual_phantom.proof.score import score
+
+with job(snakemake) as log:
+    given, output = snakemake.input, snakemake.output
+    cases = collect(given.sealed, given.seals, given.verdicts, given.diagnoses, given.get("others", []))
+    found = score(cases, snakemake.params.get("minutes"))
+    maps = {Path(folder).parent.name: residual_maps(folder) for folder in given.maps}
+    reports = {
+        Path(path).parent.name: Path(os.path.relpath(Path(path).with_name("report.html"), Path(output.page).parent))
+        for path in given.diagnoses
+    }
+    write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", output.score)
+    write_text(page(found, maps, {case: path.as_posix() for case, path in reports.items()}), output.page)
+    style.save(confusion.draw(found["confusion"]), [output.confusion_png, output.confusion_pdf])
+    shown = example(cases)
+    figure = before_after.draw(*maps[shown.name], shown.kind, *in_words(shown))
+    style.save(figure, [output.example_png, output.example_pdf])
+    for target in found["targets"]:
+        log.info("%s: %s, target %s %s", target["what"], target["value"], target["sense"], target["target"])
