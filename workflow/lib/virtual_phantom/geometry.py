@@ -169,6 +169,12 @@ class ScanGeometry:
         """Row centres along the detector, mm from the source's own height, (rows,)."""
         return (np.arange(self.rows) - (self.rows - 1) / 2 + self.row_offset_px) * self.row_pitch_mm
 
+    def solid_angles(self) -> np.ndarray:
+        """Solid angle under which the source sees each pixel, over that of a pixel at the foot of the perpendicular:
+        the inverse square of the distance times the cosine of the incidence, so its cube. [row, column]."""
+        off = np.hypot(self.column_positions_mm(), self.row_positions_mm()[:, None])
+        return (1 + (off / self.source_to_detector_mm) ** 2) ** -1.5
+
     def ray(self, view: int, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:
         """Source and detector-pixel centre (x, y, z) in mm of one ray: the definition, not the fast path."""
         b = self.angles_rad[view]

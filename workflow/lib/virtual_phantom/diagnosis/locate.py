@@ -61,18 +61,18 @@ def locate(
     pixels = weight.sum(axis=0)
     # A sum over views of one pixel also varies by what its constant is not known to.
     extra = pixels**2 * left
+    of_views = (weight**2 * left).sum((1, 2))
+    alike = [weight * one for one in data.numerical]
     found = [
-        extreme("columns", _marginal(residual, weight, (0, 1), extra.sum(0)), lambda i: f"column {i} of {shape[2]}"),
-        extreme("rows", _marginal(residual, weight, (0, 2), extra.sum(1)), lambda i: f"row {i} of {shape[1]}"),
         extreme(
-            "views",
-            _marginal(residual, weight, (1, 2), (weight**2 * left).sum((1, 2))),
-            lambda i: f"view {i} of {shape[0]}",
+            "columns", _marginal(residual, weight, (0, 1), extra.sum(0), alike), lambda i: f"column {i} of {shape[2]}"
         ),
-        blocks("projections", _block_z(residual, weight, data, left), data),
-        _path_lengths(residual, weight, predicted),
+        extreme("rows", _marginal(residual, weight, (0, 2), extra.sum(1), alike), lambda i: f"row {i} of {shape[1]}"),
+        extreme("views", _marginal(residual, weight, (1, 2), of_views, alike), lambda i: f"view {i} of {shape[0]}"),
+        blocks("projections", _block_z(residual, weight, data, left, alike), data),
+        _path_lengths(residual, weight, predicted, alike),
         _edges(residual, weight, predicted),
-        _pixels(_marginal(residual, weight, 0, extra), pixels),
+        _pixels(_marginal(residual, weight, 0, extra, alike), pixels),
     ]
     found += noise_places(residuals, weights, data, [f"neighbouring {name}" for name in AXES[::-1]], fitted=fitted)
     if data.white is not None:
@@ -110,17 +110,19 @@ def corrected(found: list[Location]) -> list[Location]:
     return held
 
 
-def _marginal(residual, weight, axes, extra) -> np.ndarray:
+def _marginal(residual, weight, axes, extra, alike) -> np.ndarray:
+    """alike   weighted distortions by which all rays of a sum may be off together"""
     total = weight.sum(axis=axes)
+    extra = extra + sum(one.sum(axis=axes) ** 2 for one in alike)
     return (residual * weight).sum(axis=axes) / np.sqrt(np.where(total > 0, total + extra, np.inf))
 
 
-def _block_z(residual, weight, data, left) -> np.ndarray:
+def _block_z(residual, weight, data, left, alike) -> np.ndarray:
     total = data.blocks.sum(weight)
     views, parts = weight.shape[0], data.blocks.shape[0]
     starts = [-(-views * i // parts) for i in range(parts)]  # as Blocks.of divides them
     pixels = np.add.reduceat(weight, starts, axis=0)
-    extra = np.zeros(data.blocks.count)
+    extra = np.zeros(data.blocks.count) + sum(data.blocks.sum(one) ** 2 for one in alike)
     for part, start in enumerate(starts):
         extra += np.bincount(data.blocks.index[start].ravel(), (pixels[part] ** 2 * left).ravel(), data.blocks.count)
     return data.blocks.sum(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
@@ -157,19 +159,20 @@ def blocks(domain: str, z: np.ndarray, data: Observed, axes=AXES) -> Location:
     return Location(domain, ", ".join(ranges), float(z[worst]), _likely(z), z.reshape(data.blocks.shape))
 
 
-def _path_lengths(residual, weight, predicted) -> Location:
+def _path_lengths(residual, weight, predicted, alike) -> Location:
     """By line integral: what depends on the amount of matter alone."""
     inside = (weight > 0) & (predicted > THIN * predicted.max())
-    return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside)
+    return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside, alike)
 
 
-def by_value(domain: str, words: str, residual, weight, values, inside) -> Location:
+def by_value(domain: str, words: str, residual, weight, values, inside, alike=()) -> Location:
     """Sums over tenths of the data that lie `inside`, in the order of `values`; `words` take a tenth's bounds."""
     edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
     index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
-    total = np.bincount(index.ravel(), weight.ravel(), BINS + 1)[:BINS]
-    sums = np.bincount(index.ravel(), (residual * weight).ravel(), BINS + 1)[:BINS]
-    z = sums / np.sqrt(np.where(total > 0, total, np.inf))
+    total, sums, *more = (
+        np.bincount(index.ravel(), one.ravel(), BINS + 1)[:BINS] for one in (weight, residual * weight, *alike)
+    )
+    z = sums / np.sqrt(np.where(total > 0, total + sum(one**2 for one in more), np.inf))
     return extreme(domain, z, lambda i: words.format(edges[i], edges[i + 1]))
 
 

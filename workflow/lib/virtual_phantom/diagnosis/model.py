@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +18,9 @@ SURE = 5.0
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
 STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number without neutral value may begin
+# Amount of a numerical distortion: halving the step again would change predictions by a third of what it did last, as
+# errors shrink with the step's square.
+NUMERICAL_SD = 1 / 3
 POSES = ("x_mm", "y_mm", "z_mm", "turn_deg", "size")
 
 
@@ -51,11 +54,14 @@ class Nuisance:
     sd: float
 
 
-def nuisances(log_photons: float, photons_sd: float, known: Mapping[str, float]) -> tuple[Nuisance, ...]:
+def nuisances(
+    log_photons: float, photons_sd: float, known: Mapping[str, float], numerical: Iterable[str] = ()
+) -> tuple[Nuisance, ...]:
     """The alignment of a recording of projections.
 
     log_photons, photons_sd   logarithm of the photons per pixel in air, and how well it is known (infinite: not)
     known                     standard deviations that the configuration gives instead of the defaults
+    numerical                 names of the model's numerical distortions
     """
     defaults = {
         "scale": ("1", 1.0, 0.005),  # of the line integrals: density of the phantom's material
@@ -68,6 +74,7 @@ def nuisances(log_photons: float, photons_sd: float, known: Mapping[str, float])
     if "size" in known:  # of the object, where it is not known well enough
         defaults["size"] = ("1", 1.0, known["size"])
     rest = [Nuisance(name, unit, mean, known.get(name, sd)) for name, (unit, mean, sd) in defaults.items()]
+    rest += [Nuisance(name, "1", 0.0, known.get(name, NUMERICAL_SD)) for name in numerical]
     return (Nuisance("log_photons", "1", log_photons, photons_sd), *rest)
 
 
@@ -97,6 +104,8 @@ class Model:
     tube_kvp   as the label on the scanner says, taken to be known to TUBE_KVP_SD; None: not known
     fixed      effects whose parameters are known from elsewhere and not fitted
     density    of the material over the listed one, and its standard deviation: the scale beside a spectrum
+    numerical  {name: [view, row, column]} what halving a step changes the line integrals by: a distortion that is
+               fitted within its bounds, since its errors are alike in many rays and no noise
     """
 
     def __init__(
@@ -107,9 +116,10 @@ class Model:
         tube_kvp: float | None = None,
         fixed: Mapping[str, Mapping[str, float]] | None = None,
         density: tuple[float, float] = (1.0, DENSITY_SD),
+        numerical: Mapping[str, np.ndarray] | None = None,
     ):
         self.chain, self.aligned, self.anode, self.tube_kvp = chain, aligned, anode, tube_kvp
-        self.fixed, self.density = fixed or {}, density
+        self.fixed, self.density, self.numerical = fixed or {}, density, numerical or {}
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """The alignment beside these effects. A spectrum leaves the scale only the density of the material: that of a
@@ -140,6 +150,10 @@ class Model:
                 found.append(Unknown(name, one.name, low, high, starts, expected, sd))
         return found
 
+    def distortion(self, place: Mapping[str, float]) -> np.ndarray | float:
+        """Numerical error that an alignment takes off the line integrals."""
+        return sum(place[name] * change for name, change in self.numerical.items())
+
     def predict(self, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float], data: Observed):
         """The prediction for settings of effects and of the alignment. A gain pattern is fitted elsewhere: it has no
         mean of its own here."""
@@ -148,7 +162,7 @@ class Model:
         variance = state.variance()
         # The logarithm of noisy counts lies above that of their mean by half their relative variance, to first order.
         lines = state.line_integrals()
-        mean = place["scale"] * lines + place["offset"] + variance / 2
+        mean = place["scale"] * lines + place["offset"] + self.distortion(place) + variance / 2
         ratio = np.where(data.usable, variance / data.reference, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(data.blocks.sum(ratio) / data.blocks.sum(data.usable))

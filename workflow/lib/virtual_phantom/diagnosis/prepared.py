@@ -16,6 +16,9 @@ from .observed import Blocks, Observed, Scans, observe
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
+# Of what voxels twice as large change: how far off the line integrals are still where that is extrapolated. So that two
+# simulators that are both right, on voxels of their own, differ by no more (docs/theory.md).
+VOXELS_LEFT = 0.2
 MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
@@ -65,6 +68,7 @@ def prepare(
     nominal_photons: float | None = None,
     known: dict[str, float] | None = None,
     floor_chain: Chain | None = None,
+    coarse_chain: Chain | None = None,
     step: int = 1,
 ) -> Prepared:
     """Noise, floor and alignment of a recording.
@@ -74,6 +78,7 @@ def prepare(
     nominal_photons   per pixel in air, if it is stated
     known             standard deviations of the alignment, by name, where the defaults do not hold
     floor_chain       the same scene with more rays per pixel: the difference of the two is the floor
+    coarse_chain      the same scene of voxels twice as large: what that changes is fitted as a numerical distortion
     step              fit and hold out one view of so many, with the noise estimated from all
     Raises InputError if the repeats do not vary.
     """
@@ -86,24 +91,33 @@ def prepare(
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")
     if step > 1:
         taken, further = taken.every(step), None if further is None else further.every(step)
-        chain, floor_chain = every(chain, step), None if floor_chain is None else every(floor_chain, step)
+        chain = every(chain, step)
+        floor_chain, coarse_chain = (None if one is None else every(one, step) for one in (floor_chain, coarse_chain))
         clean, unit, noise = clean[::step], unit[::step], noise[::step]
     reference = unit / photons
     blocks = Blocks.of(taken.usable.shape)
     whole = observe(taken, reference, blocks)
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     floor = np.zeros(clean.shape)
+    numerical = {}
     if floor_chain is not None:
-        floor = np.abs(floor_chain.state({}, anode=anode).line_integrals() - clean)
+        numerical["rays"] = floor_chain.state({}, anode=anode).line_integrals() - clean
+        floor = np.abs(numerical["rays"])
+    if coarse_chain is not None:
+        numerical["voxels"] = clean - coarse_chain.state({}, anode=anode).line_integrals()
+        floor = np.hypot(floor, VOXELS_LEFT * numerical["voxels"])
     fitted, held, words = split(taken, further)
-    data, held_out = (observe(part, reference, blocks) for part in (fitted, held))
+    # What is left of a numerical distortion once it is fitted, in places of its own.
+    left = tuple(VOXELS_LEFT * one if name == "voxels" else one for name, one in numerical.items())
+    data, held_out = (replace(observe(part, reference, blocks), numerical=left) for part in (fitted, held))
     aligned = nuisances(
         # A single repeat's noise is an estimate of its own and not among the data, so nothing else would hold it.
         np.log(nominal_photons or photons),
         NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf,
         known or {},
+        numerical,
     )
-    fitter = Fitter(Model(chain, aligned, anode, tube_kvp), data, held_out, variance, floor)
+    fitter = Fitter(Model(chain, aligned, anode, tube_kvp, numerical=numerical), data, held_out, variance, floor)
     return Prepared(fitter, data, held_out, variance, words, single, photons, step=step)
 
 
@@ -116,7 +130,7 @@ def every(chain: Chain, step: int) -> Chain:
         source_z_mm=geometry.source_z_mm[::step],
         views_per_rotation=geometry.views_per_rotation / step,
     )
-    return Chain(chain.scene, thinned, chain.photons, chain.samples)
+    return Chain(chain.scene, thinned, chain.photons, chain.samples, chain.illumination)
 
 
 def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:

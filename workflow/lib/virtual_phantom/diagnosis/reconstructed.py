@@ -81,7 +81,8 @@ def simulated_repeats(prepared: Prepared, fit: Fit, count: int, random: np.rando
     pattern = 0.0 if fit.pattern is None else fit.pattern
     transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))
     lines = (fit.place["offset"] + pattern - fit.place["scale"] * np.log(one) for one in transmissions)
-    return np.stack([one.astype(np.float32) for one in lines])
+    numerical = prepared.fitter.model.distortion(fit.place)
+    return np.stack([(one + numerical).astype(np.float32) for one in lines])
 
 
 class Reconstruction:

@@ -8,10 +8,13 @@ import numpy as np
 
 from .. import volumes
 from ..errors import InputError
+from ..geometry import Grid
+from ..phantom import block_mean
 from ..physics.materials import Segmentation
 from ..physics.posed import PosedScene
 from ..physics.prism import PrismScene
 from ..physics.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
+from ..units import HU_AIR
 from ..volumes import Volume
 
 PARTIAL_TOLERANCE = 1e-3
@@ -30,6 +33,20 @@ def scene_of(settings: dict, phantom: str | Path | None, mu_water_per_mm: float,
         return PosedScene(mask_scene(settings["object"]["mask"], settings["object"]["material"], threads))
     scene = VoxelScene.of(volumes.read_nifti(phantom), Segmentation(**materials), mu_water_per_mm, threads)
     return PosedScene(scene)
+
+
+def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, threads: int = 1) -> VoxelScene:
+    """The study's phantom with voxels twice as large, each the mean of eight: what voxels do to line integrals.
+
+    A side of an odd number of voxels gets a plane of air more, and the grid stays where it was.
+    """
+    volume = volumes.read_nifti(phantom)
+    odd = [n % 2 for n in volume.grid.shape]
+    padded = np.pad(volume.array, [(0, more) for more in odd], constant_values=HU_AIR)
+    spacing = tuple(2 * step for step in volume.grid.spacing)
+    coarse = Volume(block_mean(padded, 2), Grid(tuple(n // 2 for n in padded.shape), spacing))
+    scene = VoxelScene.of(coarse, Segmentation(**materials), mu_water_per_mm, threads)
+    return scene.moved(np.array([more * step / 2 for more, step in zip(odd, volume.grid.spacing, strict=True)])[::-1])
 
 
 def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene | PrismScene:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..errors import InputError
-from ..physics.chain import Chain
+from ..physics.chain import EVEN, Chain
 from ..physics.effect import acts_on_images, load, names
 from ..physics.spectra import KVP
 from ..recordings.reading import load as read
@@ -14,7 +14,7 @@ from .caveats import check_scans
 from .images.setting import Protocol, ready_images
 from .observed import scans
 from .prepared import prepare
-from .scanned import scene_of
+from .scanned import coarse_scene, scene_of
 
 FLOOR_SAMPLES = 1  # more rays per pixel and direction than the model's: the difference is the numerical floor
 
@@ -103,8 +103,25 @@ def ready(
         setting = Protocol(**protocol)
         chains = [Chain(scene, setting.geometry, samples=count) for count in samples]
         return recording, ready_images(recording, setting, chains, mu_water_per_mm, seed, threads, stated)
-    chains = [Chain(scene, recording.geometry, samples=count) for count in samples]
+    illumination = recording.document.content["scan"].get("illumination", EVEN)
+    chains = [Chain(scene, recording.geometry, samples=count, illumination=illumination) for count in samples]
+    coarse = None
+    if not {"disc", "object"} & set(settings):
+        coarse = Chain(
+            coarse_scene(phantom, mu_water_per_mm, materials, threads),
+            recording.geometry,
+            samples=settings["samples"],
+            illumination=illumination,
+        )
     further = scans(recording.held_out) if len(recording.held_out) else None
     taken = scans(recording.repeats)
     check_scans(taken, str(recording.document.path))
-    return recording, prepare(taken, further, chains[0], floor_chain=chains[1], step=settings["view_step"], **stated)
+    return recording, prepare(
+        taken,
+        further,
+        chains[0],
+        floor_chain=chains[1],
+        coarse_chain=coarse,
+        step=settings["view_step"],
+        **stated,
+    )

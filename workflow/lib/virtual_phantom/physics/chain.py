@@ -19,6 +19,7 @@ from .scene import IN_PLACE, Pose, VoxelScene
 
 # A fit varies one parameter at a time, and most leave earlier steps alone.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 12, 24
+EVEN, SOLID_ANGLE = "even", "solid_angle"
 NODES = 4096  # of the table of one material's transmission: errors under 1e-6 at 1/mm and 100 mm
 
 
@@ -122,9 +123,20 @@ def blurred(array: np.ndarray, share: float, axis: int, squared: bool = False) -
 class Chain:
     """The mean signal of a scene in a geometry, for any settings of effects."""
 
-    def __init__(self, scene: VoxelScene, geometry: ScanGeometry, photons: float = 1e5, samples: int = 1):
-        """samples   rays per pixel and direction, whose signals are averaged; 1 is the baseline's ray to its centre"""
+    def __init__(
+        self,
+        scene: VoxelScene,
+        geometry: ScanGeometry,
+        photons: float = 1e5,
+        samples: int = 1,
+        illumination: str = EVEN,
+    ):
+        """
+        samples        rays per pixel and direction, whose signals are averaged; 1 is the baseline's ray to its centre
+        illumination   EVEN: all pixels get the same photons in air; SOLID_ANGLE: as the source sees them
+        """
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
+        self.illumination = illumination
         self._paths, self._transmissions = Kept(PATHS_KEPT), Kept(TRANSMISSIONS_KEPT)
 
     def state(
@@ -136,6 +148,8 @@ class Chain:
         extra     fields of the State to begin with
         """
         state = State(self.geometry, photons or self.photons, **extra)
+        if self.illumination == SOLID_ANGLE:
+            state.fluence = self.geometry.solid_angles()[None]
         effects = sorted((load(name) for name in physics), key=lambda effect: STAGES.index(effect.stage))
         before = [effect for effect in effects if STAGES.index(effect.stage) < STAGES.index("scatter")]
         for effect in before:

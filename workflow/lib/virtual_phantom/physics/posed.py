@@ -10,9 +10,9 @@ from ..geometry import ScanGeometry
 from ..kept import Kept
 from .scene import IN_PLACE, Pose, VoxelScene
 
-# Of a voxel: how far any point may lie from the pose that was traced. There the error is under 1 % of the noise of 1e5
-# photons per pixel.
-TOLERANCE = 0.01
+# Square of how far any point may lie from the pose that was traced, over the voxel's size, mm: the error grows with the
+# square of the one and falls with the other. Here it is under 1 % of the noise of 1e5 photons per pixel.
+TOLERANCE_MM = 3e-4
 ANCHORS, TRACES = 3, 16
 NAMES = tuple(field.name for field in fields(Pose))
 
@@ -29,7 +29,7 @@ class PosedScene:
         self.materials, self.energy_kev = scene.materials, scene.energy_kev
         self.attenuation_per_mm = scene.attenuation_per_mm
         reach = float(np.linalg.norm(scene.grid.extent_mm[1:])) / 2
-        allowed = TOLERANCE * min(scene.grid.spacing)
+        allowed = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
         # What moves a point of the object by the tolerance, in each of the pose's numbers.
         self._unit = np.array(
             [{"turn_deg": np.rad2deg(allowed / reach), "size": allowed / reach}.get(name, allowed) for name in NAMES]

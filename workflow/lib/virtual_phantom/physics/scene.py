@@ -56,6 +56,11 @@ class VoxelScene:
         energy = energy_of("water", mu_water_per_mm)
         return cls(fractions, phantom.grid, segmentation.materials, energy, threads)
 
+    def moved(self, by_mm: np.ndarray) -> VoxelScene:
+        """The same scene, its grid displaced by x, y, z in mm."""
+        self._centre = self._centre + by_mm
+        return self
+
     @property
     def attenuation_per_mm(self) -> np.ndarray:
         """Of each material at the monochromatic energy, (material,)."""

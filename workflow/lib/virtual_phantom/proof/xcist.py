@@ -28,12 +28,7 @@ IDLE = {
     "modulation": (0.0, 0.0),
     "off_focal_share": 0.0,
     "off_focal_width_mm": 20.0,
-    "gain_rms": 0.0,
-    "dark_level": 0.0,
-    "dark_drift": 0.0,
-    "glare_share": 0.0,
-    "glare_width_mm": 40.0,
-    "saturation": 0.0,
+    "heel_depth_mm": 0.0,
 }
 
 
@@ -43,8 +38,8 @@ class Scan:
 
     views ... row_pitch_mm   a flat detector on a circle, as ScanGeometry has them; one turn from +y
     kev       energy of the monochromatic beam; ignored with a `kvp` among the settings
-    photons   noise-equivalent quanta per pixel in air, median over the detector
-    settings  {name: value} of what is concealed: those of IDLE, and the names that `configure` reads
+    photons   noise-equivalent quanta per pixel in air, in the middle of the detector
+    settings  {name: value} of what is concealed: those of IDLE, and the names that `_configured` reads
     """
 
     views: int
@@ -120,7 +115,8 @@ def _simulate(scan, materials, repeats, seed):
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
         path = materials.write(Path(folder))
         cfg = _air(_configured(scan, path))
-        current = scan.photons / float(np.median(cfg.hooks.quanta))  # XCIST's quanta grow with the tube current
+        # XCIST's quanta grow with the tube current.
+        current = scan.photons * scan.settings.get("flux_factor", 1.0) / central(cfg.hooks.quanta, scan)
         cfg = _air(_configured(scan, path, current))
         air = cfg.hooks.views[0][0]
         cfg = _configured(scan, path, current)
@@ -130,6 +126,12 @@ def _simulate(scan, materials, repeats, seed):
         cfg.sim.thisScanType = [0, 0, 1, 0]
         _one_scan(cfg)
     return Acquired(np.stack(cfg.hooks.views, axis=1), air)
+
+
+def central(values: np.ndarray, scan: Scan) -> float:
+    """Mean of values [column and row, column by column] over the detector's middle."""
+    middle = values.reshape(scan.columns, scan.rows)[(scan.columns - 1) // 2 : scan.columns // 2 + 1]
+    return float(middle[:, (scan.rows - 1) // 2 : scan.rows // 2 + 1].mean())
 
 
 def _air(cfg):
@@ -177,7 +179,11 @@ def _configured(scan: Scan, path: Path, current: float = 1.0):
     protocol.stopViewId = scan.views - 1
     protocol.mA = current
     protocol.flatFilter = []
-    protocol.bowtie = settings.get("bowtie", "")
+    protocol.bowtie = "" if "bowtie" not in settings else _scaled_bowtie(settings, path.parent)
+    protocol.wobbleDistance = settings.get("wobble_mm", 0.0)
+    protocol.dutyRatio = settings.get("duty", 1.0)
+    # XCIST begins to expose with the view's interval; views are named by the middle of their exposure.
+    protocol.startAngle = 360 / scan.views * (1 - protocol.dutyRatio) / 2
     physics.colSampleCount = physics.rowSampleCount = 1
     phantom.projectorCallback = HOOKS + "projector"
     physics.fluxCallback = HOOKS + "flux"
@@ -215,3 +221,14 @@ def _configured(scan: Scan, path: Path, current: float = 1.0):
         **settings, cells_divided=CELLS_DIVIDED, views=[], lag=[None], current=1.0, repeats=1, quanta=None, photons=None
     )
     return cfg
+
+
+def _scaled_bowtie(settings: dict, folder: Path) -> str:
+    """One of XCIST's bowties, all thicknesses scaled."""
+    from gecatsim.pyfiles.CommonTools import my_path
+
+    table = np.loadtxt(my_path.find("bowtie", settings["bowtie"], ".txt"), comments=["#", "%"])
+    table[:, 1:] *= settings["bowtie_scale"]
+    path = folder / "bowtie.txt"
+    np.savetxt(path, table)
+    return str(path)

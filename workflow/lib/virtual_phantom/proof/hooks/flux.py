@@ -1,17 +1,28 @@
-"""Photons per pixel and view: XCIST's own, with a tube current that follows the gantry's angle."""
+"""Photons per pixel and view: XCIST's own, with the anode's heel and a tube current that follows the gantry's angle."""
 
 import numpy as np
 from gecatsim.pyfiles.Detection_Flux import Detection_Flux
+from gecatsim.pyfiles.GetMu import GetMu
 
 
 def flux(cfg):
-    """XCIST's flux times 1 + c cos 2b + s sin 2b, in the scan of the object only: a monitor corrects its mean."""
+    """XCIST's flux, times the heel, times 1 + c cos 2b + s sin 2b in the scan of the object: a monitor corrects that in
+    the mean.
+
+    The heel: electrons stop at a depth d in the tungsten, whose angle is t; a ray at the cone angle a then passes
+    d / sin(t + a) of it (J. Beutel et al., Handbook of Medical Imaging 1, chapter 1), relative to the central ray.
+    """
     cfg = Detection_Flux(cfg)
-    cosine, sine = cfg.hooks.modulation
+    hooks = cfg.hooks
+    if depth := hooks.heel_depth_mm:
+        target = np.deg2rad(cfg.scanner.targetAngle)
+        longer = 1 / np.sin(target + np.sign(depth) * cfg.det.alphas) - 1 / np.sin(target)
+        mu = np.atleast_1d(GetMu("W", np.atleast_1d(cfg.spec.Evec))) / 10
+        cfg.detFlux = np.single(cfg.detFlux * np.exp(-abs(depth) * longer * mu))
+    cosine, sine = hooks.modulation
     if cfg.sim.isPhantomScan and (cosine or sine):
-        angle = np.deg2rad(cfg.protocol.startAngle) + 2 * np.pi * cfg.protocol.rotationDirection * (
-            cfg.viewId / cfg.protocol.viewsPerRotation
-        )
-        cfg.hooks.current = 1 + cosine * np.cos(2 * angle) + sine * np.sin(2 * angle)
-        cfg.detFlux = np.single(cfg.detFlux * cfg.hooks.current)
+        turned = cfg.viewId / cfg.protocol.viewsPerRotation
+        angle = np.deg2rad(cfg.protocol.startAngle) + 2 * np.pi * cfg.protocol.rotationDirection * turned
+        hooks.current = 1 + cosine * np.cos(2 * angle) + sine * np.sin(2 * angle)
+        cfg.detFlux = np.single(cfg.detFlux * hooks.current)
     return cfg

@@ -9,8 +9,7 @@ OFF_FOCAL_SAMPLES = 6
 def source(cfg):
     """XCIST's focal spot, and a share of off-focal radiation: electrons scattered back strike the anode elsewhere.
 
-    Off-focal points lie along the columns, with a Gaussian profile (P. Bonnetto? none: a symmetric spread) of the
-    given full width at half maximum.
+    They are taken to lie along the columns, with a Gaussian profile of the given full width at half maximum.
     """
     cfg = SetFocalspot(cfg)
     share, width = cfg.hooks.off_focal_share, cfg.hooks.off_focal_width_mm

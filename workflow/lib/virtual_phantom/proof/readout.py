@@ -1,0 +1,62 @@
+"""What happens to XCIST's readings after its detection, from equations of our own: glare, saturation, drifting pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy.signal import fftconvolve
+
+from .xcist import Acquired
+
+GLARE_REACH = 4.0  # ranges of the spread that are kept
+
+
+def read_out(
+    taken: Acquired, settings: Mapping, pitch_mm: tuple[float, float], random: np.random.Generator
+) -> Acquired:
+    """The readings as a detector gives them; settings as xcist.IDLE names them.
+
+    pitch_mm   columns and rows
+    random     draws the drift of the pixels' gains
+    """
+    readings, air = taken.readings, taken.air
+    if share := settings.get("glare_share", 0.0):
+        spread = glare(settings["glare_range_mm"], pitch_mm)
+        readings, air = ((1 - share) * one + share * wide(one, spread) for one in (readings, air))
+    if loss := settings.get("saturation", 0.0):
+        # A detector that counts short the more it gets: S' = S (1 - a S / S_max), in the air scan too.
+        most = float(air.max())
+        readings, air = (one * (1 - loss * one / most) for one in (readings, air))
+    if rms := settings.get("gain_rms", 0.0):
+        readings = readings * np.exp(random.normal(0, rms, air.shape))
+    level, drift = settings.get("dark_level", 0.0), settings.get("dark_drift", 0.0)
+    if level or drift:
+        top = float(np.median(air))
+        time = (np.arange(readings.shape[1]) + 0.5) / readings.shape[1] - 0.5
+        readings = readings + top * (level + drift * time[:, None, None])
+        air = air + top * level
+    return Acquired(readings.astype(np.float32), air.astype(np.float32))
+
+
+def glare(range_mm: float, pitch_mm: tuple[float, float]) -> np.ndarray:
+    """Point spread exp(-r / k) / r of veiling glare (J. A. Seibert et al., Med. Phys. 11, 172, 1984), its sum 1.
+
+    The central pixel takes the mean over a disc of its area.
+    """
+    column, row = pitch_mm
+    columns, rows = (int(np.ceil(GLARE_REACH * range_mm / step)) for step in (column, row))
+    x, y = np.arange(-columns, columns + 1) * column, np.arange(-rows, rows + 1) * row
+    distance = np.hypot(x, y[:, None])
+    radius = np.sqrt(column * row / np.pi)
+    distance[rows, columns] = radius / 2  # mean of 1 / r over the disc is 2 / R
+    spread = np.exp(-distance / range_mm) / distance
+    return spread / spread.sum()
+
+
+def wide(array: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Spread over the last two axes; what lies beyond the detector goes on as its edge."""
+    rows, columns = (n // 2 for n in spread.shape)
+    around = [(0, 0)] * (array.ndim - 2) + [(rows, rows), (columns, columns)]
+    padded = np.pad(array, around, mode="edge")
+    return fftconvolve(padded, spread.reshape((1,) * (array.ndim - 2) + spread.shape), mode="valid", axes=(-2, -1))
