@@ -19,6 +19,7 @@ include: "workflow/rules/recordings.smk"
 include: "workflow/rules/compare.smk"
 include: "workflow/rules/diagnose_features.smk"
 include: "workflow/rules/diagnose.smk"
+include: "workflow/rules/proof.smk"
 include: "workflow/rules/download.smk"
 
 

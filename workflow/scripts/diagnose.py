@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from virtual_phantom.diagnosis.attribute import choose
+from virtual_phantom.diagnosis.attribute import choose, trial, trials
 from virtual_phantom.diagnosis.images.setting import agreement_of_images
 from virtual_phantom.diagnosis.locate import ALPHA
 from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
@@ -21,14 +21,20 @@ AGREEMENT_STREAM = 3  # of the study's seed: noise of the images for the table o
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
     recording, prepared = ready(**params.model, phantom=given.get("phantom"), threads=snakemake.threads)
-    baseline = read_trial(given.baseline)
+    effects = params.effects
+    if "baseline" in given.keys():
+        baseline = read_trial(given.baseline)
+        singles = {name: read_trial(path) for name, path in zip(effects, given.candidates, strict=True)}
+    else:
+        baseline = trial(prepared.fitter, ())
+        tasks = [((name,), baseline, baseline) for name in effects]
+        singles = dict(zip(effects, trials(prepared.fitter, tasks, snakemake.threads), strict=True))
     if "physics" in given.keys():
         physics = Physics.read(given.physics)
         choice = verified(prepared.fitter, baseline, physics, params.same_material)
         found = diagnose(recording.name, prepared, choice)
         found = replace(found, content=stated(found.content, physics))
     else:
-        singles = {name: read_trial(path) for name, path in zip(params.effects, given.candidates, strict=True)}
         found = diagnose(recording.name, prepared, choose(prepared.fitter, baseline, singles, snakemake.threads))
     scanned = None
     if "phantom" in given.keys():

@@ -103,8 +103,8 @@ class Observed:
     variance_error    (block,) standard error of its logarithm
     correlation       (column, row, view), with correlation_error; entries of an axis of one pixel are missing (NaN)
     white             coefficients of the white field's shape, or None
-    numerical         [view, row, column] each: distortions of the prediction, alike in many rays, by which it may be off
-                      (one standard deviation)
+    numerical         [view, row, column] each: distortions alike in many rays by which predictions may be off (one
+                      standard deviation)
     """
 
     mean: np.ndarray

@@ -31,8 +31,9 @@ class Physics:
     not_taken: tuple[str, ...]
 
     @classmethod
-    def read(cls, path: str | Path) -> Physics:
-        """From a diagnosis.json. Raises InputError if it is missing or broken, or found no physics to take."""
+    def read(cls, path: str | Path, needed: bool = True) -> Physics:
+        """From a diagnosis.json. Raises InputError if it is missing or broken, or, where some is `needed`, found no
+        physics to take."""
         try:
             content = json.loads(Path(path).read_text(encoding="utf-8"))
             found = {one["name"]: one["parameters"] for one in content["effects"]}
@@ -43,7 +44,7 @@ class Physics:
             density = (scale["value"], _error(scale)) if "spectrum" in effects else None
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: is no diagnosis ({' '.join(str(error).split())}); make it anew") from None
-        if not effects:
+        if needed and not effects:
             raise InputError(f"{path}: found no effect that another recording could be held against; drop physics_from")
         return cls(recording, effects, errors, density, tuple(sorted(set(found) - set(taken))))
 

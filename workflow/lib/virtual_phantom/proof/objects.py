@@ -65,7 +65,7 @@ def pixel_mm(one: Object, columns: int) -> float:
     return max(one.extent_mm) * MARGIN / columns
 
 
-def build(one: Object, resources, columns: int, rows: int, seed: np.random.SeedSequence) -> Phantom:
+def build(one: Object, layout_file, columns: int, rows: int, seed: np.random.SeedSequence) -> Phantom:
     """The phantom cut to the height that a detector of columns x rows sees: `fine` is scanned, `image` is known.
 
     Raises InputError as synthetic.build.
@@ -75,7 +75,7 @@ def build(one: Object, resources, columns: int, rows: int, seed: np.random.SeedS
     slices, seen = (int(np.ceil(height / voxel / 2)) * 2 for height in (one.least_mm, rows * pixel * REACH))
     across = (int(np.ceil(extent / voxel / 2)) * 2 for extent in one.extent_mm)
     grid = Grid((max(slices, seen), *across), (voxel,) * 3)
-    whole = synthetic.build(layout.read_layout(resources / one.layout), grid, FINER, seed)
+    whole = synthetic.build(layout.read_layout(layout_file), grid, FINER, seed)
     image = _middle(whole.image, seen)
     rois = [Roi(roi.name, roi.tissue_class, _middle(Volume(roi.mask, grid), seen).array) for roi in whole.rois]
     return Phantom(_middle(whole.fine, seen * FINER), image, tuple(roi for roi in rois if roi.mask.any()))

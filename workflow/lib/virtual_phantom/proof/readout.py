@@ -1,4 +1,4 @@
-"""What happens to XCIST's readings after its detection, from equations of our own: glare, saturation, drifting pixels."""
+"""What happens to the readings after the detection, by equations of our own: glare, saturation, drifting pixels."""
 
 from __future__ import annotations
 

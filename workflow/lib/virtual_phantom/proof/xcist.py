@@ -16,10 +16,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+from scipy.optimize import brentq
 
 CELLS_DIVIDED = 2  # finer cells per detector cell and direction, whose transmissions are averaged
 HOOKS = "virtual_phantom.proof.hooks."
 ENERGY_BINS = 20
+ENERGIES_KEV = (40.0, 120.0)  # between which that of the monochromatic beam is looked for
 # What the hooks do when nothing is asked of them.
 IDLE = {
     "detector_columns_px": 0.0,
@@ -103,6 +105,11 @@ def attenuation_per_mm(material: str, kev: float) -> float:
     from gecatsim.pyfiles.GetMu import GetMu
 
     return float(GetMu(material, np.array([kev], np.float32))[0]) / 10
+
+
+def energy_of_water(mu_per_mm: float) -> float:
+    """Energy in keV at which XCIST's water attenuates so much."""
+    return brentq(lambda kev: attenuation_per_mm("water", kev) - mu_per_mm, *ENERGIES_KEV)
 
 
 def simulate(scan: Scan, materials: Materials, repeats: int, seed: np.random.SeedSequence) -> Acquired:

@@ -1,0 +1,236 @@
+# The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
+from virtual_phantom.proof.objects import OBJECTS
+from virtual_phantom.diagnosis.setting import candidates
+from virtual_phantom.proof.suite import PHANTOMS, cases, phantom_of
+
+PROOF = PLAN.config["proof"]
+# Callbacks that XCIST imports by name.
+HOOKS = sorted(
+    os.path.relpath(os.path.join(LIBRARY, "virtual_phantom/proof/hooks", name))
+    for name in os.listdir(os.path.join(LIBRARY, "virtual_phantom/proof/hooks"))
+    if name.endswith(".py")
+)
+try:
+    CASES = cases(PROOF)
+except InputError as error:
+    sys.exit(f"Error: {error}")
+
+
+localrules:
+    proof,
+    proof_seal,
+    proof_verdicts,
+
+
+wildcard_constraints:
+    case="case_[0-9]+",
+    phantom="|".join(PHANTOMS),
+
+
+def proof_cases(*paths):
+    """Files of every case."""
+    return [
+        f"{RESULTS}/proof/{path}".format(case=case) for case in CASES for path in paths
+    ]
+
+
+rule proof_phantom:
+    """What is scanned, and, on voxels twice as large, what the diagnosis is told of it."""
+    input:
+        layout=lambda wildcards: os.path.join(
+            "resources", OBJECTS[wildcards.phantom].layout
+        ),
+        code=code("proof_phantom.py"),
+    output:
+        image=f"{RESULTS}/proof/phantoms/{{phantom}}/image.nii.gz",
+        fine=f"{RESULTS}/proof/phantoms/{{phantom}}/fine.nii.gz",
+        table=f"{RESULTS}/proof/phantoms/{{phantom}}/rois.csv",
+        rois=directory(f"{RESULTS}/proof/phantoms/{{phantom}}/rois"),
+    log:
+        f"{RESULTS}/logs/proof/phantom_{{phantom}}.log",
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        scan=PROOF["scan"],
+        seed=PLAN.config["seed"],
+    script:
+        "../scripts/proof_phantom.py"
+
+
+def scanned_phantom(wildcards):
+    """Files of the phantom of a case."""
+    folder = f"{RESULTS}/proof/phantoms/{phantom_of(wildcards.case)}"
+    return {
+        "fine": f"{folder}/fine.nii.gz",
+        "image": f"{folder}/image.nii.gz",
+        "rois": f"{folder}/rois.csv",
+    }
+
+
+def known_phantom(wildcards):
+    """What the diagnosis is told of it."""
+    files = scanned_phantom(wildcards)
+    return {
+        "phantom": files["image"],
+        "image": files["image"],
+        "rois": files["rois"],
+        "masks": os.path.join(os.path.dirname(files["rois"]), "rois"),
+    }
+
+
+def proof_model(folder, protocol):
+    """As diagnosis_model, of a case's recording in a folder."""
+    return lambda wildcards: {
+        "folder": f"{RESULTS}/proof/{folder}/{wildcards.case}",
+        "settings": {
+            "samples": 2,
+            "view_step": 1,
+            "nominal_photons": PROOF[protocol]["photons"],
+            "alignment": {},
+        },
+        "mu_water_per_mm": PLAN.config["mu_water_per_mm"],
+        "materials": OBJECTS[phantom_of(wildcards.case)].stated,
+        "seed": PLAN.config["seed"],
+        "protocol": None,
+    }
+
+
+TRIED = candidates({"nominal_photons": PROOF["scan"]["photons"]})
+
+
+rule proof_seal:
+    """What is concealed in every case, drawn and sealed; the seals are published before anything is scanned."""
+    input:
+        code=code("seal_proof.py"),
+    output:
+        sealed=proof_cases("sealed/{case}.json"),
+        seals=f"{RESULTS}/proof/seals.json",
+    log:
+        f"{RESULTS}/logs/proof/seal.log",
+    params:
+        settings=PROOF,
+    script:
+        "../scripts/seal_proof.py"
+
+
+rule proof_scan:
+    """The recordings of one case."""
+    input:
+        sealed=f"{RESULTS}/proof/sealed/{{case}}.json",
+        seals=rules.proof_seal.output.seals,
+        fine=lambda wildcards: scanned_phantom(wildcards)["fine"],
+        code=code("conceal.py"),
+        hooks=HOOKS,
+    output:
+        recording=directory(f"{RESULTS}/proof/recordings/{{case}}"),
+        other=directory(f"{RESULTS}/proof/held_out_protocol/{{case}}"),
+    log:
+        f"{RESULTS}/logs/proof/scan_{{case}}.log",
+    benchmark:
+        f"{RESULTS}/logs/proof/scan_{{case}}.benchmark.tsv"
+    resources:
+        mem_mb=2500,
+        runtime=60,
+    params:
+        settings=PROOF,
+        mu_water_per_mm=PLAN.config["mu_water_per_mm"],
+    script:
+        "../scripts/conceal.py"
+
+
+rule proof_diagnosis:
+    """As the rules of diagnose.smk, in one job: it sees the recording and the known phantom, nothing else."""
+    input:
+        unpack(known_phantom),
+        recording=rules.proof_scan.output.recording,
+        effects=effect_code(*TRIED),
+        code=code("diagnose.py"),
+    output:
+        diagnosis=f"{RESULTS}/proof/diagnosis/{{case}}/diagnosis.json",
+        physics=f"{RESULTS}/proof/diagnosis/{{case}}/physics.yaml",
+        report=f"{RESULTS}/proof/diagnosis/{{case}}/report.html",
+        maps=directory(f"{RESULTS}/proof/diagnosis/{{case}}/maps"),
+    log:
+        f"{RESULTS}/logs/proof/diagnosis_{{case}}.log",
+    benchmark:
+        f"{RESULTS}/logs/proof/diagnosis_{{case}}.benchmark.tsv"
+    resources:
+        mem_mb=2500,
+        runtime=60,
+    params:
+        model=proof_model("recordings", "scan"),
+        effects=TRIED,
+        same_material=True,
+    script:
+        "../scripts/diagnose.py"
+
+
+rule proof_elsewhere:
+    """The physics found, held against the case's scan by another protocol."""
+    input:
+        unpack(known_phantom),
+        recording=rules.proof_scan.output.other,
+        physics=rules.proof_diagnosis.output.diagnosis,
+        effects=effect_code(*TRIED),
+        code=code("agreement_elsewhere.py"),
+    output:
+        f"{RESULTS}/proof/diagnosis/{{case}}/held_out_protocol.json",
+    log:
+        f"{RESULTS}/logs/proof/elsewhere_{{case}}.log",
+    resources:
+        mem_mb=2500,
+        runtime=30,
+    params:
+        model=proof_model("held_out_protocol", "held_out_protocol"),
+    script:
+        "../scripts/agreement_elsewhere.py"
+
+
+rule proof_verdicts:
+    """Every diagnosis bound by its hash, before any seal is opened."""
+    input:
+        diagnoses=proof_cases("diagnosis/{case}/diagnosis.json"),
+        code=code("proof_verdicts.py"),
+    output:
+        proof_cases("verdicts/{case}.json"),
+    log:
+        f"{RESULTS}/logs/proof/verdicts.log",
+    script:
+        "../scripts/proof_verdicts.py"
+
+
+rule proof_score:
+    """The seals opened, verdicts and truths checked against their hashes, and all of it scored."""
+    input:
+        sealed=rules.proof_seal.output.sealed,
+        seals=rules.proof_seal.output.seals,
+        verdicts=rules.proof_verdicts.output,
+        diagnoses=proof_cases("diagnosis/{case}/diagnosis.json"),
+        others=proof_cases("diagnosis/{case}/held_out_protocol.json"),
+        maps=proof_cases("diagnosis/{case}/maps"),
+        code=code("score_proof.py"),
+    output:
+        score=f"{RESULTS}/proof/score.json",
+        page=report(
+            f"{RESULTS}/proof/score.html",
+            caption="../report/proof.rst",
+            category="Proof",
+        ),
+        confusion_png=f"{RESULTS}/proof/figures/confusion.png",
+        confusion_pdf=f"{RESULTS}/proof/figures/confusion.pdf",
+        example_png=f"{RESULTS}/proof/figures/before_after.png",
+        example_pdf=f"{RESULTS}/proof/figures/before_after.pdf",
+    log:
+        f"{RESULTS}/logs/proof/score.log",
+    resources:
+        mem_mb=2000,
+        runtime=20,
+    script:
+        "../scripts/score_proof.py"
+
+
+rule proof:
+    """The blind test."""
+    input:
+        rules.proof_score.output,

@@ -1,0 +1,30 @@
+"""Agreement of a diagnosed model with a scan by another protocol, of which nothing but the alignment is fitted."""
+
+import json
+
+import numpy as np
+
+from virtual_phantom.diagnosis.attribute import choose, trial
+from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
+from virtual_phantom.diagnosis.regions import Scanned
+from virtual_phantom.diagnosis.setting import ready
+from virtual_phantom.diagnosis.verified import Physics, verified
+from virtual_phantom.files import write_text
+from virtual_phantom.job import job
+
+AGREEMENT_STREAM = 5  # of the study's seed: noise of the images for the table of agreement
+
+with job(snakemake) as log:
+    params, given = snakemake.params, snakemake.input
+    recording, prepared = ready(**params.model, phantom=given.phantom, threads=snakemake.threads)
+    physics = Physics.read(given.physics, needed=False)
+    baseline = trial(prepared.fitter, ())
+    if physics.effects:
+        choice = verified(prepared.fitter, baseline, physics, same_material=True)
+    else:
+        choice = choose(prepared.fitter, baseline, {})
+    scanned = Scanned.read(given.phantom, given.image, given.rois)
+    seed = np.random.SeedSequence(params.model["seed"], spawn_key=(AGREEMENT_STREAM,))
+    mu_water_per_mm = params.model["mu_water_per_mm"]
+    table = agreement_of_recording(recording, prepared, choice, mu_water_per_mm, seed, scanned, snakemake.threads)
+    write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", snakemake.output[0])

@@ -1,0 +1,23 @@
+"""Scan one concealed case by both protocols and write the recordings, which say nothing of what is concealed."""
+
+from virtual_phantom.job import job
+from virtual_phantom.proof import seal
+from virtual_phantom.proof.generate import acquire, concealed_settings, scan_of, write
+from virtual_phantom.proof.objects import OBJECTS
+from virtual_phantom.proof.suite import scan_seed
+from virtual_phantom.proof.xcist import energy_of_water
+from virtual_phantom.volumes import read_nifti
+
+with job(snakemake) as log:
+    params, case = snakemake.params, snakemake.wildcards.case
+    truth = seal.open_seal(snakemake.input.sealed, seal.read(snakemake.input.seals))
+    one = OBJECTS[truth["phantom"]]
+    fine = read_nifti(snakemake.input.fine)
+    kev = energy_of_water(params.mu_water_per_mm)
+    seeds = scan_seed(params.settings["seed"], truth["number"]).spawn(2)
+    protocols = params.settings["scan"], params.settings["held_out_protocol"]
+    for folder, protocol, seed in zip(snakemake.output, protocols, seeds, strict=True):
+        concealed = concealed_settings(truth)
+        scan = scan_of(one, params.settings["scan"], protocol["views"], protocol["photons"], kev, concealed)
+        taken = acquire(scan, one, fine, params.mu_water_per_mm, params.settings["repeats"], seed)
+        write(folder, case, scan, taken)

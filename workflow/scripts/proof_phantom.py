@@ -1,0 +1,19 @@
+"""Build a phantom of the proof: what is scanned (fine), and what the diagnosis is told of it."""
+
+from pathlib import Path
+
+import numpy as np
+
+from virtual_phantom.job import job
+from virtual_phantom.phantom import save
+from virtual_phantom.proof.objects import OBJECTS, build
+
+PHANTOM_STREAM = 6  # of the study's seed
+
+with job(snakemake) as log:
+    params = snakemake.params
+    one = OBJECTS[snakemake.wildcards.phantom]
+    seed = np.random.SeedSequence(params.seed, spawn_key=(PHANTOM_STREAM,))
+    phantom = build(one, snakemake.input.layout, params.scan["columns"], params.scan["rows"], seed)
+    save(phantom, Path(snakemake.output.image).parent)
+    log.info("scanned on %s, known on %s", phantom.fine.grid, phantom.image.grid)

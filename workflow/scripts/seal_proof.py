@@ -1,0 +1,15 @@
+"""Draw what is concealed in every case, seal it and publish the seals."""
+
+from pathlib import Path
+
+from virtual_phantom.job import job
+from virtual_phantom.proof import seal
+from virtual_phantom.proof.suite import salt, truths
+
+with job(snakemake) as log:
+    settings = snakemake.params.settings
+    documents = [seal.sealed(truth, salt(settings["seed"], truth["number"])) for truth in truths(settings).values()]
+    for document, path in zip(documents, snakemake.output.sealed, strict=True):
+        seal.write(document, Path(path))
+    seal.write(seal.publish(documents), snakemake.output.seals)
+    log.info("%d cases sealed", len(documents))
