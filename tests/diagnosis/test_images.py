@@ -23,17 +23,17 @@ from virtual_phantom.reconstruct import in_hu
 from virtual_phantom.volumes import Volume
 
 MU, PHOTONS, REPEATS = 0.0193, 1e5, 4
-SHAPE = (6, 48, 48)
+SHAPE = (6, 40, 40)
 GEOMETRY = circular(
-    views=60,
+    views=40,
     source_to_isocentre_mm=570.0,
     source_to_detector_mm=1040.0,
-    columns=64,
-    rows=10,
-    column_pitch_mm=8.0,
-    row_pitch_mm=8.0,
+    columns=50,
+    rows=8,
+    column_pitch_mm=10.0,
+    row_pitch_mm=10.0,
 )
-GRID = Grid(SHAPE, (4.4, 5.4, 5.4))
+GRID = Grid(SHAPE, (5.4, 6.4, 6.4))
 
 
 def blurred_noise(random, count, sigma=1.0):
