@@ -10,8 +10,9 @@ from scipy import ndimage
 
 from virtual_phantom import radiomics
 from virtual_phantom.errors import InputError
+from virtual_phantom.feature_names import FEATURES, family
 from virtual_phantom.geometry import Grid
-from virtual_phantom.radiomics import FEATURES, RadiomicsWarning
+from virtual_phantom.radiomics import RadiomicsWarning
 from virtual_phantom.volumes import Volume
 
 # Image Biomarker Standardisation Initiative, digital phantom (reference manual, arXiv:1612.07003v11, section
@@ -99,7 +100,7 @@ def one_row(array, mask=None, **kwargs):
 
 def test_the_features_are_the_papers_86():
     counts = {
-        name: sum(radiomics.family(feature) == name for feature in FEATURES)
+        name: sum(family(feature) == name for feature in FEATURES)
         for name in ("first order", "GLCM", "GLDM", "GLRLM", "GLSZM")
     }
     assert counts == {"first order": 18, "GLCM": 22, "GLDM": 14, "GLRLM": 16, "GLSZM": 16}

@@ -5,18 +5,17 @@ import json
 import numpy as np
 import pytest
 from scipy import special
+from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.agreement import Regions, agreement, share_within
 from virtual_phantom.diagnosis.agreement_table import agreement_table
-from virtual_phantom.diagnosis.attribute import choose, trial
 from virtual_phantom.diagnosis.reconstructed import Reconstruction, agreement_of, compared, filled
 from virtual_phantom.diagnosis.regions import Scanned, complete, image_grid, phantom_regions
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
-from virtual_phantom.volumes import Volume
 
 PHOTONS, MU_WATER = 1e5, 0.0193
 SPACING = (2.0, 1.0, 1.0)
@@ -101,25 +100,19 @@ GEOMETRY = circular(
 @pytest.fixture(scope="module")
 def scanned():
     grid = Grid((12, 96, 96), (4.0, 2.7, 2.7))
-    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
-    hu = np.where((x / 105) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
-    bone, fat = np.hypot(x - 50, y - 10), np.hypot(x + 40, y + 20)
-    hu[bone < 22], hu[fat < 22] = 800.0, -80.0
-    rois = {"bone": bone < 13, "fat": fat < 13}
-    return Scanned(Volume(hu.astype(np.float32), grid), rois, grid)
+    _, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    volume = body(grid, (105, 80), 20.0, [((50, 10, None), 22, 800.0), ((-40, -20, None), 22, -80.0)])
+    return Scanned(volume, {"bone": np.hypot(x - 50, y - 10) < 13, "fat": np.hypot(x + 40, y + 20) < 13}, grid)
 
 
 def diagnosed(scene, geometry, physics, library, repeats=8):
     chain = Chain(scene, geometry, PHOTONS)
     state = chain.state(physics)
-    random = np.random.default_rng(np.random.SeedSequence(4))
-    air = state.measured_air * state.photons
-    lines = [-np.log(np.maximum(state.counts(random), 0.5) / air) for _ in range(repeats)]
-    taken = observed.Scans(np.stack(lines).astype(np.float32), air.mean(axis=0), np.ones(lines[0].shape, bool))
+    lines = noisy_lines(state, repeats, np.random.default_rng(np.random.SeedSequence(4))).astype(np.float32)
+    white = (state.measured_air * state.photons).mean(axis=0)
+    taken = observed.Scans(lines, white, np.ones(lines.shape[1:], bool))
     given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
-    baseline = trial(given.fitter, ())
-    singles = {name: trial(given.fitter, (name,), baseline, baseline) for name in library}
-    return taken, given, choose(given.fitter, baseline, singles)
+    return taken, given, chosen(given.fitter, library)
 
 
 def test_concealed_blur_is_off_before_and_within_noise_after(scanned):

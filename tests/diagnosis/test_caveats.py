@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from simulated_scans import chosen, noisy_lines
 
 from virtual_phantom.diagnosis import observed
-from virtual_phantom.diagnosis.attribute import choose, trial
 from virtual_phantom.diagnosis.caveats import check_scans
 from virtual_phantom.diagnosis.prepared import prepare
 from virtual_phantom.diagnosis.verdict import diagnose
@@ -30,18 +30,14 @@ def chain(diameter_mm=160.0, views=24, material="water"):
 
 
 def scans(made, physics=None, usable=None, seed=1):
-    random = np.random.default_rng(seed)
-    state = made.state(physics or {})
-    repeats = np.stack([-np.log(np.maximum(state.counts(random), 1) / PHOTONS) for _ in range(4)])
+    repeats = noisy_lines(made.state(physics or {}), 4, np.random.default_rng(seed))
     whole = np.ones(repeats.shape[1:], bool)
     return observed.Scans(repeats.astype(np.float32), None, whole if usable is None else usable)
 
 
 def said(taken, simulated, candidates=(), **stated):
     given = prepare(taken, None, simulated, **stated)
-    baseline = trial(given.fitter, ())
-    singles = {name: trial(given.fitter, (name,), baseline, baseline) for name in candidates}
-    return diagnose("bench", given, choose(given.fitter, baseline, singles)).content["caveats"]
+    return diagnose("bench", given, chosen(given.fitter, candidates)).content["caveats"]
 
 
 def test_all_is_well_with_its_own_object():

@@ -4,9 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from simulated_scans import body, chosen
 
 from virtual_phantom.diagnosis import observed, prepared
-from virtual_phantom.diagnosis.attribute import choose, trial
+from virtual_phantom.diagnosis.attribute import trial
 from virtual_phantom.diagnosis.locate import ALPHA, locate
 from virtual_phantom.diagnosis.pattern import estimate
 from virtual_phantom.diagnosis.report import page
@@ -18,7 +19,6 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import DiscScene, VoxelScene
 from virtual_phantom.recordings.projections import Projections
-from virtual_phantom.volumes import Volume
 
 PHOTONS = 1e5
 GEOMETRY = circular(
@@ -53,11 +53,8 @@ CONCEALED = {
 @pytest.fixture(scope="module")
 def scene():
     grid = Grid((16, 64, 64), (4.0, 4.5, 4.5))
-    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
-    hu = np.where((x / 110) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
-    hu = np.where((x - 50) ** 2 + (y - 10) ** 2 + (z - 5) ** 2 < 20**2, 800.0, hu)
-    hu = np.where((x + 40) ** 2 + (y + 20) ** 2 + (z + 5) ** 2 < 18**2, -80.0, hu)
-    return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193)
+    volume = body(grid, (110, 80), 20.0, [((50, 10, 5), 20, 800.0), ((-40, -20, -5), 18, -80.0)])
+    return VoxelScene.of(volume, Segmentation(), 0.0193)
 
 
 def scans(scene, physics, repeats=4, seed=1, geometry=GEOMETRY):
@@ -77,9 +74,7 @@ def diagnosed(scene, physics, library=LIBRARY, **options):
         floor_chain=None,
         nominal_photons=PHOTONS,
     )
-    baseline = trial(given.fitter, ())
-    singles = {name: trial(given.fitter, (name,), baseline, baseline) for name in library}
-    return given, diagnose("bench", given, choose(given.fitter, baseline, singles))
+    return given, diagnose("bench", given, chosen(given.fitter, library))
 
 
 def test_nothing_left_out_is_a_match(scene):

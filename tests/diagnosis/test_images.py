@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from scipy import ndimage
+from simulated_scans import body, chosen, noisy_lines
 
-from virtual_phantom.diagnosis.attribute import choose, trial
+from virtual_phantom.diagnosis.attribute import trial
 from virtual_phantom.diagnosis.images.observed import LAGS, Condenser
 from virtual_phantom.diagnosis.images.prepared import prepare
 from virtual_phantom.diagnosis.images.setting import central_slices
@@ -20,20 +21,19 @@ from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.scene import VoxelScene
 from virtual_phantom.reconstruct import in_hu
-from virtual_phantom.volumes import Volume
 
 MU, PHOTONS, REPEATS = 0.0193, 1e5, 4
-SHAPE = (6, 48, 48)
+SHAPE = (6, 40, 40)
 GEOMETRY = circular(
-    views=60,
+    views=40,
     source_to_isocentre_mm=570.0,
     source_to_detector_mm=1040.0,
-    columns=64,
-    rows=10,
-    column_pitch_mm=8.0,
-    row_pitch_mm=8.0,
+    columns=50,
+    rows=8,
+    column_pitch_mm=10.0,
+    row_pitch_mm=10.0,
 )
-GRID = Grid(SHAPE, (4.4, 5.4, 5.4))
+GRID = Grid(SHAPE, (5.4, 6.4, 6.4))
 
 
 def blurred_noise(random, count, sigma=1.0):
@@ -97,11 +97,8 @@ def test_central_slices_lie_alike_about_the_middle():
 @pytest.fixture(scope="module")
 def scene():
     grid = Grid((20, 80, 80), (4.0, 3.5, 3.5))
-    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
-    hu = np.where((x / 110) ** 2 + (y / 80) ** 2 < 1, 20.0, -1000.0)
-    hu = np.where((x - 50) ** 2 + (y - 10) ** 2 < 20**2, 800.0, hu)
-    hu = np.where((x + 40) ** 2 + (y + 20) ** 2 + (z + 5) ** 2 < 18**2, -80.0, hu)
-    return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), MU)
+    volume = body(grid, (110, 80), 20.0, [((50, 10, None), 20, 800.0), ((-40, -20, -5), 18, -80.0)])
+    return VoxelScene.of(volume, Segmentation(), MU)
 
 
 def reconstruct(lines):
@@ -110,13 +107,11 @@ def reconstruct(lines):
 
 def recorded(scene, physics, seed, repeats=REPEATS):
     """Images made from Poisson counts, as scanners make them."""
-    random = np.random.default_rng(seed)
     before = {name: values for name, values in physics.items() if not acts_on_images(name)}
     after = {name: values for name, values in physics.items() if name not in before}
     state = Chain(scene, GEOMETRY, PHOTONS, samples=2).state(before)
-    air = state.measured_air * state.photons
-    lines = [-np.log(np.maximum(state.counts(random), 0.5) / air) for _ in range(repeats)]
-    return np.stack([with_effects(image, GRID.spacing, after) for image in reconstruct(np.stack(lines))])
+    lines = noisy_lines(state, repeats, np.random.default_rng(seed))
+    return np.stack([with_effects(image, GRID.spacing, after) for image in reconstruct(lines)])
 
 
 def prepared(scene, physics, seed=1, repeats=REPEATS):
@@ -134,9 +129,7 @@ def prepared(scene, physics, seed=1, repeats=REPEATS):
 
 
 def found(given, candidates):
-    baseline = trial(given.fitter, ())
-    singles = {name: trial(given.fitter, (name,), baseline, baseline) for name in candidates}
-    return diagnose("images", given, choose(given.fitter, baseline, singles))
+    return diagnose("images", given, chosen(given.fitter, candidates))
 
 
 CANDIDATES = ("hu_calibration", "reconstruction_kernel", "photon_flux")

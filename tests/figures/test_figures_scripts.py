@@ -94,10 +94,11 @@ def test_tables(run, tmp_path, calibration, stability, overlap, make_pca, name, 
 
 
 def test_measured_scores_beside_simulated(run, tmp_path):
-    from virtual_phantom import measured, radiomics
+    from virtual_phantom import measured
+    from virtual_phantom.feature_names import family
 
     scores = measured.load_scores()
-    write_csv(scores.assign(family=scores["feature"].map(radiomics.family)), tmp_path / "table.csv")
+    write_csv(scores.assign(family=scores["feature"].map(family)), tmp_path / "table.csv")
     paths = run("stability_discrimination", {"table": tmp_path / "table.csv"}, threshold=1.0, with_measured=True)
     assert written(paths)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_scans import body, noisy_lines
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, circular
@@ -16,7 +17,6 @@ from virtual_phantom.physics.materials import Segmentation, attenuation_per_mm, 
 from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
 from virtual_phantom.physics.spectra import tube_spectrum, weighted_spectrum
 from virtual_phantom.simulate import clean_line_integrals
-from virtual_phantom.volumes import Volume
 
 ROOT = Path(__file__).resolve().parents[2]
 MU = 0.0193
@@ -34,10 +34,7 @@ GEOMETRY = circular(
 @pytest.fixture(scope="module")
 def phantom():
     grid = Grid((10, 40, 40), (4.0, 3.0, 3.0))
-    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
-    hu = np.where((x / 50) ** 2 + (y / 40) ** 2 < 1, 30.0, -1000.0)
-    hu = np.where((x - 20) ** 2 + y**2 + z**2 < 12**2, 900.0, hu)
-    return Volume(hu.astype(np.float32), grid)
+    return body(grid, (50, 40), 30.0, [((20, 0, 0), 12, 900.0)])
 
 
 @pytest.fixture(scope="module")
@@ -194,10 +191,7 @@ def test_neighbours_share_what_is_there():
 
 def noise_of(chain, physics, repeats=40, seed=3):
     state = chain.state(physics)
-    random = np.random.default_rng(seed)
-    air = state.measured_air * state.photons
-    scans = np.stack([-np.log(state.counts(random) / air) for _ in range(repeats)])
-    return state, scans
+    return state, noisy_lines(state, repeats, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("name", ["electronic_noise", "optical_crosstalk", "afterglow", "bowtie", "current_modulation"])

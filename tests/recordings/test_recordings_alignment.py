@@ -24,9 +24,10 @@ from virtual_phantom.simulate import clean_line_integrals
 from virtual_phantom.units import attenuation_to_hu
 from virtual_phantom.volumes import Volume
 
+pytestmark = pytest.mark.xdist_group("alignment")  # one worker makes the alignment that they share
 REAL = Path(__file__).resolve().parents[2] / "../shared/real"
-GRID = Grid((20, 64, 64), (3.0, 3.0, 3.0), (5.0, -40.0, 300.0))
-OTHER_GRID = Grid((32, 90, 96), (2.5, 2.5, 2.2), (30.0, 10.0, -20.0))
+GRID = Grid((16, 64, 64), (3.0, 3.0, 3.0), (5.0, -40.0, 300.0))
+OTHER_GRID = Grid((26, 90, 96), (2.5, 2.5, 2.2), (30.0, 10.0, -20.0))
 MU_WATER = 0.02
 BALLS = {"bright": ((40, 20, 6), 16.0, 120.0), "dark": ((-40, -16, -8), 14.0, -90.0), "bone": ((0, -45, 4), 9.0, 600.0)}
 
@@ -72,7 +73,7 @@ def placed(rotation_deg, shift_mm):
     return euler(GRID.centre_mm, rotation_deg, centre + shift_mm)
 
 
-TURNED = placed((0.5, 1, 3), (5, -9, 3))
+TURNED = placed((0, 2, -9), (-15, 14, -6))
 
 
 @pytest.fixture(scope="module")
@@ -98,13 +99,16 @@ def errors(found, truth, grid=GRID) -> tuple[np.ndarray, float]:
     return ((found - truth) @ [*grid.centre_mm, 1])[:3], angle
 
 
-@pytest.mark.parametrize(
-    ("rotation_deg", "shift_mm", "table"),
-    [((1.5, -1, 6), (12, -9, 3), True), ((0, 2, -9), (-15, 14, -6), False)],
-)
-def test_a_known_place_is_found_again(phantom, rotation_deg, shift_mm, table):
-    truth = placed(rotation_deg, shift_mm)
-    found = align(scanned(truth, table=table), phantom, name="a")
+def test_a_known_place_is_found_again(aligned):
+    check_found(aligned[1], TURNED)
+
+
+def test_a_known_place_on_a_table_is_found_again(phantom):
+    truth = placed((1.5, -1, 6), (12, -9, 3))
+    check_found(align(scanned(truth, table=True), phantom, name="a"), truth)
+
+
+def check_found(found, truth):
     shift, angle = errors(found, truth)
     assert np.abs(shift).max() < 0.2 * min(OTHER_GRID.spacing) and angle < 0.1
     assert found.correlation_inside > 0.97 and found.covered > 0.9

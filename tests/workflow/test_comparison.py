@@ -17,7 +17,7 @@ OVERLAY = {
     "noise": {
         "levels": {
             "matched": {
-                "repeats": 3,
+                "repeats": 5,  # more than fill the bundle of the levels before it up: images of its own only
                 "meets": {
                     "recording": "own",
                     "where": {"protocol": "sirt_150"},

@@ -1,6 +1,7 @@
 """`snakemake recordings`: the list of what was found, and one line for what cannot be read."""
 
 import json
+import shutil
 import sys
 
 import nibabel
@@ -47,20 +48,18 @@ def test_the_target_lists_recordings_and_stops_at_a_bad_one(target, tmp_path):
     assert errors[0].startswith(f"Error: {tmp_path}/bench/recording.yaml: ")
 
 
-def test_the_alignment_target_carries_the_phantom_s_rois(tmp_path):
+def test_the_alignment_target_carries_the_phantom_s_rois(study, tmp_path):
     """The tiny study's own phantom, moved by a change of its NIfTI's origin, and named as somebody else's."""
     folder, overlay = tmp_path / "moved", tmp_path / "overlay.yaml"
     folder.mkdir()
     content = {"name": "moved", "kind": "images", "phantom": "synthetic", "repeats": ["a.nii.gz"]}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
-    (folder / "a.nii.gz").touch()
     overlay.write_text(yaml.safe_dump({"results_dir": f"{tmp_path}/r", "recordings": {"m": str(folder)}}))
 
     def run(target):
         return snakemake(target, "--configfile", TINY, overlay)
 
-    process = run(f"{tmp_path}/r/phantom/rois.csv")
-    assert process.returncode == 0, process.stderr[-3000:]
+    shutil.copytree(study / "phantom", tmp_path / "r" / "phantom")
     image = nibabel.load(tmp_path / "r" / "phantom" / "image.nii.gz")
     affine = image.affine.copy()
     affine[:3, 3] += (30, -20, 500)

@@ -217,17 +217,23 @@ def test_an_edited_mask_is_noticed(tmp_path):
 
 
 def test_one_core_makes_the_same_features(study, tmp_path):
-    """features.csv byte for byte, from nothing, with one core instead of two."""
-    process = tiny(tmp_path / "r", tmp_path / "r" / "features.csv", cores=1)
+    """features.csv byte for byte, with all that hangs on one geometry, both algorithms, made anew by one core."""
+    copy = tmp_path / "r"
+    shutil.copytree(study, copy)
+    shutil.rmtree(copy / "projections" / "views150")
+    for kind in ("images", "features"):
+        for algorithm in ("sirt", "fbp"):
+            shutil.rmtree(copy / kind / f"{algorithm}_150")
+    (copy / "features.csv").unlink()
+    process = tiny(copy, copy / "features.csv", cores=1)
     assert process.returncode == 0, process.stderr[-4000:]
-    assert (tmp_path / "r" / "features.csv").read_bytes() == (study / "features.csv").read_bytes()
+    assert (copy / "features.csv").read_bytes() == (study / "features.csv").read_bytes()
 
 
 @pytest.mark.parametrize(
     "overlay, message",
     [
         ({"protocls": {}}, "unknown key 'protocls' in config; did you mean 'protocols'"),
-        ({"protocols": {"sirt_150": PROTOCOL | {"projections": 0}}}, "0 is less than the minimum of 1"),
         ({"protocols": {"sirt_150": PROTOCOL | {"projections": -5}}}, "-5 is less than the minimum of 1"),
         ({"protocols": {"sirt_150": PROTOCOL | {"algorithm": "art"}}}, "is 'art'; use one of sirt, fbp"),
         ({"engine": "astra_cuda"}, "astra_cuda has no adjoint"),
@@ -247,10 +253,12 @@ def test_mistakes_in_the_config(overlay, message, tmp_path):
 
 def test_a_missing_ct_stops_the_phantom_rule(tmp_path):
     ct = {"image": f"{tmp_path}/none.nii.gz", "rois": [{"name": "a", "tissue_class": "b", "file": "m.nii.gz"}]}
-    process = tiny(tmp_path / "r", overlay={"phantom": {"source": "ct", "ct": ct}, "measured": {"overlay": False}})
+    overlay = {"phantom": {"source": "ct", "ct": ct}, "measured": {"overlay": False}}
+    target = tmp_path / "r" / "phantom" / "image.nii.gz"
+    process = tiny(tmp_path / "r", target, overlay=overlay)
     assert process.returncode == 1
     assert f"Error: {tmp_path}/none.nii.gz" in process.stderr, process.stderr[-3000:]
-    assert not (tmp_path / "r" / "phantom" / "image.nii.gz").exists()
+    assert not target.exists()
 
 
 def test_a_truncated_acquisition_is_named(study, tmp_path):

@@ -1,5 +1,5 @@
 # Where recordings and the simulator differ, and which physics explains it: one job per recording and candidate effect.
-from virtual_phantom.diagnosis.setting import candidates, check_kinds
+from virtual_phantom.diagnosis.candidates import candidates, check_kinds
 
 DIAGNOSED = PLAN.config["diagnosis"]["recordings"]
 # What every fit of a recording depends on: another list of effects redoes none.

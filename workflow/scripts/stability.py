@@ -1,8 +1,8 @@
 """Stability and discriminative power of every feature over the groups of protocols."""
 
 from virtual_phantom import feature_table, files
+from virtual_phantom.feature_names import FEATURES
 from virtual_phantom.job import job
-from virtual_phantom.radiomics import FEATURES
 from virtual_phantom.statistics import wilcoxon
 
 with job(snakemake) as log:

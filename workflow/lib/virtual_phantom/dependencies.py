@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -29,7 +30,7 @@ def imported(path: Path) -> tuple[Path, ...]:
     inside = LIBRARY in path.parents
     package = path.relative_to(LIBRARY).parts[:-1] if inside else ()
     modules: set[tuple[str, ...]] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in _statements(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
             modules |= {tuple(name.split(".")[1:]) for name in names if name.split(".")[0] == LIBRARY.name}
@@ -43,6 +44,14 @@ def imported(path: Path) -> tuple[Path, ...]:
                 continue
             modules |= {parts} | {(*parts, alias.name) for alias in node.names}
     return tuple(file for module in sorted(modules) for file in _files(module))
+
+
+def _statements(node: ast.AST) -> Iterator[ast.stmt]:
+    """All statements within a node; expressions, of which there are far more, hold no imports."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
+            yield child
+            yield from _statements(child)
 
 
 def _files(module: tuple[str, ...]) -> list[Path]:

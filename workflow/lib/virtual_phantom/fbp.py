@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import fft
 
@@ -66,15 +68,22 @@ def _weighted(projector, line_integrals):
 
 
 def ramp_filter(rows: np.ndarray, pitch_mm: float) -> np.ndarray:
-    """Ramp filter along the last axis, samples `pitch_mm` apart; result per mm.
-
-    The ramp is made from its band-limited impulse response (Kak and Slaney, Principles of Computerized Tomographic
-    Imaging, 1988, eq. 3.61), so that the mean is kept.
-    """
+    """Ramp filter along the last axis, samples `pitch_mm` apart; result per mm."""
     samples = rows.shape[-1]
     n = fft.next_fast_len(2 * samples, real=True)
+    return fft.irfft(fft.rfft(rows.astype(np.float32, copy=False), n, axis=-1) * _ramp(n, pitch_mm), n, axis=-1)[
+        ..., :samples
+    ]
+
+
+@lru_cache(maxsize=4)
+def _ramp(n: int, pitch_mm: float) -> np.ndarray:
+    """The ramp at the frequencies of a real transform of n samples.
+
+    From its band-limited impulse response (Kak and Slaney, Principles of Computerized Tomographic Imaging, 1988, eq.
+    3.61), so that the mean is kept.
+    """
     offset = np.minimum(np.arange(n), n - np.arange(n))
     response = np.where(offset % 2 == 1, -1 / (np.pi * np.maximum(offset, 1) * pitch_mm) ** 2, 0.0)
     response[0] = 1 / (4 * pitch_mm**2)
-    ramp = (fft.rfft(response).real * pitch_mm).astype(np.float32)
-    return fft.irfft(fft.rfft(rows.astype(np.float32, copy=False), n, axis=-1) * ramp, n, axis=-1)[..., :samples]
+    return (fft.rfft(response).real * pitch_mm).astype(np.float32)

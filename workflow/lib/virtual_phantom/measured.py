@@ -18,8 +18,8 @@ import numpy as np
 import pandas as pd
 
 from .errors import InputError
+from .feature_names import FEATURES
 from .files import read_csv
-from .radiomics import FEATURES
 
 RESOURCES = Path(__file__).resolve().parents[3] / "resources"
 STORED_OFFSET_HU = 1024

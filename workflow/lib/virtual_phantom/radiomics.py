@@ -26,34 +26,9 @@ from radiomics.imageoperations import binImage
 from scipy import ndimage
 
 from .errors import InputError
+from .feature_names import FEATURES, NAMES
 from .geometry import Grid
 from .volumes import Volume
-
-FAMILIES = {"firstorder": "first order", "glcm": "GLCM", "gldm": "GLDM", "glrlm": "GLRLM", "glszm": "GLSZM"}
-
-_NAMES = {
-    "firstorder": """10Percentile 90Percentile Energy Entropy InterquartileRange Kurtosis Maximum Mean
-        MeanAbsoluteDeviation Median Minimum Range RobustMeanAbsoluteDeviation RootMeanSquared Skewness
-        TotalEnergy Uniformity Variance""",
-    "glcm": """Autocorrelation ClusterProminence ClusterShade ClusterTendency Contrast Correlation
-        DifferenceAverage DifferenceEntropy DifferenceVariance Id Idm Idmn Idn Imc1 Imc2 InverseVariance
-        JointAverage JointEnergy JointEntropy MaximumProbability SumEntropy SumSquares""",
-    "gldm": """DependenceEntropy DependenceNonUniformity DependenceNonUniformityNormalized DependenceVariance
-        GrayLevelNonUniformity GrayLevelVariance HighGrayLevelEmphasis LargeDependenceEmphasis
-        LargeDependenceHighGrayLevelEmphasis LargeDependenceLowGrayLevelEmphasis LowGrayLevelEmphasis
-        SmallDependenceEmphasis SmallDependenceHighGrayLevelEmphasis SmallDependenceLowGrayLevelEmphasis""",
-    "glrlm": """GrayLevelNonUniformity GrayLevelNonUniformityNormalized GrayLevelVariance
-        HighGrayLevelRunEmphasis LongRunEmphasis LongRunHighGrayLevelEmphasis LongRunLowGrayLevelEmphasis
-        LowGrayLevelRunEmphasis RunEntropy RunLengthNonUniformity RunLengthNonUniformityNormalized
-        RunPercentage RunVariance ShortRunEmphasis ShortRunHighGrayLevelEmphasis
-        ShortRunLowGrayLevelEmphasis""",
-    "glszm": """GrayLevelNonUniformity GrayLevelNonUniformityNormalized GrayLevelVariance
-        HighGrayLevelZoneEmphasis LargeAreaEmphasis LargeAreaHighGrayLevelEmphasis
-        LargeAreaLowGrayLevelEmphasis LowGrayLevelZoneEmphasis SizeZoneNonUniformity
-        SizeZoneNonUniformityNormalized SmallAreaEmphasis SmallAreaHighGrayLevelEmphasis
-        SmallAreaLowGrayLevelEmphasis ZoneEntropy ZonePercentage ZoneVariance""",
-}
-FEATURES = tuple(f"original_{family}_{name}" for family, names in _NAMES.items() for name in names.split())
 
 SETTINGS = {
     "binWidth": 25,
@@ -84,11 +59,6 @@ MINIMUM_GREY_LEVELS = 3
 
 class RadiomicsWarning(UserWarning):
     """An ROI whose features were computed but say little, or a message from pyradiomics."""
-
-
-def family(feature: str) -> str:
-    """Display name of a feature's family: first order, GLCM, GLDM, GLRLM or GLSZM."""
-    return FAMILIES[feature.split("_")[1]]
 
 
 def settings_hash() -> str:
@@ -150,7 +120,7 @@ def extract_repeats(images: np.ndarray, grid: Grid, masks: dict[str, np.ndarray]
 def _extractor() -> RadiomicsFeatureExtractor:
     extractor = RadiomicsFeatureExtractor(**SETTINGS)
     extractor.disableAllFeatures()
-    extractor.enableFeaturesByName(**{key: names.split() for key, names in _NAMES.items()})
+    extractor.enableFeaturesByName(**{key: names.split() for key, names in NAMES.items()})
     return extractor
 
 

@@ -13,8 +13,9 @@ import numpy as np
 from scipy import stats
 
 from ..errors import InputError
+from ..feature_names import FEATURES
 from ..geometry import Grid
-from ..radiomics import FEATURES, MINIMUM_VOXELS, extract_repeats
+from ..radiomics import MINIMUM_VOXELS, extract_repeats
 from ..statistics import MINIMUM_REPEATS
 from ..statistics.comparison import MARGIN_SD, in_sd, samples, spread
 from ..statistics.image_quality import (

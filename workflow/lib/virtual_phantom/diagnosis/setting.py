@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from ..errors import InputError
 from ..physics.chain import EVEN, Chain
-from ..physics.effect import acts_on_images, load, names
 from ..physics.spectra import KVP
 from ..recordings.reading import load as read
 from .caveats import check_scans
@@ -17,48 +15,6 @@ from .prepared import prepare
 from .scanned import coarse_scene, scene_of
 
 FLOOR_SAMPLES = 1  # more rays per pixel and direction than the model's: the difference is the numerical floor
-
-
-def candidates(settings: dict, kind: str = "projections") -> list[str]:
-    """The effects that a recording of a kind is tried against.
-
-    Raises InputError for one that the library does not have or that the kind does not show.
-    """
-    hidden = _hidden(kind)
-    chosen = settings.get("effects") or [name for name in names() if name not in hidden]
-    for name in chosen:
-        if name not in names():
-            raise InputError(f"diagnosis.effects: there is no effect '{name}'; there are {', '.join(names())}")
-        if name in hidden:
-            raise InputError(f"diagnosis.effects: {name} {hidden[name]}; take it out")
-    if settings.get("nominal_photons") is None:
-        chosen = [name for name in chosen if name != "photon_flux"]  # nothing is stated that it could differ from
-    return chosen
-
-
-def _hidden(kind: str) -> dict[str, str]:
-    """Effects that recordings of a kind do not show, and why."""
-    if kind == "images":
-        return {name: "has one unknown per detector pixel, which images mix" for name in names() if load(name).pattern}
-    return {name: "acts on images, and projections do not show it" for name in names() if acts_on_images(name)}
-
-
-def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
-    """Raise InputError for a recording under `diagnosis.recordings` that is of features, which are diagnosed by
-    comparison, or of images without the protocol that simulates them, or of projections with one.
-
-    recordings   {name: RecordingDocument}
-    """
-    for name, settings in diagnosed.items():
-        where, kind = f"diagnosis.recordings.{name}", recordings[name].content["kind"]
-        if kind == "features":
-            raise InputError(f"{where}: holds features; name comparisons with it under diagnosis.comparisons")
-        if kind == "images" and "protocol" not in settings:
-            raise InputError(f"{where}: holds images; name the protocol that simulates them as `protocol`")
-        if kind == "projections" and "protocol" in settings:
-            raise InputError(f"{where}.protocol: projections have their own geometry; take it out")
-        if kind == "images" and {"disc", "object"} & set(settings):
-            raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")
 
 
 def ready(

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import highdicom
 import numpy as np
 import pydicom
 from skimage.draw import polygon2mask
@@ -76,6 +75,8 @@ class SegRegions:
     """A DICOM Segmentation (PS3.3, A.51); it may leave out slices but must meet the CT's voxels."""
 
     def __init__(self, path: Path, dataset: pydicom.Dataset, grid: Grid):
+        import highdicom  # a third of a second, for those who have such a file
+
         self._path, self._grid = path, grid
         try:
             self._seg = highdicom.seg.Segmentation.from_dataset(dataset)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
-from sklearn.cluster import KMeans
 
 from ..config import schema_of, validate
 from ..errors import InputError
@@ -82,6 +81,8 @@ def cut(mask: np.ndarray, parts: int, grid: Grid) -> list[np.ndarray]:
     if len(index) < parts:
         return [mask] + [np.zeros_like(mask)] * (parts - 1)  # reported as empty ROIs
     places = index * np.array(grid.spacing)
+    from sklearn.cluster import KMeans  # a second, for those who cut regions
+
     clusters = KMeans(parts, n_init=4, random_state=0).fit(places[:: max(1, len(places) // FIT_VOXELS)])
     nearest = clusters.predict(places)
     pieces = []

@@ -114,7 +114,7 @@ def energy_of_water(mu_per_mm: float) -> float:
 
 def simulate(scan: Scan, materials: Materials, repeats: int, seed: np.random.SeedSequence) -> Acquired:
     """Scan an object, in a process of its own: XCIST's library keeps one scan's state."""
-    with get_context("spawn").Pool(1) as pool:
+    with get_context("fork").Pool(1) as pool:
         return pool.apply(_simulate, (scan, materials, repeats, seed))
 
 
@@ -158,7 +158,7 @@ def _seed(cfg, seed):
 
     first, second, third = (int(word) for word in seed.generate_state(3) >> 2)
     C_set_random_seed(cfg, first + 1, second + 1)
-    np.random.seed(third)
+    np.random.seed(third)  # noqa: NPY002
 
 
 def _configured(scan: Scan, path: Path, current: float = 1.0):

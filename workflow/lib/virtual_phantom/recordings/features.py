@@ -9,8 +9,8 @@ from pathlib import Path
 import pandas as pd
 
 from ..errors import InputError
+from ..feature_names import FAMILIES, FEATURES
 from ..feature_table import finite_values
-from ..radiomics import FAMILIES, FEATURES
 from .document import Document
 from .provenance import checksums
 from .recording import Provenance, Recording
@@ -28,7 +28,7 @@ class FeaturesRecording(Recording):
 
     repeats, held_out   tables with the columns image, roi, tissue_class, the conditions, whatever else the files hold,
                         and `features`; values as in the files
-    features            those of radiomics.FEATURES that the tables have, in that order
+    features            those of feature_names.FEATURES that the tables have, in that order
     """
 
     repeats: pd.DataFrame

@@ -8,7 +8,7 @@ import pandas as pd
 
 from .. import measured
 from ..errors import InputError
-from ..radiomics import FEATURES
+from ..feature_names import FEATURES
 from ..statistics import wilcoxon
 from .features import FeaturesRecording
 
@@ -34,8 +34,8 @@ def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
 
 
 def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image") -> pd.DataFrame:
-    """Measured features for `statistics.pca.project`: columns group, roi, tissue_class and those of radiomics.FEATURES
-    that the table has.
+    """Measured features for `statistics.pca.project`: columns group, roi, tissue_class and those of FEATURES that the
+    table has.
 
     table   one row per image and ROI, in HU
     per     "image": every repeat; "condition": the mean over the repeats of each condition and ROI

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ..errors import InputError
-from ..radiomics import FAMILIES, family
+from ..feature_names import FAMILIES, family
 from .comparison import LEVEL, MARGIN_SD, common_rois, in_sd, samples, spread
 
 BASELINE = "baseline"

@@ -14,8 +14,9 @@ import pandas as pd
 from scipy import stats
 
 from ..errors import InputError
+from ..feature_names import FAMILIES, FEATURES, family
 from ..feature_table import finite_values
-from ..radiomics import FAMILIES, FEATURES, SETTINGS, family
+from ..radiomics import SETTINGS
 from . import COMPARED_REPEATS
 
 # One repeat SD: a single scan of the recording is off its mean by as much in one of three cases anyway.
@@ -64,7 +65,7 @@ COMPARABLE = ("yes", "with care", "no")
 
 
 def common_features(simulated: pd.DataFrame, recorded: pd.DataFrame) -> list[str]:
-    """Those of radiomics.FEATURES that both tables have, in that order."""
+    """Those of feature_names.FEATURES that both tables have, in that order."""
     return [feature for feature in FEATURES if feature in simulated and feature in recorded]
 
 

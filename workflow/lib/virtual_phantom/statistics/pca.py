@@ -14,8 +14,8 @@ from sklearn.model_selection import LeaveOneGroupOut, cross_val_predict
 from sklearn.preprocessing import StandardScaler
 
 from ..errors import InputError
+from ..feature_names import FEATURES
 from ..feature_table import ACQUISITION, finite_values
-from ..radiomics import FEATURES
 
 FIT_ON = ("simulated", "measured", "pooled")
 STANDARDISE = ("each", "together")

@@ -1,7 +1,7 @@
 """The highest-scoring features, and how far two rankings agree.
 
 Scores are fractions of a few dozen comparisons, so many features tie. Where a list must be printed, ties
-stand in the order of radiomics.FEATURES and are marked. Where two lists are compared, the order within a tie
+stand in the order of feature_names.FEATURES and are marked. Where two lists are compared, the order within a tie
 is taken as random.
 """
 

@@ -22,8 +22,8 @@ import pandas as pd
 from scipy.stats import rankdata
 
 from ..errors import InputError
+from ..feature_names import family
 from ..feature_table import finite_values
-from ..radiomics import family
 
 
 def ranksum_z(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -13,8 +13,8 @@ import pandas as pd
 
 from ... import measured
 from ...errors import InputError
+from ...feature_names import FEATURES
 from ...files import write_csv
-from ...radiomics import FEATURES
 from ..provenance import sha256
 from ..recording import Recording
 from . import write_folder

@@ -1,0 +1,31 @@
+"""What tests of physics and diagnosis share: a body with inserts, its scans by the chain, and the choice of effects."""
+
+import numpy as np
+
+from virtual_phantom.diagnosis.attribute import choose, trial
+from virtual_phantom.volumes import Volume
+
+
+def body(grid, half_axes_mm, hu, inserts):
+    """An elliptic cylinder along z in air, with inserts of other HU.
+
+    inserts   [(centre (x, y, z) in mm, radius in mm, HU)]; balls, or cylinders along z where z is None
+    """
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    array = np.where((x / half_axes_mm[0]) ** 2 + (y / half_axes_mm[1]) ** 2 < 1, hu, -1000.0)
+    for centre, radius, value in inserts:
+        along = 0.0 if centre[2] is None else z - centre[2]
+        array = np.where((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + along**2 < radius**2, value, array)
+    return Volume(array.astype(np.float32), grid)
+
+
+def noisy_lines(state, repeats, random):
+    """Noisy line integrals [repeat, view, row, column] of a state of the chain, against what it measures in air."""
+    air = state.measured_air * state.photons
+    return np.stack([-np.log(np.maximum(state.counts(random), 0.5) / air) for _ in range(repeats)])
+
+
+def chosen(fitter, candidates):
+    """The choice among candidate effects, each first fitted alone."""
+    baseline = trial(fitter, ())
+    return choose(fitter, baseline, {name: trial(fitter, (name,), baseline, baseline) for name in candidates})
