@@ -19,7 +19,7 @@ CONVERGED, CONVERGED_SHARE = 0.02, 1e-5
 AS_EXPECTED = (0.7, 1.4)
 # For derivatives: shares of the plausible range and of the alignment's standard deviation. Path lengths are in single
 # precision, so that smaller steps would measure rounding.
-STEP, ALIGNMENT_STEP = 2e-3, 1e-2
+STEP, ALIGNMENT_STEP = 2e-3, 4e-3
 UNKNOWN_STEP = 1e-3  # of an alignment of which nothing is known
 # Marquardt's damping: from none, first to LEAST_DAMPING, then by factors of DAMPING while a step makes the fit worse.
 LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4

@@ -6,11 +6,16 @@ cross-sections, so that their thickness can be varied continuously.
 
 from __future__ import annotations
 
+import contextlib
+import os
 from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
+from ..files import replacing
 from .materials import attenuation_per_mm
 
 BINS = 24
@@ -21,12 +26,25 @@ KVP = {"W": (30.0, 150.0), "Mo": (20.0, 50.0), "Rh": (20.0, 50.0)}  # what SpekP
 SCINTILLATOR_MM = 0.6  # of caesium iodide: nearly all photons of 20 to 100 keV
 
 
+def cache_folder() -> Path:
+    """Where spectra are kept from one process to the next: every fit of a voltage needs dozens, and each takes SpekPy half
+    a second."""
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "virtual_phantom" / f"spekpy-{version('spekpy')}"
+
+
 @lru_cache(maxsize=64)
 def _tube(kvp: float, anode: str) -> tuple[np.ndarray, np.ndarray]:
+    kept = cache_folder() / f"{anode}_{kvp:g}kV_{ANODE_ANGLE_DEG:g}deg_{STEP_KEV:g}keV.npy"
+    with contextlib.suppress(OSError, ValueError):  # missing, or broken by another program: made anew
+        energies, fluence = np.load(kept)
+        return energies, fluence
     import spekpy  # takes a second to load, and most jobs need no spectrum
 
     spectrum = spekpy.Spek(kvp=kvp, th=ANODE_ANGLE_DEG, dk=STEP_KEV, targ=anode)
     energies, fluence = spectrum.get_spectrum(edges=False)
+    with contextlib.suppress(OSError), replacing(kept) as temporary:  # a home that cannot be written to costs time only
+        np.save(temporary, np.stack([energies, fluence]))
     return energies, fluence
 
 
