@@ -27,7 +27,7 @@ SCINTILLATOR_MM = 0.6  # of caesium iodide: nearly all photons of 20 to 100 keV
 
 
 def cache_folder() -> Path:
-    """Where spectra are kept from one process to the next: every fit of a voltage needs dozens, and each takes SpekPy half
+    """Where spectra are kept from one process to the next: fits of a voltage need dozens, and each takes SpekPy half
     a second."""
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return base / "virtual_phantom" / f"spekpy-{version('spekpy')}"

@@ -1,0 +1,63 @@
+"""What happens to readings after the detection, against its equations."""
+
+import numpy as np
+import pytest
+
+from virtual_phantom.proof.readout import glare, read_out, wide
+from virtual_phantom.proof.xcist import Acquired
+
+PITCH = (2.0, 3.0)
+
+
+@pytest.fixture
+def taken():
+    random = np.random.default_rng(1)
+    readings = random.uniform(100, 900, (2, 5, 6, 30)).astype(np.float32)
+    return Acquired(readings, np.full((6, 30), 1000, np.float32))
+
+
+def read(taken, **settings):
+    return read_out(taken, settings, PITCH, np.random.default_rng(2))
+
+
+def test_nothing_asked_changes_nothing(taken):
+    found = read(taken)
+    assert np.array_equal(found.readings, taken.readings) and np.array_equal(found.air, taken.air)
+
+
+def test_dark_signal_is_added_to_both_and_drifts(taken):
+    found = read(taken, dark_level=0.01, dark_drift=0.02)
+    added = (found.readings - taken.readings).mean(axis=(0, 2, 3))
+    assert added == pytest.approx(10 + 20 * (np.arange(5) + 0.5 - 2.5) / 5, rel=1e-3)
+    assert found.air == pytest.approx(1010.0)
+
+
+def test_saturation_takes_most_where_most_arrives(taken):
+    found = read(taken, saturation=0.1)
+    assert found.air == pytest.approx(900.0)
+    assert found.readings == pytest.approx(taken.readings * (1 - taken.readings / 10000), rel=1e-5)
+
+
+def test_gains_drift_in_the_scan_and_not_in_the_air_scan(taken):
+    found = read(taken, gain_rms=0.05)
+    gain = np.log(found.readings / taken.readings)
+    assert np.ptp(gain, axis=(0, 1)).max() < 1e-5
+    assert gain[0, 0].std() == pytest.approx(0.05, rel=0.2)
+    assert np.array_equal(found.air, taken.air)
+
+
+def test_glare_spreads_all_of_its_share_and_leaves_an_even_field(taken):
+    assert glare(20.0, PITCH).sum() == pytest.approx(1)
+    found = read(taken, glare_share=0.2, glare_range_mm=20.0)
+    assert found.air == pytest.approx(1000.0, rel=1e-5)
+    assert found.readings.std() < taken.readings.std()
+
+
+def test_the_spread_falls_as_its_equation_says():
+    spread = glare(20.0, (1.0, 1.0))
+    middle = spread.shape[0] // 2
+    at = lambda r: spread[middle, middle + r]  # noqa: E731
+    assert at(10) / at(30) == pytest.approx(np.exp(1.0) * 3, rel=1e-6)
+    point = np.zeros((1, 81, 81))
+    point[0, 40, 40] = 1
+    assert wide(point, spread)[0, 40, 50] == pytest.approx(at(10), rel=1e-6)

@@ -1,0 +1,117 @@
+"""What a suite conceals: drawn from its seed, told by nothing but the truth."""
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import yaml
+
+from virtual_phantom.dependencies import files_behind
+from virtual_phantom.errors import InputError
+from virtual_phantom.physics.effect import acts_on_images, load, names
+from virtual_phantom.proof import seal
+from virtual_phantom.proof.catalogue import CATALOGUE
+from virtual_phantom.proof.generate import scan_of, write
+from virtual_phantom.proof.objects import OBJECTS
+from virtual_phantom.proof.suite import KNOWN, PHANTOMS, cases, phantom_of, salt, truths
+from virtual_phantom.proof.xcist import Acquired
+from virtual_phantom.recordings.reading import load as read
+
+SETTINGS = {"seed": 7, "strengths": ["weak", "medium", "strong"], "none": 8, "pairs": 30, "unknown": 8}
+LIBRARY = Path(seal.__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="module")
+def suite():
+    return truths(SETTINGS)
+
+
+def test_every_effect_on_projections_can_be_concealed_at_every_strength(suite):
+    assert set(KNOWN) == {name for name in names() if not acts_on_images(name)}
+    singles = Counter((t["effects"][0]["name"], t["strength"]) for t in suite.values() if t["category"] == "single")
+    assert singles == {(name, strength): 1 for name in KNOWN for strength in SETTINGS["strengths"]}
+    assert Counter(t["category"] for t in suite.values()) == {"single": 54, "none": 8, "pair": 30, "unknown": 8}
+
+
+def test_a_seed_gives_the_same_suite_and_another_another(suite):
+    assert truths(SETTINGS) == suite
+    assert truths(SETTINGS | {"seed": 8}) != suite
+    assert len({salt(7, number) for number in range(100)}) == 100
+
+
+def test_the_order_of_cases_tells_nothing(suite):
+    order = [t["category"] for t in suite.values()]
+    assert (
+        len(set(order[:20])) > 1
+        and [t["effects"] and t["effects"][0]["name"] for t in suite.values()][:3] != [KNOWN[0]] * 3
+    )
+    assert list(suite) == cases(SETTINGS)
+    assert {phantom_of(case) for case in suite} == set(PHANTOMS) == set(OBJECTS)
+
+
+def test_pairs_are_not_of_one_group(suite):
+    for one in suite.values():
+        if one["category"] == "pair":
+            first, second = (CATALOGUE[effect["name"]].alike for effect in one["effects"])
+            assert not first or first != second
+
+
+def test_comparable_parameters_are_the_librarys_and_plausible(suite):
+    for one in suite.values():
+        for effect in one["effects"]:
+            if effect["known"]:
+                ranges = {p.name: (p.low, p.high) for p in load(effect["name"]).parameters}
+                for name, value in effect["comparable"].items():
+                    low, high = ranges[name]
+                    assert low <= value <= high, (effect["name"], name, value)
+
+
+def test_truths_can_be_sealed(suite):
+    documents = [seal.sealed(truth, salt(7, truth["number"])) for truth in suite.values()]
+    assert len(set(seal.publish(documents).values())) == len(suite)
+
+
+def test_an_unknown_effect_is_refused():
+    with pytest.raises(InputError, match=r"proof.effects: 'scater' cannot be concealed"):
+        cases(SETTINGS | {"effects": ["scater"]})
+
+
+def test_recordings_differ_in_readings_alone(tmp_path):
+    """Same keys, attributes and sizes, whatever is concealed."""
+    said, sizes = [], []
+    random = np.random.default_rng(1)
+    for name, concealed in (("plain", {}), ("other", {"scatter_scale": 4.0, "kvp": 80, "aluminium_mm": 3})):
+        settings = {"columns": 40, "rows": 4}
+        scan = scan_of(OBJECTS["quality_assurance"], settings, 30, 1e5, 70.0, concealed)
+        readings = random.uniform(1, 2, (2, 30, 4, 40)).astype(np.float32)
+        write(tmp_path / name, "case_01", scan, Acquired(readings, np.full((4, 40), 2, np.float32)))
+        recording = read(tmp_path / name)
+        assert len(recording.repeats) == 2 and recording.geometry.views == 30
+        said.append(yaml.safe_load((tmp_path / name / "recording.yaml").read_text()))
+        sizes.append([path.stat().st_size for path in sorted((tmp_path / name).glob("*.h5"))])
+        with h5py.File(tmp_path / name / "scan01.h5") as file:
+            told = []
+            file.visititems(lambda path, item, told=told: told.append((path, dict(item.attrs))))
+            said[-1]["file"] = told
+    assert said[0] == said[1] and sizes[0] == sizes[1]
+
+
+def test_what_makes_recordings_shares_no_physics_with_the_library():
+    behind = files_behind(LIBRARY.parents[1] / "scripts" / "conceal.py")
+    behind += [file for hook in (LIBRARY / "proof" / "hooks").glob("*.py") for file in files_behind(hook)]
+    ours = {path.relative_to(LIBRARY).as_posix() for path in behind if LIBRARY in path.parents}
+    forbidden = ("physics/", "projectors/", "diagnosis/", "solvers", "fbp", "reconstruct", "simulate")
+    allowed = {"physics/__init__.py", "physics/effect.py"}  # the list of effects, which checks of configurations read
+    assert {path for path in ours - allowed if path.startswith(forbidden)} == set()
+
+
+def test_the_diagnosis_has_no_path_to_the_truth():
+    """Neither its code nor its inputs: no import of the proof, and no word of it in the rule that diagnoses."""
+    for script in ("diagnose.py", "diagnose_candidate.py", "agreement_elsewhere.py"):
+        for path in files_behind(LIBRARY.parents[1] / "scripts" / script):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.ImportFrom):
+                    assert "proof" not in (node.module or "").split("."), path

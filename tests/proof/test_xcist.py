@@ -1,0 +1,171 @@
+"""The independent simulator's scans, against closed forms: its frame, its noise, and what is added to it."""
+
+import numpy as np
+import pytest
+
+from virtual_phantom.geometry import circular
+from virtual_phantom.proof.xcist import Materials, Scan, attenuation_per_mm, energy_of_water, simulate
+
+KEV, PHOTONS, VIEWS = 70.0, 2e4, 24
+DETECTOR = {
+    "columns": 40,
+    "rows": 4,
+    "column_pitch_mm": 5.0,
+    "row_pitch_mm": 5.0,
+    "source_to_isocentre_mm": 500.0,
+    "source_to_detector_mm": 900.0,
+}
+CENTRE, RADIUS = np.array([18.0, -9.0, 0.5]), 22.0  # of a ball of water, mm
+
+
+def scan(repeats=1, seed=1, **settings):
+    voxel, cells = 1.5, (24, 68, 68)
+    z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * voxel for n in cells), indexing="ij")
+    reach = np.sqrt((x - CENTRE[0]) ** 2 + (y - CENTRE[1]) ** 2 + (z - CENTRE[2]) ** 2)
+    ball = np.clip((RADIUS - reach) / voxel + 0.5, 0, 1)  # edges by the share of the voxel
+    order = Scan(views=VIEWS, kev=KEV, photons=PHOTONS, settings=settings, **DETECTOR)
+    return simulate(order, Materials({"water": ball}, (voxel, voxel)), repeats, np.random.SeedSequence(seed))
+
+
+def lines(taken):
+    return -np.log(taken.readings / taken.air)
+
+
+def chords(centre=CENTRE, **changed):
+    """Path lengths through the ball by the frame that geometry.py states, [view, row, column] in mm.
+
+    centre   (3,), or one for every view, (view, 3)
+    """
+    geometry = circular(views=VIEWS, **(DETECTOR | changed))
+    sine, cosine = np.sin(geometry.angles_rad), np.cos(geometry.angles_rad)
+    to_centre = np.broadcast_to(centre, (VIEWS, 3)) - geometry.source_to_isocentre_mm * np.stack(
+        [-sine, cosine, 0 * sine], axis=1
+    )
+    distance = geometry.source_to_detector_mm * np.stack([sine, -cosine, 0 * sine], axis=1)
+    columns = geometry.column_positions_mm()[:, None] * np.stack([cosine, sine, 0 * sine], axis=1)[:, None, None]
+    rows = geometry.row_positions_mm()[:, None, None] * np.array([0, 0, 1.0])
+    rays = distance[:, None, None] + columns + rows
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    off = np.linalg.norm(np.cross(to_centre[:, None, None], rays), axis=-1)
+    return 2 * np.sqrt(np.maximum(RADIUS**2 - off**2, 0))
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return scan(repeats=12)
+
+
+def test_line_integrals_of_a_ball_lie_where_the_geometry_says(plain):
+    mean = lines(plain).mean(axis=0)
+    finer = {"columns": 200, "rows": 20, "column_pitch_mm": 1.0, "row_pitch_mm": 1.0}
+    shape = (VIEWS, DETECTOR["rows"], 5, DETECTOR["columns"], 5)
+    expected = attenuation_per_mm("water", KEV) * chords(**finer).reshape(shape).mean(axis=(2, 4))
+    inside = expected > 0.5
+    assert np.abs(mean - expected)[inside].max() < 0.03  # noise is 0.003
+    assert abs((mean - expected)[inside].mean()) < 2e-3
+    mirrored = attenuation_per_mm("water", KEV) * chords(CENTRE * (-1, 1, 1))
+    assert np.abs(mean - mirrored)[inside].max() > 0.3
+
+
+def test_water_attenuates_as_published():
+    # NIST's tables (Hubbell and Seltzer, 1995): 0.1837 and 0.2059 cm2/g at 80 and 60 keV.
+    assert attenuation_per_mm("water", 80.0) == pytest.approx(0.01837, rel=0.01)
+    assert attenuation_per_mm("water", 60.0) == pytest.approx(0.02059, rel=0.01)
+    assert energy_of_water(0.01837) == pytest.approx(80.0, abs=1.5)
+
+
+def test_noise_is_that_of_so_many_photons(plain):
+    quanta = plain.readings / KEV
+    middle = quanta[:, :, 1:3, 18:22]
+    air = plain.air[1:3, 18:22] / KEV
+    assert air.mean() == pytest.approx(PHOTONS, rel=5e-3)
+    ratio = middle.var(axis=0, ddof=1) / middle.mean(axis=0)
+    assert ratio.mean() == pytest.approx(1.0, abs=4 * np.sqrt(2 / 11 / ratio.size))
+
+
+def test_repeats_and_seeds_differ_and_a_seed_gives_the_same(plain):
+    first, again, other = (scan(seed=seed).readings for seed in (3, 3, 4))
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+    assert not np.array_equal(plain.readings[0], plain.readings[1])
+
+
+def test_white_field_falls_with_the_solid_angle(plain):
+    shape = plain.air / plain.air[1:3, 19:21].mean()
+    # The scintillator absorbs a little more of slanted rays: 0.2 % at the edge.
+    assert np.abs(shape - circular(views=VIEWS, **DETECTOR).solid_angles()).max() < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("settings", "geometry", "centre"),
+    [
+        ({"detector_columns_px": 0.4}, {"column_offset_px": 0.4}, CENTRE),
+        ({"isocentre_mm": 15.0}, {"source_to_isocentre_mm": 515.0}, CENTRE),
+        ({"detector_mm": -20.0}, {"source_to_detector_mm": 880.0}, CENTRE),
+    ],
+)
+def test_displaced_parts_are_where_they_are_said_to_be(settings, geometry, centre, plain):
+    changed = lines(scan(repeats=12, **settings)).mean(axis=0) - lines(plain).mean(axis=0)
+    mu = attenuation_per_mm("water", KEV)
+    expected = mu * (chords(centre, **geometry) - chords())
+    inside = chords() > 25
+    assert np.corrcoef(changed[inside], expected[inside])[0, 1] > 0.9
+    assert np.polyfit(expected[inside], changed[inside], 1)[0] == pytest.approx(1.0, abs=0.1)
+
+
+def test_an_axis_beside_the_central_ray_displaces_the_object_along_the_columns(plain):
+    changed = lines(scan(repeats=12, axis_shift_mm=1.5)).mean(axis=0) - lines(plain).mean(axis=0)
+    geometry = circular(views=VIEWS, **DETECTOR)
+    mu = attenuation_per_mm("water", KEV)
+    along = np.stack([np.cos(geometry.angles_rad), np.sin(geometry.angles_rad), np.zeros(VIEWS)], axis=1)
+    expected = mu * (chords(CENTRE + 1.5 * along) - chords())
+    inside = chords() > 25
+    assert np.polyfit(expected[inside], changed[inside], 1)[0] == pytest.approx(1.0, abs=0.1)
+
+
+def test_drift_ends_where_it_should(plain):
+    drift = np.array([6.0, -4.0, 1.0])
+    changed = lines(scan(repeats=12, drift_mm=tuple(drift))).mean(axis=0) - lines(plain).mean(axis=0)
+    mu = attenuation_per_mm("water", KEV)
+    for view in (0, VIEWS - 1):
+        at = CENTRE + ((view + 0.5) / VIEWS - 0.5) * drift
+        expected = mu * (chords(at) - chords())[view]
+        inside = chords()[view] > 25
+        assert np.polyfit(expected[inside], changed[view][inside], 1)[0] == pytest.approx(1.0, abs=0.15)
+
+
+def test_electronic_noise_adds_its_variance(plain):
+    noisy = scan(repeats=12, electronic_photons=150.0)
+    more = (noisy.readings.var(axis=0, ddof=1) - plain.readings.var(axis=0, ddof=1)).mean() / KEV**2
+    assert more == pytest.approx(150.0**2, rel=0.1)
+
+
+def test_modulated_current_changes_the_noise_and_not_the_mean(plain):
+    taken = scan(repeats=12, modulation=(0.6, 0.0))
+    assert np.abs(taken.readings.mean(axis=(0, 2, 3)) / plain.readings.mean(axis=(0, 2, 3)) - 1).max() < 0.01
+    ratio = (taken.readings.var(axis=0, ddof=1) / plain.readings.var(axis=0, ddof=1)).mean(axis=(1, 2))
+    angles = np.arange(VIEWS) * 2 * np.pi / VIEWS
+    # Counts over a current m have the variance 1 / m of counts.
+    assert np.corrcoef(ratio, 1 / (1 + 0.6 * np.cos(2 * angles)))[0, 1] > 0.95
+
+
+def test_optical_crosstalk_correlates_neighbours(plain):
+    taken = scan(repeats=12, optical_crosstalk=(0.1, 0.05))
+    noise = taken.readings - taken.readings.mean(axis=0)
+    noise = noise[..., 2:-2]
+    found = (noise[..., 1:] * noise[..., :-1]).mean() / (noise**2).mean()
+    kernel = np.array([0.1, 0.8, 0.1])
+    expected = np.convolve(kernel, kernel)[3] / np.convolve(kernel, kernel)[2]
+    assert found == pytest.approx(expected, abs=0.03)
+
+
+def test_many_energies_harden(plain):
+    taken = scan(repeats=12, kvp=80.0, aluminium_mm=3.0)
+    length, many, one = chords(), lines(taken).mean(axis=0), lines(plain).mean(axis=0)
+    ratio = [many[chosen].mean() / one[chosen].mean() for chosen in ((length > 12) & (length < 20), length > 40)]
+    assert ratio[1] < ratio[0] * 0.995 and ratio[0] > 1  # softer than 70 keV, less so behind more water
+
+
+def test_lag_leaves_some_of_the_last_view(plain):
+    changed = lines(scan(repeats=12, lag_share=0.3, lag_views=0.7)).mean(axis=0)[1:] - lines(plain).mean(axis=0)[1:]
+    before = np.diff(np.exp(-lines(plain).mean(axis=0)), axis=0)  # signal that the view has more than the last
+    assert np.polyfit(before.ravel(), changed.ravel(), 1)[0] > 0.02
