@@ -18,8 +18,8 @@ SURE = 5.0
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
 STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number without neutral value may begin
-# Amount of a numerical distortion: halving the step again would change predictions by a third of what it did last, as
-# errors shrink with the step's square.
+# Of what halving a step changed: by how much predictions may be off yet. Where errors shrink with its square, all
+# further halving changes a third (L. F. Richardson, Phil. Trans. R. Soc. A 210, 307, 1911).
 NUMERICAL_SD = 1 / 3
 POSES = ("x_mm", "y_mm", "z_mm", "turn_deg", "size")
 

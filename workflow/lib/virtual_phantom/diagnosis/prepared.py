@@ -10,15 +10,12 @@ from ..errors import InputError
 from ..physics.chain import Chain
 from .fit import Fitter
 from .look import PROJECTIONS, Look
-from .model import Model, nuisances
+from .model import NUMERICAL_SD, Model, nuisances
 from .observed import Blocks, Observed, Scans, observe
 
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
-# Of what voxels twice as large change: how far off the line integrals are still where that is extrapolated. So that two
-# simulators that are both right, on voxels of their own, differ by no more (docs/theory.md).
-VOXELS_LEFT = 0.2
 MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
@@ -105,10 +102,10 @@ def prepare(
         floor = np.abs(numerical["rays"])
     if coarse_chain is not None:
         numerical["voxels"] = clean - coarse_chain.state({}, anode=anode).line_integrals()
-        floor = np.hypot(floor, VOXELS_LEFT * numerical["voxels"])
+        floor = np.hypot(floor, NUMERICAL_SD * numerical["voxels"])
     fitted, held, words = split(taken, further)
     # What is left of a numerical distortion once it is fitted, in places of its own.
-    left = tuple(VOXELS_LEFT * one if name == "voxels" else one for name, one in numerical.items())
+    left = tuple(NUMERICAL_SD * one if name == "voxels" else one for name, one in numerical.items())
     data, held_out = (replace(observe(part, reference, blocks), numerical=left) for part in (fitted, held))
     aligned = nuisances(
         # A single repeat's noise is an estimate of its own and not among the data, so nothing else would hold it.

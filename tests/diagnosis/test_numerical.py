@@ -1,0 +1,95 @@
+"""Recordings of a phantom finer than the one that is known: voxels are no physics."""
+
+import numpy as np
+import pytest
+from simulated_scans import body, noisy_lines
+
+from virtual_phantom.diagnosis import observed, prepared
+from virtual_phantom.diagnosis.attribute import choose, trial
+from virtual_phantom.diagnosis.scanned import coarse_scene
+from virtual_phantom.diagnosis.verdict import diagnose
+from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.phantom import block_mean
+from virtual_phantom.physics.chain import SOLID_ANGLE, Chain
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.volumes import Volume, read_nifti, write_nifti
+
+MU, PHOTONS = 0.0193, 1e5
+MATERIALS = {"soft": "water", "dense": "bone", "dense_from_hu": 150.0}
+GEOMETRY = circular(
+    views=60,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=64,
+    rows=4,
+    column_pitch_mm=7.0,
+    row_pitch_mm=7.0,
+)
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    """The path of what is known of the phantom, and the scene that is scanned, of voxels half as large."""
+    painted = body(
+        Grid((48, 432, 432), (0.5, 0.5, 0.5)),
+        (105, 82),
+        20.0,
+        [((50, 10, None), 14, 800.0), ((-40, -20, None), 18, -80.0)],
+    )
+    scanned = Volume(block_mean(painted.array, 2), Grid((24, 216, 216), (1.0, 1.0, 1.0)))
+    path = tmp_path_factory.mktemp("known") / "image.nii.gz"
+    write_nifti(Volume(block_mean(scanned.array, 2), Grid((12, 108, 108), (2.0, 2.0, 2.0))), path)
+    return path, scene_of(scanned)
+
+
+def scene_of(volume):
+    return VoxelScene.of(volume, Segmentation(**MATERIALS), MU)
+
+
+def judged(known, illumination=SOLID_ANGLE, told=SOLID_ANGLE, coarse=True):
+    path, scanned = known
+    state = Chain(scanned, GEOMETRY, PHOTONS, samples=3, illumination=illumination).state({})
+    repeats = noisy_lines(state, 4, np.random.default_rng(1)).astype(np.float32)
+    white = state.measured_air.mean(axis=0) * state.photons
+    taken = observed.Scans(repeats, white, np.ones(repeats[0].shape, bool))
+    chains = [Chain(scene_of(read_nifti(path)), GEOMETRY, samples=count, illumination=told) for count in (2, 3)]
+    coarser = Chain(coarse_scene(path, MU, MATERIALS), GEOMETRY, samples=2, illumination=told)
+    given = prepared.prepare(
+        taken, None, chains[0], floor_chain=chains[1], coarse_chain=coarser if coarse else None, nominal_photons=PHOTONS
+    )
+    return diagnose("bench", given, choose(given.fitter, trial(given.fitter, ()), {})).content
+
+
+def test_voxels_twice_as_large_as_those_scanned_are_a_match(known):
+    found = judged(known)
+    assert found["verdict"] == "match", found["sentence"]
+    # Richardson: halving again would change a third of what halving changed; the scanned voxels are half the way.
+    assert 0.1 < found["alignment"]["voxels"]["value"] < 0.4
+
+
+def test_without_a_second_voxel_size_they_are_taken_for_a_mismatch(known):
+    assert judged(known, coarse=False)["verdict"] == "unexplained"
+
+
+def test_a_solid_angle_that_nobody_told_of_shows_in_the_white_field(known):
+    found = judged(known, told="even")
+    assert "white field" in [place["domain"] for place in found["unexplained"]]
+
+
+def test_a_grid_of_odd_sides_stays_where_it_was(tmp_path):
+    array = np.full((5, 9, 11), -1000, np.float32)
+    array[2:4, 4:6, 6:8] = 0  # one block of eight voxels
+    volume = Volume(array, Grid(array.shape, (4.0, 6.0, 6.0)))
+    path = tmp_path / "odd.nii.gz"
+    write_nifti(volume, path)
+    found, expected = (scene.path_lengths(GEOMETRY) for scene in (coarse_scene(path, MU, MATERIALS), scene_of(volume)))
+    columns, rows = np.arange(GEOMETRY.columns), np.arange(GEOMETRY.rows)
+    for view in (0, 15, 40):
+        for paths in (found[0, view], expected[0, view]):
+            assert paths.max() > 0
+        middles = [
+            ((paths.sum(axis=0) @ columns) / paths.sum(), (paths.sum(axis=1) @ rows) / paths.sum())
+            for paths in (found[0, view], expected[0, view])
+        ]
+        assert middles[0] == pytest.approx(middles[1], abs=0.1)  # half a voxel would be 0.8
