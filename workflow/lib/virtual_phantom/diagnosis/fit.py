@@ -9,7 +9,7 @@ import numpy as np
 
 from ..physics.effect import load
 from . import pattern as patterns
-from .model import SURE, Model, stacked, weights
+from .model import SURE, Model, Nuisance, stacked, weights
 from .observed import Observed
 
 ITERATIONS = 25
@@ -21,6 +21,7 @@ AS_EXPECTED = (0.7, 1.4)
 # precision, so that smaller steps would measure rounding.
 STEP, ALIGNMENT_STEP = 2e-3, 4e-3
 UNKNOWN_STEP = 1e-3  # of an alignment of which nothing is known
+SIZE_STEP = 4e-5  # 4 um at 100 mm, as for places
 # Marquardt's damping: from none, first to LEAST_DAMPING, then by factors of DAMPING while a step makes the fit worse.
 LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
 
@@ -145,7 +146,7 @@ class Problem:
         width = np.array([one.sd for one in (*self.unknowns, *aligned)])
         self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)
         spans = [STEP * (one.high - one.low) for one in self.unknowns]
-        spans += [ALIGNMENT_STEP * one.sd if np.isfinite(one.sd) else UNKNOWN_STEP for one in aligned]
+        spans += [alignment_step(one) for one in aligned]
         self.steps = np.array(spans)
 
     def best_start(self, given: Fit | None) -> np.ndarray:
@@ -246,6 +247,13 @@ class Problem:
             pattern=pattern,
             pattern_variance=self.found.variance if self.patterned else None,
         )
+
+
+def alignment_step(one: Nuisance) -> float:
+    """The step by which a number of the alignment is varied for derivatives."""
+    if one.name == "size":
+        return SIZE_STEP
+    return ALIGNMENT_STEP * one.sd if np.isfinite(one.sd) else UNKNOWN_STEP
 
 
 def chi_square(weights: list[np.ndarray], residuals: list[np.ndarray]) -> float:
