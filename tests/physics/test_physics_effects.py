@@ -304,3 +304,16 @@ def test_the_catalogue_is_up_to_date():
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     assert module.page() == (ROOT / "docs" / "physics.md").read_text(), "run python docs/effects_catalogue.py"
+
+
+def test_a_dark_signal_is_read_out_without_noise_of_its_own():
+    """It shifts the readings, and only makes the same noise a smaller part of them."""
+    photons, level = 2e4, 0.05
+    chain = Chain(DiscScene(160.0, "water"), GEOMETRY, photons)
+    plain, dark = chain.state({}), chain.state({"dark_signal": {"level": level, "drift": 0.0}})
+    first, second = (state.counts(np.random.default_rng(1)) for state in (plain, dark))
+    np.testing.assert_allclose(second - first, level * photons, rtol=1e-9)
+    np.testing.assert_allclose(dark.variance(), plain.variance() * (plain.measured / dark.measured) ** 2)
+    lines = np.stack([-np.log(dark.counts(np.random.default_rng(seed)) / (1.05 * photons)) for seed in range(60)])
+    ratio = (lines.var(axis=0, ddof=1) / dark.variance()).mean()
+    assert ratio == pytest.approx(1, abs=0.01 + 4 * np.sqrt(2 / 59 / dark.variance().size))

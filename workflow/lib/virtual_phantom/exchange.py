@@ -25,7 +25,7 @@ from .physics.noise import Counts
 if TYPE_CHECKING:
     from .physics.chain import State
 
-STATE_ARRAYS, STATE_NUMBERS = ("signal", "air", "gain"), ("photons", "electronic", "neighbours")
+STATE_ARRAYS, STATE_NUMBERS = ("signal", "air", "gain", "dark"), ("photons", "electronic", "neighbours", "dark_air")
 _SCALARS = [f.name for f in fields(ScanGeometry) if f.name not in ("angles_rad", "source_z_mm")]
 # Cheap and lossless: the bytes of noise do not compress, the zeros above them do.
 _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)

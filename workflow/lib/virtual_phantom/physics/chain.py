@@ -20,6 +20,7 @@ from .scene import IN_PLACE, Pose, VoxelScene
 # A fit varies one parameter at a time, and most leave earlier steps alone.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 12, 24
 EVEN, SOLID_ANGLE = "even", "solid_angle"
+LEAST_SIGNAL = 1e-6  # of the signal in air: a logarithm of less is none
 NODES = 4096  # of the table of one material's transmission: errors under 1e-6 at 1/mm and 100 mm
 
 
@@ -39,7 +40,9 @@ class State:
     electronic         standard deviation of electronic noise, photons
     neighbours         (column, row, view): share of the signal that goes to the next pixel on either side (column, row)
                        or stays until the next view, after the quantum noise is in it
-    gain               factor of each pixel since the air scan, broadcastable to [row, column]
+    gain               of each pixel since the air scan, a factor broadcastable to [row, column]
+    dark, dark_air     read out beside the signal and no photons, over the signal in air: in the scan, broadcastable to
+                       [view, row, column], and in the air scan
     """
 
     geometry: ScanGeometry
@@ -54,17 +57,20 @@ class State:
     electronic: float = 0.0
     neighbours: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gain: np.ndarray | None = None
+    dark: np.ndarray | None = None
+    dark_air: float = 0.0
 
     @property
     def measured(self) -> np.ndarray:
         """The mean signal as it is read out, [view, row, column]."""
         signal = shared(self.signal, self.neighbours)
-        return signal if self.gain is None else signal * self.gain
+        signal = signal if self.gain is None else signal * self.gain
+        return signal if self.dark is None else np.maximum(signal + self.dark, LEAST_SIGNAL)
 
     @property
     def measured_air(self) -> np.ndarray:
         """The air scan as it is read out, [view or 1, row, column]."""
-        return shared(self.air, (*self.neighbours[:2], 0.0))
+        return shared(self.air, (*self.neighbours[:2], 0.0)) + self.dark_air
 
     def line_integrals(self) -> np.ndarray:
         """-ln(signal / air) of the means, float64 [view, row, column]."""
@@ -73,14 +79,18 @@ class State:
     def variance(self) -> np.ndarray:
         """Of the line integrals, to first order in the noise: that of the signal over its mean squared."""
         quantum = shared(self.signal / self.photons, self.neighbours, squared=True)
-        return (quantum + (self.electronic / self.photons) ** 2) / shared(self.signal, self.neighbours) ** 2
+        noise = quantum + (self.electronic / self.photons) ** 2
+        if self.dark is None:  # gains change signal and noise alike
+            return noise / shared(self.signal, self.neighbours) ** 2
+        return noise * (1.0 if self.gain is None else self.gain) ** 2 / self.measured**2
 
     def counts(self, random: np.random.Generator) -> np.ndarray:
         """One noisy scan in photons, float64 [view, row, column]: Poisson, shared by neighbours, electronic noise."""
         read = shared(random.poisson(self.signal * self.photons).astype(np.float64), self.neighbours)
         if self.electronic:
             read += self.electronic * random.normal(size=read.shape)
-        return read if self.gain is None else read * self.gain
+        read = read if self.gain is None else read * self.gain
+        return read if self.dark is None else read + self.dark * self.photons
 
     def correlations(self) -> tuple[float, float, float]:
         """Of the quantum noise of neighbouring columns, rows and views, uniform signal."""

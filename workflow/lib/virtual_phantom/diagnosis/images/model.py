@@ -97,7 +97,7 @@ def noise_lines(state: State, count: int, seed: np.random.SeedSequence) -> np.nd
     """Noise of line integrals [realisation, view, row, column], to first order and normal: quantum noise as neighbours
     share it, and electronic noise. The same seed gives the same underlying draws in every state."""
     random = np.random.default_rng(seed)
-    signal = shared(state.signal, state.neighbours)
+    signal = shared(state.signal, state.neighbours) if state.dark is None else state.measured
     lines = np.empty((count, *signal.shape), np.float32)
     for one in lines:
         quantum = random.standard_normal(signal.shape) * np.sqrt(state.signal / state.photons)

@@ -5,14 +5,11 @@ import numpy as np
 from ..chain import State
 from ..effect import Effect, Parameter
 
-LEAST = 1e-6  # of the signal in air: a logarithm of less is none
-
 
 def apply(state: State, values: dict[str, float]) -> None:
     views = state.geometry.views
     time = (np.arange(views) / max(views - 1, 1) - 0.5)[:, None, None]
-    state.signal = np.maximum(state.signal + values["level"] + values["drift"] * time, LEAST)
-    state.air = state.air + values["level"]
+    state.dark, state.dark_air = values["level"] + values["drift"] * time, values["level"]
 
 
 EFFECT = Effect(
