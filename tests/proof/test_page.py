@@ -110,6 +110,8 @@ def test_the_example_is_the_median_of_the_strongest():
         for i, (strength, removed) in enumerate([("strong", 0.9), ("strong", 0.2), ("strong", 1.0), ("weak", 0.95)])
     ]
     assert example(cases).name == "c0" and example(cases[1:3]).name == "c1" and example(cases[3:]).name == "c3"
+    shown = Case(truth("c9", "single", {"scatter": {}}, "weak", ["projections"]), cases[0].diagnosis)
+    assert example([*cases, shown]).name == "c9"  # what the mean shows, before what is stronger
     assert in_words(cases[0]) == ("heel (strong)", "heel")
     with pytest.raises(InputError, match="no cases"):
         example([])

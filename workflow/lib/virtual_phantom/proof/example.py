@@ -12,18 +12,21 @@ from ..errors import InputError
 from ..figures.style import label
 from .case import Case
 
+MEAN = "projections"  # the domain of the mean, ray by ray
 SHOWN_FIRST = ("strong", "medium", "weak", None)
 
 
 def example(cases: Sequence[Case]) -> Case:
-    """A typical case: of those with one effect (else of all), of the largest strength there is, the one whose excess
-    removed is the median (the lower of two). Never the best one, and whether it is right plays no part.
+    """A typical case: of those with one effect (else of all) that changes the mean, which maps show, of the largest
+    strength there is, the one whose excess removed is the median (the lower of two). Never the best one, and whether
+    it is right plays no part.
 
     Raises InputError if there are no cases.
     """
     if not cases:
         raise InputError("proof: there are no cases; nothing can be scored")
     taken = [case for case in cases if case.category == "single"] or list(cases)
+    taken = [case for case in taken if MEAN in case.truth["where"]] or taken
     strength = next(one for one in SHOWN_FIRST if any(case.strength == one for case in taken))
     taken = [case for case in taken if case.strength == strength]
     ranked = sorted(taken, key=lambda case: (case.diagnosis["excess_removed"] or 0.0, case.name))
