@@ -43,7 +43,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     effects = choice.chosen.fit.effects
     left = [place for place in after if place.significant]
     verdict = VERDICTS[(1 if not left else 2) if effects else (0 if not left else 3)]
-    removed = excess_removed(prepared, choice.baseline, choice.chosen) if effects else None
+    removed = excess_removed(prepared, choice.baseline, choice.chosen, left) if effects else None
     metrics = {
         "fit": metrics_of(prepared, choice, held_out=False),
         "held_out": metrics_of(prepared, choice, held_out=True),
@@ -75,12 +75,15 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     return Diagnosis(choice, before, after, content)
 
 
-def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial) -> float | None:
+def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[Location]) -> float | None:
     """Share of the difference beyond noise, on held-out data, that the effects remove; None if there is none.
 
+    standing   places that are significant after
+
     Removed is what the log score gains, twice (chi-square). Left is the largest sum of products of fitted and held-out
-    standardised residuals, whose noises are independent, over the places of any domain, where it stands LEFT_SD
-    standard deviations above 0: a sum over all rays alone would drown a difference of a few places in their noise.
+    standardised residuals, whose noises are independent, where it stands LEFT_SD standard deviations above 0: over the
+    places of any domain that still stands out, since a sum over all rays alone would drown a difference of a few places
+    in their noise; and over all rays, less what the model's own numerical errors put into both.
     """
     gained = 2 * (chosen.score - baseline.score)
     if not gained > 0:
@@ -94,9 +97,12 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial) -> float 
             (held, fitter.held_weights, prepared.held_out),
         )
     ]
-    products = [here * maps[1][domain] for domain, here in maps[0].items() if domain not in NO_SIGNED_MAP]
-    products.append(fitted[0] * held[0] * np.sqrt(fitter.weights[0] * fitter.held_weights[0]))
-    left = [float(one.sum()) for one in products if one.sum() > LEFT_SD * np.sqrt((one**2).sum())]
+    domains = {place.domain for place in standing} & maps[0].keys() - set(NO_SIGNED_MAP)
+    sums = [(maps[0][domain] * maps[1][domain], 0.0) for domain in domains]
+    weight = np.sqrt(fitter.weights[0] * fitter.held_weights[0])
+    numerical = sum(float(weight @ error.ravel() ** 2) for error in prepared.held_out.numerical)
+    sums.append((fitted[0] * held[0] * weight, numerical))
+    left = [float(one.sum()) - error for one, error in sums if one.sum() - error > LEFT_SD * np.sqrt((one**2).sum())]
     return gained / (gained + max(left, default=0.0))
 
 
