@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import json
+import os
 import tempfile
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -119,6 +120,8 @@ def simulate(scan: Scan, materials: Materials, repeats: int, seed: np.random.See
 
 
 def _simulate(scan, materials, repeats, seed):
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)  # the C library tells of every allocation; this process is its own
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
         path = materials.write(Path(folder))
         cfg = _air(_configured(scan, path))
