@@ -7,7 +7,7 @@ HERE = Path(__file__).parent
 
 
 def pytest_collection_modifyitems(items):
-    """Workflow tests share one study and the checkout: one worker of `pytest -n` runs them all, from the beginning, since
+    """Workflow tests share one study and the checkout: one worker of `pytest -n` runs them all, and first, since
     they take longest."""
     items.sort(key=lambda item: HERE not in item.path.parents)
     for item in items:
