@@ -23,7 +23,7 @@ $(VENV)/installed: environment-pip.txt workflow/build/sitecustomize.py
 	touch $@
 
 test: setup
-	$(BIN)/python -m pytest -n $(CORES) --dist loadgroup
+	$(BIN)/python -m pytest -n $(CORES) --dist loadfile
 
 tiny: setup
 	$(BIN)/snakemake --cores $(CORES) --configfile config/tiny.yaml

@@ -15,7 +15,6 @@ from virtual_phantom.geometry import Grid
 from virtual_phantom.property_variants import MEAN
 from virtual_phantom.radiomics import FEATURES
 
-pytestmark = pytest.mark.xdist_group("feature_diagnosis")  # one worker makes the tables
 GRID = Grid((10, 36, 52), (2.0, 1.5, 1.5))
 CLASSES = {"cyst_1": "cyst", "cyst_2": "cyst", "liver_1": "liver", "liver_2": "liver"}
 HU = {"cyst_1": 20, "cyst_2": 45, "liver_1": 90, "liver_2": 130}

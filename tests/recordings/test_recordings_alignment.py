@@ -24,7 +24,6 @@ from virtual_phantom.simulate import clean_line_integrals
 from virtual_phantom.units import attenuation_to_hu
 from virtual_phantom.volumes import Volume
 
-pytestmark = pytest.mark.xdist_group("alignment")  # one worker makes the alignment that they share
 REAL = Path(__file__).resolve().parents[2] / "../shared/real"
 GRID = Grid((16, 64, 64), (3.0, 3.0, 3.0), (5.0, -40.0, 300.0))
 OTHER_GRID = Grid((26, 90, 96), (2.5, 2.5, 2.2), (30.0, 10.0, -20.0))

@@ -7,12 +7,8 @@ HERE = Path(__file__).parent
 
 
 def pytest_collection_modifyitems(items):
-    """Workflow tests share one study and the checkout: one worker of `pytest -n` runs them all, and first, since
-    they take longest."""
+    """Tests of the workflow take longest: workers of `pytest -n --dist loadfile` begin with them."""
     items.sort(key=lambda item: HERE not in item.path.parents)
-    for item in items:
-        if HERE in item.path.parents:
-            item.add_marker(pytest.mark.xdist_group("workflow"))
 
 
 @pytest.fixture(scope="session")
