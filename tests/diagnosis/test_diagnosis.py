@@ -10,7 +10,7 @@ from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.attribute import trial
 from virtual_phantom.diagnosis.locate import ALPHA, locate
 from virtual_phantom.diagnosis.pattern import estimate
-from virtual_phantom.diagnosis.report import page
+from virtual_phantom.diagnosis.report import page, residual_maps
 from virtual_phantom.diagnosis.store import read_trial, write_trial
 from virtual_phantom.diagnosis.verdict import diagnose
 from virtual_phantom.errors import InputError
@@ -164,7 +164,7 @@ def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp
     (tmp_path / "fit.json").write_text("{}")
     with pytest.raises(InputError, match="is no fit of a diagnosis"):
         read_trial(tmp_path / "fit.json")
-    text = page(found, given, ALPHA)
+    text = page(found, given, ALPHA, residual_maps(found, given))
     assert found.content["verdict"] in text and "gain pattern" in text and text.count("data:image/png;base64,") == 3
     assert "http" not in text  # one file, nothing fetched
     json.dumps(found.content, allow_nan=False)

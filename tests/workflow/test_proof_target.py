@@ -35,7 +35,7 @@ def test_everything_is_there_and_scored(proof):
     for step in STEPS:
         assert (proof / "proof" / step).stat().st_size > 0, step
     score = json.loads((proof / "proof" / "score.json").read_text())
-    assert score["counts"]["cases"] == 6 if "cases" in score["counts"] else score["counts"]
+    assert score["counts"]["cases"] == 6
     assert planned(tiny(proof, "proof", "-n")) == {}
 
 
@@ -46,6 +46,7 @@ def test_strong_effects_are_named(proof):
         found = json.loads((proof / "proof" / "diagnosis" / truth["case"] / "diagnosis.json").read_text())
         if truth["category"] == "single":
             assert found["effects"] and found["verdict"] != "match", found["sentence"]
+            assert found["effects"][0]["name"] == truth["effects"][0]["name"], found["sentence"]
         if truth["category"] == "none":
             assert found["verdict"] == "match", found["sentence"]
 

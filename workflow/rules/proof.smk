@@ -1,6 +1,6 @@
 # The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
-from virtual_phantom.proof.objects import OBJECTS
 from virtual_phantom.diagnosis.candidates import candidates
+from virtual_phantom.proof.objects import OBJECTS
 from virtual_phantom.proof.suite import PHANTOMS, cases, phantom_of
 
 PROOF = PLAN.config["proof"]

@@ -51,8 +51,8 @@ with job(snakemake) as log:
         )
     found.content["agreement"] = table
     overlay = {"physics": found.choice.chosen.fit.physics, "noise": {"model": "physical"}}
-    maps = {place.domain: place.map for place in found.before}
-    maps |= dict(zip(RESIDUAL_MAPS, residual_maps(found, prepared), strict=True))
-    write_diagnosis(output, found.content, overlay, page(found, prepared, ALPHA), maps)
+    shown = residual_maps(found, prepared)
+    maps = {place.domain: place.map for place in found.before} | dict(zip(RESIDUAL_MAPS, shown, strict=True))
+    write_diagnosis(output, found.content, overlay, page(found, prepared, ALPHA, shown), maps)
     log.info("%s", found.content["sentence"])
     print(found.content["sentence"])

@@ -6,7 +6,8 @@ import numpy as np
 
 from virtual_phantom.job import job
 from virtual_phantom.phantom import save
-from virtual_phantom.proof.objects import OBJECTS, build
+from virtual_phantom.proof.objects import OBJECTS
+from virtual_phantom.proof.phantoms import build
 
 PHANTOM_STREAM = 6  # of the study's seed
 

@@ -17,7 +17,6 @@ from .observed import WHITE_TOLERANCE, Observed, white_shape
 SURE = 5.0
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
-SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20 000 are taken for distances or offsets
 STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number without neutral value may begin
 # Of what halving a step changed: by how much predictions may be off yet. Where errors shrink with its square, all
 # further halving changes a third (L. F. Richardson, Phil. Trans. R. Soc. A 210, 307, 1911).
@@ -71,8 +70,9 @@ def nuisances(
         "y_mm": ("mm", 0.0, 1.0),
         "z_mm": ("mm", 0.0, 1.0),
         "turn_deg": ("degrees", 0.0, 0.5),
-        "size": ("1", 1.0, SIZE_SD),
     }
+    if "size" in known:  # of the object; an image states the size of its voxels
+        defaults["size"] = ("1", 1.0, known["size"])
     rest = [Nuisance(name, unit, mean, known.get(name, sd)) for name, (unit, mean, sd) in defaults.items()]
     rest += [Nuisance(name, "1", 0.0, known.get(name, NUMERICAL_SD)) for name in numerical]
     return (Nuisance("log_photons", "1", log_photons, photons_sd), *rest)

@@ -63,12 +63,14 @@ of neighbouring views, so variances and correlations were not tested.{% endif %}
 )
 
 
-def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float) -> str:
-    """The report as HTML."""
+def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float, maps: tuple[np.ndarray, np.ndarray]) -> str:
+    """The report as HTML.
+
+    maps   what `residual_maps` gave
+    """
     content = diagnosis.content
     after = {place.domain: place for place in diagnosis.after}
     choice, look = diagnosis.choice, prepared.look
-    maps = residual_maps(diagnosis, prepared)
     gains = {name: one.score - choice.baseline.score for name, one in choice.singles.items()}
     return render(
         PAGE,

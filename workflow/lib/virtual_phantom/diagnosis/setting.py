@@ -60,23 +60,21 @@ def ready(
         chains = [Chain(scene, setting.geometry, samples=count) for count in samples]
         return recording, ready_images(recording, setting, chains, mu_water_per_mm, seed, threads, stated)
     illumination = recording.document.content["scan"].get("illumination", EVEN)
-    chains = [Chain(scene, recording.geometry, samples=count, illumination=illumination) for count in samples]
+
+    def chain(scene, count):
+        return Chain(scene, recording.geometry, samples=count, illumination=illumination)
+
     coarse = None
     if not {"disc", "object"} & set(settings):
-        coarse = Chain(
-            coarse_scene(phantom, mu_water_per_mm, materials, threads),
-            recording.geometry,
-            samples=settings["samples"],
-            illumination=illumination,
-        )
+        coarse = chain(coarse_scene(phantom, mu_water_per_mm, materials, threads), samples[0])
     further = scans(recording.held_out) if len(recording.held_out) else None
     taken = scans(recording.repeats)
     check_scans(taken, str(recording.document.path))
     return recording, prepare(
         taken,
         further,
-        chains[0],
-        floor_chain=chains[1],
+        chain(scene, samples[0]),
+        floor_chain=chain(scene, samples[1]),
         coarse_chain=coarse,
         step=settings["view_step"],
         **stated,

@@ -90,15 +90,16 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
         return None
     fitter, locate = prepared.fitter, prepared.look.places
     fitted, held = (fitter.residuals(chosen.fit, held_out) for held_out in (False, True))
-    maps = [
-        {place.domain: place.map.ravel() for place in locate(residuals, weights, data, chosen.fit.pattern_variance)}
-        for residuals, weights, data in (
-            (fitted, fitter.weights, prepared.data),
-            (held, fitter.held_weights, prepared.held_out),
-        )
-    ]
-    domains = {place.domain for place in standing} & maps[0].keys() - set(NO_SIGNED_MAP)
-    sums = [(maps[0][domain] * maps[1][domain], 0.0) for domain in domains]
+    sums = []
+    if domains := {place.domain for place in standing} - set(NO_SIGNED_MAP):
+        maps = [
+            {place.domain: place.map.ravel() for place in locate(residuals, weights, data, chosen.fit.pattern_variance)}
+            for residuals, weights, data in (
+                (fitted, fitter.weights, prepared.data),
+                (held, fitter.held_weights, prepared.held_out),
+            )
+        ]
+        sums += [(maps[0][domain] * maps[1][domain], 0.0) for domain in domains]
     weight = np.sqrt(fitter.weights[0] * fitter.held_weights[0])
     numerical = sum(float(weight @ error.ravel() ** 2) for error in prepared.held_out.numerical)
     sums.append((fitted[0] * held[0] * weight, numerical))

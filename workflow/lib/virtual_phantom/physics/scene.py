@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,8 +59,9 @@ class VoxelScene:
 
     def moved(self, by_mm: np.ndarray) -> VoxelScene:
         """The same scene, its grid displaced by x, y, z in mm."""
-        self._centre = self._centre + by_mm
-        return self
+        moved = copy.copy(self)
+        moved._centre = self._centre + by_mm
+        return moved
 
     @property
     def attenuation_per_mm(self) -> np.ndarray:

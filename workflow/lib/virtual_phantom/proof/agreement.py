@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from .case import Case
+from .intervals import median
 
 # Of |simulated / recorded - 1|, as the work is held to them.
 TARGETS = {"contrast": 0.014, "noise_magnitude": 0.02, "noise_texture": 0.026, "resolution": 0.03}
@@ -34,9 +33,9 @@ def summary(cases: Sequence[Case]) -> dict:
         entries = [case.other[metric] for case in singles if case.other and metric in case.other]
         found[metric] = {
             "n": len(entries),
-            "before": _median(_size(entry["before"]) for entry in entries),
-            "after": _median(_size(entry["after"]) for entry in entries),
-            "floor": _median(entry["floor"] for entry in entries),
+            "before": median(_size(entry["before"]) for entry in entries),
+            "after": median(_size(entry["after"]) for entry in entries),
+            "floor": median(entry["floor"] for entry in entries),
             "target": TARGETS.get(metric),
             "dukesim": DUKESIM.get(metric),
         }
@@ -52,8 +51,3 @@ def _size(column: dict) -> float:
     """|relative difference|, or the value of a metric that is itself a share."""
     relative = column["relative_difference"]
     return column["value"] if relative is None else abs(relative)
-
-
-def _median(values) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None

@@ -12,10 +12,10 @@ from ..diagnosis.verdict import VERDICTS
 from ..errors import InputError
 from ..physics.effect import names
 from . import seal
+from .catalogue import STRENGTHS
 
 CATEGORIES = ("single", "none", "pair", "unknown")
 KINDS = ("projections", "images")
-STRENGTHS = ("weak", "medium", "strong")
 MATCH, EXPLAINED, PARTLY, UNEXPLAINED = VERDICTS
 ADMITTED = (PARTLY, UNEXPLAINED)  # verdicts that own up to something the library does not explain
 CONCEALED = {"single": 1, "none": 0, "pair": 2}  # number of effects, all of them in the library

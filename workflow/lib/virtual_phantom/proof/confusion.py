@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from .case import MATCH, STRENGTHS, Case
+from .case import MATCH, Case
+from .catalogue import STRENGTHS
 
 NOTHING = "nothing"  # row: nothing concealed; column: a match
 NOTHING_FITS = "no effect fits"  # column: a difference, and no effect named

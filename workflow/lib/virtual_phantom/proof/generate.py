@@ -12,7 +12,8 @@ import yaml
 from ..files import replacing, write_text
 from ..recordings.document import FILE_NAME
 from ..volumes import Volume
-from .objects import Object, materials, pixel_mm
+from .objects import Object
+from .phantoms import materials, pixel_mm
 from .readout import read_out
 from .xcist import Acquired, Scan, simulate
 
@@ -63,7 +64,8 @@ def acquire(
 
 def write(folder: str | Path, name: str, scan: Scan, taken: Acquired) -> None:
     """Write recording.yaml and one HDF5 file per repeat. Nothing of what is concealed is in them: files are not
-    compressed, so that their sizes are alike too."""
+    compressed, so that their sizes are alike too. The importers' writer loads what it wrote, by files that know the
+    library's noise, and is not used."""
     folder = Path(folder)
     files = [f"scan{number:02d}.h5" for number in range(1, 1 + len(taken.readings))]
     angles = np.arange(scan.views) * 360 / scan.views

@@ -1,9 +1,10 @@
-"""Shares with their intervals."""
+"""Shares with their intervals, and medians."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
 from scipy.stats import binomtest
 
 
@@ -18,3 +19,9 @@ def share(flags: Iterable[bool]) -> dict:
         return {"count": 0, "n": 0, "share": None, "ci95": None}
     interval = binomtest(count, n).proportion_ci(0.95, method="wilson")
     return {"count": count, "n": n, "share": count / n, "ci95": [float(interval.low), float(interval.high)]}
+
+
+def median(values: Iterable[float | None]) -> float | None:
+    """Of the values that are known; None if there are none."""
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None

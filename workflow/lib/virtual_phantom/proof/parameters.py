@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from .case import Case
-from .intervals import share
+from .intervals import median, share
 
 MEANING = (
     "Of effects that were concealed and named: parameters that the generator defines as the library does. Relative "
@@ -61,12 +59,11 @@ def summary(cases: Sequence[Case]) -> dict:
 
 def _of(rows: list[dict]) -> dict:
     return {
-        "median_absolute_relative_error": _median(row["relative_error"] for row in rows),
-        "median_absolute_half_widths": _median(row["half_widths"] for row in rows),
+        "median_absolute_relative_error": median(_size(row["relative_error"]) for row in rows),
+        "median_absolute_half_widths": median(_size(row["half_widths"]) for row in rows),
         "covered": share(row["covered"] for row in rows),
     }
 
 
-def _median(values) -> float | None:
-    sizes = [abs(value) for value in values if value is not None]
-    return float(np.median(sizes)) if sizes else None
+def _size(value: float | None) -> float | None:
+    return None if value is None else abs(value)

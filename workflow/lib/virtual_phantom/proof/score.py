@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from . import agreement, calibration, confusion, parameters
-from .case import ADMITTED, CATEGORIES, KINDS, MATCH, STRENGTHS, Case
-from .intervals import share
+from .case import ADMITTED, CATEGORIES, KINDS, MATCH, Case
+from .catalogue import STRENGTHS
+from .intervals import median, share
 from .missed import why
 from .targets import targets
 
@@ -86,12 +85,11 @@ def excess_removed(cases: Sequence[Case]) -> dict:
     found = {"meaning": MEANING["excess_removed"]}
     for name, categories in (("in_library", ("single", "pair")), ("lacking", ("unknown",))):
         values = [case.diagnosis["excess_removed"] for case in cases if case.category in categories]
-        removed = [value for value in values if value is not None]
         found[name] = {
             "n": len(values),
-            "counted_as_0": len(values) - len(removed),
-            "median": float(np.median([value or 0.0 for value in values])) if values else None,
-            "median_where_named": float(np.median(removed)) if removed else None,
+            "counted_as_0": values.count(None),
+            "median": median(value or 0.0 for value in values),
+            "median_where_named": median(values),
         }
     return found
 
@@ -125,7 +123,7 @@ def _broken_down(singles: Sequence[Case], right: Callable[[Case], bool]) -> dict
     effects = sorted({case.concealed[0] for case in singles})
     return {
         "all": share(map(right, singles)),
-        "medium_or_strong": share(right(case) for case in singles if case.strength in ("medium", "strong")),
+        "medium_or_strong": share(right(case) for case in singles if case.strength in STRENGTHS[1:]),
         "by_strength": {name: share(right(case) for case in singles if case.strength == name) for name in STRENGTHS},
         "by_kind": {kind: share(right(case) for case in singles if case.kind == kind) for kind in KINDS},
         "by_effect": {name: share(right(case) for case in singles if case.concealed[0] == name) for name in effects},

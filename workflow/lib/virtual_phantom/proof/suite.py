@@ -8,8 +8,9 @@ import numpy as np
 
 from ..errors import InputError
 from .catalogue import CATALOGUE, STRENGTHS
+from .objects import OBJECTS
 
-PHANTOMS = ("quality_assurance", "abdomen")
+PHANTOMS = tuple(OBJECTS)
 TRUTH, SALT, SCAN = range(3)  # branches of a case's seed
 KNOWN = tuple(name for name, one in CATALOGUE.items() if one.known)
 UNKNOWN = tuple(name for name, one in CATALOGUE.items() if not one.known)

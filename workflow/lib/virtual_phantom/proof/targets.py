@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ..figures.style import label
 from .agreement import TARGETS as AGREEMENT_TARGETS
 
 MINUTES = 90.0  # of the whole suite on two cores
-WORDS = {
-    "contrast": "contrast",
-    "noise_magnitude": "noise magnitude",
-    "noise_texture": "noise texture",
-    "resolution": "resolution",
-}
 
 
 def targets(score: Mapping, minutes: float | None = None) -> list[dict]:
@@ -33,7 +28,7 @@ def targets(score: Mapping, minutes: float | None = None) -> list[dict]:
     found.append(_target("excess_removed", "held-out excess removed, median", removed["median"], 0.85, n=removed["n"]))
     for metric, limit in AGREEMENT_TARGETS.items():
         entry = score["agreement"]["metrics"][metric]
-        what = f"{WORDS[metric]} on the held-out protocol, median difference after the fit"
+        what = f"{label(metric)} on the held-out protocol, median difference after the fit"
         found.append(_target(metric, what, entry["after"], limit, "at most", n=entry["n"]))
     found.append(_target("minutes", "the whole suite on two cores", minutes, MINUTES, "at most", unit="minutes"))
     return found

@@ -22,6 +22,7 @@ from scipy.optimize import brentq
 CELLS_DIVIDED = 2  # finer cells per detector cell and direction, whose transmissions are averaged
 HOOKS = "virtual_phantom.proof.hooks."
 ENERGY_BINS = 20
+FOCAL_SPOT_SAMPLES = 3  # along either side
 ENERGIES_KEV = (40.0, 120.0)  # between which that of the monochromatic beam is looked for
 # What the hooks do when nothing is asked of them.
 IDLE = {
@@ -208,7 +209,7 @@ def _configured(scan: Scan, path: Path, current: float = 1.0):
         physics.energyCount = 1
         physics.monochromatic = scan.kev
     width, length = settings.get("focal_spot_mm", (0.0, 0.0))
-    samples = settings.get("focal_spot_samples", 3) if width or length else 1
+    samples = FOCAL_SPOT_SAMPLES if width or length else 1
     physics.srcXSampleCount = physics.srcYSampleCount = samples
     scanner.focalspotWidth, scanner.focalspotLength = max(width, 1e-3), max(length, 1e-3)
     if "scatter_scale" in settings:

@@ -51,9 +51,7 @@ def prepare(
     given = {"offset": OFFSET_SD_HU} | (known or {})
 
     def model(log_photons, sd):
-        # The size is that of the voxels, which an image states; it is fitted where the configuration names it.
-        aligned = tuple(one for one in nuisances(log_photons, sd, given) if one.name != "size" or "size" in given)
-        return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, anode, tube_kvp)
+        return ImagesModel(chain, nuisances(log_photons, sd, given), reconstruct, spacing_mm, seed, anode, tube_kvp)
 
     blank = model(np.log(TRIAL_PHOTONS), np.inf)
     expected, simulated, _ = blank.images({}, {"log_photons": np.log(TRIAL_PHOTONS)})

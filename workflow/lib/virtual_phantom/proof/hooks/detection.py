@@ -25,7 +25,7 @@ def detection(cfg, view, subview):
         if cfg.physics.lagCallback:
             hooks.lag[repeat] = cfg.memview1, cfg.memview2
         reading = cfg.thisView.reshape(cfg.scanner.detectorColCount, cfg.scanner.detectorRowCount).T
-        readings.append(reading / hooks.current if not cfg.sim.isAirScan else reading)
+        readings.append(reading / hooks.current)
     cfg.sim.subViewCount = subviews
     hooks.views.append(np.stack(readings).astype(np.float32))
     if cfg.sim.isAirScan:
