@@ -1,10 +1,14 @@
-"""Path lengths that follow the pose to first order, against those traced anew."""
+"""Path lengths that follow pose, motion and geometry to first order, against those traced anew."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.physics.chain import displaced
 from virtual_phantom.physics.posed import PosedScene
+from virtual_phantom.physics.rays import outline
 from virtual_phantom.physics.scene import Pose, VoxelScene
 
 GEOMETRY = circular(
@@ -24,7 +28,9 @@ def traced():
     grid = Grid((16, 40, 40), (4.0, 4.0, 4.0))
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
     soft = 1 / (1 + np.exp((np.hypot(x / 60, y / 45) - 1) * 12))  # a smooth edge: shifts change it smoothly
-    return VoxelScene(np.stack([soft, soft * (x > 20)]).astype(np.float32), grid, ("water", "bone"), 60.0)
+    return VoxelScene(
+        np.stack([soft, soft * (x > 20) * (0.5 + z / 80)]).astype(np.float32), grid, ("water", "bone"), 60.0
+    )
 
 
 class Counting:
@@ -47,31 +53,71 @@ def test_a_pose_that_was_traced_is_exact(traced):
         np.testing.assert_array_equal(posed.path_lengths(GEOMETRY, pose), traced.path_lengths(GEOMETRY, pose))
 
 
-def test_a_pose_nearby_is_followed(traced):
+PLACES = {
+    "pose": (GEOMETRY, NEAR, None),
+    "detector offset": (replace(GEOMETRY, column_offset_px=0.0015, row_offset_px=0.001), Pose(), None),
+    "distances": (replace(GEOMETRY, source_to_isocentre_mm=500.05, source_to_detector_mm=900.03), Pose(), None),
+    "source": (displaced(GEOMETRY, 0.02, 0.01), Pose(), None),
+    "motion": (GEOMETRY, Pose(turn_deg=0.002), np.linspace(-0.01, 0.01, 36).reshape(12, 3)),
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_rays_nearby_are_followed(traced, place):
     posed = PosedScene(traced)
     start = posed.path_lengths(GEOMETRY, Pose())
-    moved = traced.path_lengths(GEOMETRY, NEAR)
-    changed = np.abs(moved - start).max()
+    anew = traced.path_lengths(*PLACES[place])
+    changed = np.abs(anew - start).max()
+    followed = posed.path_lengths(*PLACES[place])
     assert changed > 1e-3
-    assert np.abs(posed.path_lengths(GEOMETRY, NEAR) - moved).max() < 0.05 * changed
+    assert not np.array_equal(followed, anew)  # it was followed, not traced
+    assert np.abs(followed - anew).max() < 0.05 * changed
 
 
-def test_nearby_poses_cost_no_further_traces(traced):
+def test_slopes_are_what_small_steps_change(traced):
+    """Against differences of sums traced anew, of rays that cross planes of x and of y."""
+    rays = traced.rays(GEOMETRY)
+    assert 0.2 < rays.along_x.mean() < 0.8
+    slopes = traced.slopes(rays)
+    step = 0.05  # mm: nearly all crossings stay between the same voxels
+    moved = Pose(z_mm=step)
+    sums = [traced.path_lengths(GEOMETRY, pose) / rays.length_mm.transpose(0, 2, 1) for pose in (Pose(), moved)]
+    expected = -slopes[1] * step / traced.grid.spacing[0]
+    assert np.abs(expected).max() > 1e-3
+    np.testing.assert_allclose(sums[1] - sums[0], expected, atol=0.02 * np.abs(expected).max())
+
+
+def test_rays_nearby_cost_no_further_traces(traced):
     counting = Counting(traced)
     posed = PosedScene(counting)
     posed.path_lengths(GEOMETRY, Pose())
     posed.path_lengths(GEOMETRY, NEAR)
-    before = counting.traces
-    posed.path_lengths(GEOMETRY, Pose(x_mm=-0.005, turn_deg=0.001))
-    assert counting.traces == before
+    for place in PLACES.values():
+        posed.path_lengths(*place)
+    assert counting.traces == 1
     posed.path_lengths(GEOMETRY, Pose(x_mm=1.0))
-    assert counting.traces == before + 1
+    assert counting.traces == 2
 
 
-def test_motion_is_traced(traced):
+def test_rays_farther_off_are_traced(traced):
     motion = np.zeros((12, 3))
     motion[6:, 0] = 2.0
     posed = PosedScene(traced)
+    posed.path_lengths(GEOMETRY, Pose())
     np.testing.assert_array_equal(
         posed.path_lengths(GEOMETRY, Pose(), motion), traced.path_lengths(GEOMETRY, Pose(), motion)
     )
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_an_outline_says_how_far_any_ray_is_displaced(traced, place):
+    """The rays at the detector's corners and edges move as much as the farthest of all."""
+
+    def displacement(some):
+        here, there = (
+            traced.rays(some(geometry), pose, motion).extremes_mm()
+            for geometry, pose, motion in (PLACES[place], (GEOMETRY, Pose(), None))
+        )
+        return float(np.abs(here - there).sum(axis=0).max())
+
+    assert displacement(lambda geometry: geometry) == pytest.approx(displacement(outline), rel=0.1)

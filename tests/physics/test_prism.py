@@ -1,9 +1,12 @@
 """Objects that are alike along z: path lengths against closed forms."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.prism import PrismScene
 from virtual_phantom.physics.scene import DiscScene, Pose
 
@@ -66,3 +69,17 @@ def test_finer_and_offset_masks_are_cut_to_what_they_hold():
     exact = DiscScene(12.0, "pmma").path_lengths(GEOMETRY, Pose(x_mm=-12.0, y_mm=9.0))
     found = whole.path_lengths(GEOMETRY)
     assert np.abs(found - exact).mean() < 0.02 and found.max() == pytest.approx(exact.max(), abs=0.1)
+
+
+def test_rays_nearby_are_followed_without_tracing():
+    scene = slice_of(lambda x, y: 1 / (1 + np.exp(2 * (np.hypot(x / 30, (y - 4) / 20) - 1) * 12)))
+    posed = PosedScene(scene)
+    start = posed.path_lengths(GEOMETRY, Pose())
+    motion = np.linspace(-0.001, 0.001, 7)[:, None] * [1.0, -1.0, 0.0]
+    distance = replace(GEOMETRY, source_to_isocentre_mm=410.005)
+    near = Pose(x_mm=0.001, y_mm=-0.001, z_mm=5.0, turn_deg=0.0005, size=1.00001)
+    for place in ((GEOMETRY, near, None), (GEOMETRY, Pose(), motion), (distance, Pose(), None)):
+        anew, followed = scene.path_lengths(*place), posed.path_lengths(*place)
+        changed = np.abs(anew - start).max()
+        assert changed > 1e-5
+        assert 0 < np.abs(followed - anew).max() < 0.05 * changed

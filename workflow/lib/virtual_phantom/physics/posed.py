@@ -1,70 +1,80 @@
-"""A voxel scene for fits: path lengths follow small changes of the pose to first order, without tracing rays again."""
+"""A voxel scene for fits: path lengths follow small changes of pose, motion and geometry to first order, without being
+traced anew."""
 
 from __future__ import annotations
-
-from dataclasses import astuple, fields, replace
 
 import numpy as np
 
 from ..geometry import ScanGeometry
-from ..kept import Kept
+from .rays import Rays, outline
 from .scene import IN_PLACE, Pose, VoxelScene
 
-# Square of how far any point may lie from the pose that was traced, over the voxel's size, mm: the error grows with the
+# Square of how far any ray may lie from the one that was traced, over the voxel's size, mm: the error grows with the
 # square of the one and falls with the other. Here it is under 1 % of the noise of 1e5 photons per pixel.
 TOLERANCE_MM = 3e-4
-ANCHORS, TRACES = 3, 16
-NAMES = tuple(field.name for field in fields(Pose))
+MEMORY_BYTES, LEAST_KEPT, MOST_KEPT = 4e8, 6, 32  # of scans that were traced; a focal spot takes five
+
+
+class Traced:
+    """Path lengths of one set of rays, and what a displacement of the rays changes."""
+
+    def __init__(self, scene: VoxelScene, geometry: ScanGeometry, pose: Pose, motion_mm, edge_mm: np.ndarray):
+        """edge_mm   of its outline, Rays.extremes_mm"""
+        self.scene, self.edge_mm = scene, edge_mm
+        self.shape = geometry.shape
+        self._given = geometry, pose, motion_mm
+        self._rays: Rays | None = None
+        self._sums = self._slopes = None
+        self.paths = scene.path_lengths(geometry, pose, motion_mm)
+
+    def followed(self, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> np.ndarray:
+        """Path lengths of rays nearby, as VoxelScene.path_lengths gives them."""
+        if self._rays is None:
+            self._rays = self.scene.rays(*self._given)
+            self._sums = self.paths / _ordered(self._rays.length_mm)
+            self._slopes = self.scene.slopes(self._rays)
+        rays = self.scene.rays(geometry, pose, motion_mm, self._rays.along_x)
+        sums = self._sums.copy()
+        for index in (0, 1):  # in the middle plane, and from plane to plane
+            across, height = (
+                (rays.across - self._rays.across)[..., index],
+                (rays.height - self._rays.height)[..., index],
+            )
+            sums += across.astype(np.float32)[:, None] * self._slopes[2 * index]
+            sums += _ordered(height) * self._slopes[2 * index + 1]
+        return sums * _ordered(rays.length_mm)
+
+
+def _ordered(values: np.ndarray) -> np.ndarray:
+    """[view, column, row] as float32 [view, row, column]."""
+    return values.transpose(0, 2, 1).astype(np.float32)
 
 
 class PosedScene:
-    """As VoxelScene. Poses near one that was traced take its path lengths and their derivatives.
-
-    Derivatives are central differences over the tolerance; those of one geometry serve all of the same shape, since
-    effects move rays by far less than the object is large.
-    """
+    """As VoxelScene. Scans whose rays lie near those of one that was traced take its path lengths and slopes."""
 
     def __init__(self, scene: VoxelScene):
         self.scene = scene
         self.materials, self.energy_kev = scene.materials, scene.energy_kev
         self.attenuation_per_mm = scene.attenuation_per_mm
-        reach = float(np.linalg.norm(scene.grid.extent_mm[1:])) / 2
-        allowed = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
-        # What moves a point of the object by the tolerance, in each of the pose's numbers.
-        self._unit = np.array(
-            [{"turn_deg": np.rad2deg(allowed / reach), "size": allowed / reach}.get(name, allowed) for name in NAMES]
-        )
-        self._anchors: list[Pose] = []
-        self._traces, self._slopes = Kept(TRACES), Kept(ANCHORS * len(NAMES))
+        self._allowed_mm = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
+        self._traced: list[Traced] = []
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
         """As VoxelScene.path_lengths."""
-        anchor = self._anchor(pose)
-        key = (anchor, geometry.key, None if motion_mm is None else motion_mm.tobytes())
-        paths = self._traces.get(key, lambda: self.scene.path_lengths(geometry, anchor, motion_mm))
-        steps = (np.array(astuple(pose)) - astuple(anchor)) / self._unit
-        for name, step in zip(NAMES, steps, strict=True):
-            if step:
-                paths = paths + np.float32(step) * self._slope(geometry, anchor, name)
-        return paths
+        edge = self.scene.rays(outline(geometry), pose, motion_mm).extremes_mm()
+        same = [one for one in self._traced if one.shape == geometry.shape]
+        displaced = [float(np.abs(edge - one.edge_mm).sum(axis=0).max()) for one in same]
+        nearest = min(displaced, default=np.inf)
+        if nearest > self._allowed_mm:
+            found = Traced(self.scene, geometry, pose, motion_mm, edge)
+        else:
+            found = same[displaced.index(nearest)]
+        # The least recently used goes first.
+        self._traced = [*(one for one in self._traced if one is not found), found][-self._most(geometry) :]
+        return found.followed(geometry, pose, motion_mm) if 0 < nearest <= self._allowed_mm else found.paths
 
-    def _anchor(self, pose: Pose) -> Pose:
-        def distance(anchor):
-            return float(np.abs((np.array(astuple(pose)) - astuple(anchor)) / self._unit).sum())
-
-        nearest = min(self._anchors, key=distance, default=None)
-        if nearest is None or distance(nearest) > 1:
-            nearest = pose
-            self._anchors = [*self._anchors[1 - ANCHORS :], pose]
-        return nearest
-
-    def _slope(self, geometry: ScanGeometry, anchor: Pose, name: str) -> np.ndarray:
-        """Change of the path lengths per tolerance of one number of the pose."""
-        unit = float(self._unit[NAMES.index(name)])
-
-        def make():
-            moved = (replace(anchor, **{name: getattr(anchor, name) + sign * unit}) for sign in (1, -1))
-            more, less = (self.scene.path_lengths(geometry, pose) for pose in moved)
-            return (more - less) / 2
-
-        return self._slopes.get((anchor, name, geometry.shape), make)
+    def _most(self, geometry: ScanGeometry) -> int:
+        """How many scans of this size are kept."""
+        size = 4 * len(self.materials) * np.prod(geometry.shape) * 6  # path lengths, sums, four slopes
+        return int(np.clip(MEMORY_BYTES / size, LEAST_KEPT, MOST_KEPT))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numba import njit
 
 from ..geometry import Grid, ScanGeometry
 from .materials import attenuation_per_mm
-from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose
+from .rays import Rays, Voxels
+from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_back
 
 
 class PrismScene:
@@ -23,6 +26,7 @@ class PrismScene:
         low, high = occupied.min(axis=0), occupied.max(axis=0) + 1
         # One pixel of nothing around it, so that interpolation needs no edge cases.
         self._share = np.pad(share[low[0] : high[0], low[1] : high[1]].astype(np.float32), 1)
+        self._voxels: Voxels | None = None
         self._turned = np.ascontiguousarray(self._share.T)
         self._origin = (np.array(share.shape) - 1) / 2 - low + 1  # pixel (y, x) of the isocentre in it
 
@@ -51,6 +55,28 @@ class PrismScene:
         _trace(self._share, self._turned, pixels, away @ back.T / spacing, spacing, lengths)
         climb = np.sqrt(1 + (geometry.row_positions_mm()[:, None] / np.hypot(distance, u)) ** 2)
         return (pose.size * lengths[:, None, :] * climb).astype(np.float32)[None]
+
+    def rays(
+        self,
+        geometry: ScanGeometry,
+        pose: Pose = IN_PLACE,
+        motion_mm: np.ndarray | None = None,
+        along_x: np.ndarray | None = None,
+    ) -> Rays:
+        """As VoxelScene.rays; all of them lie in the slice's plane."""
+        geometry, shift = turned_back(geometry, pose, motion_mm)
+        _, dy, dx = self.grid.spacing
+        ny, nx = self._share.shape
+        grid = Grid((1, ny, nx), (1.0, pose.size * dy, pose.size * dx))
+        y, x = ((count - 1) / 2 - at for count, at in zip((ny, nx), self._origin, strict=True))
+        rays = Rays.of(geometry, grid, pose.size * np.array([x * dx, y * dy, 0.0]) + shift, along_x)
+        return replace(rays, height=np.broadcast_to([1.0, 0.0], rays.height.shape))
+
+    def slopes(self, rays: Rays) -> np.ndarray:
+        """As Voxels.slopes."""
+        if self._voxels is None:
+            self._voxels = Voxels(self._share[None, None])
+        return self._voxels.slopes(rays)
 
 
 @njit(nogil=True, cache=True, fastmath=True, error_model="numpy")

@@ -11,6 +11,7 @@ from ..geometry import Grid, ScanGeometry
 from ..projectors.cpu import CpuProjector
 from ..volumes import Volume
 from .materials import Segmentation, attenuation_per_mm, energy_of
+from .rays import Rays, Voxels
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class VoxelScene:
         middle = (low + high - np.array(grid.shape)) / 2 * grid.spacing
         self._centre = middle[::-1]
         self._fractions = fractions[:, *box]
-        self._packed = None
+        self._packed = self._voxels = None
 
     @classmethod
     def of(cls, phantom: Volume, segmentation: Segmentation, mu_water_per_mm: float, threads: int = 1) -> VoxelScene:
@@ -73,14 +74,9 @@ class VoxelScene:
 
         motion_mm   (view, 3): where the object is in each view, x, y, z from its place
         """
-        # The object turned by t about z and seen at angle b is the object seen at b - t, with shifts turned back.
-        turn = np.deg2rad(pose.turn_deg)
-        geometry = replace(geometry, angles_rad=geometry.angles_rad - turn)
-        back = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
-        shift = back @ [pose.x_mm, pose.y_mm, pose.z_mm]
+        geometry, shift = turned_back(geometry, pose, motion_mm)
         if motion_mm is None:
             return self._project(geometry, shift, pose.size)
-        moved = shift + motion_mm @ back.T
         result = np.empty((len(self.materials), geometry.views, geometry.rows, geometry.columns), np.float32)
         for view in range(geometry.views):
             one = replace(
@@ -88,16 +84,45 @@ class VoxelScene:
                 angles_rad=geometry.angles_rad[view : view + 1],
                 source_z_mm=geometry.source_z_mm[view : view + 1],
             )
-            result[:, view] = self._project(one, moved[view], pose.size)[:, 0]
+            result[:, view] = self._project(one, shift[view], pose.size)[:, 0]
         return result
+
+    def rays(
+        self,
+        geometry: ScanGeometry,
+        pose: Pose = IN_PLACE,
+        motion_mm: np.ndarray | None = None,
+        along_x: np.ndarray | None = None,
+    ) -> Rays:
+        """The rays of a scan in the grid's coordinates; along_x as Rays.of takes it."""
+        geometry, shift = turned_back(geometry, pose, motion_mm)
+        return Rays.of(geometry, self._sized(pose.size), pose.size * self._centre + shift, along_x)
+
+    def slopes(self, rays: Rays) -> np.ndarray:
+        """As Voxels.slopes."""
+        if self._voxels is None:
+            self._voxels = Voxels(self._fractions)
+        return self._voxels.slopes(rays, self.threads)
+
+    def _sized(self, size: float) -> Grid:
+        return self.grid if size == 1 else replace(self.grid, spacing=tuple(size * s for s in self.grid.spacing))
 
     def _project(self, geometry: ScanGeometry, shift: np.ndarray, size: float) -> np.ndarray:
         centre = tuple((size * self._centre + shift).tolist())
-        grid = self.grid if size == 1 else replace(self.grid, spacing=tuple(size * s for s in self.grid.spacing))
-        projector = CpuProjector(geometry, grid, len(self.materials), self.threads, centre)
+        projector = CpuProjector(geometry, self._sized(size), len(self.materials), self.threads, centre)
         if self._packed is None:
             self._packed = projector.pack_volume(self._fractions)
         return projector.unpack_projections(projector.forward(self._packed))
+
+
+def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> tuple[ScanGeometry, np.ndarray]:
+    """The geometry in which an object that is turned is seen unturned, and the object's shift in it, (3,) or (view, 3):
+    the object turned by t about z and seen at angle b is the object seen at b - t, with shifts turned back."""
+    turn = np.deg2rad(pose.turn_deg)
+    geometry = replace(geometry, angles_rad=geometry.angles_rad - turn)
+    back = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    shift = back @ [pose.x_mm, pose.y_mm, pose.z_mm]
+    return geometry, shift if motion_mm is None else shift + motion_mm @ back.T
 
 
 class DiscScene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -239,10 +240,14 @@ class CpuProjector:
         )
 
     def _share_out(self, run, count):
-        """Run over [0, count) in one contiguous share per thread; the shares write to separate places."""
-        if self.threads == 1:
-            run(0, count)
-            return
-        edges = np.linspace(0, count, self.threads + 1).astype(int)
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(run, edges[:-1], edges[1:]))
+        share_out(run, count, self.threads)
+
+
+def share_out(run: Callable[[int, int], None], count: int, threads: int) -> None:
+    """run(first, last) over [0, count) in one contiguous share per thread; the shares write to separate places."""
+    if threads == 1:
+        run(0, count)
+        return
+    edges = np.linspace(0, count, threads + 1).astype(int)
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(run, edges[:-1], edges[1:]))

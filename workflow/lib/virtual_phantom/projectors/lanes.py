@@ -15,7 +15,7 @@ from numba.core import types
 from numba.extending import intrinsic
 
 CACHE_LINE_BYTES = 64
-KERNEL_FILES = ("kernels.py", "lanes.py", "parallel.py")
+KERNEL_FILES = ("kernels.py", "lanes.py", "parallel.py", "slopes.py")
 
 
 def _cache_folder() -> str:

@@ -1,0 +1,67 @@
+"""What Joseph's sums change when their rays are displaced: the derivatives of kernels.trace by the rays' coordinates.
+
+A ray steps through the planes across its in-plane main direction. With t the plane's number from the grid's middle, it
+meets a plane at the padded voxel index a + b t along the other in-plane axis and c + d t along z. Interpolation is
+bilinear, so the derivatives of a sum by a, b, c and d are sums of differences between neighbouring voxels.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .kernels import OPTIONS
+
+COORDINATES = 4  # a, b, c and d
+
+
+@njit(**OPTIONS)
+def trace_slopes(volumes, occupied, slopes, first_view, shape, along_x, across, height):
+    """Add to `slopes` the derivatives of the sums of every ray, all views from `first_view` on.
+
+    volumes    [lane, voxel], each flat [y + 2, x + 2, z + 2]
+    occupied   [lane, voxel column], whether any voxel of it is not zero, flat [y + 2, x + 2]
+    slopes     [lane, view, column, row, coordinate], coordinates in the order a, c, b, d
+    shape      (z, y, x) of the grid without its border
+    along_x    (view, column) whether the main direction is x
+    across     (view, column, 2): a and b
+    height     (view, column, row, 2): c and d
+    """
+    nz, ny, nx = shape
+    lanes, views, columns, rows = slopes.shape[0], slopes.shape[1], slopes.shape[2], slopes.shape[3]
+    for lane in range(lanes):
+        volume = volumes[lane]
+        for i in range(views):
+            view = first_view + i
+            for column in range(columns):
+                if along_x[view, column]:
+                    n, n_other, step, step_other = nx, ny, 1, nx + 2
+                else:
+                    n, n_other, step, step_other = ny, nx, nx + 2, 1
+                a, b = across[view, column, 0], across[view, column, 1]
+                for plane in range(n):
+                    middle = plane - (n - 1) * 0.5
+                    other = a + b * middle
+                    j = int(math.floor(other))
+                    if j < 0 or j > n_other:
+                        continue
+                    first = (plane + 1) * step + j * step_other
+                    if not (occupied[lane, first] or occupied[lane, first + step_other]):
+                        continue
+                    weight, t = np.float32(other - j), np.float32(middle)
+                    for row in range(rows):
+                        z = height[view, column, row, 0] + height[view, column, row, 1] * middle
+                        if z < 0.0 or z >= nz + 1.0:
+                            continue
+                        k = int(z)
+                        up = np.float32(z - k)
+                        near, far = first * (nz + 2) + k, (first + step_other) * (nz + 2) + k
+                        low, high = volume[near], volume[near + 1]
+                        low_step, high_step = volume[far] - low, volume[far + 1] - high
+                        by_other = low_step + up * (high_step - low_step)
+                        by_z = high - low + weight * (high_step - low_step)
+                        # Side by side, so that one vector instruction adds all four.
+                        slopes[lane, i, column, row, 0] += by_other
+                        slopes[lane, i, column, row, 1] += by_z
+                        slopes[lane, i, column, row, 2] += t * by_other
+                        slopes[lane, i, column, row, 3] += t * by_z
