@@ -27,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib")
 
 from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
 from virtual_phantom.diagnosis.attribute import choose, trial  # noqa: E402
+from virtual_phantom.diagnosis.locate import EDGE_SHARE, Half  # noqa: E402
 from virtual_phantom.diagnosis.model import stacked  # noqa: E402
 from virtual_phantom.diagnosis.templates import projected, strength, taken_up, varied, whitened  # noqa: E402
 from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
@@ -40,6 +41,7 @@ from virtual_phantom.volumes import Volume  # noqa: E402
 
 PHOTONS, REPEATS = 1e5, 4
 WEAKEST, STRONGEST = 5.0, 50.0
+SQUARES_SD = 3.5  # of sums of squares: one in some thousand passes it by chance
 LEFT_OPEN = ("unexplained", "mismatch partly explained")
 GEOMETRY = circular(
     views=90,
@@ -124,8 +126,17 @@ def left_over(given, physics, fit):
     pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))
     parts[0] = np.where(held_out.usable, parts[0].reshape(shape) + pattern, 0).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
-    places = given.look.places(parts, fitter.held_weights, held_out, fit.pattern_variance, fitter.weights)
-    return size, [place.domain for place in places if place.significant]
+    fitted = Half([part.copy() for part in parts], fitter.weights)
+    places = given.look.places(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted)
+    # A sum of squares has its number of terms less without noise.
+    weight = fitter.held_weights[0].reshape(shape)
+    terms = {"edges": EDGE_SHARE * (weight > 0).sum(), "pixels": (weight.sum(axis=0) > 0).sum()}
+    seen = [
+        place.domain
+        for place in places
+        if (place.z + np.sqrt(terms[place.domain] / 2) > SQUARES_SD if place.domain in terms else place.significant)
+    ]
+    return size, seen
 
 
 def one(task):

@@ -8,7 +8,7 @@ from simulated_scans import body, chosen
 
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.attribute import trial
-from virtual_phantom.diagnosis.locate import ALPHA, locate
+from virtual_phantom.diagnosis.locate import ALPHA, Half, locate
 from virtual_phantom.diagnosis.pattern import estimate
 from virtual_phantom.diagnosis.report import page, residual_maps
 from virtual_phantom.diagnosis.store import read_trial, write_trial
@@ -153,6 +153,29 @@ def test_places_of_a_difference_are_found(scene):
         if place.domain == "columns"
     )
     assert columns.where == "column 17 of 40" and columns.z > 0
+
+
+def test_what_is_spread_thinly_over_all_rays_is_seen_in_both_halves(scene):
+    """A difference of random sign, a third of the noise of every ray: no place stands out, the halves agree."""
+    given, _ = diagnosed(scene, {}, ("scatter",))
+    fitter, fit = given.fitter, trial(given.fitter, ()).fit
+    random = np.random.default_rng(5)
+    noise = 1 / np.sqrt(np.maximum(fitter.held_weights[0], 1e-30)) * (fitter.held_weights[0] > 0)
+    thin = noise * random.choice([-1.0, 1.0], noise.size) / 3
+
+    def both_halves(added):
+        parts, fitted = (fitter.residuals(fit, held_out) for held_out in (True, False))
+        parts[0], fitted[0] = parts[0] + added, fitted[0] + added
+        places = locate(parts, fitter.held_weights, given.held_out, fitted=Half(fitted, fitter.weights))
+        return next(place for place in places if place.domain == "both halves"), places
+
+    calm, _ = both_halves(0)
+    seen, places = both_halves(thin)
+    assert not calm.significant
+    assert seen.significant and seen.where == "all rays"
+    count = int((noise > 0).sum())
+    assert seen.map[0] - calm.map[0] == pytest.approx(np.sqrt(count) / 9, rel=0.25)
+    assert not any(place.significant for place in places if place.domain in ("columns", "rows", "views", "projections"))
 
 
 def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp_path):

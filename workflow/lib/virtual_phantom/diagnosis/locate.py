@@ -39,18 +39,31 @@ class Location:
         return self.p < ALPHA
 
 
+@dataclass(frozen=True)
+class Half:
+    """Residuals and weights, by part, of one half of the data."""
+
+    residuals: list[np.ndarray]
+    weights: list[np.ndarray]
+
+    def products(self, other: Half) -> np.ndarray:
+        """Products of the standardised residuals of the mean in both halves, of every ray or voxel: their noises are
+        independent, so that the products' mean is the square of what both have in common."""
+        return self.residuals[0] * other.residuals[0] * np.sqrt(self.weights[0] * other.weights[0])
+
+
 def locate(
     residuals: list[np.ndarray],
     weights: list[np.ndarray],
     data: Observed,
     constants: np.ndarray | None = None,
-    fitted: list[np.ndarray] | None = None,
+    fitted: Half | None = None,
 ) -> list[Location]:
     """Standardised residuals of every domain, the worst first, p corrected over places (Bonferroni) and domains (Holm).
 
     residuals, weights   by part, as Fitter gives them
     constants            [row, column] variance that a fitted gain pattern leaves to every pixel's constant
-    fitted               weights of the data that the model was fitted to, if those are others
+    fitted               the data that the model was fitted to, if those are others
 
     A domain counts by its worst place or by the sum of squares over all places, whichever is less likely, times two.
     """
@@ -74,6 +87,8 @@ def locate(
         _edges(residual, weight, predicted),
         _pixels(_marginal(residual, weight, 0, extra, alike), pixels),
     ]
+    if fitted is not None:
+        found.append(_both_halves(residual, weight, predicted, data, fitted))
     found += noise_places(residuals, weights, data, [f"neighbouring {name}" for name in AXES[::-1]], fitted=fitted)
     if data.white is not None:
         z = residuals[-1] * np.sqrt(weights[-1])
@@ -89,10 +104,10 @@ def noise_places(residuals, weights, data: Observed, pairs: list[str], axes=AXES
     if data.variance is None:
         return []
     level, total = residuals[1] @ weights[1], weights[1].sum()
-    both = 1 / total + (1 / fitted[1].sum() if fitted else 0)
+    both = 1 / total + (1 / fitted.weights[1].sum() if fitted else 0)
     z = float(level / total / np.sqrt(both))
     with np.errstate(divide="ignore"):
-        error = 1 / weights[2] + (1 / fitted[2] if fitted else 0)
+        error = 1 / weights[2] + (1 / fitted.weights[2] if fitted else 0)
     return [
         blocks("noise variance", residuals[1] * np.sqrt(weights[1]), data, axes),
         Location("noise level", "everywhere", z, _two_sided(z, 1), np.array([z])),
@@ -178,18 +193,42 @@ def by_value(domain: str, words: str, residual, weight, values, inside, alike=()
 
 def _edges(residual, weight, predicted) -> Location:
     """Where line integrals change most: blur, geometry and motion show there."""
-    slope = np.abs(np.gradient(predicted, axis=2)) if predicted.shape[2] > 1 else np.zeros_like(predicted)
-    return steepest("rays", residual, weight, slope)
+    return steepest("rays", residual, weight, _slope(predicted))
+
+
+def _slope(predicted) -> np.ndarray:
+    return np.abs(np.gradient(predicted, axis=2)) if predicted.shape[2] > 1 else np.zeros_like(predicted)
+
+
+def _steep(weight, slope) -> np.ndarray:
+    return (weight > 0) & (slope >= np.quantile(slope[weight > 0], 1 - EDGE_SHARE))
 
 
 def steepest(what: str, residual, weight, slope) -> Location:
     """Excess of chi-square where a slope is largest."""
-    chosen = (weight > 0) & (slope >= np.quantile(slope[weight > 0], 1 - EDGE_SHARE))
+    chosen = _steep(weight, slope)
     count = int(chosen.sum())
     square = float((weight[chosen] * residual[chosen] ** 2).sum())
     z = (square - count) / np.sqrt(2 * count)
     p = float(stats.chi2.sf(square, count))
     return Location("edges", f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))
+
+
+def _both_halves(residual, weight, predicted, data, fitted: Half) -> Location:
+    """What the data fitted and those held out have in common: of all rays, and of the steepest.
+
+    Unlike a sum of squares this does not ask how large the noise is, and it sees what is spread too thinly over all
+    rays to stand out at any place. What the model's own numerical errors put into both is taken off. Rays must be in
+    both halves: halves of the views have none in common.
+    """
+    products = Half([residual.ravel()], [weight.ravel()]).products(fitted)
+    numerical = sum((weight * error**2).ravel() for error in data.numerical)
+    there = products != 0
+    z = []
+    for chosen in (there, there & _steep(weight, _slope(predicted)).ravel()):
+        z.append(float((products - numerical)[chosen].sum()) / np.sqrt(max(1, int(chosen.sum()))))
+    words = ("all rays", f"the {100 * EDGE_SHARE:.0f} % steepest rays")
+    return extreme("both halves", np.array(z), lambda i: words[i])
 
 
 def _pixels(z, pixels) -> Location:

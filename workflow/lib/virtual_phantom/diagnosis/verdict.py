@@ -9,12 +9,12 @@ import numpy as np
 from ..physics.effect import load
 from .attribute import Choice, Trial
 from .caveats import caveats
-from .locate import Location
+from .locate import Half, Location
 from .prepared import Prepared
 
 NORMAL_95 = 1.959964
 LEFT_SD = 3.0
-NO_SIGNED_MAP = ("edges",)  # a sum of squares
+NO_SIGNED_MAP = ("edges", "both halves")  # sums of squares and products
 VERDICTS = ("match", "mismatch explained", "mismatch partly explained", "unexplained")
 
 
@@ -35,11 +35,14 @@ class Diagnosis:
 def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     """Judge a choice of effects on the data held out."""
     fitter, locate = prepared.fitter, prepared.look.places
-    before = locate(
-        fitter.residuals(choice.baseline.fit), fitter.held_weights, prepared.held_out, fitted=fitter.weights
-    )
-    fit = choice.chosen.fit
-    after = locate(fitter.residuals(fit), fitter.held_weights, prepared.held_out, fit.pattern_variance, fitter.weights)
+
+    def places(fit):
+        fitted = Half(fitter.residuals(fit, held_out=False), fitter.weights)
+        return locate(
+            fitter.residuals(fit), fitter.held_weights, prepared.held_out, fit.pattern_variance, fitted=fitted
+        )
+
+    before, after = places(choice.baseline.fit), places(choice.chosen.fit)
     effects = choice.chosen.fit.effects
     left = [place for place in after if place.significant]
     verdict = VERDICTS[(1 if not left else 2) if effects else (0 if not left else 3)]
@@ -89,20 +92,23 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
     if not gained > 0:
         return None
     fitter, locate = prepared.fitter, prepared.look.places
-    fitted, held = (fitter.residuals(chosen.fit, held_out) for held_out in (False, True))
+    halves = (
+        (Half(fitter.residuals(chosen.fit, held_out=False), fitter.weights), prepared.data),
+        (Half(fitter.residuals(chosen.fit), fitter.held_weights), prepared.held_out),
+    )
     sums = []
     if domains := {place.domain for place in standing} - set(NO_SIGNED_MAP):
         maps = [
-            {place.domain: place.map.ravel() for place in locate(residuals, weights, data, chosen.fit.pattern_variance)}
-            for residuals, weights, data in (
-                (fitted, fitter.weights, prepared.data),
-                (held, fitter.held_weights, prepared.held_out),
-            )
+            {
+                place.domain: place.map.ravel()
+                for place in locate(half.residuals, half.weights, data, chosen.fit.pattern_variance)
+            }
+            for half, data in halves
         ]
         sums += [(maps[0][domain] * maps[1][domain], 0.0) for domain in domains]
     weight = np.sqrt(fitter.weights[0] * fitter.held_weights[0])
     numerical = sum(float(weight @ error.ravel() ** 2) for error in prepared.held_out.numerical)
-    sums.append((fitted[0] * held[0] * weight, numerical))
+    sums.append((halves[0][0].products(halves[1][0]), numerical))
     left = [float(one.sum()) - error for one, error in sums if one.sum() - error > LEFT_SD * np.sqrt((one**2).sum())]
     return gained / (gained + max(left, default=0.0))
 
