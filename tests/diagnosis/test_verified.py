@@ -168,6 +168,13 @@ def test_the_few_best_and_all_near_the_best_are_fitted():
     assert best_few({"one": Screened(1.0, 0.0)}) == ["one"]
 
 
+def test_what_promises_less_than_a_tenth_is_not_fitted():
+    gains = {"best": Screened(0.0, 100.0), "some": Screened(0.0, 11.0), "little": Screened(0.0, 9.0)}
+    assert best_few(gains) == ["best", "some"]
+    assert best_few(gains, needed=500.0) == ["best"]
+    assert best_few(gains, needed=2000.0) == []
+
+
 def test_one_view_of_so_many_keeps_the_noise_of_all(other):
     given, mask, _ = other
     chain = Chain(PosedScene(mask_scene(mask, "pmma")), GEOMETRY, PHOTONS)
@@ -202,9 +209,14 @@ def test_an_effect_that_is_worse_beside_the_others_is_swapped(monkeypatch):
         return Trial(fit, scores[tuple(sorted(effects))], 0.0)
 
     monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, processes: [scored(task[0]) for task in tasks])
-    monkeypatch.setattr(
-        attribute, "screened", lambda fitter, fit, names: dict.fromkeys(names, Screened(p=0.0, gain=100.0))
-    )
+
+    def filtered(fitter, fit, names):
+        return {
+            name: Screened(p=0.0, gain=2 * (scored((*fit.effects, name)).score - scored(fit.effects).score))
+            for name in names
+        }
+
+    monkeypatch.setattr(attribute, "screened", filtered)
     singles = {name: scored((name,)) for name in ("mimic", "true", "second")}
     choice = attribute.choose(None, scored(()), singles)
     assert set(choice.chosen.fit.effects) == {"second", "true"}

@@ -18,9 +18,10 @@ AS_GOOD = 3.0  # log score by which an effect may be worse and still stand for a
 RULED_OUT = 10.0
 MOST_EFFECTS = 4
 MOST_SWAPS = 2  # of a chosen effect for a better one that only pays beside the others
-SCREEN = 0.05  # of the matched filter, times the candidates: what does worse is not fitted beside the chosen ones
-# Of those that the matched filter leaves: fitted are the first few by its gain, and all with this share of the best.
-FEW, NEAR_BEST = 6, 0.5
+SCREEN = 0.01  # of the matched filter, times the candidates: what does worse is not fitted beside the chosen ones
+# Of those that the matched filter leaves: fitted are the first few by its gain, if it is this share of the best or, in
+# the place of an effect, of what that one gains; and all with that larger share of the best.
+FEW, LEAST_SHARE, NEAR_BEST = 6, 0.1, 0.5
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes)
         if rest:
             found = screened(fitter, without[effect].fit, others)
             first_order = {name: gains[effect] - found[name].gain / 2 for name in others}
-            hopeful = best_few(found)
+            hopeful = best_few(found, 2 * gains[effect])
             stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
             others = [name for name in others if name in hopeful or first_order[name] < RULED_OUT]
         sets = [(*rest, name) for name in others]
@@ -158,11 +159,18 @@ def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes)
     return Choice(baseline, dict(singles), current, gains, stand_ins, p), best
 
 
-def best_few(found: Mapping[str, Screened]) -> list[str]:
-    """Those with the largest first-order gains, the best first."""
+def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
+    """Those with the largest first-order gains, the best first.
+
+    needed   gain in chi-square of what they would stand in for
+    """
     ranked = sorted(found, key=lambda name: -found[name].gain)
+    best = found[ranked[0]].gain if ranked else 0.0
+    least = LEAST_SHARE * max(best, needed)
     return [
-        name for rank, name in enumerate(ranked) if rank < FEW or found[name].gain >= NEAR_BEST * found[ranked[0]].gain
+        name
+        for rank, name in enumerate(ranked)
+        if found[name].gain >= least and (rank < FEW or found[name].gain >= NEAR_BEST * best)
     ]
 
 
