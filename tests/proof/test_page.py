@@ -18,6 +18,7 @@ from virtual_phantom.figures.before_after import thumbnail
 from virtual_phantom.proof.case import Case, collect
 from virtual_phantom.proof.example import example, in_words, residual_maps
 from virtual_phantom.proof.page import page, percent
+from virtual_phantom.proof.real import check_recordings, minutes, row
 from virtual_phantom.proof.score import score
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -139,3 +140,32 @@ def test_the_diagnosis_has_no_path_to_the_proof():
     files = {path for one in (*scripts, *library.glob("diagnosis/**/*.py")) for path in files_behind(one)}
     assert library / "diagnosis/verdict.py" in files and library / "physics/chain.py" in files
     assert not [path for path in files if library / "proof" in path.parents]
+
+
+def test_real_recordings_stand_beside_the_cases_and_are_not_scored(tmp_path):
+    given = write_suite(tmp_path)
+    cases = collect(given["sealed"], given["seals"], given["verdicts"], given["diagnoses"], given["others"])
+    file = tmp_path / "diagnosis.json"
+    said = diagnosis("disc", "mismatch partly explained", {"spectrum": {"kvp": (45.0, 44.0, 46.0)}}, removed=0.9)
+    file.write_text(json.dumps(said | {"excess_rms_removed": 0.74, "caveats": ["one repeat"]}))
+    with_real, without = score(cases, 80.0, [row(file)]), score(cases, 80.0)
+    assert with_real["targets"] == without["targets"] and with_real["counts"] == without["counts"]
+    blank = np.zeros((4, 4))
+    maps = {case.name: (blank, blank) for case in cases} | {"disc": (blank, blank)}
+    text = page(with_real, maps, {"disc": "../diagnosis/disc/report.html"})
+    assert 'id="disc"' in text and "74 %" in text and "one repeat" in text and "../diagnosis/disc/report.html" in text
+    assert "Real recordings" not in page(without, maps, {})
+    with pytest.raises(InputError, match="disc: has no maps"):
+        page(with_real, {case.name: (blank, blank) for case in cases}, {})
+    with pytest.raises(InputError, match=r"proof.recordings: 'dics' is not under diagnosis.recordings \(disc\)"):
+        check_recordings(["dics"], {"disc": {}})
+
+
+def test_minutes_are_those_of_the_jobs_over_two_cores(tmp_path):
+    for name, seconds in (("a", 60.0), ("b", 180.0)):
+        (tmp_path / name).write_text(f"s\th:m:s\tmax_rss\n{seconds}\t0:01:00\t10\n")
+    assert minutes([tmp_path / "a", tmp_path / "b"]) == pytest.approx(2.0)
+    assert minutes([]) is None
+    (tmp_path / "c").write_text("")
+    with pytest.raises(InputError, match="c: is no benchmark"):
+        minutes([tmp_path / "c"])

@@ -1,6 +1,7 @@
 # The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
 from virtual_phantom.diagnosis.candidates import candidates
 from virtual_phantom.proof.objects import OBJECTS
+from virtual_phantom.proof.real import check_recordings
 from virtual_phantom.proof.suite import PHANTOMS, cases, phantom_of
 
 PROOF = PLAN.config["proof"]
@@ -12,6 +13,7 @@ HOOKS = sorted(
 )
 try:
     CASES = cases(PROOF)
+    check_recordings(PROOF["recordings"], DIAGNOSED)
 except InputError as error:
     sys.exit(f"Error: {error}")
 
@@ -178,6 +180,8 @@ rule proof_elsewhere:
         f"{RESULTS}/proof/diagnosis/{{case}}/held_out_protocol.json",
     log:
         f"{RESULTS}/logs/proof/elsewhere_{{case}}.log",
+    benchmark:
+        f"{RESULTS}/logs/proof/elsewhere_{{case}}.benchmark.tsv"
     resources:
         mem_mb=2500,
         runtime=30,
@@ -209,6 +213,18 @@ rule proof_score:
         diagnoses=proof_cases("diagnosis/{case}/diagnosis.json"),
         others=proof_cases("diagnosis/{case}/held_out_protocol.json"),
         maps=proof_cases("diagnosis/{case}/maps"),
+        times=[
+            f"{RESULTS}/logs/proof/{job}_{case}.benchmark.tsv"
+            for job in ("scan", "diagnosis", "elsewhere")
+            for case in CASES
+        ],
+        real=expand(
+            f"{RESULTS}/diagnosis/{{recording}}/diagnosis.json",
+            recording=PROOF["recordings"],
+        ),
+        real_maps=expand(
+            f"{RESULTS}/diagnosis/{{recording}}/maps", recording=PROOF["recordings"]
+        ),
         code=code("score_proof.py"),
     output:
         score=f"{RESULTS}/proof/score.json",

@@ -10,16 +10,18 @@ from virtual_phantom.job import job
 from virtual_phantom.proof.case import collect
 from virtual_phantom.proof.example import example, in_words, residual_maps
 from virtual_phantom.proof.page import page
+from virtual_phantom.proof.real import minutes, row
 from virtual_phantom.proof.score import score
 
 with job(snakemake) as log:
     given, output = snakemake.input, snakemake.output
     cases = collect(given.sealed, given.seals, given.verdicts, given.diagnoses, given.get("others", []))
-    found = score(cases, snakemake.params.get("minutes"))
-    maps = {Path(folder).parent.name: residual_maps(folder) for folder in given.maps}
+    real = [row(path) for path in given.get("real", [])]
+    found = score(cases, minutes(given.get("times", [])), real)
+    maps = {Path(folder).parent.name: residual_maps(folder) for folder in [*given.maps, *given.get("real_maps", [])]}
     reports = {
         Path(path).parent.name: Path(os.path.relpath(Path(path).with_name("report.html"), Path(output.page).parent))
-        for path in given.diagnoses
+        for path in [*given.diagnoses, *given.get("real", [])]
     }
     write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", output.score)
     write_text(page(found, maps, {case: path.as_posix() for case, path in reports.items()}), output.page)

@@ -226,7 +226,9 @@ def _both_halves(residual, weight, predicted, data, fitted: Half) -> Location:
     there = products != 0
     z = []
     for chosen in (there, there & _steep(weight, _slope(predicted)).ravel()):
-        z.append(float((products - numerical)[chosen].sum()) / np.sqrt(max(1, int(chosen.sum()))))
+        # As much as the numerical errors may explain is no difference; neither is less.
+        beyond = max(0.0, float((products - numerical)[chosen].sum()))
+        z.append(beyond / np.sqrt(max(1, int(chosen.sum()))))
     words = ("all rays", f"the {100 * EDGE_SHARE:.0f} % steepest rays")
     return extreme("both halves", np.array(z), lambda i: words[i])
 

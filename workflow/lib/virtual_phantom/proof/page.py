@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..figures import confusion, style
 from ..figures.before_after import thumbnail
 from ..figures.diagnosis import MAP_LIMIT
-from .page_parts import ACCURACY, AGREEMENT, CALIBRATION, GALLERY, HEADLINE, MISSED, PARAMETERS
+from .page_parts import ACCURACY, AGREEMENT, CALIBRATION, GALLERY, HEADLINE, MISSED, PARAMETERS, REAL
 
 HEAD = (
     """<!doctype html>
@@ -38,7 +38,7 @@ was sealed, and the seal's SHA-256 published, before it was made; every verdict 
 opened. All cases count.</p>
 """
 )
-PAGE = HEAD + HEADLINE + ACCURACY + AGREEMENT + PARAMETERS + CALIBRATION + MISSED + GALLERY + FOOT
+PAGE = HEAD + HEADLINE + ACCURACY + AGREEMENT + PARAMETERS + CALIBRATION + MISSED + REAL + GALLERY + FOOT
 
 
 def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], reports: Mapping[str, str]) -> str:
@@ -49,9 +49,9 @@ def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], repo
     reports   {case: its report, relative to the page}
     Raises InputError for a case without maps.
     """
-    for case in score["cases"]:
-        if case["case"] not in maps:
-            raise InputError(f"{case['case']}: has no maps; diagnose the case anew")
+    for name in [*(case["case"] for case in score["cases"]), *(one["recording"] for one in score["recordings"])]:
+        if name not in maps:
+            raise InputError(f"{name}: has no maps; diagnose it anew")
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.filters |= {
         "label": style.label,

@@ -92,6 +92,10 @@ NAMED = """{% for name in c.named %}{{ name|label }}{% if c.ambiguous_with[name]
 {{ c.ambiguous_with[name]|map('label')|join(', ') }}){% endif %}{{ ', ' if not loop.last }}
 {%- else %}nothing{% endfor %}"""
 
+MAPS = """<div class="maps">{% for name in ('before', 'after') %}<figure>
+<img alt="residuals {{ name }}" src="{{ pictures[c.KEY][loop.index0] }}"><figcaption>{{ name }}</figcaption></figure>
+{% endfor %}</div>"""
+
 MISSED = (
     """<h2>What was missed, and why</h2>
 {% for c in s.cases if not c.right %}{% if loop.first %}
@@ -103,6 +107,26 @@ MISSED = (
     + """</td><td>{{ c.verdict }}</td>
 <td>{{ c.why_missed|join(' ') }}</td></tr>{% if loop.last %}</table>{% endif %}
 {% else %}<p>Nothing was.</p>{% endfor %}
+"""
+)
+
+REAL = (
+    """{% for c in s.recordings %}{% if loop.first %}<h2>Real recordings</h2>
+<p class="note">Nobody knows what these hold, so that they are not scored. Maps as of the cases below.</p>
+<div class="cases">{% endif %}
+<div class="case" id="{{ c.recording }}" style="border-top-color: {{ c.verdict|colour }}">
+<h3>{% if c.recording in reports %}<a href="{{ reports[c.recording] }}">{{ c.recording }}</a>{% else %}
+{{- c.recording }}{% endif %}</h3>
+<p>Named: <strong>"""
+    + NAMED
+    + """</strong></p>
+"""
+    + MAPS.replace("KEY", "recording")
+    + """
+<p>{{ c.sentence }}</p>
+<p>Root mean square beyond noise removed on data not fitted: {{ c.excess_rms_removed|percent }}</p>
+{% for caveat in c.caveats %}<p class="note">{{ caveat }}</p>{% endfor %}
+</div>{% if loop.last %}</div>{% endif %}{% endfor %}
 """
 )
 
@@ -122,9 +146,9 @@ images: rows and columns.</p>
 <p>Named: <strong>"""
     + NAMED
     + """</strong></p>
-<div class="maps">{% for name in ('before', 'after') %}<figure>
-<img alt="residuals {{ name }}" src="{{ pictures[c.case][loop.index0] }}"><figcaption>{{ name }}</figcaption></figure>
-{% endfor %}</div>
+"""
+    + MAPS.replace("KEY", "case")
+    + """
 <p>{{ c.sentence }}</p>
 {% if not c.held_out_protocol %}<p class="note">There is no table of agreement on another protocol.</p>{% endif %}
 </div>{% endfor %}</div>

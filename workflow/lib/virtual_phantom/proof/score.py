@@ -28,10 +28,11 @@ MEANING = {
 }
 
 
-def score(cases: Sequence[Case], minutes: float | None = None) -> dict:
+def score(cases: Sequence[Case], minutes: float | None = None, real: Sequence[dict] = ()) -> dict:
     """What score.json holds.
 
     minutes   that the suite took on two cores; None: not measured
+    real      rows of real recordings (real.row)
     """
     found = {
         "counts": counts(cases),
@@ -42,6 +43,7 @@ def score(cases: Sequence[Case], minutes: float | None = None) -> dict:
         "confusion": confusion.matrix(cases),
         "calibration": calibration.tables(cases),
         "cases": [row(case) for case in cases],
+        "recordings": list(real),
     }
     return {"targets": targets(found, minutes)} | found
 
