@@ -34,7 +34,7 @@ recordings of projections ([diagnosis.md](diagnosis.md)). This page is made by `
 
 Those of the stage image act after the reconstruction. Not in the chain yet: scatter grids, anode angle, off-focal
 radiation, detector non-linearity. Scatter has one kernel and does not know of depth; a bowtie's
-thickness does not harden the beam; afterglow reaches one view.
+thickness does not harden the beam.
 """
 
 

@@ -61,8 +61,11 @@ def test_noise_has_no_share_in_the_mean_and_flux_is_in_closed_form(disc):
         assert found["mean"] < 1e-3 and sum(found.values()) == pytest.approx(1)
         assert (found["white field"] > 0.01) == (one.effect in ("heel", "bowtie"))
     (flux,) = described(fitter, fit, ["photon_flux"])
-    # 0.7 of the photons: variances over 0.7, in every block.
-    expected = np.log(0.7) ** 2 * fitter.weights[1].sum()
+    # 0.7 of the photons m: the logarithm's variance is 1/m + 3/(2 m^2), in every block.
+    data = fitter.data
+    inverse = fitter.model.predict({}, fit.place, data).state.variance()
+    now, fewer = (data.blocks.sum((v + 1.5 * v**2) / data.reference) for v in (inverse, inverse / 0.7))
+    expected = (np.log(fewer / now) ** 2) @ fitter.weights[1]
     part = split(fitter, flux.whole)["noise variance"]
     assert part @ part == pytest.approx(expected, rel=1e-6)
 

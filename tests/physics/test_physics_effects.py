@@ -10,7 +10,7 @@ from simulated_scans import body, noisy_lines
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, circular
-from virtual_phantom.physics.chain import Chain, displaced, shared
+from virtual_phantom.physics.chain import Chain, State, displaced, lagged, shared
 from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load, names
 from virtual_phantom.physics.image import with_effects
 from virtual_phantom.physics.materials import Segmentation, attenuation_per_mm, energy_of
@@ -183,10 +183,43 @@ def test_points_of_the_spot_keep_the_detector_where_it_is():
 def test_neighbours_share_what_is_there():
     delta = np.zeros((5, 5, 5))
     delta[2, 2, 2] = 1
-    found = shared(delta, (0.1, 0.05, 0.2))
+    found = lagged(shared(delta, (0.1, 0.05)), (0.2, 0.0, 1.0))
     assert found.sum() == pytest.approx(1)
     assert found[2, 2, 3] == pytest.approx(0.1 * 0.9 * 0.8) and found[3, 2, 2] == pytest.approx(0.8 * 0.9 * 0.2)
-    assert shared(np.ones((3, 4, 5)), (0.1, 0.1, 0.1)) == pytest.approx(1)
+    assert lagged(shared(np.ones((3, 4, 5)), (0.1, 0.1)), (0.1, 0.3, 1.0)) == pytest.approx(1)
+
+
+def test_a_glow_fades_by_its_memory():
+    """One bright view: k (1 - d) d^(j - 1) of it j views later; of a scintillator at rest, 1 - k of the first view."""
+    bright = np.zeros((6, 1, 1))
+    bright[1] = 1
+    k, d = 0.2, 0.6
+    expected = [0, 1 - k, *(k * (1 - d) * d**j for j in range(4))]
+    np.testing.assert_allclose(lagged(bright, (k, d, 0.0))[:, 0, 0], expected)
+    np.testing.assert_allclose(lagged(np.ones((2, 1, 1)), (k, d, 0.0))[:, 0, 0], [1 - k, 1 - k + k * (1 - d)])
+    np.testing.assert_allclose(lagged(bright, (k, d, 0.0), squared=True)[:, 0, 0], np.square(expected))
+
+
+def test_a_lasting_glow_has_the_variance_and_correlation_of_its_weights(chain):
+    state = chain.state({"afterglow": {"share": 0.3, "memory": 0.5, "before": 1.0}})
+    weights = np.array([0.7, *(0.3 * 0.5 * 0.5**j for j in range(60))])
+    whole = lagged(np.ones((200, 1, 1)), state.lag, squared=True)[-1, 0, 0]
+    assert whole == pytest.approx((weights**2).sum())
+    assert state.correlations()[2] == pytest.approx((weights[1:] * weights[:-1]).sum() / (weights**2).sum())
+
+
+@pytest.mark.parametrize(("counts", "electronic"), [(20.0, 0.0), (100.0, 0.0), (300.0, 60.0), (60.0, 10.0)])
+def test_moments_of_the_logarithm_of_few_noisy_counts(counts, electronic):
+    """Against a million draws, which first-order moments miss by more than twice as much."""
+    one = np.ones((1, 1, 1))
+    state = State(GEOMETRY, photons=counts, signal=one, air=one, electronic=electronic)
+    random = np.random.default_rng(7)
+    drawn = random.poisson(counts, 1_000_000) + electronic * random.normal(size=1_000_000)
+    lines = -np.log(np.maximum(drawn, 0.5) / counts)
+    above, variance = (float(moment[0, 0, 0]) for moment in state.log_noise())
+    first = float(state.variance()[0, 0, 0])
+    assert abs(lines.var() - variance) < 0.4 * abs(lines.var() - first)
+    assert abs(lines.mean() - above) < 0.4 * abs(lines.mean() - first / 2)
 
 
 def noise_of(chain, physics, repeats=40, seed=3):

@@ -25,7 +25,8 @@ from .physics.noise import Counts
 if TYPE_CHECKING:
     from .physics.chain import State
 
-STATE_ARRAYS, STATE_NUMBERS = ("signal", "air", "gain", "dark"), ("photons", "electronic", "neighbours", "dark_air")
+STATE_ARRAYS = ("signal", "air", "gain", "dark")
+STATE_NUMBERS = ("photons", "electronic", "neighbours", "lag", "dark_air")
 _SCALARS = [f.name for f in fields(ScanGeometry) if f.name not in ("angles_rad", "source_z_mm")]
 # Cheap and lossless: the bytes of noise do not compress, the zeros above them do.
 _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
@@ -61,7 +62,8 @@ def read_state(path: str | Path) -> State | None:
         group = file["physics"]
         arrays = {name: group[name][...].astype(np.float64) for name in STATE_ARRAYS if name in group}
         numbers = {name: group.attrs[name] for name in STATE_NUMBERS}
-        numbers["neighbours"] = tuple(float(value) for value in numbers["neighbours"])
+        for name in ("neighbours", "lag"):
+            numbers[name] = tuple(float(value) for value in numbers[name])
         return State(_geometry(file), **arrays, **numbers)
 
 

@@ -159,10 +159,10 @@ class Model:
         mean of its own here."""
         shown = {name: values for name, values in physics.items() if not load(name).pattern}
         state = self.chain.state(shown, pose_of(place), photons=float(np.exp(place["log_photons"])), anode=self.anode)
-        variance = state.variance()
-        # The logarithm of noisy counts lies above that of their mean by half their relative variance, to first order.
+        # The logarithm of noisy counts lies above that of their mean.
+        above, variance = state.log_noise()
         lines = state.line_integrals()
-        mean = place["scale"] * lines + place["offset"] + self.distortion(place) + variance / 2
+        mean = place["scale"] * lines + place["offset"] + self.distortion(place) + above
         ratio = np.where(data.usable, variance / data.reference, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(data.blocks.sum(ratio) / data.blocks.sum(data.usable))

@@ -21,6 +21,7 @@ from .scene import IN_PLACE, Pose, VoxelScene
 PATHS_KEPT, TRANSMISSIONS_KEPT = 12, 24
 EVEN, SOLID_ANGLE = "even", "solid_angle"
 LEAST_SIGNAL = 1e-6  # of the signal in air: a logarithm of less is none
+MOST_NOISE = 0.2  # variance of line integrals up to which moments of the logarithm follow their series
 NODES = 4096  # of the table of one material's transmission: errors under 1e-6 at 1/mm and 100 mm
 
 
@@ -38,8 +39,10 @@ class State:
                        the photons of a pixel in air at fluence 1
     photons            per pixel in air at fluence 1: 1/A
     electronic         standard deviation of electronic noise, photons
-    neighbours         (column, row, view): share of the signal that goes to the next pixel on either side (column, row)
-                       or stays until the next view, after the quantum noise is in it
+    neighbours         (column, row): share of the signal that goes to the next pixel on either side, after the quantum
+                       noise is in it
+    lag                (share, memory, before): share of a view's signal that glows on, what of the glow each further
+                       view leaves, and how much of it there is before the first view, over that of it lasting
     gain               of each pixel since the air scan, a factor broadcastable to [row, column]
     dark, dark_air     read out beside the signal and no photons, over the signal in air: in the scan, broadcastable to
                        [view, row, column], and in the air scan
@@ -55,7 +58,8 @@ class State:
     signal: np.ndarray | None = None
     air: np.ndarray | None = None
     electronic: float = 0.0
-    neighbours: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    neighbours: tuple[float, float] = (0.0, 0.0)
+    lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
     gain: np.ndarray | None = None
     dark: np.ndarray | None = None
     dark_air: float = 0.0
@@ -63,14 +67,21 @@ class State:
     @property
     def measured(self) -> np.ndarray:
         """The mean signal as it is read out, [view, row, column]."""
-        signal = shared(self.signal, self.neighbours)
+        signal = self.read(self.signal)
         signal = signal if self.gain is None else signal * self.gain
         return signal if self.dark is None else np.maximum(signal + self.dark, LEAST_SIGNAL)
 
     @property
     def measured_air(self) -> np.ndarray:
         """The air scan as it is read out, [view or 1, row, column]."""
-        return shared(self.air, (*self.neighbours[:2], 0.0)) + self.dark_air
+        return shared(self.air, self.neighbours) + self.dark_air
+
+    def read(self, signal: np.ndarray, squared: bool = False) -> np.ndarray:
+        """What is read out of a signal [view, row, column] that neighbours share and that lags behind.
+
+        squared   of variances of independent values
+        """
+        return lagged(shared(signal, self.neighbours, squared), self.lag, squared)
 
     def line_integrals(self) -> np.ndarray:
         """-ln(signal / air) of the means, float64 [view, row, column]."""
@@ -78,15 +89,32 @@ class State:
 
     def variance(self) -> np.ndarray:
         """Of the line integrals, to first order in the noise: that of the signal over its mean squared."""
-        quantum = shared(self.signal / self.photons, self.neighbours, squared=True)
-        noise = quantum + (self.electronic / self.photons) ** 2
+        return self._quantum_variance() + self._over_signal((self.electronic / self.photons) ** 2)
+
+    def log_noise(self) -> tuple[np.ndarray, np.ndarray]:
+        """What noise adds to the mean of the line integrals, and their variance, both to second order: moments of
+        -ln(1 + x) to the fourth in x, whose third moment is that of Poisson counts.
+
+        v/2 + 3/4 v^2 - q^2/3 and v + 5/2 v^2 - q^2, of the first-order variance v and its quantum part q: for counts of
+        mean m alone 1/(2m) + 5/(12 m^2) and 1/m + 3/(2 m^2). Where v is over MOST_NOISE, the series says nothing any
+        more, and the second-order terms stay at that.
+        """
+        first, quantum = self.variance(), np.minimum(self._quantum_variance(), MOST_NOISE)
+        noise = np.minimum(first, MOST_NOISE)
+        return first / 2 + 0.75 * noise**2 - quantum**2 / 3, first + 2.5 * noise**2 - quantum**2
+
+    def _quantum_variance(self) -> np.ndarray:
+        return self._over_signal(self.read(self.signal / self.photons, squared=True))
+
+    def _over_signal(self, noise: np.ndarray | float) -> np.ndarray:
+        """A variance of what is read over the square of its mean."""
         if self.dark is None:  # gains change signal and noise alike
-            return noise / shared(self.signal, self.neighbours) ** 2
+            return noise / self.read(self.signal) ** 2
         return noise * (1.0 if self.gain is None else self.gain) ** 2 / self.measured**2
 
     def counts(self, random: np.random.Generator) -> np.ndarray:
         """One noisy scan in photons, float64 [view, row, column]: Poisson, shared by neighbours, electronic noise."""
-        read = shared(random.poisson(self.signal * self.photons).astype(np.float64), self.neighbours)
+        read = self.read(random.poisson(self.signal * self.photons).astype(np.float64))
         if self.electronic:
             read += self.electronic * random.normal(size=read.shape)
         read = read if self.gain is None else read * self.gain
@@ -94,25 +122,45 @@ class State:
 
     def correlations(self) -> tuple[float, float, float]:
         """Of the quantum noise of neighbouring columns, rows and views, uniform signal."""
-        column, row, view = self.neighbours
-        tap = [2 * c * (1 - 2 * c) / ((1 - 2 * c) ** 2 + 2 * c**2) for c in (column, row)]
-        return tap[0], tap[1], view * (1 - view) / (view**2 + (1 - view) ** 2)
+        tap = [2 * c * (1 - 2 * c) / ((1 - 2 * c) ** 2 + 2 * c**2) for c in self.neighbours]
+        share, memory, _ = self.lag
+        # Of weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
+        glow = share**2 * (1 - memory) / (1 + memory)
+        view = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
+        return tap[0], tap[1], view
 
 
-def shared(array: np.ndarray, neighbours: tuple[float, float, float], squared: bool = False) -> np.ndarray:
-    """What neighbours share: (c, 1 - 2c, c) along columns and rows, (1 - c, c) from a view to the next.
+def shared(array: np.ndarray, neighbours: tuple[float, float], squared: bool = False) -> np.ndarray:
+    """What neighbours share: (c, 1 - 2c, c) along columns and rows.
 
     squared   the weights are squared: variances of independent values
-    Signal that would leave the detector stays in the pixel at its edge; the first view has nothing before it.
+    Signal that would leave the detector stays in the pixel at its edge.
     """
-    for axis, share in zip((2, 1), neighbours[:2], strict=True):
+    for axis, share in zip((2, 1), neighbours, strict=True):
         if share and array.shape[axis] > 1:
             array = blurred(array, share, axis, squared)
-    if neighbours[2] and array.shape[0] > 1:
-        keep, late = 1 - neighbours[2], neighbours[2]
-        before = np.concatenate([array[:1], array[:-1]])
-        array = keep**2 * array + late**2 * before if squared else keep * array + late * before
     return array
+
+
+def lagged(array: np.ndarray, lag: tuple[float, float, float], squared: bool = False) -> np.ndarray:
+    """What is read of [view, ...] where a share glows on and fades by the factor `memory` from view to view.
+
+    lag       as State.lag; the glow before the first view is `before` times that of the first view lasting for ever
+    squared   the weights are squared: variances of independent values
+    """
+    share, memory, before = lag
+    if not share or len(array) == 1:
+        return array
+    keep, late, fading, new = 1 - share, share, memory, 1 - memory
+    glow = before * array[0]
+    if squared:
+        keep, late, fading, new = keep**2, late**2, fading**2, new**2
+        glow = before**2 * array[0] * new / (1 - fading)
+    result = np.empty(array.shape)
+    for view, signal in enumerate(array):
+        result[view] = keep * signal + late * glow
+        glow = fading * glow + new * signal
+    return result
 
 
 def blurred(array: np.ndarray, share: float, axis: int, squared: bool = False) -> np.ndarray:

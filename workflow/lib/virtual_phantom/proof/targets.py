@@ -30,9 +30,7 @@ def targets(score: Mapping, minutes: float | None = None) -> list[dict]:
         entry = score["agreement"]["metrics"][metric]
         what = f"{label(metric)} on the held-out protocol, median difference after the fit"
         found.append(_target(metric, what, entry["after"], limit, "at most", n=entry["n"]))
-    found.append(
-        _target("minutes", "all its jobs on two cores", minutes, MINUTES, "at most", unit="minutes")
-    )
+    found.append(_target("minutes", "all its jobs on two cores", minutes, MINUTES, "at most", unit="minutes"))
     return found
 
 

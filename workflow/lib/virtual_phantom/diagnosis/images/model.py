@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...kept import Kept
-from ...physics.chain import Chain, State, shared
+from ...physics.chain import Chain, State
 from ...physics.effect import acts_on_images
 from ...physics.image import with_effects
 from ...units import HU_AIR
@@ -72,9 +72,8 @@ class ImagesModel(Model):
         state = self.chain.state(before, pose, photons=photons, anode=self.anode)
         key = (tuple((name, *sorted(values.items())) for name, values in sorted(before.items())), photons)
 
-        # The logarithm of noisy counts lies above that of their mean by half their relative variance.
         # Where the object moves by less than a voxel, its noise stays, so that it does not count for the noise's key.
-        lines = (state.line_integrals() + state.variance() / 2)[None]
+        lines = (state.line_integrals() + state.log_noise()[0])[None]
         if key not in self._noises:
             both = self.reconstruct(np.concatenate([lines, noise_lines(state, REALISATIONS, self._seed)]))
             self._means.get((key, pose), lambda: both[0])
@@ -97,11 +96,11 @@ def noise_lines(state: State, count: int, seed: np.random.SeedSequence) -> np.nd
     """Noise of line integrals [realisation, view, row, column], to first order and normal: quantum noise as neighbours
     share it, and electronic noise. The same seed gives the same underlying draws in every state."""
     random = np.random.default_rng(seed)
-    signal = shared(state.signal, state.neighbours) if state.dark is None else state.measured
+    signal = state.read(state.signal) if state.dark is None else state.measured
     lines = np.empty((count, *signal.shape), np.float32)
     for one in lines:
         quantum = random.standard_normal(signal.shape) * np.sqrt(state.signal / state.photons)
-        read = shared(quantum, state.neighbours)
+        read = state.read(quantum)
         read += random.standard_normal(signal.shape) * (state.electronic / state.photons)
         one[...] = -read / signal
     return lines

@@ -5,7 +5,7 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    state.neighbours = (values["column"], values["row"], state.neighbours[2])
+    state.neighbours = (values["column"], values["row"])
 
 
 EFFECT = Effect(

@@ -5,7 +5,7 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    neighbours = (values["column"], values["row"], 0.0)
+    neighbours = (values["column"], values["row"])
     state.signal, state.air = shared(state.signal, neighbours), shared(state.air, neighbours)
 
 
