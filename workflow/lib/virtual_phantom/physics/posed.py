@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..geometry import ScanGeometry
-from .rays import Rays, outline
+from .rays import Rays, followed, outline
 from .scene import IN_PLACE, Pose, VoxelScene
 
 # Square of how far any ray may lie from the one that was traced, over the voxel's size, mm: the error grows with the
@@ -24,30 +24,16 @@ class Traced:
         self.shape = geometry.shape
         self._given = geometry, pose, motion_mm
         self._rays: Rays | None = None
-        self._sums = self._slopes = None
+        self._slopes: np.ndarray | None = None
         self.paths = scene.path_lengths(geometry, pose, motion_mm)
 
     def followed(self, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> np.ndarray:
         """Path lengths of rays nearby, as VoxelScene.path_lengths gives them."""
         if self._rays is None:
             self._rays = self.scene.rays(*self._given)
-            self._sums = self.paths / _ordered(self._rays.length_mm)
             self._slopes = self.scene.slopes(self._rays)
         rays = self.scene.rays(geometry, pose, motion_mm, self._rays.along_x)
-        sums = self._sums.copy()
-        for index in (0, 1):  # in the middle plane, and from plane to plane
-            across, height = (
-                (rays.across - self._rays.across)[..., index],
-                (rays.height - self._rays.height)[..., index],
-            )
-            sums += across.astype(np.float32)[:, None] * self._slopes[2 * index]
-            sums += _ordered(height) * self._slopes[2 * index + 1]
-        return sums * _ordered(rays.length_mm)
-
-
-def _ordered(values: np.ndarray) -> np.ndarray:
-    """[view, column, row] as float32 [view, row, column]."""
-    return values.transpose(0, 2, 1).astype(np.float32)
+        return followed(self.paths, self._slopes, self._rays, rays)
 
 
 class PosedScene:
@@ -76,5 +62,5 @@ class PosedScene:
 
     def _most(self, geometry: ScanGeometry) -> int:
         """How many scans of this size are kept."""
-        size = 4 * len(self.materials) * np.prod(geometry.shape) * 6  # path lengths, sums, four slopes
+        size = 4 * len(self.materials) * np.prod(geometry.shape) * 5  # path lengths, four slopes
         return int(np.clip(MEMORY_BYTES / size, LEAST_KEPT, MOST_KEPT))

@@ -70,7 +70,7 @@ class PrismScene:
         grid = Grid((1, ny, nx), (1.0, pose.size * dy, pose.size * dx))
         y, x = ((count - 1) / 2 - at for count, at in zip((ny, nx), self._origin, strict=True))
         rays = Rays.of(geometry, grid, pose.size * np.array([x * dx, y * dy, 0.0]) + shift, along_x)
-        return replace(rays, height=np.broadcast_to([1.0, 0.0], rays.height.shape))
+        return replace(rays, level=np.ones_like(rays.level), climb=np.zeros_like(rays.climb))
 
     def slopes(self, rays: Rays) -> np.ndarray:
         """As Voxels.slopes."""

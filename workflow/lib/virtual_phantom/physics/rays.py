@@ -8,7 +8,7 @@ import numpy as np
 
 from ..geometry import Grid, ScanGeometry
 from ..projectors.cpu import share_out
-from ..projectors.slopes import COORDINATES, trace_slopes
+from ..projectors.slopes import COORDINATES, follow, trace_slopes
 
 
 @dataclass(frozen=True)
@@ -18,16 +18,22 @@ class Rays:
     along_x     (view, column) whether planes across x are stepped through, else those across y
     across      (view, column, 2): padded voxel index along the other in-plane axis in the middle plane, and its change
                 from plane to plane
-    height      (view, column, row, 2): the same along z
-    length_mm   (view, column, row) between two planes
+    level       (view,) padded voxel index of the source along z
+    climb       (view, column, 2): change along z per mm of a row's position, to the middle plane, and from plane to
+                plane
+    rows_mm     (row,) from the source's height
+    step        (view, column, 2): share of the way to the detector between two planes, and the square of that way in
+                the plane, mm^2
     spacing_mm  of voxels, (z, y, x)
     planes      number of planes across x and across y
     """
 
     along_x: np.ndarray
     across: np.ndarray
-    height: np.ndarray
-    length_mm: np.ndarray
+    level: np.ndarray
+    climb: np.ndarray
+    rows_mm: np.ndarray
+    step: np.ndarray
     spacing_mm: tuple[float, float, float]
     planes: tuple[int, int]
 
@@ -46,30 +52,34 @@ class Rays:
         to_x, to_y = distance * sine + u * cosine, -distance * cosine + u * sine
         if along_x is None:
             along_x = np.abs(to_x) >= np.abs(to_y)
+        nz, ny, nx = grid.shape
         dz, dy, dx = grid.spacing
         main, other = np.where(along_x, to_x, to_y), np.where(along_x, to_y, to_x)
-        step, step_other = np.where(along_x, dx, dy), np.where(along_x, dy, dx)
-        count_other = np.where(along_x, grid.shape[1], grid.shape[2])
-        middle = -np.where(along_x, source_x, source_y) / main  # share of the way to the detector
-        start_other = np.where(along_x, source_y, source_x)
-        across = np.stack(
-            [
-                (start_other + middle * other) / step_other + (count_other - 1) / 2 + 1,
-                other / main * step / step_other,
-            ],
-            axis=-1,
+        spacing, spacing_other = np.where(along_x, dx, dy), np.where(along_x, dy, dx)
+        middle, step = -np.where(along_x, source_x, source_y) / main, spacing / main  # shares of the way
+        at_middle = np.where(along_x, source_y, source_x) + middle * other
+        index = at_middle / spacing_other + (np.where(along_x, ny, nx) - 1) / 2 + 1
+        return cls(
+            along_x=along_x,
+            across=np.stack([index, step * other / spacing_other], axis=-1),
+            level=(geometry.source_z_mm - z[:, 0]) / dz + (nz - 1) / 2 + 1,
+            climb=np.stack([middle, step], axis=-1) / dz,
+            rows_mm=geometry.row_positions_mm(),
+            step=np.stack([np.abs(step), to_x**2 + to_y**2], axis=-1),
+            spacing_mm=grid.spacing,
+            planes=(nx, ny),
         )
-        v = geometry.row_positions_mm()
-        source_z = geometry.source_z_mm[:, None] - z
-        height = np.stack(
-            [
-                (source_z[..., None] + middle[..., None] * v) / dz + (grid.shape[0] - 1) / 2 + 1,
-                (step / main)[..., None] * v / dz,
-            ],
-            axis=-1,
-        )
-        length = (step / np.abs(main))[..., None] * np.sqrt((to_x**2 + to_y**2)[..., None] + v**2)
-        return cls(along_x, across, height, length, grid.spacing, (grid.shape[2], grid.shape[1]))
+
+    @property
+    def coordinates(self) -> tuple[np.ndarray, ...]:
+        """As the kernels take them."""
+        return self.across, self.level, self.climb, self.rows_mm
+
+    @property
+    def lengths_mm(self) -> np.ndarray:
+        """Of every ray between two planes, [view, row, column]."""
+        share, square = np.moveaxis(self.step, 2, 0)[:, :, None]
+        return share * np.sqrt(square + self.rows_mm[:, None] ** 2)
 
     def extremes_mm(self) -> np.ndarray:
         """Coordinates in mm, [coordinate, ray]: in the middle of the grid, and what is added at its edge. The sum of
@@ -77,7 +87,8 @@ class Rays:
         dz, dy, dx = self.spacing_mm
         half = (np.where(self.along_x, *self.planes) - 1)[..., None] / 2
         across = self.across * np.where(self.along_x, dy, dx)[..., None]
-        height = self.height * dz
+        height = self.climb[:, :, None] * self.rows_mm[:, None] * dz
+        height[..., 0] += self.level[:, None, None] * dz
         across, height = (
             np.concatenate([one[..., :1], one[..., 1:] * edge], axis=-1)
             for one, edge in ((across, half), (height, half[..., None]))
@@ -96,20 +107,29 @@ class Voxels:
         self._volumes, self._occupied = around.reshape(flat), (around != 0).any(axis=3).reshape(flat)
 
     def slopes(self, rays: Rays, threads: int = 1) -> np.ndarray:
-        """What the sums over planes change per change of the rays' coordinates: [coordinate, material, view, row,
-        column], float32, in the order across[..., 0], height[..., 0], across[..., 1], height[..., 1]. A path length is
-        the sum times the length between two planes."""
-        views, columns, rows = rays.length_mm.shape
-        found = np.zeros((len(self._volumes), views, columns, rows, COORDINATES), np.float32)
+        """What the sums over planes change per change of the rays' coordinates: [material, view, column, row,
+        coordinate], float32, as projectors/slopes.py has them. A path length is the sum times the length between two
+        planes."""
+        views, columns = rays.along_x.shape
+        found = np.zeros((len(self._volumes), views, columns, rays.rows_mm.size, COORDINATES), np.float32)
 
         def run(first, last):
             part = found[:, first:last]
-            trace_slopes(
-                self._volumes, self._occupied, part, first, self._shape, rays.along_x, rays.across, rays.height
-            )
+            trace_slopes(self._volumes, self._occupied, part, first, self._shape, rays.along_x, *rays.coordinates)
 
         share_out(run, views, threads)
-        return np.ascontiguousarray(found.transpose(4, 0, 1, 3, 2))
+        return found
+
+
+def followed(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) -> np.ndarray:
+    """Path lengths [material, view, row, column] of rays beside those that were traced, with the same main directions,
+    to first order.
+
+    paths, slopes   of the rays traced; slopes as Voxels.slopes gives them
+    """
+    result = np.empty_like(paths)
+    follow(paths, slopes, *traced.coordinates, traced.step, *rays.coordinates, rays.step, result)
+    return result
 
 
 def outline(geometry: ScanGeometry) -> ScanGeometry:

@@ -16,7 +16,7 @@ COORDINATES = 4  # a, b, c and d
 
 
 @njit(**OPTIONS)
-def trace_slopes(volumes, occupied, slopes, first_view, shape, along_x, across, height):
+def trace_slopes(volumes, occupied, slopes, first_view, shape, along_x, across, level, climb, rows_mm):
     """Add to `slopes` the derivatives of the sums of every ray, all views from `first_view` on.
 
     volumes    [lane, voxel], each flat [y + 2, x + 2, z + 2]
@@ -25,7 +25,7 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, along_x, across, 
     shape      (z, y, x) of the grid without its border
     along_x    (view, column) whether the main direction is x
     across     (view, column, 2): a and b
-    height     (view, column, row, 2): c and d
+    level      (view,), climb (view, column, 2), rows_mm (row,): c = level + climb[0] v and d = climb[1] v of a row at v
     """
     nz, ny, nx = shape
     lanes, views, columns, rows = slopes.shape[0], slopes.shape[1], slopes.shape[2], slopes.shape[3]
@@ -49,8 +49,9 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, along_x, across, 
                     if not (occupied[lane, first] or occupied[lane, first + step_other]):
                         continue
                     weight, t = np.float32(other - j), np.float32(middle)
+                    rise = climb[view, column, 0] + climb[view, column, 1] * middle
                     for row in range(rows):
-                        z = height[view, column, row, 0] + height[view, column, row, 1] * middle
+                        z = level[view] + rise * rows_mm[row]
                         if z < 0.0 or z >= nz + 1.0:
                             continue
                         k = int(z)
@@ -65,3 +66,33 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, along_x, across, 
                         slopes[lane, i, column, row, 1] += by_z
                         slopes[lane, i, column, row, 2] += t * by_other
                         slopes[lane, i, column, row, 3] += t * by_z
+
+
+@njit(**OPTIONS)
+def follow(
+    paths, slopes, across, level, climb, rows_mm, step, new_across, new_level, new_climb, new_rows_mm, new_step, result
+):
+    """Path lengths of displaced rays: the sums of those traced and their slopes times the change of the coordinates,
+    times the new length between two planes.
+
+    paths, result   [lane, view, row, column], mm
+    slopes          as trace_slopes makes them
+    step            (view, column, 2): share of the way to the detector between two planes, square of that way in the
+                    plane
+    The other arguments are as those of trace_slopes, of the rays traced and, with new_, of those displaced.
+    """
+    lanes, views, rows, columns = paths.shape
+    for view in range(views):
+        for column in range(columns):
+            da = new_across[view, column, 0] - across[view, column, 0]
+            db = new_across[view, column, 1] - across[view, column, 1]
+            for row in range(rows):
+                v, new = rows_mm[row], new_rows_mm[row]
+                dc = new_level[view] - level[view] + new_climb[view, column, 0] * new - climb[view, column, 0] * v
+                dd = new_climb[view, column, 1] * new - climb[view, column, 1] * v
+                length = step[view, column, 0] * math.sqrt(step[view, column, 1] + v * v)
+                new_length = new_step[view, column, 0] * math.sqrt(new_step[view, column, 1] + new * new)
+                for lane in range(lanes):
+                    by = slopes[lane, view, column, row]
+                    change = da * by[0] + dc * by[1] + db * by[2] + dd * by[3]
+                    result[lane, view, row, column] = (paths[lane, view, row, column] / length + change) * new_length
