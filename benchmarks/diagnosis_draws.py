@@ -140,7 +140,7 @@ def left_over(given, physics, fit):
 
 
 def one(task):
-    kind, draw, only = task
+    kind, draw, only, accuracy = task
     random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=(len(kind), draw)))
     chain, floor = (Chain(scene(), GEOMETRY, PHOTONS, samples=samples) for samples in (2, 3))
     library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
@@ -159,7 +159,8 @@ def one(task):
     given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
     tried = [name for name in library if kind != "missing" or name not in truth]
     baseline = trial(given.fitter, ())
-    found = choose(given.fitter, baseline, {name: trial(given.fitter, (name,), baseline, baseline) for name in tried})
+    singles = {name: trial(given.fitter, (name,), baseline, baseline) for name in tried}
+    found = choose(given.fitter, baseline, singles, accuracy=accuracy)
     content = diagnose("draw", given, found).content
     left, seen = left_over(given, physics, found.chosen.fit)
     row = {
@@ -222,11 +223,13 @@ def main():
     parser.add_argument("--kind", choices=("single", "none", "pair", "missing"), default="single")
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--accuracy", type=float, default=0.05, help="diagnosis.model_accuracy of the configuration")
     parser.add_argument("--only", nargs="+", help="these effects instead of all")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--out", default="draws.csv")
     options = parser.parse_args()
-    tasks = [(options.kind, draw, options.only) for draw in range(options.first, options.first + options.draws)]
+    draws = range(options.first, options.first + options.draws)
+    tasks = [(options.kind, draw, options.only, options.accuracy) for draw in draws]
     rows = []
     with ProcessPoolExecutor(options.processes) as pool, open(options.out, "w", newline="") as file:
         writer = csv.DictWriter(file, FIELDS, restval="")

@@ -191,8 +191,9 @@ def test_one_view_of_so_many_keeps_the_noise_of_all(other):
     assert chi_square == pytest.approx(1, abs=0.25)
 
 
-def test_an_effect_that_is_worse_beside_the_others_is_swapped(monkeypatch):
-    """`mimic` is best alone, but `true` explains more beside `second`; scores stand in for fits."""
+@pytest.fixture
+def scored(monkeypatch):
+    """Scores stand in for fits: `mimic` is best alone, but `true` explains more beside `second`."""
     monkeypatch.setattr(attribute, "MOST_EFFECTS", 2)
     scores = {
         (): 0,
@@ -204,22 +205,37 @@ def test_an_effect_that_is_worse_beside_the_others_is_swapped(monkeypatch):
     }
     scores |= {("mimic", "true"): 505, ("mimic", "second", "true"): 901}
 
-    def scored(effects):
+    def made(effects):
         fit = Fit(tuple(effects), {}, {}, {}, {}, -2.0 * scores[tuple(sorted(effects))], (), len(effects))
         return Trial(fit, scores[tuple(sorted(effects))], 0.0)
 
-    monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, processes: [scored(task[0]) for task in tasks])
+    monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, processes: [made(task[0]) for task in tasks])
 
     def filtered(fitter, fit, names):
         return {
-            name: Screened(p=0.0, gain=2 * (scored((*fit.effects, name)).score - scored(fit.effects).score))
+            name: Screened(p=0.0, gain=2 * (made((*fit.effects, name)).score - made(fit.effects).score))
             for name in names
         }
 
     monkeypatch.setattr(attribute, "screened", filtered)
-    singles = {name: scored((name,)) for name in ("mimic", "true", "second")}
+    return made
+
+
+SINGLES = ("mimic", "true", "second")
+
+
+def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
+    singles = {name: scored((name,)) for name in SINGLES}
     choice = attribute.choose(None, scored(()), singles)
     assert set(choice.chosen.fit.effects) == {"second", "true"}
     assert choice.gains == {"second": 500, "true": 800}
     assert choice.stand_ins == {"second": {"mimic": 395}, "true": {"mimic": 200}}
     assert choice.ruled_out == {"mimic": 200} and choice.ambiguous_with("true") == []
+
+
+def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
+    """`mimic` gains 500 and `second` 200 more: two fifths of it, the square of 0.63."""
+    singles = {name: scored((name,)) for name in SINGLES[::2]}
+    for accuracy, named in ((0.6, {"mimic", "second"}), (0.7, {"mimic"})):
+        choice = attribute.choose(None, scored(()), singles, accuracy=accuracy)
+        assert set(choice.chosen.fit.effects) == named

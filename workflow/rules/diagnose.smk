@@ -180,6 +180,7 @@ rule diagnose:
         model=diagnosis_model,
         effects=lambda wildcards: CANDIDATES[wildcards.recording],
         same_material=same_material,
+        accuracy=PLAN.config["diagnosis"]["model_accuracy"],
     script:
         "../scripts/diagnose.py"
 

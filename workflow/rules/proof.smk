@@ -164,6 +164,7 @@ rule proof_diagnosis:
         model=proof_model("recordings", "scan"),
         effects=TRIED,
         same_material=True,
+        accuracy=PLAN.config["diagnosis"]["model_accuracy"],
     script:
         "../scripts/diagnose.py"
 

@@ -35,14 +35,15 @@ with job(snakemake) as log:
         found = diagnose(recording.name, prepared, choice)
         found = replace(found, content=stated(found.content, physics))
     else:
-        found = diagnose(recording.name, prepared, choose(prepared.fitter, baseline, singles, snakemake.threads))
+        choice = choose(prepared.fitter, baseline, singles, snakemake.threads, params.accuracy)
+        found = diagnose(recording.name, prepared, choice)
     scanned = None
     if "phantom" in given.keys():
         scanned = Scanned.read(given.phantom, given.image, given.rois)
     elif "mask" in given.keys():
         scanned = Scanned.of_mask(given.mask)
     if recording.kind == "images":
-        table = agreement_of_images(prepared, found.choice, scanned)
+        table = agreement_of_images(prepared, found.choice, scanned, params.model["protocol"]["algorithm"])
     else:
         seed = np.random.SeedSequence(params.model["seed"], spawn_key=(AGREEMENT_STREAM,))
         mu_water_per_mm = params.model["mu_water_per_mm"]

@@ -6,6 +6,7 @@ from jinja2 import Environment
 
 from ..figures import style
 
+ALGORITHMS = {"fbp": "filtered back-projection", "sirt": "SIRT"}
 NAMES = {
     "contrast": "contrast",
     "noise_magnitude": "noise magnitude (SD)",
@@ -20,7 +21,7 @@ TABLE = """{% if table.metrics %}
 </td><td class="n">{{ m.before|compared(m.unit) }}</td><td class="n">{{ m.after|compared(m.unit) }}</td>
 <td class="n">{{ m|floor }}</td></tr>
 {% endfor %}</table>
-<p class="note">{{ table.repeats }} recorded and as many simulated scans, by filtered back-projection onto
+<p class="note">{{ table.repeats }} recorded and as many simulated scans, by {{ table.algorithm|algorithm }} onto
 {{ table.grid.shape[2] }} × {{ table.grid.shape[1] }} × {{ table.grid.shape[0] }} voxels of
 {{ table.grid.spacing_mm[2]|short }} × {{ table.grid.spacing_mm[1]|short }} × {{ table.grid.spacing_mm[0]|short }} mm.
 Contrasts are of {{ table.rois|join(', ')|replace('_', ' ') }}. In brackets: simulated against recorded. Noise alone:
@@ -41,6 +42,7 @@ def agreement_table(table: dict | None) -> str:
         "compared": _compared,
         "floor": _floor,
         "short": style.number,
+        "algorithm": lambda name: ALGORITHMS[name],
     }
     return environment.from_string(TABLE).render(table=table, names=NAMES)
 

@@ -105,22 +105,31 @@ def _trial(task: tuple) -> Trial:
         return trial(_fitter, *task)
 
 
-def choose(fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], processes: int = 1) -> Choice:
+def choose(
+    fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], processes: int = 1, accuracy: float = 0.0
+) -> Choice:
     """Add effects while held-out data gain by them; drop those that are no longer needed; swap those that are worse,
     beside the others, than what could stand in.
 
     baseline, singles   from `trial`: alignment alone, and every candidate alone
+    accuracy            share of its own change of the data by which an effect's model may be wrong: what that leaves
+                        over is no evidence for another effect
     """
     current, tried = baseline, dict(singles)
+
+    def least(beside: Trial) -> float:
+        return max(LEAST_GAIN, accuracy**2 * (beside.score - baseline.score))
+
     for _ in range(MOST_EFFECTS if singles else 0):
         best_name = max(tried, key=lambda name: tried[name].score)
         best = tried[best_name]
-        if best.score - current.score < LEAST_GAIN or best.p * len(singles) > ALPHA:
+        if best.score - current.score < least(current) or best.p * len(singles) > ALPHA:
             break
-        current = _without_idle(fitter, best, baseline, singles, processes)
+        current = _without_idle(fitter, best, baseline, singles, processes, least)
         left = [name for name in singles if name not in current.fit.effects]
         found = screened(fitter, current.fit, left)
-        hopeful = best_few({name: one for name, one in found.items() if one.p * len(left) < SCREEN})
+        seen = {name: one for name, one in found.items() if one.p * len(left) < SCREEN and one.gain > least(current)}
+        hopeful = best_few(seen)  # half of the gain that must come out, in chi-square: filters are of first order
         if not hopeful:
             break
         tasks = [((*current.fit.effects, name), current, current) for name in hopeful]
@@ -186,10 +195,10 @@ def _known(fitter, sets: Sequence[tuple[str, ...]], given, baseline, singles, pr
     return [made[effects] for effects in sets]
 
 
-def _without_idle(fitter, current: Trial, baseline: Trial, singles, processes) -> Trial:
+def _without_idle(fitter, current: Trial, baseline: Trial, singles, processes, least) -> Trial:
     """Drop effects that later ones have made needless."""
     for effect in current.fit.effects[:-1]:
         (without,) = _known(fitter, [_less(current.fit.effects, effect)], current, baseline, singles, processes)
-        if current.score - without.score < LEAST_GAIN:
+        if current.score - without.score < least(without):
             current = without
     return current

@@ -20,6 +20,7 @@ class Look:
     summed       axis of the data that maps are summed over
     down, across   names of the map's axes
     profiles     (domain, name of its axis, number of its first place)
+    one_repeat   where the noise of a recording with a single repeat is from
     """
 
     places: Callable[..., list[Location]]
@@ -29,6 +30,7 @@ class Look:
     down: str
     across: str
     profiles: tuple[tuple[str, str, int], ...]
+    one_repeat: str
 
 
 def _line_integrals(prepared, fit, held_out: bool) -> np.ndarray:
@@ -45,4 +47,5 @@ PROJECTIONS = Look(
     down="view",
     across="detector column",
     profiles=(("columns", "detector column", 0), ("views", "view", 0), ("path length", "line integral (tenth)", 1)),
+    one_repeat="was taken from second differences of neighbouring views, so variances and correlations were not tested",
 )

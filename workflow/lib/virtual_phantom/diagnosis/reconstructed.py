@@ -63,6 +63,7 @@ def agreement_of(
     return agreement(recorded, simulated, regions, features=scanned is not None and bool(scanned.rois)) | {
         "rois": list(regions.rois),
         "repeats": len(repeats),
+        "algorithm": "fbp",
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
     }
 

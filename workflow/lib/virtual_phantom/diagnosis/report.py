@@ -57,8 +57,7 @@ of its root mean square{% endif %}.</p>{% endif %}
 {% for name, a in d.alignment.items() %}<tr><td>{{ name }}</td><td class="n">{{ a.value|within(a.ci95) }}</td>
 <td>{{ a.ci95[0]|within(a.ci95) }} to {{ a.ci95[1]|within(a.ci95) }}</td></tr>{% endfor %}</table>
 <p class="note">Fitted in every model alike: nobody's physics.
-{% if d.noise_from_one_repeat %}The recording has one repeat: its noise was taken from second differences
-of neighbouring views, so variances and correlations were not tested.{% endif %}</p>
+{% if d.noise_from_one_repeat %}The recording has one repeat: its noise {{ one_repeat }}.{% endif %}</p>
 """
 )
 
@@ -81,6 +80,7 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float, maps: tuple[np.
         agreement=agreement_table(content.get("agreement")),
         maps=picture(figures.draw_maps(*maps, _title(content, prepared), look.across, look.down)),
         profiles=picture(figures.draw_profiles(_profiles(diagnosis, look))),
+        one_repeat=look.one_repeat,
         ranking=picture(figures.draw_ranking(gains, choice.chosen.fit.effects)) if gains else None,
     )
 

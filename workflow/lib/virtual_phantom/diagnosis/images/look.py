@@ -27,4 +27,5 @@ IMAGES = Look(
         ("slices", "slice", 0),
         ("tissue", "HU (tenth of the object)", 1),
     ),
+    one_repeat="is that of simulated scans, scaled to what changes from voxel to voxel in the recording",
 )

@@ -113,8 +113,11 @@ def central_slices(valid: np.ndarray) -> slice:
     return slice(away, count - away)
 
 
-def agreement_of_images(prepared: Prepared, choice: Choice, scanned: Scanned) -> dict:
-    """agreement.agreement of the repeats held out with as many simulated ones (at most REALISATIONS) of each."""
+def agreement_of_images(prepared: Prepared, choice: Choice, scanned: Scanned, algorithm: str) -> dict:
+    """agreement.agreement of the repeats held out with as many simulated ones (at most REALISATIONS) of each.
+
+    algorithm   that reconstructed them, "sirt" or "fbp"
+    """
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALISATIONS)
     pose = pose_of(choice.chosen.fit.place)
@@ -127,5 +130,6 @@ def agreement_of_images(prepared: Prepared, choice: Choice, scanned: Scanned) ->
     return agreement(repeats, simulated, regions) | {
         "rois": list(regions.rois),
         "repeats": len(repeats),
+        "algorithm": algorithm,
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
     }
