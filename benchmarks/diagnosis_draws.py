@@ -26,7 +26,7 @@ from scipy.optimize import brentq
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
 
 from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
-from virtual_phantom.diagnosis.attribute import choose, trial  # noqa: E402
+from virtual_phantom.diagnosis.attribute import ACCURACY, choose, trial  # noqa: E402
 from virtual_phantom.diagnosis.locate import EDGE_SHARE, Half  # noqa: E402
 from virtual_phantom.diagnosis.model import stacked  # noqa: E402
 from virtual_phantom.diagnosis.templates import projected, strength, taken_up, varied, whitened  # noqa: E402
@@ -126,7 +126,7 @@ def left_over(given, physics, fit):
     pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))
     parts[0] = np.where(held_out.usable, parts[0].reshape(shape) + pattern, 0).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
-    fitted = Half([part.copy() for part in parts], fitter.weights)
+    fitted = Half([part.copy() for part in parts], fitter.weights, given.data)
     places = given.look.places(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted)
     # A sum of squares has its number of terms less without noise.
     weight = fitter.held_weights[0].reshape(shape)
@@ -223,7 +223,7 @@ def main():
     parser.add_argument("--kind", choices=("single", "none", "pair", "missing"), default="single")
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--accuracy", type=float, default=0.05, help="diagnosis.model_accuracy of the configuration")
+    parser.add_argument("--accuracy", type=float, default=ACCURACY, help="diagnosis.model_accuracy")
     parser.add_argument("--only", nargs="+", help="these effects instead of all")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--out", default="draws.csv")

@@ -1,6 +1,8 @@
 """Recordings made by the library's own chain: what was left out is named, located and measured."""
 
 import json
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -166,7 +168,7 @@ def test_what_is_spread_thinly_over_all_rays_is_seen_in_both_halves(scene):
     def both_halves(added):
         parts, fitted = (fitter.residuals(fit, held_out) for held_out in (True, False))
         parts[0], fitted[0] = parts[0] + added, fitted[0] + added
-        places = locate(parts, fitter.held_weights, given.held_out, fitted=Half(fitted, fitter.weights))
+        places = locate(parts, fitter.held_weights, given.held_out, fitted=Half(fitted, fitter.weights, given.data))
         return next(place for place in places if place.domain == "both halves"), places
 
     calm, _ = both_halves(0)
@@ -176,6 +178,32 @@ def test_what_is_spread_thinly_over_all_rays_is_seen_in_both_halves(scene):
     count = int((noise > 0).sum())
     assert seen.map[0] - calm.map[0] == pytest.approx(np.sqrt(count) / 9, rel=0.25)
     assert not any(place.significant for place in places if place.domain in ("columns", "rows", "views", "projections"))
+
+
+def test_numerical_errors_alone_are_nothing_that_halves_have_in_common():
+    """An error of the model, c D with c ~ N(0, 1), in both halves alike: z stays what chance gives."""
+    random = np.random.default_rng(6)
+    rays = 4000
+    error = 0.5 * random.normal(size=rays)  # in standard deviations of the noise
+    data = SimpleNamespace(numerical=(error,), variance=None)
+
+    def z(common):
+        first, second = (Half([random.normal(size=rays) + common], [np.ones(rays)], data) for _ in range(2))
+        return first.in_common(second).z()
+
+    found = np.array([z(random.normal() * error) for _ in range(400)])
+    assert (found > 2.5).mean() < 0.05  # c^2 - 1 over 2^(1/2) of c normal is over 2.5 in 3.3 %
+    assert z(3.5 * error) > 5
+
+
+def test_one_repeat_that_is_fitted_is_held_against_several(scene):
+    """The noise is then known of the data held out alone."""
+    given, _ = diagnosed(scene, {}, ("scatter",))
+    fitter, fit = given.fitter, trial(given.fitter, ()).fit
+    parts = fitter.residuals(fit)
+    alone = Half(parts[:1], fitter.weights[:1], replace(given.data, variance=None))
+    places = locate(parts, fitter.held_weights, given.held_out, fitted=alone)
+    assert {"noise level", "noise correlation", "both halves"} <= {place.domain for place in places}
 
 
 def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp_path):

@@ -208,6 +208,14 @@ def test_a_lasting_glow_has_the_variance_and_correlation_of_its_weights(chain):
     assert state.correlations()[2] == pytest.approx((weights[1:] * weights[:-1]).sum() / (weights**2).sum())
 
 
+def test_the_glow_of_views_before_the_scan_is_as_noisy_as_theirs(chain):
+    state = chain.state({"afterglow": {"share": 0.3, "memory": 0.9, "before": 1.0}})
+    scans = noisy_lines(state, 60, np.random.default_rng(8))
+    ratio = (scans.var(axis=0, ddof=1) / state.variance()).mean(axis=(1, 2))
+    pixels = state.signal[0].size
+    assert np.abs(ratio - 1).max() < 5 * math.sqrt(2 / 59 / pixels)
+
+
 @pytest.mark.parametrize(("counts", "electronic"), [(20.0, 0.0), (100.0, 0.0), (300.0, 60.0), (60.0, 10.0)])
 def test_moments_of_the_logarithm_of_few_noisy_counts(counts, electronic):
     """Against a million draws, which first-order moments miss by more than twice as much."""

@@ -76,6 +76,8 @@ def test_rays_nearby_are_followed_without_tracing():
     posed = PosedScene(scene)
     start = posed.path_lengths(GEOMETRY, Pose())
     motion = np.linspace(-0.001, 0.001, 7)[:, None] * [1.0, -1.0, 0.0]
+    higher = replace(GEOMETRY, row_offset_px=0.5)
+    np.testing.assert_allclose(posed.path_lengths(higher, Pose()), scene.path_lengths(higher, Pose()), rtol=1e-5)
     distance = replace(GEOMETRY, source_to_isocentre_mm=410.005)
     near = Pose(x_mm=0.001, y_mm=-0.001, z_mm=5.0, turn_deg=0.0005, size=1.00001)
     for place in ((GEOMETRY, near, None), (GEOMETRY, Pose(), motion), (distance, Pose(), None)):

@@ -18,8 +18,9 @@ from virtual_phantom.figures.before_after import thumbnail
 from virtual_phantom.proof.case import Case, collect
 from virtual_phantom.proof.example import example, in_words, residual_maps
 from virtual_phantom.proof.page import page, percent
-from virtual_phantom.proof.real import check_recordings, minutes, row
+from virtual_phantom.proof.real import minutes, row
 from virtual_phantom.proof.score import score
+from virtual_phantom.proof.suite import check_recordings
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -159,6 +160,8 @@ def test_real_recordings_stand_beside_the_cases_and_are_not_scored(tmp_path):
         page(with_real, {case.name: (blank, blank) for case in cases}, {})
     with pytest.raises(InputError, match=r"proof.recordings: 'dics' is not under diagnosis.recordings \(disc\)"):
         check_recordings(["dics"], {"disc": {}})
+    with pytest.raises(InputError, match="'case_01' is the name of a case"):
+        check_recordings(["case_01"], {"case_01": {}})
 
 
 def test_minutes_are_those_of_the_jobs_over_two_cores(tmp_path):

@@ -1,8 +1,7 @@
 # The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
 from virtual_phantom.diagnosis.candidates import candidates
 from virtual_phantom.proof.objects import OBJECTS
-from virtual_phantom.proof.real import check_recordings
-from virtual_phantom.proof.suite import PHANTOMS, cases, phantom_of
+from virtual_phantom.proof.suite import PHANTOMS, cases, check_recordings, phantom_of
 
 PROOF = PLAN.config["proof"]
 # Callbacks that XCIST imports by name.

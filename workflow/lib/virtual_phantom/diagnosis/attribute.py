@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scipy import stats
 from threadpoolctl import threadpool_limits
@@ -14,6 +14,7 @@ from .templates import Screened, screened
 
 ALPHA = 0.001  # of an effect's likelihood ratio, over all candidates
 LEAST_GAIN = 4.0  # log score on held-out data that an effect must add
+ACCURACY = 0.05  # of effects' models, as the configuration has it by default
 AS_GOOD = 3.0  # log score by which an effect may be worse and still stand for another: a factor of 20 in odds
 RULED_OUT = 10.0
 MOST_EFFECTS = 4
@@ -44,6 +45,7 @@ class Choice:
     stand_ins   {effect: {other: log score lost if it stands in}}, for all others; to first order for those that the
                 matched filter puts far behind
     p           {effect: chance of such a likelihood ratio without it, times the candidates; None: not fitted here}
+    blur        log score by which the models' own inexactness may set fits apart
     """
 
     baseline: Trial
@@ -52,10 +54,11 @@ class Choice:
     gains: dict[str, float]
     stand_ins: dict[str, dict[str, float]]
     p: dict[str, float | None]
+    blur: float = 0.0
 
     def ambiguous_with(self, effect: str) -> list[str]:
         """Effects that explain the data as well in its place."""
-        return [name for name, lost in self.stand_ins.get(effect, {}).items() if lost < AS_GOOD]
+        return [name for name, lost in self.stand_ins.get(effect, {}).items() if lost < max(AS_GOOD, self.blur)]
 
     @property
     def ruled_out(self) -> dict[str, float]:
@@ -64,7 +67,7 @@ class Choice:
         for others in self.stand_ins.values():
             for name, lost in others.items():
                 least[name] = min(lost, least.get(name, float("inf")))
-        return {name: lost for name, lost in least.items() if lost >= RULED_OUT}
+        return {name: lost for name, lost in least.items() if lost >= max(RULED_OUT, self.blur)}
 
 
 def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None) -> Trial:
@@ -106,19 +109,22 @@ def _trial(task: tuple) -> Trial:
 
 
 def choose(
-    fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], processes: int = 1, accuracy: float = 0.0
+    fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], processes: int = 1, accuracy: float = ACCURACY
 ) -> Choice:
     """Add effects while held-out data gain by them; drop those that are no longer needed; swap those that are worse,
     beside the others, than what could stand in.
 
     baseline, singles   from `trial`: alignment alone, and every candidate alone
     accuracy            share of its own change of the data by which an effect's model may be wrong: what that leaves
-                        over is no evidence for another effect
+                        over is no evidence for another effect, and none against one that could stand in
     """
     current, tried = baseline, dict(singles)
 
+    def blur(beside: Trial) -> float:
+        return accuracy**2 * max(0.0, beside.score - baseline.score)
+
     def least(beside: Trial) -> float:
-        return max(LEAST_GAIN, accuracy**2 * (beside.score - baseline.score))
+        return max(LEAST_GAIN, blur(beside))
 
     for _ in range(MOST_EFFECTS if singles else 0):
         best_name = max(tried, key=lambda name: tried[name].score)
@@ -128,8 +134,9 @@ def choose(
         current = _without_idle(fitter, best, baseline, singles, processes, least)
         left = [name for name in singles if name not in current.fit.effects]
         found = screened(fitter, current.fit, left)
+        # Chi-square is twice the score, and a filter, of first order, may fall short of it by a factor of two.
         seen = {name: one for name, one in found.items() if one.p * len(left) < SCREEN and one.gain > least(current)}
-        hopeful = best_few(seen)  # half of the gain that must come out, in chi-square: filters are of first order
+        hopeful = best_few(seen)
         if not hopeful:
             break
         tasks = [((*current.fit.effects, name), current, current) for name in hopeful]
@@ -138,8 +145,8 @@ def choose(
         choice, best = _with_stand_ins(fitter, current, baseline, singles, processes)
         if best is None or best.score - current.score < LEAST_GAIN:
             break
-        current = best
-    return choice
+        current = _without_idle(fitter, best, baseline, singles, processes, least)
+    return replace(choice, blur=blur(choice.chosen))
 
 
 def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes) -> tuple[Choice, Trial | None]:

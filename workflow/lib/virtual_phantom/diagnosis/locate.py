@@ -41,15 +41,44 @@ class Location:
 
 @dataclass(frozen=True)
 class Half:
-    """Residuals and weights, by part, of one half of the data."""
+    """One half of the data, with residuals and weights by part."""
 
     residuals: list[np.ndarray]
     weights: list[np.ndarray]
+    data: Observed
 
-    def products(self, other: Half) -> np.ndarray:
-        """Products of the standardised residuals of the mean in both halves, of every ray or voxel: their noises are
-        independent, so that the products' mean is the square of what both have in common."""
-        return self.residuals[0] * other.residuals[0] * np.sqrt(self.weights[0] * other.weights[0])
+    def in_common(self, other: Half) -> InCommon:
+        """What the mean's residuals have in common with those of another half."""
+        weight = np.sqrt(self.weights[0] * other.weights[0])
+        return InCommon(
+            weight > 0,
+            self.residuals[0] * other.residuals[0] * weight,
+            [weight * error.ravel() ** 2 for error in self.data.numerical],
+        )
+
+
+@dataclass(frozen=True)
+class InCommon:
+    """Products of standardised residuals of two halves whose noises are independent, by ray or voxel.
+
+    there       whether it counts in both halves
+    products    their mean is the square of what both have in common, in standard deviations
+    numerical   of every numerical error of the model, one standard deviation of it, what that is expected to give
+    """
+
+    there: np.ndarray
+    products: np.ndarray
+    numerical: list[np.ndarray]
+
+    def z(self, where: np.ndarray | None = None) -> float:
+        """The sum beyond what numerical errors give, over its standard deviation without a difference; at least 0.
+
+        A numerical error c D with c ~ N(0, 1) gives c^2 times its expected sum, which varies by 2^(1/2) of that.
+        """
+        chosen = self.there if where is None else self.there & where
+        numerical = np.array([float(one[chosen].sum()) for one in self.numerical])
+        beyond = float(self.products[chosen].sum()) - numerical.sum()
+        return max(0.0, beyond) / float(np.sqrt(max(1, int(chosen.sum())) + 2 * (numerical**2).sum()))
 
 
 def locate(
@@ -88,7 +117,9 @@ def locate(
         _pixels(_marginal(residual, weight, 0, extra, alike), pixels),
     ]
     if fitted is not None:
-        found.append(_both_halves(residual, weight, predicted, data, fitted))
+        common = Half(residuals, weights, data).in_common(fitted)
+        if common.there.any():  # halves of the views have no ray in common
+            found.append(_both_halves(common, _steep(weight, _slope(predicted)).ravel()))
     found += noise_places(residuals, weights, data, [f"neighbouring {name}" for name in AXES[::-1]], fitted=fitted)
     if data.white is not None:
         z = residuals[-1] * np.sqrt(weights[-1])
@@ -103,6 +134,8 @@ def noise_places(residuals, weights, data: Observed, pairs: list[str], axes=AXES
     """
     if data.variance is None:
         return []
+    if fitted is not None and fitted.data.variance is None:
+        fitted = None  # a single repeat, whose noise is known from elsewhere
     level, total = residuals[1] @ weights[1], weights[1].sum()
     both = 1 / total + (1 / fitted.weights[1].sum() if fitted else 0)
     z = float(level / total / np.sqrt(both))
@@ -214,23 +247,14 @@ def steepest(what: str, residual, weight, slope) -> Location:
     return Location("edges", f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))
 
 
-def _both_halves(residual, weight, predicted, data, fitted: Half) -> Location:
+def _both_halves(common: InCommon, steep: np.ndarray) -> Location:
     """What the data fitted and those held out have in common: of all rays, and of the steepest.
 
     Unlike a sum of squares this does not ask how large the noise is, and it sees what is spread too thinly over all
-    rays to stand out at any place. What the model's own numerical errors put into both is taken off. Rays must be in
-    both halves: halves of the views have none in common.
+    rays to stand out at any place.
     """
-    products = Half([residual.ravel()], [weight.ravel()]).products(fitted)
-    numerical = sum((weight * error**2).ravel() for error in data.numerical)
-    there = products != 0
-    z = []
-    for chosen in (there, there & _steep(weight, _slope(predicted)).ravel()):
-        # As much as the numerical errors may explain is no difference; neither is less.
-        beyond = max(0.0, float((products - numerical)[chosen].sum()))
-        z.append(beyond / np.sqrt(max(1, int(chosen.sum()))))
     words = ("all rays", f"the {100 * EDGE_SHARE:.0f} % steepest rays")
-    return extreme("both halves", np.array(z), lambda i: words[i])
+    return extreme("both halves", np.array([common.z(), common.z(steep)]), lambda i: words[i])
 
 
 def _pixels(z, pixels) -> Location:

@@ -37,7 +37,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     fitter, locate = prepared.fitter, prepared.look.places
 
     def places(fit):
-        fitted = Half(fitter.residuals(fit, held_out=False), fitter.weights)
+        fitted = Half(fitter.residuals(fit, held_out=False), fitter.weights, prepared.data)
         return locate(
             fitter.residuals(fit), fitter.held_weights, prepared.held_out, fit.pattern_variance, fitted=fitted
         )
@@ -92,23 +92,20 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
     if not gained > 0:
         return None
     fitter, locate = prepared.fitter, prepared.look.places
-    halves = (
-        (Half(fitter.residuals(chosen.fit, held_out=False), fitter.weights), prepared.data),
-        (Half(fitter.residuals(chosen.fit), fitter.held_weights), prepared.held_out),
-    )
+    fitted = Half(fitter.residuals(chosen.fit, held_out=False), fitter.weights, prepared.data)
+    held = Half(fitter.residuals(chosen.fit), fitter.held_weights, prepared.held_out)
     sums = []
     if domains := {place.domain for place in standing} - set(NO_SIGNED_MAP):
         maps = [
             {
                 place.domain: place.map.ravel()
-                for place in locate(half.residuals, half.weights, data, chosen.fit.pattern_variance)
+                for place in locate(half.residuals, half.weights, half.data, chosen.fit.pattern_variance)
             }
-            for half, data in halves
+            for half in (fitted, held)
         ]
-        sums += [(maps[0][domain] * maps[1][domain], 0.0) for domain in domains]
-    weight = np.sqrt(fitter.weights[0] * fitter.held_weights[0])
-    numerical = sum(float(weight @ error.ravel() ** 2) for error in prepared.held_out.numerical)
-    sums.append((halves[0][0].products(halves[1][0]), numerical))
+        sums += [(maps[0][domain] * maps[1][domain], 0.0) for domain in domains & maps[0].keys()]
+    common = held.in_common(fitted)
+    sums.append((common.products, sum(float(one.sum()) for one in common.numerical)))
     left = [float(one.sum()) - error for one, error in sums if one.sum() - error > LEFT_SD * np.sqrt((one**2).sum())]
     return gained / (gained + max(left, default=0.0))
 

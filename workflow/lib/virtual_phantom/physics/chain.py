@@ -42,7 +42,8 @@ class State:
     neighbours         (column, row): share of the signal that goes to the next pixel on either side, after the quantum
                        noise is in it
     lag                (share, memory, before): share of a view's signal that glows on, what of the glow each further
-                       view leaves, and how much of it there is before the first view, over that of it lasting
+                       view leaves, and how much of it there is before the first view, over what that view's signal
+                       would bring about if it lasted
     gain               of each pixel since the air scan, a factor broadcastable to [row, column]
     dark, dark_air     read out beside the signal and no photons, over the signal in air: in the scan, broadcastable to
                        [view, row, column], and in the air scan
@@ -76,12 +77,21 @@ class State:
         """The air scan as it is read out, [view or 1, row, column]."""
         return shared(self.air, self.neighbours) + self.dark_air
 
-    def read(self, signal: np.ndarray, squared: bool = False) -> np.ndarray:
+    def read(self, signal: np.ndarray, squared: bool = False, first: np.ndarray | None = None) -> np.ndarray:
         """What is read out of a signal [view, row, column] that neighbours share and that lags behind.
 
         squared   of variances of independent values
+        first     [row, column] signal of the views before the scan; None: as that of its first view
         """
-        return lagged(shared(signal, self.neighbours, squared), self.lag, squared)
+        first = None if first is None else shared(first[None], self.neighbours, squared)[0]
+        return lagged(shared(signal, self.neighbours, squared), self.lag, squared, first)
+
+    def drawn_before(self, mean: np.ndarray, variance: np.ndarray, random: np.random.Generator) -> np.ndarray | None:
+        """A mean over the views before the scan, as their glow weighs them, that is as noisy as these are; None without
+        afterglow."""
+        if not self.lag[0]:
+            return None
+        return mean + random.normal(size=mean.shape) * np.sqrt(variance * (1 - self.lag[1]) / (1 + self.lag[1]))
 
     def line_integrals(self) -> np.ndarray:
         """-ln(signal / air) of the means, float64 [view, row, column]."""
@@ -89,7 +99,8 @@ class State:
 
     def variance(self) -> np.ndarray:
         """Of the line integrals, to first order in the noise: that of the signal over its mean squared."""
-        return self._quantum_variance() + self._over_signal((self.electronic / self.photons) ** 2)
+        quantum, electronic = self._noise_parts()
+        return quantum + electronic
 
     def log_noise(self) -> tuple[np.ndarray, np.ndarray]:
         """What noise adds to the mean of the line integrals, and their variance, both to second order: moments of
@@ -99,22 +110,25 @@ class State:
         mean m alone 1/(2m) + 5/(12 m^2) and 1/m + 3/(2 m^2). Where v is over MOST_NOISE, the series says nothing any
         more, and the second-order terms stay at that.
         """
-        first, quantum = self.variance(), np.minimum(self._quantum_variance(), MOST_NOISE)
-        noise = np.minimum(first, MOST_NOISE)
+        quantum, electronic = self._noise_parts()
+        first = quantum + electronic
+        noise, quantum = np.minimum(first, MOST_NOISE), np.minimum(quantum, MOST_NOISE)
         return first / 2 + 0.75 * noise**2 - quantum**2 / 3, first + 2.5 * noise**2 - quantum**2
 
-    def _quantum_variance(self) -> np.ndarray:
-        return self._over_signal(self.read(self.signal / self.photons, squared=True))
-
-    def _over_signal(self, noise: np.ndarray | float) -> np.ndarray:
-        """A variance of what is read over the square of its mean."""
+    def _noise_parts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Variances of what is read over the square of its mean: quantum and electronic."""
+        signal = self.read(self.signal)
         if self.dark is None:  # gains change signal and noise alike
-            return noise / self.read(self.signal) ** 2
-        return noise * (1.0 if self.gain is None else self.gain) ** 2 / self.measured**2
+            over = 1 / signal**2
+        else:
+            over = (1.0 if self.gain is None else self.gain) ** 2 / self.measured**2
+        return self.read(self.signal / self.photons, squared=True) * over, (self.electronic / self.photons) ** 2 * over
 
     def counts(self, random: np.random.Generator) -> np.ndarray:
         """One noisy scan in photons, float64 [view, row, column]: Poisson, shared by neighbours, electronic noise."""
-        read = self.read(random.poisson(self.signal * self.photons).astype(np.float64))
+        mean = self.signal[0] * self.photons
+        before = self.drawn_before(mean, mean, random)
+        read = self.read(random.poisson(self.signal * self.photons).astype(np.float64), first=before)
         if self.electronic:
             read += self.electronic * random.normal(size=read.shape)
         read = read if self.gain is None else read * self.gain
@@ -142,20 +156,24 @@ def shared(array: np.ndarray, neighbours: tuple[float, float], squared: bool = F
     return array
 
 
-def lagged(array: np.ndarray, lag: tuple[float, float, float], squared: bool = False) -> np.ndarray:
+def lagged(
+    array: np.ndarray, lag: tuple[float, float, float], squared: bool = False, first: np.ndarray | None = None
+) -> np.ndarray:
     """What is read of [view, ...] where a share glows on and fades by the factor `memory` from view to view.
 
-    lag       as State.lag; the glow before the first view is `before` times that of the first view lasting for ever
+    lag       as State.lag
     squared   the weights are squared: variances of independent values
+    first     what the views before the scan held; None: as the first view
     """
     share, memory, before = lag
-    if not share or len(array) == 1:
+    if not share:
         return array
     keep, late, fading, new = 1 - share, share, memory, 1 - memory
-    glow = before * array[0]
+    first = array[0] if first is None else first
+    glow = before * first
     if squared:
         keep, late, fading, new = keep**2, late**2, fading**2, new**2
-        glow = before**2 * array[0] * new / (1 - fading)
+        glow = before**2 * first * new / (1 - fading)
     result = np.empty(array.shape)
     for view, signal in enumerate(array):
         result[view] = keep * signal + late * glow

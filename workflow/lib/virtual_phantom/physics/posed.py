@@ -19,9 +19,11 @@ class Traced:
     """Path lengths of one set of rays, and what a displacement of the rays changes."""
 
     def __init__(self, scene: VoxelScene, geometry: ScanGeometry, pose: Pose, motion_mm, edge_mm: np.ndarray):
-        """edge_mm   of its outline, Rays.extremes_mm"""
+        """scene     a VoxelScene or what has its methods
+        edge_mm   Rays.extremes_mm of the outline
+        """
         self.scene, self.edge_mm = scene, edge_mm
-        self.shape = geometry.shape
+        self.shape, self.rows_mm = geometry.shape, geometry.row_positions_mm()
         self._given = geometry, pose, motion_mm
         self._rays: Rays | None = None
         self._slopes: np.ndarray | None = None
@@ -58,7 +60,9 @@ class PosedScene:
             found = same[displaced.index(nearest)]
         # The least recently used goes first.
         self._traced = [*(one for one in self._traced if one is not found), found][-self._most(geometry) :]
-        return found.followed(geometry, pose, motion_mm) if 0 < nearest <= self._allowed_mm else found.paths
+        if nearest > self._allowed_mm or (nearest == 0 and np.array_equal(found.rows_mm, geometry.row_positions_mm())):
+            return found.paths
+        return found.followed(geometry, pose, motion_mm)
 
     def _most(self, geometry: ScanGeometry) -> int:
         """How many scans of this size are kept."""

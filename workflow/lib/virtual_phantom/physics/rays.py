@@ -22,7 +22,7 @@ class Rays:
     climb       (view, column, 2): change along z per mm of a row's position, to the middle plane, and from plane to
                 plane
     rows_mm     (row,) from the source's height
-    step        (view, column, 2): share of the way to the detector between two planes, and the square of that way in
+    between     (view, column, 2): share of the way to the detector between two planes, and the square of that way in
                 the plane, mm^2
     spacing_mm  of voxels, (z, y, x)
     planes      number of planes across x and across y
@@ -33,7 +33,7 @@ class Rays:
     level: np.ndarray
     climb: np.ndarray
     rows_mm: np.ndarray
-    step: np.ndarray
+    between: np.ndarray
     spacing_mm: tuple[float, float, float]
     planes: tuple[int, int]
 
@@ -65,7 +65,7 @@ class Rays:
             level=(geometry.source_z_mm - z[:, 0]) / dz + (nz - 1) / 2 + 1,
             climb=np.stack([middle, step], axis=-1) / dz,
             rows_mm=geometry.row_positions_mm(),
-            step=np.stack([np.abs(step), to_x**2 + to_y**2], axis=-1),
+            between=np.stack([np.abs(step), to_x**2 + to_y**2], axis=-1),
             spacing_mm=grid.spacing,
             planes=(nx, ny),
         )
@@ -78,7 +78,7 @@ class Rays:
     @property
     def lengths_mm(self) -> np.ndarray:
         """Of every ray between two planes, [view, row, column]."""
-        share, square = np.moveaxis(self.step, 2, 0)[:, :, None]
+        share, square = np.moveaxis(self.between, 2, 0)[:, :, None]
         return share * np.sqrt(square + self.rows_mm[:, None] ** 2)
 
     def extremes_mm(self) -> np.ndarray:
@@ -128,7 +128,7 @@ def followed(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) ->
     paths, slopes   of the rays traced; slopes as Voxels.slopes gives them
     """
     result = np.empty_like(paths)
-    follow(paths, slopes, *traced.coordinates, traced.step, *rays.coordinates, rays.step, result)
+    follow(paths, slopes, traced.coordinates, traced.between, rays.coordinates, rays.between, result)
     return result
 
 

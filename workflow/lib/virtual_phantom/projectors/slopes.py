@@ -69,18 +69,18 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, along_x, across, 
 
 
 @njit(**OPTIONS)
-def follow(
-    paths, slopes, across, level, climb, rows_mm, step, new_across, new_level, new_climb, new_rows_mm, new_step, result
-):
+def follow(paths, slopes, traced, traced_between, rays, rays_between, result):
     """Path lengths of displaced rays: the sums of those traced and their slopes times the change of the coordinates,
     times the new length between two planes.
 
     paths, result   [lane, view, row, column], mm
     slopes          as trace_slopes makes them
-    step            (view, column, 2): share of the way to the detector between two planes, square of that way in the
-                    plane
-    The other arguments are as those of trace_slopes, of the rays traced and, with new_, of those displaced.
+    ..._between     (view, column, 2): share of the way to the detector between two planes, and the square of that way
+                    in the plane
+    traced, rays    across, level, climb and rows_mm as trace_slopes takes them, of the rays traced and those displaced
     """
+    across, level, climb, rows_mm = traced
+    new_across, new_level, new_climb, new_rows_mm = rays
     lanes, views, rows, columns = paths.shape
     for view in range(views):
         for column in range(columns):
@@ -90,8 +90,8 @@ def follow(
                 v, new = rows_mm[row], new_rows_mm[row]
                 dc = new_level[view] - level[view] + new_climb[view, column, 0] * new - climb[view, column, 0] * v
                 dd = new_climb[view, column, 1] * new - climb[view, column, 1] * v
-                length = step[view, column, 0] * math.sqrt(step[view, column, 1] + v * v)
-                new_length = new_step[view, column, 0] * math.sqrt(new_step[view, column, 1] + new * new)
+                length = traced_between[view, column, 0] * math.sqrt(traced_between[view, column, 1] + v * v)
+                new_length = rays_between[view, column, 0] * math.sqrt(rays_between[view, column, 1] + new * new)
                 for lane in range(lanes):
                     by = slopes[lane, view, column, row]
                     change = da * by[0] + dc * by[1] + db * by[2] + dd * by[3]

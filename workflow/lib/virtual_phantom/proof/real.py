@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import InputError
@@ -10,17 +10,11 @@ from . import seal
 from .case import complete
 
 
-def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
-    """Raise InputError for names that are not under `diagnosis.recordings`."""
-    for name in names:
-        if name not in diagnosed:
-            known = ", ".join(diagnosed) or "none"
-            raise InputError(f"proof.recordings: '{name}' is not under diagnosis.recordings ({known}); add it there")
-
-
 def row(path: str | Path) -> dict:
     """What a diagnosis.json says, in short. Raises InputError if it is broken."""
     found = complete(seal.read(path), path)
+    if "recording" not in found:
+        raise InputError(f"{path}: does not say which recording it is of; diagnose it anew")
     return {
         "recording": found["recording"],
         "verdict": found["verdict"],

@@ -31,7 +31,7 @@ MEANING = {
 def score(cases: Sequence[Case], minutes: float | None = None, real: Sequence[dict] = ()) -> dict:
     """What score.json holds.
 
-    minutes   that the suite took on two cores; None: not measured
+    minutes   that its scans and diagnoses took over two cores; None: not measured
     real      rows of real recordings (real.row)
     """
     found = {

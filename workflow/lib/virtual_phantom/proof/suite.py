@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -24,6 +25,16 @@ def cases(settings: Mapping) -> list[str]:
 def phantom_of(case: str) -> str:
     """What is scanned in a case: no secret, and told by its number alone."""
     return PHANTOMS[int(case.rpartition("_")[2]) % len(PHANTOMS)]
+
+
+def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
+    """Raise InputError for names that are not under `diagnosis.recordings`, or are like those of cases."""
+    for name in names:
+        if re.fullmatch(r"case_[0-9]+", name):
+            raise InputError(f"proof.recordings: '{name}' is the name of a case; give the recording another one")
+        if name not in diagnosed:
+            known = ", ".join(diagnosed) or "none"
+            raise InputError(f"proof.recordings: '{name}' is not under diagnosis.recordings ({known}); add it there")
 
 
 def truths(settings: Mapping) -> dict[str, dict]:

@@ -27,5 +27,6 @@ IMAGES = Look(
         ("slices", "slice", 0),
         ("tissue", "HU (tenth of the object)", 1),
     ),
-    one_repeat="is that of simulated scans, scaled to what changes from voxel to voxel in the recording",
+    one_repeat="is that of the repeats held out, if there are two, else of simulated scans, scaled to what changes "
+    "from voxel to voxel in the recording",
 )

@@ -19,7 +19,16 @@ EFFECT = Effect(
     parameters=(
         Parameter("share", "1", "share of a view's signal that is read with later ones", 0.0, 0.4, 0.02, 0.05),
         Parameter("memory", "1", "what of the glow each further view leaves", 0.0, 0.95, 0.0, 0.0, None),
-        Parameter("before", "1", "glow before the first view, over that of it lasting", 0.0, 1.0, 1.0, 1.0, None),
+        Parameter(
+            "before",
+            "1",
+            "glow before the first view, over that of its lasting signal",
+            0.0,
+            1.0,
+            1.0,
+            1.0,
+            None,
+        ),
     ),
     apply=apply,
 )
