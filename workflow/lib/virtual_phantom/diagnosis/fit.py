@@ -150,7 +150,7 @@ class Problem:
         self.steps = np.array(spans)
 
     def best_start(self, given: Fit | None) -> np.ndarray:
-        """Where to begin: numbers of new effects that have no neutral value are tried at several places of their range,
+        """Where to begin: numbers of new effects that have several starts are tried at all of them,
         with the alignment given and the one expected. Elsewhere a fit could end beside the best one."""
         count = len(self.unknowns)
         choices = []

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..physics.chain import Chain, State
-from ..physics.effect import load
+from ..physics.effect import acts_on_images, load
 from ..physics.scene import Pose
 from ..physics.spectra import KVP
 from .observed import WHITE_TOLERANCE, Observed, white_shape
@@ -17,7 +17,7 @@ from .observed import WHITE_TOLERANCE, Observed, white_shape
 SURE = 5.0
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
-STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number without neutral value may begin
+STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin whose start may be no good
 # Of what halving a step changed: by how much predictions may be off yet. Where errors shrink with its square, all
 # further halving changes a third (L. F. Richardson, Phil. Trans. R. Soc. A 210, 307, 1911).
 NUMERICAL_SD = 1 / 3
@@ -142,7 +142,8 @@ class Model:
                     low, high = KVP[self.anode]
                 expected, sd = (low + high) / 2, high - low
                 starts = (min(max(one.start, low), high),)
-                if one.neutral is None:
+                # A blur narrower than a voxel changes nothing, so that no fit would leave it.
+                if one.neutral is None or (acts_on_images(name) and len(effect.parameters) == 1):
                     starts += tuple(low + share * (high - low) for share in STARTS)
                 if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
                     expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
