@@ -2,12 +2,15 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from scipy import ndimage
 
 from virtual_phantom import volumes
+from virtual_phantom.config import check
 from virtual_phantom.diagnosis import attribute, observed, prepared
 from virtual_phantom.diagnosis.attribute import Trial, best_few, trial
 from virtual_phantom.diagnosis.fit import Fit
@@ -231,6 +234,13 @@ def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
     assert choice.gains == {"second": 500, "true": 800}
     assert choice.stand_ins == {"second": {"mimic": 395}, "true": {"mimic": 200}}
     assert choice.ruled_out == {"mimic": 200} and choice.ambiguous_with("true") == []
+
+
+def test_the_configuration_and_the_library_hold_models_equally_exact():
+    root = Path(__file__).resolve().parents[2]
+    default = yaml.safe_load((root / "config/config.yaml").read_text())
+    config = check(default, root / "workflow/schemas/config.schema.yaml")
+    assert config["diagnosis"]["model_accuracy"] == attribute.ACCURACY
 
 
 def test_what_an_inexact_model_may_leave_is_no_evidence(scored):

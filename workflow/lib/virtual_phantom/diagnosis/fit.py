@@ -150,8 +150,8 @@ class Problem:
         self.steps = np.array(spans)
 
     def best_start(self, given: Fit | None) -> np.ndarray:
-        """Where to begin: numbers of new effects that have several starts are tried at all of them,
-        with the alignment given and the one expected. Elsewhere a fit could end beside the best one."""
+        """Where to begin: numbers of new effects that have several starts are tried at all of them, with the alignment
+        given and the one expected. Elsewhere a fit could end beside the best one."""
         count = len(self.unknowns)
         choices = []
         for place, one in enumerate(self.unknowns):

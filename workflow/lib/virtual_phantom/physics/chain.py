@@ -117,9 +117,8 @@ class State:
 
     def _noise_parts(self) -> tuple[np.ndarray, np.ndarray]:
         """Variances of what is read over the square of its mean: quantum and electronic."""
-        signal = self.read(self.signal)
         if self.dark is None:  # gains change signal and noise alike
-            over = 1 / signal**2
+            over = 1 / self.read(self.signal) ** 2
         else:
             over = (1.0 if self.gain is None else self.gain) ** 2 / self.measured**2
         return self.read(self.signal / self.photons, squared=True) * over, (self.electronic / self.photons) ** 2 * over

@@ -92,9 +92,17 @@ NAMED = """{% for name in c.named %}{{ name|label }}{% if c.ambiguous_with[name]
 {{ c.ambiguous_with[name]|map('label')|join(', ') }}){% endif %}{{ ', ' if not loop.last }}
 {%- else %}nothing{% endfor %}"""
 
-MAPS = """<div class="maps">{% for name in ('before', 'after') %}<figure>
+# What was named in a case or a recording, its maps, and its sentence; KEY is where its name stands.
+SAID = (
+    """<p>Named: <strong>"""
+    + NAMED
+    + """</strong></p>
+<div class="maps">{% for name in ('before', 'after') %}<figure>
 <img alt="residuals {{ name }}" src="{{ pictures[c.KEY][loop.index0] }}"><figcaption>{{ name }}</figcaption></figure>
-{% endfor %}</div>"""
+{% endfor %}</div>
+<p>{{ c.sentence }}</p>
+"""
+)
 
 MISSED = (
     """<h2>What was missed, and why</h2>
@@ -117,14 +125,9 @@ REAL = (
 <div class="case" id="{{ c.recording }}" style="border-top-color: {{ c.verdict|colour }}">
 <h3>{% if c.recording in reports %}<a href="{{ reports[c.recording] }}">{{ c.recording }}</a>{% else %}
 {{- c.recording }}{% endif %}</h3>
-<p>Named: <strong>"""
-    + NAMED
-    + """</strong></p>
 """
-    + MAPS.replace("KEY", "recording")
-    + """
-<p>{{ c.sentence }}</p>
-<p>Root mean square beyond noise removed on data not fitted: {{ c.excess_rms_removed|percent }}</p>
+    + SAID.replace("KEY", "recording")
+    + """<p>Root mean square beyond noise removed on data not fitted: {{ c.excess_rms_removed|percent }}</p>
 {% for caveat in c.caveats %}<p class="note">{{ caveat }}</p>{% endfor %}
 </div>{% if loop.last %}</div>{% endif %}{% endfor %}
 """
@@ -143,14 +146,10 @@ images: rows and columns.</p>
 <p>Concealed: <strong>"""
     + CONCEALED
     + """</strong></p>
-<p>Named: <strong>"""
-    + NAMED
-    + """</strong></p>
 """
-    + MAPS.replace("KEY", "case")
-    + """
-<p>{{ c.sentence }}</p>
-{% if not c.held_out_protocol %}<p class="note">There is no table of agreement on another protocol.</p>{% endif %}
+    + SAID.replace("KEY", "case")
+    + """{% if not c.held_out_protocol %}
+<p class="note">There is no table of agreement on another protocol.</p>{% endif %}
 </div>{% endfor %}</div>
 """
 )
