@@ -13,11 +13,13 @@ that stands out, `worst` the first domain that the diagnosis calls unexplained.
 """
 
 import argparse
+import copy
 import csv
 import os
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +31,7 @@ from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
 from virtual_phantom.diagnosis.attribute import ACCURACY, choose, trial  # noqa: E402
 from virtual_phantom.diagnosis.locate import EDGE_SHARE, Half  # noqa: E402
 from virtual_phantom.diagnosis.model import stacked  # noqa: E402
-from virtual_phantom.diagnosis.templates import projected, strength, taken_up, varied, whitened  # noqa: E402
+from virtual_phantom.diagnosis.templates import strength, varied, whitened  # noqa: E402
 from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
 from virtual_phantom.geometry import Grid, circular  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
@@ -76,9 +78,9 @@ def scans(chain, physics, random):
     return observed.Scans(np.stack(repeats).astype(np.float32), white, np.ones(repeats[0].shape, bool))
 
 
-def strengths(chain, name, wanted, random, given):
+def strengths(name, wanted, random, given):
     """Parameters of an effect so that what it changes stands `wanted` standard deviations out of the noise, beyond what
-    the alignment takes up. Changes need not be linear: the strength is looked for, not extrapolated."""
+    the alignment takes up; or as far as its plausible range reaches."""
     effect = load(name)
     typical = {parameter.name: parameter.typical for parameter in effect.parameters}
     parameters = varied(name)
@@ -91,21 +93,36 @@ def strengths(chain, name, wanted, random, given):
             parameter.name: float(random.uniform(low, high))
             for parameter, (low, high) in zip(effect.parameters, ((80.0, 140.0), (3.0, 12.0)), strict=True)
         }
-    fitter, alignment = given.fitter, given.fitter.fit(())
-    basis = taken_up(fitter, alignment)
-    which = parameters[int(random.integers(len(parameters)))]
-    rest = typical | {other.name: other.neutral for other in parameters}
-    before = stacked(fitter.data, fitter.model.predict({}, alignment.place, fitter.data))
+    for which in random.permutation(np.array(parameters, object)):
+        rest = typical | {other.name: other.neutral for other in parameters}
+        most = which.high if strength(which) > which.neutral else which.low
 
-    def short(value):
-        after = fitter.model.predict({name: rest | {which.name: value}}, alignment.place, fitter.data)
-        parts = [a - b for a, b in zip(before, stacked(fitter.data, after), strict=True)]
-        return float(np.linalg.norm(projected(whitened(parts, fitter.weights)[None], basis))) - wanted
+        def short(share, rest=rest, which=which, most=most):
+            value = which.neutral + share * (most - which.neutral)
+            return stands_out(given, {name: rest | {which.name: value}}) - wanted
 
-    most = which.high if strength(which) > which.neutral else which.low
-    if short(most) < 0:
-        return rest | {which.name: most}
-    return rest | {which.name: brentq(short, which.neutral, most, rtol=1e-3, maxiter=50)}
+        reached = short(1.0) + wanted
+        if reached >= WEAKEST:
+            share = brentq(short, 0.0, 1.0, xtol=1e-5, rtol=1e-2, maxiter=50) if reached > wanted else 1.0
+            return rest | {which.name: which.neutral + share * (most - which.neutral)}
+    raise ValueError(f"{name} stands nowhere in its range {WEAKEST} standard deviations out of this noise")
+
+
+def stands_out(given, physics):
+    """How far physics stands out of the noise, in standard deviations: by a fit of the alignment to what the physics
+    gives without noise. Changes need not be linear, and what an object's size takes up of a distance's is not."""
+    fitter = given.fitter
+    place = {one.name: one.expected for one in fitter.model.aligned}
+    there, data = fitter.model.predict(physics, place, fitter.data), fitter.data
+    clean = copy.copy(fitter)
+    clean.data = replace(
+        data,
+        mean=there.mean,
+        variance=np.exp(there.log_variance),
+        correlation=there.correlation,
+        white=there.white,
+    )
+    return float(np.sqrt(clean.fit(()).chi_square))
 
 
 def left_over(given, physics, fit):
@@ -152,9 +169,9 @@ def one(task):
     physics = {}
     for name in truth:
         wanted = float(np.exp(random.uniform(np.log(WEAKEST), np.log(STRONGEST))))
-        physics[name] = strengths(chain, name, wanted, random, blank)
+        physics[name] = strengths(name, wanted, random, blank)
     began = time.perf_counter()
-    taken = scans(chain, physics, random)  # by exact tracing; the fits take the short cut that the diagnosis takes
+    taken = scans(chain, physics, random)
     model = Chain(PosedScene(chain.scene), GEOMETRY, PHOTONS, samples=2)
     given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
     tried = [name for name in library if kind != "missing" or name not in truth]

@@ -24,6 +24,7 @@ UNKNOWN_STEP = 1e-3  # of an alignment of which nothing is known
 SIZE_STEP = 4e-5  # 4 um at 100 mm, as for places
 # Marquardt's damping: from none, first to LEAST_DAMPING, then by factors of DAMPING while a step makes the fit worse.
 LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
+LEAST_EIGENVALUE = 1e-12  # over the largest, where each number alone has an information of 1: less is rounding
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,7 @@ class Fitter:
                 break
             if not as_expected:
                 jacobian = None
-        errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information, hermitian=True)), 0))
+        errors = standard_errors(information)
         return problem.result(point, errors, residuals, current, pattern)
 
     def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
@@ -160,9 +161,35 @@ class Problem:
         if all(len(choice) == 1 for choice in choices):
             return self.start
         places = [self.start[count:], np.array([one.expected for one in self.aligned])]
-        points = [np.array([*values, *place]) for values in product(*choices) for place in places]
-        polished = (self.polished(point, None) for point in points)
-        return min(polished, key=lambda one: self.chi_square(one[1], one[0]))[0]
+        begun = []
+        for place in places:
+            off = self.polished(self._switched_off(np.array([*self.start[:count], *place]), given), None)
+            for values in product(*choices):
+                full = self.polished(np.array([*values, *place]), None)
+                begun += [full, self._between(off, full)]
+        return min(begun, key=lambda one: self.chi_square(one[1], one[0]))[0]
+
+    def _switched_off(self, point: np.ndarray, given: Fit | None) -> np.ndarray:
+        """A point with new effects at the values where they change nothing, as far as they have such values."""
+        point = point.copy()
+        for place, one in enumerate(self.unknowns):
+            if one.neutral is not None and (given is None or one.effect not in given.physics):
+                point[place] = one.neutral
+        return point
+
+    def _between(self, off, full) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Between two points and their residuals, one as if residuals were straight there: of a strength that starts
+        far too high, the wrong shape would look best that does the least harm."""
+        change = [here - there for here, there in zip(off[1], full[1], strict=True)]
+        square = chi_square(self.weights, change)
+        if not square:
+            return full
+        along = sum(float((w * r * c).sum()) for w, r, c in zip(self.weights, off[1], change, strict=True))
+        point = full[0].copy()
+        for place, one in enumerate(self.unknowns):
+            if one.neutral is not None:
+                point[place] = off[0][place] + along / square * (full[0][place] - off[0][place])
+        return self.polished(np.clip(point, self.low, self.high), None)
 
     def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:
         return less_pattern(stacked(self.data, self.model.predict(*self._named(point), self.data)), pattern, self.data)
@@ -279,14 +306,35 @@ def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Obse
     return [np.where(data.usable, mean, 0).ravel(), *parts[1:]]
 
 
+def unit_diagonal(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """An information matrix in units in which each number alone has an information of 1, and those units.
+
+    Parameters in mm, kV and shares differ so much that what tells small eigenvalues from rounding would take a
+    parameter of little information for none at all.
+    """
+    diagonal = np.diag(information)
+    units = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=diagonal > 0)
+    return information * np.outer(units, units), units
+
+
+def standard_errors(information: np.ndarray) -> np.ndarray:
+    """Of the numbers of a fit, from their information matrix; infinite where nothing is known of one."""
+    scaled, units = unit_diagonal(information)
+    variance = np.diag(np.linalg.pinv(scaled, rcond=LEAST_EIGENVALUE, hermitian=True)) * units**2
+    return np.where(units > 0, np.sqrt(np.maximum(variance, 0)), np.inf)
+
+
 def bounded_step(information, gradient, point, low, high) -> np.ndarray:
     """Newton step; parameters at a bound that would leave it stay there."""
+    information, units = unit_diagonal(information)
+    gradient = gradient * units
     free = np.ones(len(point), bool)
     step = np.zeros(len(point))
     for _ in range(len(point)):
         index = np.flatnonzero(free)
         step[:] = 0
-        step[index] = np.linalg.lstsq(information[np.ix_(index, index)], gradient[index], rcond=None)[0]
+        inverse = np.linalg.pinv(information[np.ix_(index, index)], rcond=LEAST_EIGENVALUE, hermitian=True)
+        step[index] = units[index] * (inverse @ gradient[index])
         leaving = free & (((point <= low) & (step < 0)) | ((point >= high) & (step > 0)))
         if not leaving.any():
             break

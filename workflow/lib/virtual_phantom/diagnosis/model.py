@@ -26,7 +26,8 @@ POSES = ("x_mm", "y_mm", "z_mm", "turn_deg", "size")
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number of an effect: its plausible range, where a fit may begin, and the Gaussian that it is held by.
+    """A number of an effect: its plausible range, where a fit may begin, the value that changes nothing, if there is
+    one, and the Gaussian that it is held by.
 
     Without further knowledge that is as wide as the range: against runaways.
     """
@@ -36,6 +37,7 @@ class Unknown:
     low: float
     high: float
     starts: tuple[float, ...]
+    neutral: float | None
     expected: float
     sd: float
 
@@ -148,7 +150,7 @@ class Model:
                 if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
                     expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
                     low, high = max(low, expected - SURE * sd), min(high, expected + SURE * sd)
-                found.append(Unknown(name, one.name, low, high, starts, expected, sd))
+                found.append(Unknown(name, one.name, low, high, starts, one.neutral, expected, sd))
         return found
 
     def distortion(self, place: Mapping[str, float]) -> np.ndarray | float:

@@ -1,0 +1,97 @@
+"""Steps and errors of fits, and fits that begin far off."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from simulated_scans import body, noisy_lines
+
+from virtual_phantom.diagnosis import observed, prepared
+from virtual_phantom.diagnosis.fit import bounded_step, chi_square, standard_errors
+from virtual_phantom.diagnosis.model import stacked
+from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.posed import PosedScene
+from virtual_phantom.physics.scene import VoxelScene
+
+WIDE = np.full(3, np.inf)
+
+
+def exact(matrix, right):
+    """Solution of a linear system by Cramer's rule in whole numbers' fractions: no rounding."""
+
+    def determinant(rows):
+        a, b, c = rows
+        return (
+            a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+        )
+
+    rows = [[Fraction(float(value)) for value in row] for row in matrix]
+    whole = determinant(rows)
+    found = []
+    for column in range(3):
+        changed = [row[:] for row in rows]
+        for row, value in zip(changed, right, strict=True):
+            row[column] = Fraction(float(value))
+        found.append(float(determinant(changed) / whole))
+    return np.array(found)
+
+
+@given(st.lists(st.integers(-9, 9), min_size=3, max_size=3))
+def test_steps_and_errors_do_not_depend_on_units(powers):
+    """Of shares and millimetres, informations can be 1e18 apart: neither is rounding."""
+    units = 10.0 ** np.array(powers)
+    information = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, -0.8], [0.5, -0.8, 2.0]]) * np.outer(units, units)
+    gradient = np.array([1.0, -2.0, 0.5]) * units
+    step = bounded_step(information, gradient, np.zeros(3), -WIDE, WIDE)
+    np.testing.assert_allclose(step, exact(information, gradient), rtol=1e-9)
+    inverse = [exact(information, row)[place] for place, row in enumerate(np.eye(3))]
+    np.testing.assert_allclose(standard_errors(information), np.sqrt(inverse), rtol=1e-9)
+
+
+def test_what_nothing_is_known_of_stays_and_has_no_finite_error():
+    information = np.diag([4.0, 0.0, 1.0])
+    np.testing.assert_array_equal(standard_errors(information), [0.5, np.inf, 1.0])
+    np.testing.assert_array_equal(
+        bounded_step(information, np.array([2.0, 0.0, 1.0]), np.zeros(3), -WIDE, WIDE), [0.5, 0.0, 1.0]
+    )
+
+
+def test_two_that_do_the_same_share_one_step():
+    information = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    step = bounded_step(information, np.array([1.0, 1.0, 0.0]), np.zeros(3), -WIDE, WIDE)
+    np.testing.assert_allclose(step, [0.5, 0.5, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("share, width_mm", [(0.002, 40.0), (0.004, 90.0)])
+def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
+    """Its width changes little beside its share: a fit that takes that for nothing stays at the width it began with."""
+    grid = Grid((12, 96, 96), (3.0, 3.0, 3.0))
+    painted = body(grid, (110, 80), 20.0, [((50, 10, None), 20, 800.0)])
+    scene = VoxelScene.of(painted, Segmentation(), 0.0193)
+    geometry = circular(
+        views=60,
+        source_to_isocentre_mm=570.0,
+        source_to_detector_mm=1040.0,
+        columns=64,
+        rows=4,
+        column_pitch_mm=8.0,
+        row_pitch_mm=8.0,
+    )
+    chain, floor = (Chain(PosedScene(scene), geometry, 1e5, samples=samples) for samples in (2, 3))
+    truth = {"veiling_glare": {"share": share, "width_mm": width_mm}}
+    state = chain.state(truth)
+    repeats = noisy_lines(state, 4, np.random.default_rng(3)).astype(np.float32)
+    white = state.measured_air.mean(axis=0) * state.photons
+    taken = observed.Scans(repeats, white, np.ones(repeats[0].shape, bool))
+    fitter = prepared.prepare(taken, None, chain, floor_chain=floor, nominal_photons=1e5).fitter
+    fit = fitter.fit(("veiling_glare",), fitter.fit(()))
+    for name, value in truth["veiling_glare"].items():
+        assert abs(fit.physics["veiling_glare"][name] - value) < 3.5 * fit.errors["veiling_glare"][name]
+    assert fit.errors["veiling_glare"]["width_mm"] < width_mm
+    place = {one.name: one.expected for one in fitter.model.aligned}
+    at_truth = fitter.model.predict(truth, place, fitter.data)
+    assert fit.chi_square < chi_square(fitter.weights, stacked(fitter.data, at_truth))
