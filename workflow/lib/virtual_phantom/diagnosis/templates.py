@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy import stats
@@ -17,6 +18,7 @@ from .fit import Fit, Fitter, Problem
 from .model import stacked
 from .pattern import estimate
 
+SIZES = (1 / 3, 3.0)  # by which a fit may change an effect without a neutral value from the best of its starts
 SMALL = 1e-9  # of a template's square: what is left of one that the alignment takes up entirely
 
 
@@ -92,6 +94,27 @@ class Screened:
     gain: float
 
 
+def whole_changes(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
+    """Change of the whitened data by an effect without a neutral value, [start, datum], at all starts of a fit."""
+    before = stacked(fitter.data, fitter.model.predict(fit.physics, fit.place, fitter.data))
+    unknowns = fitter.model.unknowns((name,))
+    rows = []
+    for values in product(*(one.starts for one in unknowns)):
+        setting = dict(fitter.model.fixed.get(name, {}))
+        setting |= {one.name: value for one, value in zip(unknowns, values, strict=True)}
+        after = stacked(fitter.data, fitter.model.predict(fit.physics | {name: setting}, fit.place, fitter.data))
+        rows.append(whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
+    return np.stack(rows)
+
+
+def _whole(rows: np.ndarray, residual: np.ndarray) -> Screened:
+    """Matched filter of an effect that cannot be faint: at the best of its starts, made SIZES times as large."""
+    square, along = (rows**2).sum(axis=1), rows @ residual
+    size = np.clip(along / np.maximum(square, 1e-300), *SIZES)
+    gain = float((2 * size * along - size**2 * square).max(initial=0.0))
+    return Screened(float(stats.chi2.sf(gain, 1)), gain)
+
+
 def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
     """Every effect's matched filter on what a fit leaves over of the data that were fitted."""
     parts = fitter.residuals(fit, held_out=False)
@@ -105,6 +128,9 @@ def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screen
             pattern = estimate(mean, weight)
             gain = float((weight * (2 * mean - pattern.values) * pattern.values).sum())
             found[name] = Screened(float(stats.norm.sf(pattern.rms / pattern.error)) if pattern.rms else 1.0, gain)
+            continue
+        if not varied(name):
+            found[name] = _whole(projected(whole_changes(fitter, fit, name), basis), residual)
             continue
         rows = templates(fitter, fit, name)
         size = (rows**2).sum(axis=1)
