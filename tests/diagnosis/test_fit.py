@@ -11,6 +11,7 @@ from simulated_scans import body, noisy_lines
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.fit import bounded_step, chi_square, standard_errors
 from virtual_phantom.diagnosis.model import stacked
+from virtual_phantom.diagnosis.templates import explained, screened
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
@@ -66,9 +67,8 @@ def test_two_that_do_the_same_share_one_step():
     np.testing.assert_allclose(step, [0.5, 0.5, 0.0], atol=1e-12)
 
 
-@pytest.mark.parametrize("share, width_mm", [(0.002, 40.0), (0.004, 90.0)])
-def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
-    """Its width changes little beside its share: a fit that takes that for nothing stays at the width it began with."""
+def fitted_to(truth):
+    """A fitter of a scan that holds this physics."""
     grid = Grid((12, 96, 96), (3.0, 3.0, 3.0))
     painted = body(grid, (110, 80), 20.0, [((50, 10, None), 20, 800.0)])
     scene = VoxelScene.of(painted, Segmentation(), 0.0193)
@@ -82,12 +82,18 @@ def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
         row_pitch_mm=8.0,
     )
     chain, floor = (Chain(PosedScene(scene), geometry, 1e5, samples=samples) for samples in (2, 3))
-    truth = {"veiling_glare": {"share": share, "width_mm": width_mm}}
     state = chain.state(truth)
     repeats = noisy_lines(state, 4, np.random.default_rng(3)).astype(np.float32)
     white = state.measured_air.mean(axis=0) * state.photons
     taken = observed.Scans(repeats, white, np.ones(repeats[0].shape, bool))
-    fitter = prepared.prepare(taken, None, chain, floor_chain=floor, nominal_photons=1e5).fitter
+    return prepared.prepare(taken, None, chain, floor_chain=floor, nominal_photons=1e5).fitter
+
+
+@pytest.mark.parametrize("share, width_mm", [(0.002, 40.0), (0.004, 90.0)])
+def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
+    """Its width changes little beside its share: a fit that takes that for nothing stays at the width it began with."""
+    truth = {"veiling_glare": {"share": share, "width_mm": width_mm}}
+    fitter = fitted_to(truth)
     fit = fitter.fit(("veiling_glare",), fitter.fit(()))
     for name, value in truth["veiling_glare"].items():
         assert abs(fit.physics["veiling_glare"][name] - value) < 3.5 * fit.errors["veiling_glare"][name]
@@ -95,3 +101,31 @@ def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
     place = {one.name: one.expected for one in fitter.model.aligned}
     at_truth = fitter.model.predict(truth, place, fitter.data)
     assert fit.chi_square < chi_square(fitter.weights, stacked(fitter.data, at_truth))
+
+
+@pytest.mark.parametrize(
+    "chosen, left",
+    [
+        # A wrong distance has pulled the object's size to its bound: relieving that is all that the filter has to see.
+        (("afterglow",), {"source_distance": {"isocentre_mm": 1.8, "detector_mm": 0.0}}),
+        # Widths far from the usual one.
+        (("photon_flux",), {"veiling_glare": {"share": 0.01, "width_mm": 10.0}}),
+        ((), {"detector_offset": {"columns_px": 0.01}}),
+    ],
+)
+def test_matched_filters_say_what_a_fit_gains(chosen, left):
+    physics = {"afterglow": {"share": 0.02, "memory": 0.0, "before": 1.0}, "photon_flux": {"factor": 0.8}}
+    fitter = fitted_to({name: physics[name] for name in chosen} | left)
+    without = fitter.fit(chosen, fitter.fit(()))
+    ((name, _),) = left.items()
+    gained = without.chi_square - fitter.fit((*chosen, name), without).chi_square
+    assert gained > 50
+    assert 0.5 < screened(fitter, without, [name])[name].gain / gained < 2
+
+
+def test_there_is_no_negative_scatter():
+    """What only less than nothing of an effect would explain speaks for another one."""
+    rows, residual = np.eye(2, 5), np.array([-3.0, 2.0, 1.0, 0.0, 0.0])
+    assert explained(rows, residual, np.array([False, False])) == pytest.approx(13)
+    assert explained(rows, residual, np.array([True, False])) == pytest.approx(4)
+    assert explained(rows[:1], residual, np.array([True])) == 0

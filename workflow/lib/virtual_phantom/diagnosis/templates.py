@@ -6,12 +6,13 @@ that alignment and the effects already fitted could take up projected out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from scipy import stats
+from scipy.optimize import lsq_linear
 
 from ..physics.effect import Parameter, load
 from .fit import Fit, Fitter, Problem
@@ -44,6 +45,23 @@ def taken_up(fitter: Fitter, fit: Fit) -> np.ndarray:
     return np.linalg.qr(changes(Problem(fitter, fit.effects, fit), fit.pattern))[0]
 
 
+def left_over(fitter: Fitter, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """What a fit leaves over of the data that were fitted, whitened, and below them of what is known of its numbers;
+    and the basis of what these can still take up.
+
+    A number that the data press against its bound takes up nothing there. One that they have pulled away from what is
+    known of it is a difference too, which an effect may relieve.
+    """
+    problem = Problem(fitter, fit.effects, fit)
+    columns = changes(problem, fit.pattern)
+    parts = fitter.residuals(fit, held_out=False)
+    known = np.sqrt(problem.knowledge) * (problem.centre - problem.start)
+    residual = np.concatenate([whitened(parts, fitter.weights), known])
+    pull = columns.T @ residual
+    held = ((problem.start <= problem.low) & (pull < 0)) | ((problem.start >= problem.high) & (pull > 0))
+    return residual, np.linalg.qr(columns[:, ~held])[0]
+
+
 def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
     """Whitened data [row, datum] less all that a basis of `taken_up` takes up: [row, datum and piece of knowledge]."""
     known = basis.shape[0] - rows.shape[1]
@@ -63,9 +81,12 @@ def strength(parameter: Parameter) -> float:
     return parameter.neutral + (parameter.high - parameter.neutral) / 20
 
 
-def templates(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
+def templates(fitter: Fitter, fit: Fit, name: str, shape: Mapping[str, float] | None = None) -> np.ndarray:
     """Change of the whitened data that an effect makes by each parameter alone that has a neutral value, at typical
-    strength; of an effect without such a parameter, its change at typical values. Rows are as `varied` names them."""
+    strength; of an effect without such a parameter, its change at typical values. Rows are as `varied` names them.
+
+    shape   values of parameters without a neutral value, where they are not typical
+    """
     effect = load(name)
     now = fitter.model.predict(fit.physics, fit.place, fitter.data)
     before = stacked(fitter.data, now)
@@ -73,7 +94,7 @@ def templates(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
     typical = {
         parameter.name: min(max(parameter.typical, ranges[parameter.name].low), ranges[parameter.name].high)
         for parameter in effect.parameters
-    }
+    } | dict(shape or {})
     parameters = varied(name)
     settings = [typical] if not parameters else []
     for parameter in parameters:
@@ -94,14 +115,20 @@ class Screened:
     gain: float
 
 
+def shapes(fitter: Fitter, name: str) -> list[dict[str, float]]:
+    """Where fits of an effect may begin, of its parameters without a neutral value: all combinations."""
+    unknowns = [one for one in fitter.model.unknowns((name,)) if one.neutral is None]
+    return [
+        {one.name: value for one, value in zip(unknowns, values, strict=True)}
+        for values in product(*(one.starts for one in unknowns))
+    ]
+
+
 def whole_changes(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
     """Change of the whitened data by an effect without a neutral value, [start, datum], at all starts of a fit."""
     before = stacked(fitter.data, fitter.model.predict(fit.physics, fit.place, fitter.data))
-    unknowns = fitter.model.unknowns((name,))
     rows = []
-    for values in product(*(one.starts for one in unknowns)):
-        setting = dict(fitter.model.fixed.get(name, {}))
-        setting |= {one.name: value for one, value in zip(unknowns, values, strict=True)}
+    for setting in shapes(fitter, name):
         after = stacked(fitter.data, fitter.model.predict(fit.physics | {name: setting}, fit.place, fitter.data))
         rows.append(whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
     return np.stack(rows)
@@ -116,10 +143,11 @@ def _whole(rows: np.ndarray, residual: np.ndarray) -> Screened:
 
 
 def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
-    """Every effect's matched filter on what a fit leaves over of the data that were fitted."""
+    """Every effect's matched filter on what a fit leaves over of the data that were fitted, with the shape that serves
+    it best of those that fits begin with."""
     parts = fitter.residuals(fit, held_out=False)
-    basis = taken_up(fitter, fit)
-    residual = projected(whitened(parts, fitter.weights)[None], basis)[0]
+    residual, basis = left_over(fitter, fit)
+    residual = residual - basis @ (basis.T @ residual)
     found = {}
     for name in names:
         if load(name).pattern:
@@ -132,14 +160,27 @@ def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screen
         if not varied(name):
             found[name] = _whole(projected(whole_changes(fitter, fit, name), basis), residual)
             continue
-        rows = templates(fitter, fit, name)
-        size = (rows**2).sum(axis=1)
-        rows = projected(rows, basis)
-        rows = rows[(rows**2).sum(axis=1) > SMALL * np.maximum(size, 1e-300)]
-        if not len(rows):
-            found[name] = Screened(1.0, 0.0)
-            continue
-        seen = rows @ residual
-        gain = float(seen @ np.linalg.pinv(rows @ rows.T, hermitian=True) @ seen)
-        found[name] = Screened(float(stats.chi2.sf(gain, len(rows))), gain)
+        one_sided = np.array([parameter.neutral in (parameter.low, parameter.high) for parameter in varied(name)])
+        tried = []
+        for shape in shapes(fitter, name):
+            rows = templates(fitter, fit, name, shape)
+            size = (rows**2).sum(axis=1)
+            rows = projected(rows, basis)
+            seen = (rows**2).sum(axis=1) > SMALL * np.maximum(size, 1e-300)
+            if seen.any():
+                gain = explained(rows[seen], residual, one_sided[seen])
+                tried.append(Screened(float(stats.chi2.sf(gain, int(seen.sum()))), gain))
+        found[name] = max(tried, key=lambda one: one.gain, default=Screened(1.0, 0.0))
     return found
+
+
+def explained(rows: np.ndarray, residual: np.ndarray, one_sided: np.ndarray) -> float:
+    """How much of a residual's square templates [row, datum] explain at best.
+
+    one_sided   bool (row,): templates of which there cannot be less than nothing
+    """
+    unit = rows / np.sqrt((rows**2).sum(axis=1, keepdims=True))
+    basis, triangle = np.linalg.qr(unit.T)
+    inside = basis.T @ residual
+    solved = lsq_linear(triangle, inside, (np.where(one_sided, 0, -np.inf), np.inf))
+    return max(0.0, float(inside @ inside - 2 * solved.cost))
