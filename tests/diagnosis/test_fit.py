@@ -11,7 +11,7 @@ from simulated_scans import body, noisy_lines
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.fit import bounded_step, chi_square, standard_errors
 from virtual_phantom.diagnosis.model import stacked
-from virtual_phantom.diagnosis.templates import explained, screened
+from virtual_phantom.diagnosis.screening import explained, screened
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation

@@ -15,7 +15,7 @@ from virtual_phantom.diagnosis import attribute, observed, prepared
 from virtual_phantom.diagnosis.attribute import Trial, best_few, trial
 from virtual_phantom.diagnosis.fit import Fit
 from virtual_phantom.diagnosis.scanned import mask_scene
-from virtual_phantom.diagnosis.templates import Screened
+from virtual_phantom.diagnosis.screening import Screened
 from virtual_phantom.diagnosis.verdict import diagnose, excess_rms_removed
 from virtual_phantom.diagnosis.verified import Physics, stated, verified
 from virtual_phantom.errors import InputError

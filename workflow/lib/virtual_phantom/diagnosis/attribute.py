@@ -10,7 +10,7 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from .fit import Fit, Fitter
-from .templates import Screened, screened
+from .screening import Screened, screened
 
 ALPHA = 0.001  # of an effect's likelihood ratio, over all candidates
 LEAST_GAIN = 4.0  # log score on held-out data that an effect must add
