@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib")
 
 from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
 from virtual_phantom.diagnosis.attribute import ACCURACY, choose, trial  # noqa: E402
-from virtual_phantom.diagnosis.locate import EDGE_SHARE, Half  # noqa: E402
+from virtual_phantom.diagnosis.locate import EDGE_SHARE, Half, aligned  # noqa: E402
 from virtual_phantom.diagnosis.model import stacked  # noqa: E402
 from virtual_phantom.diagnosis.templates import strength, varied, whitened  # noqa: E402
 from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
@@ -122,7 +122,7 @@ def stands_out(given, physics):
         correlation=there.correlation,
         white=there.white,
     )
-    return float(np.sqrt(clean.fit(()).chi_square))
+    return float(np.sqrt(sum(clean.fit(()).parts)))
 
 
 def left_over(given, physics, fit):
@@ -144,7 +144,8 @@ def left_over(given, physics, fit):
     parts[0] = np.where(held_out.usable, parts[0].reshape(shape) + pattern, 0).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
     fitted = Half([part.copy() for part in parts], fitter.weights, given.data)
-    places = given.look.places(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted)
+    more = aligned(fitter.model, fit)
+    places = given.look.places(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted, more)
     # A sum of squares has its number of terms less without noise.
     weight = fitter.held_weights[0].reshape(shape)
     terms = {"edges": EDGE_SHARE * (weight > 0).sum(), "pixels": (weight.sum(axis=0) > 0).sum()}

@@ -1,17 +1,17 @@
 """Steps and errors of fits, and fits that begin far off."""
 
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.diagnosis import observed, prepared
-from virtual_phantom.diagnosis.fit import bounded_step, chi_square, standard_errors
-from virtual_phantom.diagnosis.model import stacked
-from virtual_phantom.diagnosis.screening import explained, screened
+from virtual_phantom.diagnosis.fit import bounded_step, standard_errors
+from virtual_phantom.diagnosis.screening import amounts, explained, screened
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
@@ -41,9 +41,10 @@ def exact(matrix, right):
     return np.array(found)
 
 
+@settings(deadline=None)
 @given(st.lists(st.integers(-9, 9), min_size=3, max_size=3))
 def test_steps_and_errors_do_not_depend_on_units(powers):
-    """Of shares and millimetres, informations can be 1e18 apart: neither is rounding."""
+    """Of shares and millimetres, informations can be 1e36 apart: neither is rounding."""
     units = 10.0 ** np.array(powers)
     information = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, -0.8], [0.5, -0.8, 2.0]]) * np.outer(units, units)
     gradient = np.array([1.0, -2.0, 0.5]) * units
@@ -65,6 +66,7 @@ def test_two_that_do_the_same_share_one_step():
     information = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     step = bounded_step(information, np.array([1.0, 1.0, 0.0]), np.zeros(3), -WIDE, WIDE)
     np.testing.assert_allclose(step, [0.5, 0.5, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(standard_errors(information), [np.inf, np.inf, 1.0])
 
 
 def fitted_to(truth):
@@ -89,18 +91,18 @@ def fitted_to(truth):
     return prepared.prepare(taken, None, chain, floor_chain=floor, nominal_photons=1e5).fitter
 
 
-@pytest.mark.parametrize("share, width_mm", [(0.002, 40.0), (0.004, 90.0)])
+@pytest.mark.parametrize("share, width_mm", [(0.002, 25.0), (0.004, 90.0)])
 def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
     """Its width changes little beside its share: a fit that takes that for nothing stays at the width it began with."""
     truth = {"veiling_glare": {"share": share, "width_mm": width_mm}}
     fitter = fitted_to(truth)
     fit = fitter.fit(("veiling_glare",), fitter.fit(()))
+    errors = fit.errors["veiling_glare"]
     for name, value in truth["veiling_glare"].items():
-        assert abs(fit.physics["veiling_glare"][name] - value) < 3.5 * fit.errors["veiling_glare"][name]
-    assert fit.errors["veiling_glare"]["width_mm"] < width_mm
-    place = {one.name: one.expected for one in fitter.model.aligned}
-    at_truth = fitter.model.predict(truth, place, fitter.data)
-    assert fit.chi_square < chi_square(fitter.weights, stacked(fitter.data, at_truth))
+        assert abs(fit.physics["veiling_glare"][name] - value) < 3.5 * errors[name]
+    assert errors["width_mm"] < width_mm and errors["share"] < share / 3
+    begun_there = fitter.fit(("veiling_glare",), replace(fit, physics=truth))
+    assert fit.chi_square == pytest.approx(begun_there.chi_square, abs=0.5)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +112,11 @@ def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
         (("afterglow",), {"source_distance": {"isocentre_mm": 1.8, "detector_mm": 0.0}}),
         # Widths far from the usual one.
         (("photon_flux",), {"veiling_glare": {"share": 0.01, "width_mm": 10.0}}),
+        # The same distance, of which the size has just reached its bound: to relieve it is most of the gain.
+        (("afterglow",), {"source_distance": {"isocentre_mm": 1.45, "detector_mm": 0.0}}),
         ((), {"detector_offset": {"columns_px": 0.01}}),
+        # It cannot be faint, and beside it the scale is another number.
+        (("photon_flux",), {"spectrum": {"kvp": 100.0, "filtration_mm": 8.0}}),
     ],
 )
 def test_matched_filters_say_what_a_fit_gains(chosen, left):
@@ -118,14 +124,27 @@ def test_matched_filters_say_what_a_fit_gains(chosen, left):
     fitter = fitted_to({name: physics[name] for name in chosen} | left)
     without = fitter.fit(chosen, fitter.fit(()))
     ((name, _),) = left.items()
-    gained = without.chi_square - fitter.fit((*chosen, name), without).chi_square
-    assert gained > 50
+    gained = sum(without.parts) - sum(fitter.fit((*chosen, name), without).parts)
+    assert gained > 15
     assert 0.5 < screened(fitter, without, [name])[name].gain / gained < 2
 
 
 def test_there_is_no_negative_scatter():
     """What only less than nothing of an effect would explain speaks for another one."""
+    least, most = amounts("scatter")
+    assert least.tolist() == [0.0] and most[0] > 1
+    least, most = amounts("photon_flux")
+    assert least[0] < 0 < most[0]
+    least, most = amounts("spectrum")
+    assert least[0] > 0
+
+
+def test_amounts_keep_to_their_ranges_and_alike_templates_count_once():
     rows, residual = np.eye(2, 5), np.array([-3.0, 2.0, 1.0, 0.0, 0.0])
-    assert explained(rows, residual, np.array([False, False])) == pytest.approx(13)
-    assert explained(rows, residual, np.array([True, False])) == pytest.approx(4)
-    assert explained(rows[:1], residual, np.array([True])) == 0
+    wide = np.full(2, np.inf)
+    assert explained(rows, residual, -wide, wide) == pytest.approx(13)
+    assert explained(rows, residual, np.array([0.0, -np.inf]), wide) == pytest.approx(4)
+    assert explained(rows[1:], residual, np.array([-1.0]), np.array([1.0])) == pytest.approx(4 - 1)
+    assert explained(rows[1:], residual, np.array([5.0]), np.array([9.0])) == 0  # as it is, worse than nothing
+    twice = np.stack([rows[1], rows[1] + 1e-7 * rows[0]])
+    assert explained(twice, residual, -wide, wide) == pytest.approx(4, abs=1e-3)

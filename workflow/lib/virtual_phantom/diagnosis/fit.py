@@ -25,6 +25,7 @@ SIZE_STEP = 4e-5  # 4 um at 100 mm, as for places
 # Marquardt's damping: from none, first to LEAST_DAMPING, then by factors of DAMPING while a step makes the fit worse.
 LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
 LEAST_EIGENVALUE = 1e-12  # over the largest, where each number alone has an information of 1: less is rounding
+ROUNDING = 1e-9  # of the squared component of a unit vector
 
 
 @dataclass(frozen=True)
@@ -125,13 +126,18 @@ class Fitter:
 
 
 class Problem:
-    """One choice of effects: its unknowns, what is known of them, and their residuals."""
+    """One choice of effects: its unknowns, what is known of them, and their residuals.
 
-    def __init__(self, fitter: Fitter, effects: tuple[str, ...], given: Fit | None):
+    given    where they begin
+    beside   a further effect that is not fitted, beside which the alignment is known otherwise
+    """
+
+    def __init__(self, fitter: Fitter, effects: tuple[str, ...], given: Fit | None, beside: str | None = None):
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned = any(load(name).pattern for name in effects)
-        self.unknowns, aligned = self.model.unknowns(self.effects), self.model.alignment(self.effects)
+        self.unknowns = self.model.unknowns(self.effects)
+        aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
         values = [
             given.physics[one.effect][one.name] if given is not None and one.effect in given.physics else one.start
             for one in self.unknowns
@@ -160,13 +166,17 @@ class Problem:
             choices.append(one.starts if fresh else (self.start[place],))
         if all(len(choice) == 1 for choice in choices):
             return self.start
+        faint = any(
+            one.neutral is not None and (given is None or one.effect not in given.physics) for one in self.unknowns
+        )
         places = [self.start[count:], np.array([one.expected for one in self.aligned])]
         begun = []
         for place in places:
-            off = self.polished(self._switched_off(np.array([*self.start[:count], *place]), given), None)
-            for values in product(*choices):
-                full = self.polished(np.array([*values, *place]), None)
-                begun += [full, self._between(off, full)]
+            full = [self.polished(np.array([*values, *place]), None) for values in product(*choices)]
+            begun += full
+            if faint:
+                off = self.polished(self._switched_off(np.array([*self.start[:count], *place]), given), None)
+                begun += [self._between(off, one) for one in full]
         return min(begun, key=lambda one: self.chi_square(one[1], one[0]))[0]
 
     def _switched_off(self, point: np.ndarray, given: Fit | None) -> np.ndarray:
@@ -177,7 +187,9 @@ class Problem:
                 point[place] = one.neutral
         return point
 
-    def _between(self, off, full) -> tuple[np.ndarray, list[np.ndarray]]:
+    def _between(
+        self, off: tuple[np.ndarray, list[np.ndarray]], full: tuple[np.ndarray, list[np.ndarray]]
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
         """Between two points and their residuals, one as if residuals were straight there: of a strength that starts
         far too high, the wrong shape would look best that does the least harm."""
         change = [here - there for here, there in zip(off[1], full[1], strict=True)]
@@ -217,8 +229,8 @@ class Problem:
         gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.centre[index] - point[index])
         step = np.linalg.solve(information, gradient)
         point = point.copy()
-        step = np.clip(point[index] + step, self.low[index], self.high[index]) - point[index]
-        point[index] += step
+        moved = np.clip(point[index] + step, self.low[index], self.high[index])
+        step, point[index] = moved - point[index], moved
         return point, [np.where(weight > 0, residuals[0] - step @ design, 0), *residuals[1:]]
 
     def with_pattern(self, residuals: list[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -318,10 +330,14 @@ def unit_diagonal(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
-    """Of the numbers of a fit, from their information matrix; infinite where nothing is known of one."""
+    """Of the numbers of a fit, from their information matrix; infinite where one, or what tells it from others, is not
+    known at all."""
     scaled, units = unit_diagonal(information)
-    variance = np.diag(np.linalg.pinv(scaled, rcond=LEAST_EIGENVALUE, hermitian=True)) * units**2
-    return np.where(units > 0, np.sqrt(np.maximum(variance, 0)), np.inf)
+    values, vectors = np.linalg.eigh(scaled)
+    known = values > LEAST_EIGENVALUE * values[-1]
+    variance = (vectors[:, known] ** 2 / values[known]).sum(axis=1) * units**2
+    open_ = (vectors[:, ~known] ** 2).sum(axis=1) > ROUNDING
+    return np.where(open_ | (units == 0), np.inf, np.sqrt(variance))
 
 
 def bounded_step(information, gradient, point, low, high) -> np.ndarray:
@@ -330,7 +346,7 @@ def bounded_step(information, gradient, point, low, high) -> np.ndarray:
     gradient = gradient * units
     free = np.ones(len(point), bool)
     step = np.zeros(len(point))
-    for _ in range(len(point)):
+    for _ in range(len(point) + 1):
         index = np.flatnonzero(free)
         step[:] = 0
         inverse = np.linalg.pinv(information[np.ix_(index, index)], rcond=LEAST_EIGENVALUE, hermitian=True)

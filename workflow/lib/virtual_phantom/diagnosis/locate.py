@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
+from .fit import Fit
+from .model import Model
 from .observed import Observed
 
 ALPHA = 0.01  # family-wise, over all domains and all places in them
@@ -87,12 +90,14 @@ def locate(
     data: Observed,
     constants: np.ndarray | None = None,
     fitted: Half | None = None,
+    more: Sequence[Location] = (),
 ) -> list[Location]:
     """Standardised residuals of every domain, the worst first, p corrected over places (Bonferroni) and domains (Holm).
 
     residuals, weights   by part, as Fitter gives them
     constants            [row, column] variance that a fitted gain pattern leaves to every pixel's constant
     fitted               the data that the model was fitted to, if those are others
+    more                 domains that residuals do not show
 
     A domain counts by its worst place or by the sum of squares over all places, whichever is less likely, times two.
     """
@@ -124,7 +129,21 @@ def locate(
     if data.white is not None:
         z = residuals[-1] * np.sqrt(weights[-1])
         found.append(extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))
-    return corrected(found)
+    return corrected([*found, *more])
+
+
+def aligned(model: Model, fit: Fit) -> list[Location]:
+    """How far a fit has pulled its alignment off what is known of it: a difference that residuals no longer show.
+
+    Numerical errors have no standard deviation that anything is known of.
+    """
+    known = [one for one in model.alignment(fit.effects) if np.isfinite(one.sd) and one.name not in model.numerical]
+    if not known:
+        return []
+    z = np.array([one.off(fit.place[one.name]) for one in known])
+    return [
+        extreme("alignment", z, lambda i: f"{known[i].name}, {abs(z[i]):.1f} standard deviations off what is known")
+    ]
 
 
 def noise_places(residuals, weights, data: Observed, pairs: list[str], axes=AXES, fitted=None) -> list[Location]:

@@ -55,6 +55,10 @@ class Nuisance:
     expected: float
     sd: float
 
+    def off(self, value: float) -> float:
+        """How far a value lies off what is known, in its standard deviations."""
+        return (value - self.expected) / self.sd
+
 
 def nuisances(
     log_photons: float, photons_sd: float, known: Mapping[str, float], numerical: Iterable[str] = ()
@@ -150,7 +154,9 @@ class Model:
                 if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
                     expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
                     low, high = max(low, expected - SURE * sd), min(high, expected + SURE * sd)
-                found.append(Unknown(name, one.name, low, high, starts, one.neutral, expected, sd))
+                found.append(
+                    Unknown(name, one.name, low, high, tuple(dict.fromkeys(starts)), one.neutral, expected, sd)
+                )
         return found
 
     def distortion(self, place: Mapping[str, float]) -> np.ndarray | float:

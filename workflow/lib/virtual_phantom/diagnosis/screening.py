@@ -13,53 +13,77 @@ from scipy.optimize import lsq_linear
 from ..physics.effect import load
 from .fit import Fit, Fitter, Problem
 from .pattern import estimate
-from .templates import SMALL, changes, projected, templates, varied, whitened
+from .templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_knowledge
 
-SIZES = (1 / 3, 3.0)  # by which a fit may change an effect without a neutral value from the best of its starts
+SIZES = (1 / 3, 3.0)  # by which a fit may change an effect without a neutral value from where it begins
+ALIKE = 1e-4  # of a template's length: by how much path lengths in single precision let two differ that are alike
 
 
 @dataclass(frozen=True)
 class Screened:
-    """An effect's matched filter on what a fit leaves over: its p-value, and what chi-square gains to first order."""
+    """An effect's matched filter on what a fit leaves over.
+
+    p      chance of such a gain without the effect, over all shapes that were tried
+    gain   of chi-square and of what is known of the fit's numbers, to first order
+    """
 
     p: float
     gain: float
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What a fit leaves over of the data that were fitted, whitened, with what is known of its numbers below.
+
+    basis      (row, column) orthonormal: what the fit's numbers can take up
+    residual   (row,) without that
+    inward     [number, row] what numbers change that the data press against their bounds, back into their range,
+               without that: an effect may relieve them, but by themselves they take up nothing more
+    """
+
+    basis: np.ndarray
+    residual: np.ndarray
+    inward: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, columns: np.ndarray, residual: np.ndarray) -> Remainder:
+        """columns, residual   of the whitened data, by `data_changes` and of the fit"""
+        columns = with_knowledge(columns, problem)
+        known = np.sqrt(problem.knowledge) * (problem.centre - problem.start)
+        residual = np.concatenate([residual, known])
+        outward = columns.T @ residual
+        low, high = problem.start <= problem.low, problem.start >= problem.high
+        at_bound = (low & (outward < 0)) | (high & (outward > 0))
+        basis = np.linalg.qr(columns[:, ~at_bound])[0]
+        inward = (columns * np.where(low, 1, -1))[:, at_bound].T
+        return cls(basis, residual - basis @ (basis.T @ residual), inward - (inward @ basis) @ basis.T)
+
+    def gain(self, rows: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+        """What templates [row, ...] without what the fit takes up gain at best in amounts from `low` to `high`."""
+        none, any_ = np.zeros(len(self.inward)), np.full(len(self.inward), np.inf)
+        return explained(
+            np.vstack([rows, self.inward]), self.residual, np.concatenate([low, none]), np.concatenate([high, any_])
+        )
 
 
 def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
     """Every effect's matched filter on what a fit leaves over of the data that were fitted, with the shape that serves
     it best of those that fits begin with."""
     parts = fitter.residuals(fit, held_out=False)
-    residual, basis = left_over(fitter, fit, parts)
+    columns = data_changes(Problem(fitter, fit.effects, fit), fit.pattern)
+    remainders: dict[tuple, Remainder] = {}
     found = {}
     for name in names:
         if load(name).pattern:
             found[name] = _pattern(fitter, parts)
             continue
-        found[name] = Screened(1.0, 0.0)
-        for shape in shapes(fitter, name):
-            rows = templates(fitter, fit, name, shape)
-            tried = _faint(name, rows, residual, basis) if varied(name) else _whole(rows, residual, basis)
-            found[name] = max(found[name], tried, key=lambda one: one.gain)
+        # Beside a spectrum other things are known of the alignment.
+        problem = Problem(fitter, fit.effects, fit, beside=name)
+        if problem.aligned not in remainders:
+            remainders[problem.aligned] = Remainder.of(problem, columns, whitened(parts, fitter.weights))
+        tried = shapes(fitter, name)
+        found[name] = _best(name, templates(fitter, fit, name, tried), len(tried), remainders[problem.aligned])
     return found
-
-
-def left_over(fitter: Fitter, fit: Fit, parts: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """What a fit leaves over of the data that were fitted, whitened, and below them of what is known of its numbers;
-    and the basis of what these can still take up, with that taken out.
-
-    parts   residuals of the data that were fitted
-    A number that the data press against its bound takes up nothing there. One that they have pulled away from what is
-    known of it is a difference too, which an effect may relieve.
-    """
-    problem = Problem(fitter, fit.effects, fit)
-    columns = changes(problem, fit.pattern)
-    known = np.sqrt(problem.knowledge) * (problem.centre - problem.start)
-    residual = np.concatenate([whitened(parts, fitter.weights), known])
-    pull = columns.T @ residual
-    held = ((problem.start <= problem.low) & (pull < 0)) | ((problem.start >= problem.high) & (pull > 0))
-    basis = np.linalg.qr(columns[:, ~held])[0]
-    return residual - basis @ (basis.T @ residual), basis
 
 
 def shapes(fitter: Fitter, name: str) -> list[dict[str, float]]:
@@ -80,34 +104,41 @@ def _pattern(fitter: Fitter, parts: list[np.ndarray]) -> Screened:
     return Screened(float(stats.norm.sf(pattern.rms / pattern.error)) if pattern.rms else 1.0, gain)
 
 
-def _whole(rows: np.ndarray, residual: np.ndarray, basis: np.ndarray) -> Screened:
-    """Of an effect that cannot be faint: as large as it is at a start, or SIZES times that."""
-    (row,) = projected(rows, basis)
-    square, along = float(row @ row), float(row @ residual)
-    size = float(np.clip(along / max(square, 1e-300), *SIZES))
-    gain = max(0.0, 2 * size * along - size**2 * square)
-    return Screened(float(stats.chi2.sf(gain, 1)), gain)
+def _best(name: str, rows: np.ndarray, count: int, left: Remainder) -> Screened:
+    """Of an effect, from its templates [shape and parameter, datum], with the best of `count` shapes."""
+    low, high = amounts(name)
+    lengths = (rows**2).sum(axis=1).reshape(count, -1)
+    rows = projected(rows, left.basis).reshape(count, len(low), -1)
+    found = Screened(1.0, 0.0)
+    for one, length in zip(rows, lengths, strict=True):
+        seen = (one**2).sum(axis=1) > SMALL * np.maximum(length, 1e-300)
+        if seen.any():
+            gain = left.gain(one[seen], low[seen], high[seen])
+            p = min(1.0, float(stats.chi2.sf(gain, int(seen.sum()))) * count)
+            found = max(found, Screened(p, gain), key=lambda tried: tried.gain)
+    return found
 
 
-def _faint(name: str, rows: np.ndarray, residual: np.ndarray, basis: np.ndarray) -> Screened:
-    """Of an effect whose parameters can have any size, as templates of `varied`."""
-    size = (rows**2).sum(axis=1)
-    rows = projected(rows, basis)
-    seen = (rows**2).sum(axis=1) > SMALL * np.maximum(size, 1e-300)
-    if not seen.any():
-        return Screened(1.0, 0.0)
-    one_sided = np.array([parameter.neutral in (parameter.low, parameter.high) for parameter in varied(name)])
-    gain = explained(rows[seen], residual, one_sided[seen])
-    return Screened(float(stats.chi2.sf(gain, int(seen.sum()))), gain)
+def amounts(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the most that an effect's range allows of each of its templates."""
+    parameters = varied(name)
+    if not parameters:  # it cannot be faint
+        return np.array([SIZES[0]]), np.array([SIZES[1]])
+    ends = [
+        sorted((end - one.neutral) / (strength(one) - one.neutral) for end in (one.low, one.high)) for one in parameters
+    ]
+    return tuple(np.array(ends).T)
 
 
-def explained(rows: np.ndarray, residual: np.ndarray, one_sided: np.ndarray) -> float:
-    """How much of a residual's square templates [row, datum] explain at best.
-
-    one_sided   bool (row,): templates of which there cannot be less than nothing
-    """
-    unit = rows / np.sqrt((rows**2).sum(axis=1, keepdims=True))
-    basis, triangle = np.linalg.qr(unit.T)
+def explained(rows: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+    """By how much templates [row, datum] can lower a residual's square, at least 0, in amounts from `low` to `high`."""
+    lengths = np.sqrt((rows**2).sum(axis=1))
+    rows, low, high = rows[lengths > 0], low[lengths > 0], high[lengths > 0]
+    lengths = lengths[lengths > 0]
+    basis, triangle = np.linalg.qr((rows / lengths[:, None]).T)
     inside = basis.T @ residual
-    solved = lsq_linear(triangle, inside, (np.where(one_sided, 0, -np.inf), np.inf))
+    # Without a price on amounts, the difference of two templates that are alike would count as a third.
+    matrix = np.vstack([triangle, ALIKE * np.eye(len(rows))])
+    target = np.concatenate([inside, np.zeros(len(rows))])
+    solved = lsq_linear(matrix, target, (low * lengths, high * lengths), method="bvls")
     return max(0.0, float(inside @ inside - 2 * solved.cost))

@@ -13,7 +13,7 @@ from scipy.spatial.distance import squareform
 from ..physics.effect import load
 from .fit import Fit, Fitter, Problem
 from .model import stacked
-from .templates import SMALL, changes, projected, taken_up, templates, varied, whitened
+from .templates import SMALL, changes, projected, templates, varied, whitened
 
 PARTS = ("mean", "noise variance", "noise correlation", "white field")
 
@@ -41,7 +41,7 @@ class Template:
 
 def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
     """The templates of effects beside a fit. A gain pattern has that of one draw: it is fitted pixel by pixel."""
-    basis, found = taken_up(fitter, fit), []
+    basis, found = np.linalg.qr(changes(Problem(fitter, fit.effects, fit), fit.pattern))[0], []
     for name in names:
         if load(name).pattern:
             labels, rows = [None], _drawn(fitter, fit, name)[None]

@@ -41,7 +41,7 @@ def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mappi
     text = f"# {content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
     write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)
     write_text(page, output.report)
-    write_text(json.dumps(content, indent=2) + "\n", output.diagnosis)
+    write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", output.diagnosis)
 
 
 def read_trial(path: str | Path) -> Trial:

@@ -1,12 +1,9 @@
-"""First-order distortions of effects.
-
-A template is what an effect of typical strength changes of every part of the data, whitened by the weights, with all
-that alignment and the effects already fitted could take up projected out.
-"""
+"""First-order distortions of effects: what one of typical strength changes of every part of the data, whitened by the
+weights, and what of that alignment and the effects already fitted could take up."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -21,26 +18,30 @@ def whitened(parts: list[np.ndarray], weights: list[np.ndarray]) -> np.ndarray:
     return np.concatenate([part * np.sqrt(weight) for part, weight in zip(parts, weights, strict=True)])
 
 
-def changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
-    """Change of the whitened data per unit of every parameter and number of the alignment: [row, unknown].
-
-    What is known of the unknowns stands below the data as rows of their own, so that each can only be taken up as far.
-    """
+def data_changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
+    """Change of the whitened data per unit of every parameter and number of the alignment: [datum, unknown]."""
     residuals = problem.residuals(problem.start, pattern)
     columns = [
         whitened(problem.derivative(index, problem.start, residuals, pattern), problem.weights)
         for index in range(len(problem.start))
     ]
-    return np.vstack([np.stack(columns, axis=1), np.diag(np.sqrt(problem.knowledge))])
+    return np.stack(columns, axis=1)
 
 
-def taken_up(fitter: Fitter, fit: Fit) -> np.ndarray:
-    """Orthonormal basis (columns) of what alignment and fitted parameters change, whitened."""
-    return np.linalg.qr(changes(Problem(fitter, fit.effects, fit), fit.pattern))[0]
+def with_knowledge(columns: np.ndarray, problem: Problem) -> np.ndarray:
+    """Changes of the data with what is known of the unknowns below, as rows of their own, so that each can only be
+    taken up as far: [datum and piece of knowledge, unknown]."""
+    return np.vstack([columns, np.diag(np.sqrt(problem.knowledge))])
+
+
+def changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
+    """Both of these."""
+    return with_knowledge(data_changes(problem, pattern), problem)
 
 
 def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """Whitened data [row, datum] less all that a basis of `taken_up` takes up: [row, datum and piece of knowledge]."""
+    """Whitened data [row, datum] less all that an orthonormal basis [datum and piece of knowledge, column] spans:
+    [row, datum and piece of knowledge]."""
     known = basis.shape[0] - rows.shape[1]
     rows = np.hstack([rows, np.zeros((len(rows), known))])
     return rows - (rows @ basis) @ basis.T
@@ -55,14 +56,16 @@ def strength(parameter: Parameter) -> float:
     """What a template has of a parameter; where the typical case has none of it, its range says how much is much."""
     if parameter.typical != parameter.neutral:
         return parameter.typical
-    return parameter.neutral + (parameter.high - parameter.neutral) / 20
+    far = max(parameter.low, parameter.high, key=lambda end: abs(end - parameter.neutral))
+    return parameter.neutral + (far - parameter.neutral) / 20
 
 
-def templates(fitter: Fitter, fit: Fit, name: str, shape: Mapping[str, float] | None = None) -> np.ndarray:
+def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str, float]] = ({},)) -> np.ndarray:
     """Change of the whitened data that an effect makes by each parameter alone that has a neutral value, at typical
-    strength; of an effect without such a parameter, its change at typical values. Rows are as `varied` names them.
+    strength; of an effect without such a parameter, its change at typical values: [shape and parameter, datum].
+    Parameters are in the order of `varied`.
 
-    shape   values of parameters without a neutral value, where they are not typical
+    shapes   values of parameters without a neutral value, where they are not typical
     """
     effect = load(name)
     now = fitter.model.predict(fit.physics, fit.place, fitter.data)
@@ -71,14 +74,13 @@ def templates(fitter: Fitter, fit: Fit, name: str, shape: Mapping[str, float] | 
     typical = {
         parameter.name: min(max(parameter.typical, ranges[parameter.name].low), ranges[parameter.name].high)
         for parameter in effect.parameters
-    } | dict(shape or {})
+    }
     parameters = varied(name)
-    settings = [typical] if not parameters else []
-    for parameter in parameters:
-        off = {other.name: other.neutral for other in parameters}
-        settings.append(typical | off | {parameter.name: strength(parameter)})
+    off = {parameter.name: parameter.neutral for parameter in parameters}
     rows = []
-    for values in settings:
-        after = stacked(fitter.data, fitter.model.predict(fit.physics | {name: values}, fit.place, fitter.data))
-        rows.append(whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
+    for shape in shapes:
+        for strong in [{parameter.name: strength(parameter)} for parameter in parameters] or [{}]:
+            values = typical | dict(shape) | off | strong
+            after = stacked(fitter.data, fitter.model.predict(fit.physics | {name: values}, fit.place, fitter.data))
+            rows.append(whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
     return np.stack(rows)

@@ -9,7 +9,7 @@ import numpy as np
 from ..physics.effect import load
 from .attribute import Choice, Trial
 from .caveats import caveats
-from .locate import Half, Location
+from .locate import Half, Location, aligned
 from .prepared import Prepared
 
 NORMAL_95 = 1.959964
@@ -39,7 +39,12 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     def places(fit):
         fitted = Half(fitter.residuals(fit, held_out=False), fitter.weights, prepared.data)
         return locate(
-            fitter.residuals(fit), fitter.held_weights, prepared.held_out, fit.pattern_variance, fitted=fitted
+            fitter.residuals(fit),
+            fitter.held_weights,
+            prepared.held_out,
+            fit.pattern_variance,
+            fitted=fitted,
+            more=aligned(fitter.model, fit),
         )
 
     before, after = places(choice.baseline.fit), places(choice.chosen.fit)

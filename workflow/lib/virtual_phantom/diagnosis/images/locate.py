@@ -12,7 +12,7 @@ AXES = ("slices", "rows", "columns")
 RINGS = 16  # of equal width around the isocentre
 
 
-def locate(residuals, weights, data: ObservedImages, constants: None = None, fitted=None) -> list[Location]:
+def locate(residuals, weights, data: ObservedImages, constants: None = None, fitted=None, more=()) -> list[Location]:
     """As diagnosis.locate.locate, of whitened voxels. `constants` is there for projections alone."""
     shape = data.mean.shape
     residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
@@ -32,7 +32,7 @@ def locate(residuals, weights, data: ObservedImages, constants: None = None, fit
         steepest("voxels", residual, weight, slope),
         *noise_places(residuals, weights, data, [_words(lag) for lag in LAGS], AXES, fitted),
     ]
-    return corrected(found)
+    return corrected([*found, *more])
 
 
 def _sums(residual, weight, axes) -> np.ndarray:

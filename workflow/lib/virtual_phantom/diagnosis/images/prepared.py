@@ -71,7 +71,8 @@ def prepare(
     fitted, held, words, usable = _split(repeats, further, valid)
     white = whitening(noise, valid, finer - coarse, max(len(fitted), 1))
     log_photons = np.log(nominal_photons or photons)
-    final = model(log_photons, NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf)
+    # Where a single repeat is fitted, its noise is an estimate from elsewhere, and nothing else would hold it.
+    final = model(log_photons, NOMINAL_PHOTONS_SD if nominal_photons or len(fitted) == 1 else np.inf)
     state = chain.state({}, photons=photons, anode=anode)
     batches = (reconstruct(noise_lines(state, REALISATIONS, branch)) for branch in seed.spawn(NULLS))
     nulls = np.concatenate([one - HU_AIR for one in batches])
