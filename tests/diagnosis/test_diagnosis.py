@@ -104,6 +104,16 @@ def test_what_was_left_out_is_named_and_measured(scene, name):
     assert any(place["p"] < ALPHA for place in content["locations"]) or name in ("motion", "detector_offset")
 
 
+def test_what_pulls_the_alignment_off_what_is_known_is_seen_without_its_effect(scene):
+    """Photons that are a quarter fewer than stated: the alignment goes as far as it may, and the noise nearly fits."""
+    _, found = diagnosed(scene, {"photon_flux": {"factor": 0.75}}, library=("scatter", "motion"))
+    places = {place.domain: place for place in found.after}
+    assert places["alignment"].significant and places["alignment"].where.startswith("log_photons, 5.0 standard")
+    assert found.content["verdict"] == "unexplained"
+    _, found = diagnosed(scene, {"photon_flux": {"factor": 0.75}}, library=("scatter", "photon_flux"))
+    assert not {place.domain: place for place in found.after}["alignment"].significant
+
+
 def test_two_are_both_named(scene):
     concealed = {name: CONCEALED[name] for name in ("scatter", "electronic_noise")}
     _, found = diagnosed(scene, concealed)

@@ -143,7 +143,11 @@ CATALOGUE: dict[str, Concealable] = {
         True, _ranges((12, 16), (25, 40), (80, 150)), _same("electronic_photons", "photons"), NOISE, "noise"
     ),
     "photon_flux": Concealable(
-        True, _ranges((0.85, 0.9), (0.65, 0.75), (0.35, 0.5)), _same("flux_factor", "factor"), NOISE, "noise"
+        True,
+        _ranges((0.85, 0.9), (0.65, 0.75), (0.35, 0.5)),
+        _same("flux_factor", "factor"),
+        (*NOISE, "alignment"),
+        "noise",
     ),
     "current_modulation": Concealable(True, _ranges((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _modulation, NOISE),
     "bowtie": Concealable(True, _ranges((0.05, 0.1), (0.2, 0.4), (0.7, 1.0)), _bowtie, (*NOISE, "white field")),
@@ -161,7 +165,9 @@ CATALOGUE: dict[str, Concealable] = {
         MEAN,
         "place",
     ),
-    "source_distance": Concealable(True, _ranges((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, MEAN),
+    "source_distance": Concealable(
+        True, _ranges((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")
+    ),
     "motion": Concealable(True, _ranges((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _motion, MEAN),
     "off_focal_radiation": Concealable(False, _ranges((0.01, 0.02), (0.04, 0.06), (0.1, 0.15)), _off_focal, MEAN),
     "view_blur": Concealable(
