@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.diagnosis import observed, prepared
@@ -60,6 +61,20 @@ def test_what_nothing_is_known_of_stays_and_has_no_finite_error():
     np.testing.assert_array_equal(
         bounded_step(information, np.array([2.0, 0.0, 1.0]), np.zeros(3), -WIDE, WIDE), [0.5, 0.0, 1.0]
     )
+
+
+@settings(deadline=None)
+@given(arrays(float, (3, 3), elements=st.floats(-3, 3)), arrays(float, 3, elements=st.floats(-5, 5)))
+def test_steps_end_at_the_least_within_bounds(root, gradient):
+    """Where the model falls on, a bound is in the way (the conditions of Karush, Kuhn and Tucker)."""
+    information = root @ root.T + np.eye(3)
+    point, low, high = np.array([0.0, 0.5, -1.0]), np.array([0.0, 0.0, -1.5]), np.array([2.0, 0.6, 9.0])
+    reached = point + bounded_step(information, gradient, point, low, high)
+    assert (reached >= low - 1e-9).all() and (reached <= high + 1e-9).all()
+    slope = gradient - information @ (reached - point)  # along which the model gets better
+    tolerance = 1e-6 * (1 + np.abs(information).max())
+    assert (slope[reached > low + 1e-7] > -tolerance).all()
+    assert (slope[reached < high - 1e-7] < tolerance).all()
 
 
 def test_two_that_do_the_same_share_one_step():

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from ..physics.effect import load
 from . import pattern as patterns
@@ -227,10 +228,9 @@ class Problem:
         design, weight = np.stack([column.ravel() for column in prediction.design]), self.weights[0]
         information = (design * weight) @ design.T + np.diag(self.knowledge[index])
         gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.centre[index] - point[index])
-        step = np.linalg.solve(information, gradient)
+        step = bounded_step(information, gradient, point[index], self.low[index], self.high[index])
         point = point.copy()
-        moved = np.clip(point[index] + step, self.low[index], self.high[index])
-        step, point[index] = moved - point[index], moved
+        point[index] = np.clip(point[index] + step, self.low[index], self.high[index])
         return point, [np.where(weight > 0, residuals[0] - step @ design, 0), *residuals[1:]]
 
     def with_pattern(self, residuals: list[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -341,18 +341,18 @@ def standard_errors(information: np.ndarray) -> np.ndarray:
 
 
 def bounded_step(information, gradient, point, low, high) -> np.ndarray:
-    """Newton step; parameters at a bound that would leave it stay there."""
-    information, units = unit_diagonal(information)
-    gradient = gradient * units
-    free = np.ones(len(point), bool)
+    """Newton step to the least of the quadratic model within the bounds.
+
+    A free step that is cut to the bounds is none: of two numbers that trade against each other, cutting one leaves the
+    other where it makes the fit worse.
+    """
+    scaled, units = unit_diagonal(information)
+    values, vectors = np.linalg.eigh(scaled)
+    known = values > LEAST_EIGENVALUE * values[-1]
+    root = np.sqrt(values[known])
+    matrix, target = root[:, None] * vectors[:, known].T, vectors[:, known].T @ (gradient * units) / root
+    moving = (units > 0) & (low < high)
     step = np.zeros(len(point))
-    for _ in range(len(point) + 1):
-        index = np.flatnonzero(free)
-        step[:] = 0
-        inverse = np.linalg.pinv(information[np.ix_(index, index)], rcond=LEAST_EIGENVALUE, hermitian=True)
-        step[index] = units[index] * (inverse @ gradient[index])
-        leaving = free & (((point <= low) & (step < 0)) | ((point >= high) & (step > 0)))
-        if not leaving.any():
-            break
-        free &= ~leaving
+    room = ((low - point)[moving] / units[moving], (high - point)[moving] / units[moving])
+    step[moving] = units[moving] * lsq_linear(matrix[:, moving], target, room, method="bvls").x
     return step
