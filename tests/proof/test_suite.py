@@ -14,13 +14,23 @@ from virtual_phantom.errors import InputError
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.proof import seal
 from virtual_phantom.proof.catalogue import CATALOGUE
-from virtual_phantom.proof.generate import scan_of, write
+from virtual_phantom.proof.generate import scan_of, write, write_images
 from virtual_phantom.proof.objects import OBJECTS
-from virtual_phantom.proof.suite import KNOWN, PHANTOMS, cases, phantom_of, salt, truths
+from virtual_phantom.proof.suite import KERNEL, KNOWN, PHANTOMS, cases, kind_of, phantom_of, salt, truths, views_of
 from virtual_phantom.proof.xcist import Acquired
 from virtual_phantom.recordings.reading import load as read
 
-SETTINGS = {"seed": 7, "strengths": ["weak", "medium", "strong"], "none": 8, "pairs": 30, "unknown": 8}
+SETTINGS = {
+    "seed": 7,
+    "strengths": ["weak", "medium", "strong"],
+    "none": 8,
+    "pairs": 30,
+    "unknown": 8,
+    "images": {"strengths": ["medium", "strong"], "effects": ["hu_calibration", "scatter", "motion"], "views_times": 4},
+    "scan": {"views": 72},
+    "held_out_protocol": {"views": 60},
+}
+IMAGES = {"single": 2, "pair": 3}
 LIBRARY = Path(seal.__file__).resolve().parents[1]
 
 
@@ -31,9 +41,24 @@ def suite():
 
 def test_every_effect_on_projections_can_be_concealed_at_every_strength(suite):
     assert set(KNOWN) == {name for name in names() if not acts_on_images(name)}
-    singles = Counter((t["effects"][0]["name"], t["strength"]) for t in suite.values() if t["category"] == "single")
+    lines = [t for t in suite.values() if t["kind"] == "projections"]
+    singles = Counter((t["effects"][0]["name"], t["strength"]) for t in lines if t["category"] == "single")
     assert singles == {(name, strength): 1 for name in KNOWN for strength in SETTINGS["strengths"]}
-    assert Counter(t["category"] for t in suite.values()) == {"single": 54, "none": 8, "pair": 30, "unknown": 8}
+    assert Counter(t["category"] for t in lines) == {"single": 54, "none": 8, "pair": 30, "unknown": 8}
+
+
+def test_every_image_has_another_kernel_and_some_another_effect(suite):
+    images = {case: t for case, t in suite.items() if kind_of(case, SETTINGS) == "images"}
+    assert {t["kind"] for t in images.values()} == {"images"} and list(images) == cases(SETTINGS)[-5:]
+    assert Counter(t["category"] for t in images.values()) == IMAGES
+    assert {t["effects"][0]["name"] for t in images.values()} == {KERNEL}
+    assert {t["effects"][1]["name"] for t in images.values() if len(t["effects"]) > 1} == {
+        *SETTINGS["images"]["effects"]
+    }
+    assert views_of("images", SETTINGS) == (288, 240) and views_of("projections", SETTINGS) == (72, 60)
+    # The projections of a seed are what they are without images.
+    without = SETTINGS | {"images": {"strengths": [], "effects": []}}
+    assert truths(without).items() <= suite.items()
 
 
 def test_a_seed_gives_the_same_suite_and_another_another(suite):
@@ -43,7 +68,7 @@ def test_a_seed_gives_the_same_suite_and_another_another(suite):
 
 
 def test_the_order_of_cases_tells_nothing(suite):
-    singles = [t["effects"][0]["name"] for t in suite.values() if t["category"] == "single"]
+    singles = [t["effects"][0]["name"] for t in suite.values() if t["category"] == "single" and t["kind"] != "images"]
     assert singles != sorted(singles, key=KNOWN.index)
     assert len({t["category"] for t in list(suite.values())[:20]}) > 1
     assert list(suite) == cases(SETTINGS)
@@ -75,6 +100,9 @@ def test_truths_can_be_sealed(suite):
 def test_an_unknown_effect_is_refused():
     with pytest.raises(InputError, match=r"proof.effects: 'scater' cannot be concealed"):
         cases(SETTINGS | {"effects": ["scater"]})
+    for name in ("scater", KERNEL, "off_focal_radiation"):
+        with pytest.raises(InputError, match=rf"proof.images.effects: '{name}' cannot be concealed beside a kernel"):
+            cases(SETTINGS | {"images": {"strengths": [], "effects": [name]}})
 
 
 def test_recordings_differ_in_readings_alone(tmp_path):
@@ -95,6 +123,22 @@ def test_recordings_differ_in_readings_alone(tmp_path):
             file.visititems(lambda path, item, told=told: told.append((path, dict(item.attrs))))
             said[-1]["file"] = told
     assert said[0] == said[1] and sizes[0] == sizes[1]
+
+
+def test_images_tell_nothing_but_their_voxels(tmp_path):
+    said, sizes = [], []
+    one, random = OBJECTS["quality_assurance"], np.random.default_rng(1)
+    for name, concealed in (("plain", {}), ("other", {"kernel_pixels": 1.0, "hu_scale": 1.1, "hu_offset": 20.0})):
+        scan = scan_of(one, {"columns": 60, "rows": 6}, 24, 1e5, 70.0, concealed)
+        readings = random.uniform(1, 2, (2, 24, 6, 60)).astype(np.float32)
+        readings[0, 0, 0, 0] = 0  # no count has no logarithm
+        write_images(tmp_path / name, "case_01", one, scan, Acquired(readings, np.full((6, 60), 2, np.float32)), 0.0193)
+        recording = read(tmp_path / name)
+        assert recording.kind == "images" and len(recording.repeats) == 2
+        assert all(np.isfinite(image.array).all() for image in recording.repeats)
+        said.append((tmp_path / name / "recording.yaml").read_text())
+        sizes.append([path.stat().st_size for path in sorted((tmp_path / name).glob("*.nii"))])
+    assert said[0] == said[1] and sizes[0] == sizes[1] and len(sizes[0]) == 2
 
 
 def test_what_makes_recordings_shares_no_physics_with_the_library():

@@ -1,7 +1,14 @@
 # The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
 from virtual_phantom.diagnosis.candidates import candidates
 from virtual_phantom.proof.objects import OBJECTS
-from virtual_phantom.proof.suite import PHANTOMS, cases, check_recordings, phantom_of
+from virtual_phantom.proof.suite import (
+    PHANTOMS,
+    cases,
+    check_recordings,
+    kind_of,
+    phantom_of,
+    views_of,
+)
 
 PROOF = PLAN.config["proof"]
 # Callbacks that XCIST imports by name.
@@ -82,22 +89,48 @@ def known_phantom(wildcards):
 
 def proof_model(folder, protocol):
     """As diagnosis_model, of a case's recording in a folder."""
-    return lambda wildcards: {
-        "folder": f"{RESULTS}/proof/{folder}/{wildcards.case}",
-        "settings": {
-            "samples": 2,
-            "view_step": 1,
-            "nominal_photons": PROOF[protocol]["photons"],
-            "alignment": {},
-        },
-        "mu_water_per_mm": PLAN.config["mu_water_per_mm"],
-        "materials": OBJECTS[phantom_of(wildcards.case)].stated,
-        "seed": PLAN.config["seed"],
-        "protocol": None,
+    place = ("scan", "held_out_protocol").index(protocol)
+
+    def model(wildcards):
+        one, scan = OBJECTS[phantom_of(wildcards.case)], PROOF["scan"]
+        kind = kind_of(wildcards.case, PROOF)
+        views = views_of(kind, PROOF)[place]
+        return {
+            "folder": f"{RESULTS}/proof/{folder}/{wildcards.case}",
+            "settings": {
+                "samples": 2,
+                "view_step": 1,
+                "nominal_photons": PROOF[protocol]["photons"],
+                "alignment": {},
+            },
+            "mu_water_per_mm": PLAN.config["mu_water_per_mm"],
+            "materials": one.stated,
+            "seed": PLAN.config["seed"],
+            "protocol": (
+                one.protocol(scan["columns"], scan["rows"], views, "cpu")
+                if kind == "images"
+                else None
+            ),
+        }
+
+    return model
+
+
+PHOTONS = PROOF["scan"]["photons"]
+try:
+    TRIED = {
+        "projections": candidates({"nominal_photons": PHOTONS}),
+        "images": candidates(
+            {"nominal_photons": PHOTONS, "effects": PROOF["images"]["tried"]}, "images"
+        ),
     }
+except InputError as error:
+    sys.exit(f"Error: {error}".replace("diagnosis.effects", "proof.images.tried"))
 
 
-TRIED = candidates({"nominal_photons": PROOF["scan"]["photons"]})
+def tried(wildcards):
+    """What a case is tried against."""
+    return TRIED[kind_of(wildcards.case, PROOF)]
 
 
 rule proof_seal:
@@ -145,7 +178,7 @@ rule proof_diagnosis:
     input:
         unpack(known_phantom),
         recording=rules.proof_scan.output.recording,
-        effects=effect_code(*TRIED),
+        effects=lambda wildcards: effect_code(*tried(wildcards)),
         code=code("diagnose.py"),
     output:
         diagnosis=f"{RESULTS}/proof/diagnosis/{{case}}/diagnosis.json",
@@ -161,7 +194,7 @@ rule proof_diagnosis:
         runtime=60,
     params:
         model=proof_model("recordings", "scan"),
-        effects=TRIED,
+        effects=tried,
         same_material=True,
         accuracy=PLAN.config["diagnosis"]["model_accuracy"],
     script:
@@ -174,7 +207,7 @@ rule proof_elsewhere:
         unpack(known_phantom),
         recording=rules.proof_scan.output.other,
         physics=rules.proof_diagnosis.output.diagnosis,
-        effects=effect_code(*TRIED),
+        effects=lambda wildcards: effect_code(*tried(wildcards)),
         code=code("agreement_elsewhere.py"),
     output:
         f"{RESULTS}/proof/diagnosis/{{case}}/held_out_protocol.json",

@@ -2,9 +2,9 @@
 
 from virtual_phantom.job import job
 from virtual_phantom.proof import seal
-from virtual_phantom.proof.generate import acquire, concealed_settings, scan_of, write
+from virtual_phantom.proof.generate import acquire, concealed_settings, scan_of, write, write_images
 from virtual_phantom.proof.objects import OBJECTS
-from virtual_phantom.proof.suite import scan_seed
+from virtual_phantom.proof.suite import scan_seed, views_of
 from virtual_phantom.proof.xcist import energy_of_water
 from virtual_phantom.volumes import read_nifti
 
@@ -16,8 +16,12 @@ with job(snakemake) as log:
     kev = energy_of_water(params.mu_water_per_mm)
     seeds = scan_seed(params.settings["seed"], truth["number"]).spawn(2)
     protocols = params.settings["scan"], params.settings["held_out_protocol"]
-    for folder, protocol, seed in zip(snakemake.output, protocols, seeds, strict=True):
+    many = views_of(truth["kind"], params.settings)
+    for folder, protocol, views, seed in zip(snakemake.output, protocols, many, seeds, strict=True):
         concealed = concealed_settings(truth)
-        scan = scan_of(one, params.settings["scan"], protocol["views"], protocol["photons"], kev, concealed)
+        scan = scan_of(one, params.settings["scan"], views, protocol["photons"], kev, concealed)
         taken = acquire(scan, one, fine, params.mu_water_per_mm, params.settings["repeats"], seed)
-        write(folder, case, scan, taken)
+        if truth["kind"] == "images":
+            write_images(folder, case, one, scan, taken, params.mu_water_per_mm)
+        else:
+            write(folder, case, scan, taken)

@@ -14,6 +14,7 @@ import numpy as np
 STRENGTHS = ("weak", "medium", "strong")
 MEAN = ("projections", "columns", "views", "rows", "path length", "edges")
 NOISE = ("noise variance", "noise level")
+IMAGE = ("image", "slices", "distance from the axis", "tissue", "edges")
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,7 @@ class Concealable:
                defined alike
     where      domains of the diagnosis, at least one of which must show it
     alike      effects of one group change the readings nearly alike, and no pair is drawn from it
+    of_images  it is the reconstruction's, and images alone show it
     """
 
     known: bool
@@ -33,6 +35,7 @@ class Concealable:
     make: Callable[[float, np.random.Generator], tuple[dict, dict]]
     where: tuple[str, ...]
     alike: str = ""
+    of_images: bool = False
 
     def draw(self, strength: str, random: np.random.Generator) -> tuple[dict, dict]:
         low, high = self.ranges[strength]
@@ -118,6 +121,15 @@ def _dark(size, random):
     return {"dark_level": level, "dark_drift": drift}, {"level": level, "drift": drift}
 
 
+def _kernel(size, random):
+    return {"kernel_pixels": size}, {}  # the library's blurs on top of its own interpolation
+
+
+def _hu(size, random):
+    scale, offset = 1 + size * _sign(random), 500 * size * _sign(random)
+    return {"hu_scale": scale, "hu_offset": offset}, {"scale": scale, "offset_hu": offset}
+
+
 def _off_focal(size, random):
     return {"off_focal_share": size, "off_focal_width_mm": float(random.uniform(15, 30))}, {}
 
@@ -169,6 +181,10 @@ CATALOGUE: dict[str, Concealable] = {
         True, _ranges((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")
     ),
     "motion": Concealable(True, _ranges((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _motion, MEAN),
+    "reconstruction_kernel": Concealable(
+        True, _ranges((0.75, 0.85), (0.9, 1.0), (1.1, 1.2)), _kernel, IMAGE, of_images=True
+    ),
+    "hu_calibration": Concealable(True, _ranges((0.005, 0.01), (0.02, 0.03), (0.05, 0.08)), _hu, IMAGE, of_images=True),
     "off_focal_radiation": Concealable(False, _ranges((0.01, 0.02), (0.04, 0.06), (0.1, 0.15)), _off_focal, MEAN),
     "view_blur": Concealable(
         False, _ranges((0.2, 0.3), (0.5, 0.6), (0.9, 1.0)), lambda size, _: ({"duty": size, "subviews": 4}, {}), MEAN

@@ -10,14 +10,17 @@ import numpy as np
 import yaml
 
 from ..files import replacing, write_text
+from ..geometry import grid_of
 from ..recordings.document import FILE_NAME
-from ..volumes import Volume
+from ..volumes import Volume, write_nifti
 from .objects import Object
-from .phantoms import materials, pixel_mm
+from .phantoms import materials
 from .readout import read_out
+from .reconstruction import images_hu
 from .xcist import Acquired, Scan, simulate
 
-SOURCE_TO_ISOCENTRE_MM, SOURCE_TO_DETECTOR_MM = 541.0, 949.0
+LEAST_READING = 1e-6  # of the air scan: less has no logarithm
+RECONSTRUCTED = {"kernel_pixels": 0.0, "hu_scale": 1.0, "hu_offset": 0.0}  # settings, and what does nothing
 NOISE, PIXELS = range(2)  # branches of a scan's seed
 
 
@@ -27,15 +30,9 @@ def scan_of(one: Object, settings: Mapping, views: int, photons: float, kev: flo
     settings    the section proof.scan of the configuration
     concealed   the simulator's settings
     """
-    pitch = pixel_mm(one, settings["columns"]) * SOURCE_TO_DETECTOR_MM / SOURCE_TO_ISOCENTRE_MM
     return Scan(
         views=views,
-        columns=settings["columns"],
-        rows=settings["rows"],
-        column_pitch_mm=pitch,
-        row_pitch_mm=pitch,
-        source_to_isocentre_mm=SOURCE_TO_ISOCENTRE_MM,
-        source_to_detector_mm=SOURCE_TO_DETECTOR_MM,
+        **one.detector(settings["columns"], settings["rows"]),
         kev=kev,
         photons=photons,
         settings=dict(concealed),
@@ -60,6 +57,20 @@ def acquire(
     noise, pixels = seed.spawn(2)
     taken = simulate(scan, materials(fine, one, scan.kev, mu_water_per_mm), repeats, noise)
     return read_out(taken, scan.settings, (scan.column_pitch_mm, scan.row_pitch_mm), np.random.default_rng(pixels))
+
+
+def write_images(
+    folder: str | Path, name: str, one: Object, scan: Scan, taken: Acquired, mu_water_per_mm: float
+) -> None:
+    """Write recording.yaml and one image per repeat, in HU and not compressed, so that sizes are alike."""
+    folder, grid = Path(folder), grid_of(one.image_grid(scan.columns))
+    blur, scale, offset = (scan.settings.get(key, none) for key, none in RECONSTRUCTED.items())
+    files = [f"scan{number:02d}.nii" for number in range(1, 1 + len(taken.readings))]
+    for file, readings in zip(files, taken.readings, strict=True):
+        lines = -np.log(np.maximum(readings, LEAST_READING * taken.air) / taken.air)
+        hu = images_hu(lines, scan, grid, mu_water_per_mm, blur * grid.spacing[2])
+        write_nifti(Volume((hu * scale + offset).astype(np.float32), grid), folder / file)
+    write_text(yaml.safe_dump({"name": name, "kind": "images", "repeats": files}, sort_keys=False), folder / FILE_NAME)
 
 
 def write(folder: str | Path, name: str, scan: Scan, taken: Acquired) -> None:

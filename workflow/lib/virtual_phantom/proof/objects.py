@@ -7,6 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+SOURCE_TO_ISOCENTRE_MM, SOURCE_TO_DETECTOR_MM = 541.0, 949.0
+MARGIN = 1.06  # of the beam over the phantom's width
+SLICES = 4  # of images: those that the beam sees from everywhere
+
 
 @dataclass(frozen=True)
 class Object:
@@ -32,6 +36,39 @@ class Object:
         """How HU are divided, as the section `materials` of the configuration."""
         soft, dense = self.told
         return {"soft": soft, "dense": dense, "dense_from_hu": self.dense_from_hu}
+
+    def pixel_mm(self, columns: int) -> float:
+        """Width of a detector pixel at the isocentre that lets the beam pass the whole phantom."""
+        return max(self.extent_mm) * MARGIN / columns
+
+    def detector(self, columns: int, rows: int) -> dict:
+        """The scanner, as the section `scan` of the configuration names it."""
+        pitch = self.pixel_mm(columns) * SOURCE_TO_DETECTOR_MM / SOURCE_TO_ISOCENTRE_MM
+        return {
+            "source_to_isocentre_mm": SOURCE_TO_ISOCENTRE_MM,
+            "source_to_detector_mm": SOURCE_TO_DETECTOR_MM,
+            "columns": columns,
+            "rows": rows,
+            "column_pitch_mm": pitch,
+            "row_pitch_mm": pitch,
+        }
+
+    def image_grid(self, columns: int) -> dict:
+        """Of reconstructed images, as the section `grid`: voxels as wide as pixels at the isocentre."""
+        return {"shape": [SLICES, columns, columns], "spacing_mm": [self.pixel_mm(columns)] * 3}
+
+    def protocol(self, columns: int, rows: int, views: int, engine: str) -> dict:
+        """What the diagnosis is told of images (diagnosis.images.setting.Protocol): the scan, and a filtered
+        back-projection, which is not theirs."""
+        circle = {"trajectory": "circular", "turns": 1.0, "pitch": 1.0, "start_angle_deg": 0.0}
+        return {
+            "scan": circle | self.detector(columns, rows) | {"column_offset_px": 0.0, "row_offset_px": 0.0},
+            "grid": self.image_grid(columns),
+            "projections": views,
+            "algorithm": "fbp",
+            "settings": {"normalise": "coverage"},
+            "engine": engine,
+        }
 
 
 OBJECTS = {

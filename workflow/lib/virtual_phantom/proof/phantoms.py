@@ -16,12 +16,6 @@ LEAST_FRACTION = 1e-4  # below it a voxel is air, which is not scanned
 FINER = 2  # voxels of the scanned phantom over those that the diagnosis is given
 VOXELS_PER_PIXEL = 2  # that the diagnosis is given, at the isocentre
 REACH = 1.3  # of the beam's height at the isocentre: what its cone sees of the phantom's near and far side
-MARGIN = 1.06  # of the beam over the phantom's width
-
-
-def pixel_mm(one: Object, columns: int) -> float:
-    """Width of a detector pixel at the isocentre that lets the beam pass the whole phantom."""
-    return max(one.extent_mm) * MARGIN / columns
 
 
 def build(one: Object, layout_file: str | Path, columns: int, rows: int, seed: np.random.SeedSequence) -> Phantom:
@@ -29,7 +23,7 @@ def build(one: Object, layout_file: str | Path, columns: int, rows: int, seed: n
 
     Raises InputError as synthetic.build.
     """
-    pixel = pixel_mm(one, columns)
+    pixel = one.pixel_mm(columns)
     voxel = pixel / VOXELS_PER_PIXEL
     slices, seen = (int(np.ceil(height / voxel / 2)) * 2 for height in (one.least_mm, rows * pixel * REACH))
     across = (int(np.ceil(extent / voxel / 2)) * 2 for extent in one.extent_mm)

@@ -8,23 +8,41 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from ..errors import InputError
-from .catalogue import CATALOGUE, STRENGTHS
+from .catalogue import CATALOGUE, IMAGE, STRENGTHS
 from .objects import OBJECTS
 
 PHANTOMS = tuple(OBJECTS)
+KERNEL = "reconstruction_kernel"
 TRUTH, SALT, SCAN = range(3)  # branches of a case's seed
-KNOWN = tuple(name for name, one in CATALOGUE.items() if one.known)
+KNOWN = tuple(name for name, one in CATALOGUE.items() if one.known and not one.of_images)
 UNKNOWN = tuple(name for name, one in CATALOGUE.items() if not one.known)
 
 
 def cases(settings: Mapping) -> list[str]:
     """Names of all cases, which tell nothing of what is concealed."""
-    return [f"case_{number:02d}" for number in range(1, 1 + len(_plan(settings)))]
+    count = len(_plan(settings)) + len(_plan_of_images(settings))
+    return [f"case_{number:02d}" for number in range(1, 1 + count)]
+
+
+def kind_of(case: str, settings: Mapping) -> str:
+    """What a case records: no secret, and told by its number. Images come after all projections."""
+    return "projections" if _number(case) <= len(_plan(settings)) else "images"
 
 
 def phantom_of(case: str) -> str:
     """What is scanned in a case: no secret, and told by its number alone."""
-    return PHANTOMS[int(case.rpartition("_")[2]) % len(PHANTOMS)]
+    return PHANTOMS[_number(case) % len(PHANTOMS)]
+
+
+def views_of(kind: str, settings: Mapping) -> tuple[int, int]:
+    """Of the scan that is diagnosed and of that by the held-out protocol. Images of few views are mostly streaks, which
+    no two reconstructions share."""
+    protocols = settings["scan"], settings["held_out_protocol"]
+    return tuple(one["views"] * (settings["images"]["views_times"] if kind == "images" else 1) for one in protocols)
+
+
+def _number(case: str) -> int:
+    return int(case.rpartition("_")[2])
 
 
 def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
@@ -43,10 +61,12 @@ def truths(settings: Mapping) -> dict[str, dict]:
     settings   the section `proof` of the configuration: seed, effects, strengths, and how many cases of nothing, of
                pairs and of unknown effects
     """
-    plan = _plan(settings)
-    order = np.random.default_rng(_branch(settings["seed"], 0)).permutation(len(plan))
+    plan = []
+    for branch, part in ((0, _plan(settings)), (2, _plan_of_images(settings))):
+        order = np.random.default_rng(_branch(settings["seed"], branch)).permutation(len(part))
+        plan += [part[place] for place in order]
     return {
-        case: _truth(case, *plan[order[number]], settings["seed"], number)
+        case: _truth(case, kind_of(case, settings), *plan[number], settings["seed"], number)
         for number, case in enumerate(cases(settings))
     }
 
@@ -67,7 +87,7 @@ def _branch(seed: int, *key: int) -> np.random.SeedSequence:
 
 
 def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
-    """(category, strength, effect): effects of pairs and unknown ones are drawn later."""
+    """(category, strength, effect) of projections; effects of pairs are drawn later."""
     effects = settings.get("effects") or list(KNOWN)
     for name in effects:
         if name not in KNOWN:
@@ -79,11 +99,23 @@ def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
     return plan
 
 
-def _truth(case, category, strength, effect, seed, number) -> dict:
+def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
+    """As _plan. Other reconstructions than the library's have other kernels, so that each case conceals one, and a pair
+    is that and an effect."""
+    wanted = settings["images"]
+    for name in wanted["effects"]:
+        if name == KERNEL or name not in CATALOGUE or not CATALOGUE[name].known:
+            names = ", ".join(one for one in CATALOGUE if one != KERNEL and CATALOGUE[one].known)
+            raise InputError(f"proof.images.effects: '{name}' cannot be concealed beside a kernel; use some of {names}")
+    plan = [("single", strength, KERNEL) for strength in wanted["strengths"]]
+    return plan + [("pair", None, name) for name in wanted["effects"]]
+
+
+def _truth(case, kind, category, strength, effect, seed, number) -> dict:
     random = np.random.default_rng(_branch(seed, 1, number, TRUTH))
     names = [] if effect is None else [effect]
     if category == "pair":
-        names = _pair(random)
+        names = _pair(random) if effect is None else [KERNEL, effect]
     drawn = []
     for name in names:
         # Of pairs and unknown effects no weak ones: what cannot be seen cannot be told apart.
@@ -101,12 +133,14 @@ def _truth(case, category, strength, effect, seed, number) -> dict:
     return {
         "case": case,
         "number": number,
-        "kind": "projections",
+        "kind": kind,
         "phantom": phantom_of(case),
         "category": category,
         "strength": strength or (drawn[0]["strength"] if category == "unknown" else None),
         "effects": drawn,
-        "where": sorted({domain for name in names for domain in CATALOGUE[name].where}),
+        "where": sorted(
+            {domain for name in names for domain in (CATALOGUE[name].where if kind != "images" else IMAGE)}
+        ),
     }
 
 

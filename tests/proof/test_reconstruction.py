@@ -1,0 +1,75 @@
+"""The proof's own reconstruction against objects whose line integrals are known in closed form."""
+
+import numpy as np
+import pytest
+from scipy.special import ndtri
+
+from virtual_phantom.geometry import Grid
+from virtual_phantom.proof.reconstruction import images_hu, ramp
+from virtual_phantom.proof.xcist import Scan
+
+MU = 0.0193
+SCAN = Scan(
+    views=360,
+    columns=160,
+    rows=6,
+    column_pitch_mm=2.4,
+    row_pitch_mm=2.4,
+    source_to_isocentre_mm=541.0,
+    source_to_detector_mm=949.0,
+    kev=70.0,
+    photons=1e5,
+)
+PIXEL = 2.4 * 541 / 949
+GRID = Grid((4, 120, 120), (PIXEL,) * 3)
+
+
+def cylinder(centre_mm, radius_mm, mu):
+    """Line integrals [view, row, column] of a long cylinder along z: chords of a circle, over the rays' slope."""
+    angles = 2 * np.pi * np.arange(SCAN.views)[:, None, None] / SCAN.views
+    u = (np.arange(SCAN.columns) - (SCAN.columns - 1) / 2) * SCAN.column_pitch_mm
+    v = ((np.arange(SCAN.rows) - (SCAN.rows - 1) / 2) * SCAN.row_pitch_mm)[:, None]
+    radius, distance = SCAN.source_to_isocentre_mm, SCAN.source_to_detector_mm
+    away = np.array([centre_mm[0] + radius * np.sin(angles), centre_mm[1] - radius * np.cos(angles)])
+    ray = np.array([distance * np.sin(angles) + u * np.cos(angles), -distance * np.cos(angles) + u * np.sin(angles)])
+    off = (away[0] * ray[1] - away[1] * ray[0]) / np.hypot(*ray)
+    chord = 2 * np.sqrt(np.maximum(radius_mm**2 - off**2, 0))
+    return mu * chord * np.sqrt(distance**2 + u**2 + v**2) / np.sqrt(distance**2 + u**2)
+
+
+@pytest.fixture(scope="module")
+def lines():
+    return cylinder((0, 0), 80.0, MU) + cylinder((40, -25), 15.0, 0.3 * MU)
+
+
+def test_hu_and_places_are_right(lines):
+    hu = images_hu(lines, SCAN, GRID, MU)
+    _, y, x = np.meshgrid(*GRID.axes_mm(), indexing="ij")
+    insert = np.hypot(x - 40, y + 25)
+    water = (np.hypot(x, y) < 70) & (insert > 25)
+    assert abs(hu[water].mean()) < 2 and hu[water].std() < 10
+    assert hu[insert < 10].mean() == pytest.approx(300, abs=4)
+    air = (np.hypot(x, y) > 92) & (np.hypot(x, y) < 100)
+    assert hu[air].mean() == pytest.approx(-1000, abs=5)
+
+
+def test_a_kernel_blurs_by_what_it_says(lines):
+    """An edge blurred by a Gaussian is its integral: quartiles lie 0.67 standard deviations from the middle."""
+    _, y, x = np.meshgrid(*GRID.axes_mm(), indexing="ij")
+    distance = np.hypot(x, y).ravel()
+    order = np.argsort(distance)
+    widths = {}
+    for blur in (3.0, 6.0):
+        hu = images_hu(lines - cylinder((40, -25), 15.0, 0.3 * MU), SCAN, GRID, MU, blur).ravel()[order]
+        level = np.convolve(hu, np.ones(41) / 41, mode="same")
+        near = (distance[order] > 50) & (distance[order] < 105)
+        reached = [distance[order][near][np.argmax(level[near] < -1000 * share)] for share in (0.25, 0.75)]
+        widths[blur] = (reached[1] - reached[0]) / (2 * ndtri(0.75))
+    for blur, width in widths.items():
+        assert width == pytest.approx(blur, rel=0.05)
+
+
+def test_the_ramp_takes_the_mean_away():
+    """At frequency 0 a ramp is 0: what is left of a wide even field falls with its width."""
+    wide = ramp(np.ones((1, 4096)), 1.0, 0.0)
+    assert abs(wide[0, 1024:3072]).max() < 3e-4
