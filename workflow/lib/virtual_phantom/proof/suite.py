@@ -118,8 +118,10 @@ def _truth(case, kind, category, strength, effect, seed, number) -> dict:
         names = _pair(random) if effect is None else [KERNEL, effect]
     drawn = []
     for name in names:
-        # Of pairs and unknown effects no weak ones: what cannot be seen cannot be told apart.
-        size = strength or str(random.choice(STRENGTHS[1:]))
+        # Of pairs and unknown effects no weak ones: what cannot be seen cannot be told apart. But the kernel beside an
+        # effect on images is as near the diagnosis's own as a reconstruction gets.
+        near = kind == "images" and name == KERNEL
+        size = strength or ("weak" if near else str(random.choice(STRENGTHS[1:])))
         made, comparable = CATALOGUE[name].draw(size, random)
         drawn.append(
             {
