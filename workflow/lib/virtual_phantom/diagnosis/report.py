@@ -35,7 +35,9 @@ Equation: {{ effects[e.name].equation }}. Source: {{ effects[e.name].source }}.<
 <img alt="residuals along three axes" src="{{ profiles }}">
 <p class="note">Data not fitted ({{ d.held_out_data }}). Grey: plus and minus 2 standard deviations.</p>
 <table><tr><th>domain</th><th>worst place</th><th>z before</th><th>p</th><th>z after</th><th>p</th></tr>
-{% for a, b in places %}<tr><td>{{ a.domain }}</td><td>{{ a.where }}</td><td class="n">{{ a.z|number }}</td>
+{% for a, b in places %}<tr><td>{{ a.domain }}</td>
+<td>{{ a.where }}{% if b.where != a.where %}; after: {{ b.where }}{% endif %}</td>
+<td class="n">{{ a.z|number }}</td>
 <td class="n">{{ a.p|chance }}</td><td class="n">{{ b.z|number }}</td><td class="n">{{ b.p|chance }}</td></tr>
 {% endfor %}</table>
 <p class="note">p: corrected for all places of a domain and all domains; under {{ alpha }} counts.</p>

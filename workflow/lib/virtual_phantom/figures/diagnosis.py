@@ -50,8 +50,9 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
         zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True)
     ):
         axes.axhspan(-2, 2, color="#EEEEEE")
-        axes.plot(x, before, color=BEFORE, label="alignment only")
-        axes.plot(x, after, color=AFTER, label="with the effects found")
+        there = (before != 0) | (after != 0)  # not views that were fitted, or rows without a ray
+        axes.plot(x[there], before[there], color=BEFORE, label="alignment only")
+        axes.plot(x[there], after[there], color=AFTER, label="with the effects found")
         axes.set_yscale("symlog", linthresh=LINEAR_SD)
         _plain(axes.yaxis)
         axes.set(xlabel=label, ylabel="recorded − modelled (SD)" if index == 0 else None)
