@@ -144,7 +144,7 @@ def left_over(given, physics, fit):
     parts[0] = np.where(held_out.usable, parts[0].reshape(shape) + pattern, 0).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
     fitted = Half([part.copy() for part in parts], fitter.weights, given.data)
-    more = aligned(fitter.model, fit)
+    more = aligned(fit, fitter.model.numerical)
     places = given.look.places(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted, more)
     # A sum of squares has its number of terms less without noise.
     weight = fitter.held_weights[0].reshape(shape)

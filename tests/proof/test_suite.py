@@ -27,9 +27,10 @@ SETTINGS = {
     "pairs": 30,
     "unknown": 8,
     "images": {"strengths": ["medium", "strong"], "effects": ["hu_calibration", "scatter", "motion"], "views_times": 4},
-    "scan": {"views": 72},
+    "scan": {"views": 72, "rows": 6},
     "held_out_protocol": {"views": 60},
 }
+SETTINGS["images"]["tried"] = ["reconstruction_kernel", *SETTINGS["images"]["effects"]]
 IMAGES = {"single": 2, "pair": 3}
 LIBRARY = Path(seal.__file__).resolve().parents[1]
 
@@ -57,7 +58,7 @@ def test_every_image_has_another_kernel_and_some_another_effect(suite):
     }
     assert views_of("images", SETTINGS) == (288, 240) and views_of("projections", SETTINGS) == (72, 60)
     # The projections of a seed are what they are without images.
-    without = SETTINGS | {"images": {"strengths": [], "effects": []}}
+    without = SETTINGS | {"images": SETTINGS["images"] | {"strengths": [], "effects": []}}
     assert truths(without).items() <= suite.items()
 
 
@@ -102,7 +103,11 @@ def test_an_unknown_effect_is_refused():
         cases(SETTINGS | {"effects": ["scater"]})
     for name in ("scater", KERNEL, "off_focal_radiation"):
         with pytest.raises(InputError, match=rf"proof.images.effects: '{name}' cannot be concealed beside a kernel"):
-            cases(SETTINGS | {"images": {"strengths": [], "effects": [name]}})
+            cases(SETTINGS | {"images": {"strengths": [], "effects": [name], "tried": [KERNEL, name]}})
+    with pytest.raises(InputError, match=r"proof.images.tried: lacks 'scatter'"):
+        cases(SETTINGS | {"images": SETTINGS["images"] | {"tried": [KERNEL, "hu_calibration", "motion"]}})
+    with pytest.raises(InputError, match=r"proof.scan.rows: 4 rows see too few slices"):
+        cases(SETTINGS | {"scan": {"views": 72, "rows": 4}})
 
 
 def test_recordings_differ_in_readings_alone(tmp_path):

@@ -37,6 +37,7 @@ class Fit:
     physics      {effect: {parameter: value}}
     errors       {effect: {parameter: standard error}}
     place        the alignment, with place_errors
+    pulled       how far that lies off what the fit knew of it, in standard deviations, where anything was known
     chi_square   of the data that were fitted, and of the Gaussian knowledge
     parts        chi-square of mean, variance, correlation and white field, those that are there
     free         number of effects' parameters
@@ -52,6 +53,7 @@ class Fit:
     chi_square: float
     parts: tuple[float, ...]
     free: int
+    pulled: dict[str, float] = field(default_factory=dict)
     pattern: np.ndarray | None = field(default=None, repr=False)
     pattern_variance: np.ndarray | None = field(default=None, repr=False)
 
@@ -274,6 +276,7 @@ class Problem:
             if load(name).pattern:
                 physics[name]["rms"], spread[name]["rms"] = self.found.rms, self.found.error
         count, aligned = len(self.unknowns), [one.name for one in self.aligned]
+        known = zip(self.aligned, point[count:], strict=True)
         return Fit(
             effects=self.effects,
             physics=physics,
@@ -283,6 +286,7 @@ class Problem:
             chi_square=total,
             parts=tuple(float((w * r**2).sum()) for w, r in zip(self.weights, residuals, strict=True)),
             free=count + self.patterned,
+            pulled={one.name: float(one.off(value)) for one, value in known if np.isfinite(one.sd)},
             pattern=pattern,
             pattern_variance=self.found.variance if self.patterned else None,
         )

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
 from .fit import Fit
-from .model import Model
 from .observed import Observed
 
 ALPHA = 0.01  # family-wise, over all domains and all places in them
 EDGE_SHARE = 0.1  # of the rays: those where line integrals change most from column to column count as edges
 BINS = 10
 AXES = ("views", "rows", "columns")
+PLACED = ("x_mm", "y_mm", "z_mm", "turn_deg")
 THIN = 0.05  # of the largest line integral: rays with less pass beside the object
 
 
@@ -132,18 +132,18 @@ def locate(
     return corrected([*found, *more])
 
 
-def aligned(model: Model, fit: Fit) -> list[Location]:
-    """How far a fit has pulled its alignment off what is known of it: a difference that residuals no longer show.
+def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
+    """How far a fit has pulled its alignment off what it knew of it: a difference that residuals no longer show.
 
-    Numerical errors have no standard deviation that anything is known of.
+    numerical   names of the model's numerical errors, of whose size nothing is known
+    Where the object lies is nobody's physics, and is left out.
     """
-    known = [one for one in model.alignment(fit.effects) if np.isfinite(one.sd) and one.name not in model.numerical]
-    if not known:
+    z = {name: value for name, value in fit.pulled.items() if name not in (*numerical, *PLACED)}
+    if not z:
         return []
-    z = np.array([one.off(fit.place[one.name]) for one in known])
-    return [
-        extreme("alignment", z, lambda i: f"{known[i].name}, {abs(z[i]):.1f} standard deviations off what is known")
-    ]
+    names, values = list(z), np.array(list(z.values()))
+    words = "{}, {:.1f} standard deviations off the known"
+    return [extreme("alignment", values, lambda i: words.format(names[i], abs(values[i])))]
 
 
 def noise_places(residuals, weights, data: Observed, pairs: list[str], axes=AXES, fitted=None) -> list[Location]:

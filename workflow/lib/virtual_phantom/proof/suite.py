@@ -13,6 +13,7 @@ from .objects import OBJECTS
 
 PHANTOMS = tuple(OBJECTS)
 KERNEL = "reconstruction_kernel"
+LEAST_ROWS = 6  # for the four slices of an image
 TRUTH, SALT, SCAN = range(3)  # branches of a case's seed
 KNOWN = tuple(name for name, one in CATALOGUE.items() if one.known and not one.of_images)
 UNKNOWN = tuple(name for name, one in CATALOGUE.items() if not one.known)
@@ -103,6 +104,14 @@ def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None
     """As _plan. Other reconstructions than the library's have other kernels, so that each case conceals one, and a pair
     is that and an effect."""
     wanted = settings["images"]
+    if (wanted["strengths"] or wanted["effects"]) and settings["scan"]["rows"] < LEAST_ROWS:
+        raise InputError(
+            f"proof.scan.rows: {settings['scan']['rows']} rows see too few slices from everywhere for proof.images; "
+            f"give {LEAST_ROWS}, or no images: {{strengths: [], effects: []}}"
+        )
+    for name in (KERNEL, *wanted["effects"]):
+        if name not in wanted["tried"]:
+            raise InputError(f"proof.images.tried: lacks '{name}', which is concealed; add it")
     for name in wanted["effects"]:
         if name == KERNEL or name not in CATALOGUE or not CATALOGUE[name].known:
             names = ", ".join(one for one in CATALOGUE if one != KERNEL and CATALOGUE[one].known)
