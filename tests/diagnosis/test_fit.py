@@ -11,8 +11,8 @@ from hypothesis.extra.numpy import arrays
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.diagnosis import observed, prepared
-from virtual_phantom.diagnosis.fit import bounded_step, standard_errors
 from virtual_phantom.diagnosis.screening import amounts, explained, screened
+from virtual_phantom.diagnosis.steps import bounded_step, standard_errors
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation

@@ -3,6 +3,7 @@ from virtual_phantom.diagnosis.candidates import candidates
 from virtual_phantom.proof.objects import OBJECTS
 from virtual_phantom.proof.suite import (
     PHANTOMS,
+    PROTOCOLS,
     cases,
     check_recordings,
     kind_of,
@@ -89,12 +90,11 @@ def known_phantom(wildcards):
 
 def proof_model(folder, protocol):
     """As diagnosis_model, of a case's recording in a folder."""
-    place = ("scan", "held_out_protocol").index(protocol)
 
     def model(wildcards):
         one, scan = OBJECTS[phantom_of(wildcards.case)], PROOF["scan"]
         kind = kind_of(wildcards.case, PROOF)
-        views = views_of(kind, PROOF)[place]
+        views = dict(zip(PROTOCOLS, views_of(kind, PROOF)))[protocol]
         return {
             "folder": f"{RESULTS}/proof/{folder}/{wildcards.case}",
             "settings": {

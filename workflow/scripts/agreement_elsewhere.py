@@ -2,10 +2,7 @@
 
 import json
 
-import numpy as np
-
 from virtual_phantom.diagnosis.attribute import choose, trial
-from virtual_phantom.diagnosis.images.setting import agreement_of_images
 from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
 from virtual_phantom.diagnosis.regions import Scanned
 from virtual_phantom.diagnosis.setting import ready
@@ -25,10 +22,7 @@ with job(snakemake) as log:
     else:
         choice = choose(prepared.fitter, baseline, {})
     scanned = Scanned.read(given.phantom, given.image, given.rois)
-    if recording.kind == "images":
-        table = agreement_of_images(prepared, choice, scanned, params.model["protocol"]["algorithm"])
-    else:
-        seed = np.random.SeedSequence(params.model["seed"], spawn_key=(AGREEMENT_STREAM,))
-        mu_water_per_mm = params.model["mu_water_per_mm"]
-        table = agreement_of_recording(recording, prepared, choice, mu_water_per_mm, seed, scanned, snakemake.threads)
+    table = agreement_of_recording(
+        recording, prepared, choice, params.model, AGREEMENT_STREAM, scanned, snakemake.threads
+    )
     write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", snakemake.output[0])

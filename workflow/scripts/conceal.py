@@ -4,7 +4,7 @@ from virtual_phantom.job import job
 from virtual_phantom.proof import seal
 from virtual_phantom.proof.generate import acquire, concealed_settings, scan_of, write, write_images
 from virtual_phantom.proof.objects import OBJECTS
-from virtual_phantom.proof.suite import scan_seed, views_of
+from virtual_phantom.proof.suite import PROTOCOLS, scan_seed, views_of
 from virtual_phantom.proof.xcist import energy_of_water
 from virtual_phantom.volumes import read_nifti
 
@@ -15,11 +15,10 @@ with job(snakemake) as log:
     fine = read_nifti(snakemake.input.fine)
     kev = energy_of_water(params.mu_water_per_mm)
     seeds = scan_seed(params.settings["seed"], truth["number"]).spawn(2)
-    protocols = params.settings["scan"], params.settings["held_out_protocol"]
-    many = views_of(truth["kind"], params.settings)
-    for folder, protocol, views, seed in zip(snakemake.output, protocols, many, seeds, strict=True):
-        concealed = concealed_settings(truth)
-        scan = scan_of(one, params.settings["scan"], views, protocol["photons"], kev, concealed)
+    concealed, many = concealed_settings(truth), views_of(truth["kind"], params.settings)
+    for folder, protocol, views, seed in zip(snakemake.output, PROTOCOLS, many, seeds, strict=True):
+        photons = params.settings[protocol]["photons"]
+        scan = scan_of(one, params.settings["scan"], views, photons, kev, concealed)
         taken = acquire(scan, one, fine, params.mu_water_per_mm, params.settings["repeats"], seed)
         if truth["kind"] == "images":
             write_images(folder, case, one, scan, taken, params.mu_water_per_mm)

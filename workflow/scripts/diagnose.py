@@ -2,10 +2,7 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from virtual_phantom.diagnosis.attribute import choose, trial, trials
-from virtual_phantom.diagnosis.images.setting import agreement_of_images
 from virtual_phantom.diagnosis.locate import ALPHA
 from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
 from virtual_phantom.diagnosis.regions import Scanned
@@ -42,14 +39,9 @@ with job(snakemake) as log:
         scanned = Scanned.read(given.phantom, given.image, given.rois)
     elif "mask" in given.keys():
         scanned = Scanned.of_mask(given.mask)
-    if recording.kind == "images":
-        table = agreement_of_images(prepared, found.choice, scanned, params.model["protocol"]["algorithm"])
-    else:
-        seed = np.random.SeedSequence(params.model["seed"], spawn_key=(AGREEMENT_STREAM,))
-        mu_water_per_mm = params.model["mu_water_per_mm"]
-        table = agreement_of_recording(
-            recording, prepared, found.choice, mu_water_per_mm, seed, scanned, snakemake.threads
-        )
+    table = agreement_of_recording(
+        recording, prepared, found.choice, params.model, AGREEMENT_STREAM, scanned, snakemake.threads
+    )
     found.content["agreement"] = table
     overlay = {"physics": found.choice.chosen.fit.physics, "noise": {"model": "physical"}}
     shown = residual_maps(found, prepared)

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from ..physics.effect import load
 from . import pattern as patterns
 from .model import SURE, Model, Nuisance, stacked, weights
 from .observed import Observed
+from .steps import bounded_step, standard_errors, updated
 
 ITERATIONS = 25
 # Of chi-square between two iterations: in units of noise, and of its excess over noise where the model lacks much.
@@ -25,8 +25,6 @@ UNKNOWN_STEP = 1e-3  # of an alignment of which nothing is known
 SIZE_STEP = 4e-5  # 4 um at 100 mm, as for places
 # Marquardt's damping: from none, first to LEAST_DAMPING, then by factors of DAMPING while a step makes the fit worse.
 LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
-LEAST_EIGENVALUE = 1e-12  # over the largest, where each number alone has an information of 1: less is rounding
-ROUNDING = 1e-9  # of the squared component of a unit vector
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ class Fitter:
         """Refit all parameters of these effects and the alignment, beginning where `given` ended."""
         problem = Problem(self, effects, given)
         pattern = jacobian = None
-        point = problem.best_start(given)
+        point = problem.best_start()
         residuals = problem.residuals(point, pattern)
         if problem.patterned:
             pattern, residuals = problem.with_pattern(residuals)
@@ -141,9 +139,10 @@ class Problem:
         self.patterned = any(load(name).pattern for name in effects)
         self.unknowns = self.model.unknowns(self.effects)
         aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
+        self.fresh = [given is None or one.effect not in given.physics for one in self.unknowns]
         values = [
-            given.physics[one.effect][one.name] if given is not None and one.effect in given.physics else one.start
-            for one in self.unknowns
+            one.start if fresh else given.physics[one.effect][one.name]
+            for one, fresh in zip(self.unknowns, self.fresh, strict=True)
         ]
         place = {one.name: one.expected for one in aligned} if given is None else given.place
         start = np.array([*values, *(place[one.name] for one in aligned)], float)
@@ -159,35 +158,37 @@ class Problem:
         spans += [alignment_step(one) for one in aligned]
         self.steps = np.array(spans)
 
-    def best_start(self, given: Fit | None) -> np.ndarray:
+    def best_start(self) -> np.ndarray:
         """Where to begin: numbers of new effects that have several starts are tried at all of them, with the alignment
         given and the one expected. Elsewhere a fit could end beside the best one."""
         count = len(self.unknowns)
-        choices = []
-        for place, one in enumerate(self.unknowns):
-            fresh = given is None or one.effect not in given.physics
-            choices.append(one.starts if fresh else (self.start[place],))
+        choices = [
+            one.starts if fresh else (value,)
+            for one, fresh, value in zip(self.unknowns, self.fresh, self.start, strict=False)
+        ]
         if all(len(choice) == 1 for choice in choices):
             return self.start
-        faint = any(
-            one.neutral is not None and (given is None or one.effect not in given.physics) for one in self.unknowns
-        )
+        faint = any(self._new_strengths())
         places = [self.start[count:], np.array([one.expected for one in self.aligned])]
         begun = []
         for place in places:
             full = [self.polished(np.array([*values, *place]), None) for values in product(*choices)]
             begun += full
             if faint:
-                off = self.polished(self._switched_off(np.array([*self.start[:count], *place]), given), None)
+                off = self.polished(self._switched_off(np.array([*self.start[:count], *place])), None)
                 begun += [self._between(off, one) for one in full]
         return min(begun, key=lambda one: self.chi_square(one[1], one[0]))[0]
 
-    def _switched_off(self, point: np.ndarray, given: Fit | None) -> np.ndarray:
+    def _new_strengths(self) -> list[bool]:
+        """Of every unknown, whether it is of a new effect and has a value where that changes nothing."""
+        return [fresh and one.neutral is not None for one, fresh in zip(self.unknowns, self.fresh, strict=True)]
+
+    def _switched_off(self, point: np.ndarray) -> np.ndarray:
         """A point with new effects at the values where they change nothing, as far as they have such values."""
         point = point.copy()
-        for place, one in enumerate(self.unknowns):
-            if one.neutral is not None and (given is None or one.effect not in given.physics):
-                point[place] = one.neutral
+        for place, new in enumerate(self._new_strengths()):
+            if new:
+                point[place] = self.unknowns[place].neutral
         return point
 
     def _between(
@@ -201,8 +202,8 @@ class Problem:
             return full
         along = sum(float((w * r * c).sum()) for w, r, c in zip(self.weights, off[1], change, strict=True))
         point = full[0].copy()
-        for place, one in enumerate(self.unknowns):
-            if one.neutral is not None:
+        for place, new in enumerate(self._new_strengths()):
+            if new:
                 point[place] = off[0][place] + along / square * (full[0][place] - off[0][place])
         return self.polished(np.clip(point, self.low, self.high), None)
 
@@ -303,60 +304,8 @@ def chi_square(weights: list[np.ndarray], residuals: list[np.ndarray]) -> float:
     return sum(float((weight * residual**2).sum()) for weight, residual in zip(weights, residuals, strict=True))
 
 
-def updated(jacobian, step, before, after) -> list[np.ndarray]:
-    """Broyden's update: the least change of a Jacobian that agrees with a step just made (C. G. Broyden, Math. Comp.
-    19, 577, 1965). Derivatives by differences cost one prediction per parameter, this none."""
-    size = float(step @ step)
-    if not size:
-        return jacobian
-    return [
-        rows + np.outer(step / size, old - new - step @ rows)
-        for rows, old, new in zip(jacobian, before, after, strict=True)
-    ]
-
-
 def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Observed) -> list[np.ndarray]:
     if pattern is None:
         return parts
     mean = parts[0].reshape(data.mean.shape) - pattern
     return [np.where(data.usable, mean, 0).ravel(), *parts[1:]]
-
-
-def unit_diagonal(information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """An information matrix in units in which each number alone has an information of 1, and those units.
-
-    Parameters in mm, kV and shares differ so much that what tells small eigenvalues from rounding would take a
-    parameter of little information for none at all.
-    """
-    diagonal = np.diag(information)
-    units = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=diagonal > 0)
-    return information * np.outer(units, units), units
-
-
-def standard_errors(information: np.ndarray) -> np.ndarray:
-    """Of the numbers of a fit, from their information matrix; infinite where one, or what tells it from others, is not
-    known at all."""
-    scaled, units = unit_diagonal(information)
-    values, vectors = np.linalg.eigh(scaled)
-    known = values > LEAST_EIGENVALUE * values[-1]
-    variance = (vectors[:, known] ** 2 / values[known]).sum(axis=1) * units**2
-    open_ = (vectors[:, ~known] ** 2).sum(axis=1) > ROUNDING
-    return np.where(open_ | (units == 0), np.inf, np.sqrt(variance))
-
-
-def bounded_step(information, gradient, point, low, high) -> np.ndarray:
-    """Newton step to the least of the quadratic model within the bounds.
-
-    A free step that is cut to the bounds is none: of two numbers that trade against each other, cutting one leaves the
-    other where it makes the fit worse.
-    """
-    scaled, units = unit_diagonal(information)
-    values, vectors = np.linalg.eigh(scaled)
-    known = values > LEAST_EIGENVALUE * values[-1]
-    root = np.sqrt(values[known])
-    matrix, target = root[:, None] * vectors[:, known].T, vectors[:, known].T @ (gradient * units) / root
-    moving = (units > 0) & (low < high)
-    step = np.zeros(len(point))
-    room = ((low - point)[moving] / units[moving], (high - point)[moving] / units[moving])
-    step[moving] = units[moving] * lsq_linear(matrix[:, moving], target, room, method="bvls").x
-    return step

@@ -9,13 +9,13 @@ import numpy as np
 from scipy import stats
 
 from .fit import Fit
+from .model import PLACE
 from .observed import Observed
 
 ALPHA = 0.01  # family-wise, over all domains and all places in them
 EDGE_SHARE = 0.1  # of the rays: those where line integrals change most from column to column count as edges
 BINS = 10
 AXES = ("views", "rows", "columns")
-PLACED = ("x_mm", "y_mm", "z_mm", "turn_deg")
 THIN = 0.05  # of the largest line integral: rays with less pass beside the object
 
 
@@ -138,7 +138,7 @@ def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
     numerical   names of the model's numerical errors, of whose size nothing is known
     Where the object lies is nobody's physics, and is left out.
     """
-    z = {name: value for name, value in fit.pulled.items() if name not in (*numerical, *PLACED)}
+    z = {name: value for name, value in fit.pulled.items() if name not in numerical and (name not in PLACE)}
     if not z:
         return []
     names, values = list(z), np.array(list(z.values()))

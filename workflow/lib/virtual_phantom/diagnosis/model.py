@@ -21,7 +21,8 @@ STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin 
 # Of what halving a step changed: by how much predictions may be off yet. Where errors shrink with its square, all
 # further halving changes a third (L. F. Richardson, Phil. Trans. R. Soc. A 210, 307, 1911).
 NUMERICAL_SD = 1 / 3
-POSES = ("x_mm", "y_mm", "z_mm", "turn_deg", "size")
+PLACE = ("x_mm", "y_mm", "z_mm", "turn_deg")
+POSES = (*PLACE, "size")
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
-"""Agreement of a recording of projections with models of it, in images that are reconstructed alike."""
+"""Agreement of a recording with models of it, in images that are reconstructed alike."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -8,21 +10,38 @@ from ..errors import InputError
 from ..fbp import fbp
 from ..geometry import Grid, ScanGeometry
 from ..projectors import projector
-from ..recordings.projections import ProjectionsRecording
+from ..recordings.recording import Recording
 from ..units import attenuation_to_hu
 from .agreement import agreement
 from .attribute import Choice
 from .fit import Fit
+from .images.setting import agreement_of_images
 from .model import pose_of
 from .observed import LEAST_TRANSMISSION, Scans, scans
 from .prepared import HALVES, Prepared, split
 from .regions import Scanned, complete, disc_regions, image_grid, phantom_regions
 
 
-def agreement_of_recording(recording: ProjectionsRecording, prepared: Prepared, *arguments) -> dict:
-    """`agreement_of` the repeats of a recording of projections that were held out."""
+def agreement_of_recording(
+    recording: Recording,
+    prepared: Prepared,
+    choice: Choice,
+    settings: Mapping,
+    stream: int,
+    scanned: Scanned | None = None,
+    threads: int = 1,
+) -> dict:
+    """Agreement of a model with the repeats held out: of images as they are, of projections in images made of them.
+
+    settings   what the recording was made ready with: seed, mu_water_per_mm, and of images the protocol
+    stream     of the study's seed, for simulated noise of projections
+    """
+    if recording.kind == "images":
+        return agreement_of_images(prepared, choice, scanned, settings["protocol"]["algorithm"])
     further = scans(recording.held_out) if len(recording.held_out) else None
-    return agreement_of(compared(scans(recording.repeats), further).every(prepared.step), prepared, *arguments)
+    repeats = compared(scans(recording.repeats), further).every(prepared.step)
+    seed = np.random.SeedSequence(settings["seed"], spawn_key=(stream,))
+    return agreement_of(repeats, prepared, choice, settings["mu_water_per_mm"], seed, scanned, threads)
 
 
 def agreement_of(

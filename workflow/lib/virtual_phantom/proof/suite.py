@@ -14,6 +14,7 @@ from .objects import OBJECTS
 PHANTOMS = tuple(OBJECTS)
 KERNEL = "reconstruction_kernel"
 LEAST_ROWS = 6  # for the four slices of an image
+PROTOCOLS = ("scan", "held_out_protocol")  # sections of the configuration
 TRUTH, SALT, SCAN = range(3)  # branches of a case's seed
 KNOWN = tuple(name for name, one in CATALOGUE.items() if one.known and not one.of_images)
 UNKNOWN = tuple(name for name, one in CATALOGUE.items() if not one.known)
@@ -36,10 +37,9 @@ def phantom_of(case: str) -> str:
 
 
 def views_of(kind: str, settings: Mapping) -> tuple[int, int]:
-    """Of the scan that is diagnosed and of that by the held-out protocol. Images of few views are mostly streaks, which
-    no two reconstructions share."""
-    protocols = settings["scan"], settings["held_out_protocol"]
-    return tuple(one["views"] * (settings["images"]["views_times"] if kind == "images" else 1) for one in protocols)
+    """Of the scans by PROTOCOLS. Images of few views are mostly streaks, which no two reconstructions share."""
+    times = settings["images"]["views_times"] if kind == "images" else 1
+    return tuple(settings[one]["views"] * times for one in PROTOCOLS)
 
 
 def _number(case: str) -> int:
@@ -141,6 +141,9 @@ def _truth(case, kind, category, strength, effect, seed, number) -> dict:
                 "comparable": comparable,
             }
         )
+    where = {domain for name in names for domain in CATALOGUE[name].where}
+    if kind == "images":
+        where = set(IMAGE)
     return {
         "case": case,
         "number": number,
@@ -149,9 +152,7 @@ def _truth(case, kind, category, strength, effect, seed, number) -> dict:
         "category": category,
         "strength": strength or (drawn[0]["strength"] if category == "unknown" else None),
         "effects": drawn,
-        "where": sorted(
-            {domain for name in names for domain in (CATALOGUE[name].where if kind != "images" else IMAGE)}
-        ),
+        "where": sorted(where),
     }
 
 

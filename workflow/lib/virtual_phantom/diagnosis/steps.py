@@ -1,0 +1,73 @@
+"""Linear algebra of fits: steps within bounds, standard errors, and Jacobians that follow a step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+LEAST_EIGENVALUE = 1e-12  # over the largest, where each number alone has an information of 1: less is rounding
+ROUNDING = 1e-9  # of the squared component of a unit vector
+
+
+@dataclass(frozen=True)
+class Known:
+    """What an information matrix knows, in units in which each number alone has an information of 1.
+
+    Parameters in mm, kV and shares differ so much that what tells small eigenvalues from rounding would take a
+    parameter of little information for none at all.
+
+    units     (number,), 0 where nothing is known of one
+    values    of the directions of which something is known
+    vectors   [number, direction]
+    """
+
+    units: np.ndarray
+    values: np.ndarray
+    vectors: np.ndarray
+
+    @classmethod
+    def of(cls, information: np.ndarray) -> Known:
+        diagonal = np.diag(information)
+        units = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=diagonal > 0)
+        values, vectors = np.linalg.eigh(information * np.outer(units, units))
+        seen = values > LEAST_EIGENVALUE * values[-1]
+        return cls(units, values[seen], vectors[:, seen])
+
+
+def standard_errors(information: np.ndarray) -> np.ndarray:
+    """Of the numbers of a fit, from their information matrix; infinite where one, or what tells it from others, is not
+    known at all."""
+    known = Known.of(information)
+    squares = known.vectors**2
+    error = known.units * np.sqrt((squares / known.values).sum(axis=1))
+    return np.where(squares.sum(axis=1) < 1 - ROUNDING, np.inf, error)
+
+
+def bounded_step(information, gradient, point, low, high) -> np.ndarray:
+    """Newton step to the least of the quadratic model within the bounds.
+
+    A free step that is cut to the bounds is none: of two numbers that trade against each other, cutting one leaves the
+    other where it makes the fit worse.
+    """
+    known = Known.of(information)
+    root, units = np.sqrt(known.values), known.units
+    matrix, target = root[:, None] * known.vectors.T, known.vectors.T @ (gradient * units) / root
+    moving = (units > 0) & (low < high)
+    step = np.zeros(len(point))
+    room = ((low - point)[moving] / units[moving], (high - point)[moving] / units[moving])
+    step[moving] = units[moving] * lsq_linear(matrix[:, moving], target, room, method="bvls").x
+    return step
+
+
+def updated(jacobian, step, before, after) -> list[np.ndarray]:
+    """Broyden's update: the least change of a Jacobian that agrees with a step just made (C. G. Broyden, Math. Comp.
+    19, 577, 1965). Derivatives by differences cost one prediction per parameter, this none."""
+    size = float(step @ step)
+    if not size:
+        return jacobian
+    return [
+        rows + np.outer(step / size, old - new - step @ rows)
+        for rows, old, new in zip(jacobian, before, after, strict=True)
+    ]
