@@ -11,8 +11,9 @@ from hypothesis.extra.numpy import arrays
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.diagnosis import observed, prepared
+from virtual_phantom.diagnosis.model import Unknown
 from virtual_phantom.diagnosis.screening import amounts, explained, screened
-from virtual_phantom.diagnosis.steps import bounded_step, standard_errors
+from virtual_phantom.diagnosis.steps import NORMAL_95, bounded_step, standard_errors
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
@@ -118,6 +119,29 @@ def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
     assert errors["width_mm"] < width_mm and errors["share"] < share / 3
     begun_there = fitter.fit(("veiling_glare",), replace(fit, physics=truth))
     assert fit.chi_square == pytest.approx(begun_there.chi_square, abs=0.5)
+
+
+@pytest.mark.parametrize("width_mm", [1.6, 2.4])
+def test_a_blur_is_found_from_nothing(width_mm):
+    """What it changes grows with the square of its width: a fit of the width itself starts with no slope."""
+    fitter = fitted_to({"focal_spot": {"width_mm": width_mm, "length_mm": 0.0}})
+    none = fitter.fit(())
+    fit = fitter.fit(("focal_spot",), replace(none, physics={"focal_spot": {"width_mm": 0.0, "length_mm": 0.0}}))
+    found, error = fit.physics["focal_spot"], fit.errors["focal_spot"]
+    assert abs(found["width_mm"] - width_mm) < 3 * error["width_mm"] < 0.5 * width_mm
+    assert found["length_mm"] < 3 * error["length_mm"]
+
+
+@given(st.floats(0, 16), st.floats(1e-6, 20))
+def test_intervals_of_a_value_reach_as_far_as_those_of_its_square(number, error):
+    one = Unknown("focal_spot", "width_mm", 0.0, 16.0, (1.0,), 0.0, 8.0, 16.0, power=2)
+    assert one.of(one.value(number)) == pytest.approx(number)
+    value, reach = one.value(number), NORMAL_95 * one.value_error(number, error)
+    assert (value + reach) ** 2 >= (number + NORMAL_95 * error) * (1 - 1e-9)
+    assert value - reach <= np.sqrt(max(0.0, number - NORMAL_95 * error)) + 1e-9
+    if NORMAL_95 * error < 1e-3 * number:
+        assert one.value_error(number, error) == pytest.approx(error / (2 * value), rel=1e-3)
+    assert one.value_error(number, np.inf) == np.inf
 
 
 @pytest.mark.parametrize(

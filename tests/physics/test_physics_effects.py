@@ -326,6 +326,8 @@ def test_effects_on_images():
 
     blurred = with_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 1.5}})
     assert spreads(blurred) == pytest.approx([0, 1.5**2, 1.5**2], rel=0.01, abs=1e-6)
+    narrow = with_effects(point, spacing, {"reconstruction_kernel": {"sigma_mm": 0.2}})  # under half a voxel
+    assert spreads(narrow) == pytest.approx([0, 0.2**2, 0.2**2], rel=0.01, abs=1e-6)
     thick = with_effects(point, spacing, {"slice_thickness": {"thickness_mm": 10.0}})
     np.testing.assert_allclose(thick[:, 20, 30][12:19], [0, 200, 200, 200, 200, 200, 0], atol=1e-3)
     between = with_effects(point, spacing, {"slice_thickness": {"thickness_mm": 4.0}})

@@ -141,7 +141,7 @@ class Problem:
         aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
         self.fresh = [given is None or one.effect not in given.physics for one in self.unknowns]
         values = [
-            one.start if fresh else given.physics[one.effect][one.name]
+            one.start if fresh else one.of(given.physics[one.effect][one.name])
             for one, fresh in zip(self.unknowns, self.fresh, strict=True)
         ]
         place = {one.name: one.expected for one in aligned} if given is None else given.place
@@ -214,7 +214,7 @@ class Problem:
         """Effects' parameters and the alignment of a point, by name."""
         physics = {name: dict(self.model.fixed.get(name, {})) for name in self.effects}
         for one, value in zip(self.unknowns, point, strict=False):
-            physics[one.effect][one.name] = float(value)
+            physics[one.effect][one.name] = float(one.value(value))
         aligned = point[len(self.unknowns) :]
         return physics, {one.name: float(value) for one, value in zip(self.aligned, aligned, strict=True)}
 
@@ -271,8 +271,9 @@ class Problem:
     def result(self, point, errors, residuals, total, pattern) -> Fit:
         physics = {name: dict(self.model.fixed.get(name, {})) for name in self.effects}
         spread: dict[str, dict[str, float]] = {name: {} for name in self.effects}
-        for one, value, error in zip(self.unknowns, point, errors, strict=False):
-            physics[one.effect][one.name], spread[one.effect][one.name] = float(value), float(error)
+        for one, number, error in zip(self.unknowns, point, errors, strict=False):
+            physics[one.effect][one.name] = float(one.value(number))
+            spread[one.effect][one.name] = float(one.value_error(number, error))
         for name in self.effects:
             if load(name).pattern:
                 physics[name]["rms"], spread[name]["rms"] = self.found.rms, self.found.error

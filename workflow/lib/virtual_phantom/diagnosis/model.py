@@ -12,6 +12,7 @@ from ..physics.effect import acts_on_images, load
 from ..physics.scene import Pose
 from ..physics.spectra import KVP
 from .observed import WHITE_TOLERANCE, Observed, white_shape
+from .steps import NORMAL_95
 
 # Standard deviations that what is known may be off by at most: where much is left out, a Gaussian alone gives way.
 SURE = 5.0
@@ -27,8 +28,8 @@ POSES = (*PLACE, "size")
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number of an effect: its plausible range, where a fit may begin, the value that changes nothing, if there is
-    one, and the Gaussian that it is held by.
+    """A number of an effect, as fits vary it: a parameter to its power. Its plausible range, where a fit may begin, the
+    one that changes nothing, if there is one, and the Gaussian that it is held by.
 
     Without further knowledge that is as wide as the range: against runaways.
     """
@@ -41,6 +42,22 @@ class Unknown:
     neutral: float | None
     expected: float
     sd: float
+    power: int = 1
+
+    def of(self, value: float) -> float:
+        """The number of a parameter's value."""
+        return value**self.power
+
+    def value(self, number: float) -> float:
+        """The parameter's value."""
+        return number ** (1 / self.power)
+
+    def value_error(self, number: float, error: float) -> float:
+        """Of the value, from that of the number: so that the 95 % interval reaches at least as far."""
+        if self.power == 1 or not np.isfinite(error):
+            return error
+        ends = [self.value(max(0.0, number + side * NORMAL_95 * error)) for side in (-1, 1)]
+        return max(abs(end - self.value(number)) for end in ends) / NORMAL_95
 
     @property
     def start(self) -> float:
@@ -144,20 +161,19 @@ class Model:
         for name in effects:
             effect = load(name)
             for one in () if effect.pattern or name in self.fixed else effect.parameters:
-                low, high = one.low, one.high
+                low, high = one.low**one.power, one.high**one.power
                 if (name, one.name) == ("spectrum", "kvp"):
                     low, high = KVP[self.anode]
                 expected, sd = (low + high) / 2, high - low
-                starts = (min(max(one.start, low), high),)
+                starts = (min(max(one.start**one.power, low), high),)
                 # A blur narrower than a voxel changes nothing, so that no fit would leave it.
                 if one.neutral is None or (acts_on_images(name) and len(effect.parameters) == 1):
                     starts += tuple(low + share * (high - low) for share in STARTS)
                 if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
                     expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
                     low, high = max(low, expected - SURE * sd), min(high, expected + SURE * sd)
-                found.append(
-                    Unknown(name, one.name, low, high, tuple(dict.fromkeys(starts)), one.neutral, expected, sd)
-                )
+                neutral, starts = None if one.neutral is None else one.neutral**one.power, tuple(dict.fromkeys(starts))
+                found.append(Unknown(name, one.name, low, high, starts, neutral, expected, sd, one.power))
         return found
 
     def distortion(self, place: Mapping[str, float]) -> np.ndarray | float:

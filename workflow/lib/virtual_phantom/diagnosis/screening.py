@@ -125,7 +125,8 @@ def amounts(name: str) -> tuple[np.ndarray, np.ndarray]:
     if not parameters:  # it cannot be faint
         return np.array([SIZES[0]]), np.array([SIZES[1]])
     ends = [
-        sorted((end - one.neutral) / (strength(one) - one.neutral) for end in (one.low, one.high)) for one in parameters
+        sorted(((end - one.neutral) / (strength(one) - one.neutral)) ** one.power for end in (one.low, one.high))
+        for one in parameters
     ]
     return tuple(np.array(ends).T)
 

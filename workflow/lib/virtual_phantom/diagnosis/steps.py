@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
+NORMAL_95 = 1.959964  # standard errors to either end of a 95 % interval
 LEAST_EIGENVALUE = 1e-12  # over the largest, where each number alone has an information of 1: less is rounding
 ROUNDING = 1e-9  # of the squared component of a unit vector
 

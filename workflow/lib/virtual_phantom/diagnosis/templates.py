@@ -72,8 +72,8 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     before = stacked(fitter.data, now)
     ranges = {one.name: one for one in fitter.model.unknowns((name,))}
     typical = {
-        parameter.name: min(max(parameter.typical, ranges[parameter.name].low), ranges[parameter.name].high)
-        for parameter in effect.parameters
+        parameter.name: one.value(min(max(one.of(parameter.typical), one.low), one.high))
+        for parameter, one in ((parameter, ranges[parameter.name]) for parameter in effect.parameters)
     }
     parameters = varied(name)
     off = {parameter.name: parameter.neutral for parameter in parameters}

@@ -11,8 +11,8 @@ from .attribute import Choice, Trial
 from .caveats import caveats
 from .locate import Half, Location, aligned
 from .prepared import Prepared
+from .steps import NORMAL_95
 
-NORMAL_95 = 1.959964
 LEFT_SD = 3.0
 NO_SIGNED_MAP = ("edges", "both halves")  # sums of squares and products
 VERDICTS = ("match", "mismatch explained", "mismatch partly explained", "unexplained")

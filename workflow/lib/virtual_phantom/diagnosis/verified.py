@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..physics.effect import checked, load
 from .attribute import Choice, Trial, trial
 from .fit import Fitter
-from .verdict import NORMAL_95
+from .steps import NORMAL_95
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,8 @@ class Parameter:
     low, high   plausible range, which the configuration and the fit keep to
     start       where a fit begins
     typical     a strength that scanners show, for templates and examples
+    power       with which power of it a small effect grows: 2 for the width of a blur. Fits vary that power, in which
+                data are straighter
     """
 
     name: str
@@ -45,6 +47,7 @@ class Parameter:
     start: float
     typical: float
     neutral: float | None = 0.0
+    power: int = 1
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ EFFECT = Effect(
     settled_by="an edge or wire scanned near the source and near the detector: focal-spot blur follows the "
     "magnification, crosstalk does not",
     parameters=(
-        Parameter("width_mm", "mm", "width along the columns", 0.0, 4.0, 1.0, 1.0),
-        Parameter("length_mm", "mm", "length along z", 0.0, 4.0, 1.0, 1.0),
+        Parameter("width_mm", "mm", "width along the columns", 0.0, 4.0, 1.0, 1.0, power=2),
+        Parameter("length_mm", "mm", "length along z", 0.0, 4.0, 1.0, 1.0, power=2),
     ),
     apply=apply,
 )
