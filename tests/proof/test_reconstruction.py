@@ -53,6 +53,30 @@ def test_hu_and_places_are_right(lines):
     assert hu[air].mean() == pytest.approx(-1000, abs=5)
 
 
+def ball(centre_mm, radius_mm, mu):
+    """Line integrals [view, row, column] of a ball: chords of a sphere."""
+    angles = 2 * np.pi * np.arange(SCAN.views)[:, None, None] / SCAN.views
+    u = (np.arange(SCAN.columns) - (SCAN.columns - 1) / 2) * SCAN.column_pitch_mm
+    v = ((np.arange(SCAN.rows) - (SCAN.rows - 1) / 2) * SCAN.row_pitch_mm)[:, None]
+    radius, distance = SCAN.source_to_isocentre_mm, SCAN.source_to_detector_mm
+    x, y, z = centre_mm
+    away = [x + radius * np.sin(angles), y - radius * np.cos(angles), z]
+    ray = [distance * np.sin(angles) + u * np.cos(angles), -distance * np.cos(angles) + u * np.sin(angles), v]
+    along = sum(a * b for a, b in zip(away, ray, strict=True)) / np.sqrt(sum(b**2 for b in ray))
+    return mu * 2 * np.sqrt(np.maximum(radius_mm**2 - (sum(a**2 for a in away) - along**2), 0))
+
+
+@pytest.mark.parametrize("z_mm", [-1.2, 0.7])
+def test_slices_lie_where_they_say(lines, z_mm):
+    """Of a small ball beside the middle plane: its centre of mass, in all three directions."""
+    place, grid = (30.0, 40.0, z_mm), Grid((6, 120, 120), (PIXEL,) * 3)
+    hu = images_hu(lines + ball(place, 2.0, MU), SCAN, grid, MU) - images_hu(lines, SCAN, grid, MU)
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    near = np.where(np.hypot(x - place[0], y - place[1]) < 6, hu, 0)
+    found = [float((near * axis).sum() / near.sum()) for axis in (x, y, z)]
+    assert found == pytest.approx(place, abs=0.25)
+
+
 def test_a_kernel_blurs_by_what_it_says(lines):
     """An edge blurred by a Gaussian is its integral: quartiles lie 0.67 standard deviations from the middle."""
     _, y, x = np.meshgrid(*GRID.axes_mm(), indexing="ij")

@@ -6,6 +6,7 @@ from virtual_phantom.proof.suite import (
     PROTOCOLS,
     cases,
     check_recordings,
+    check_tried,
     kind_of,
     phantom_of,
     views_of,
@@ -20,6 +21,7 @@ HOOKS = sorted(
 )
 try:
     CASES = cases(PROOF)
+    check_tried(PROOF)
     check_recordings(PROOF["recordings"], DIAGNOSED)
 except InputError as error:
     sys.exit(f"Error: {error}")
@@ -34,6 +36,22 @@ localrules:
 wildcard_constraints:
     case="case_[0-9]+",
     phantom="|".join(PHANTOMS),
+
+
+def parts_of(section, *keys):
+    """What a job depends on of a section of the configuration: other keys do not run it again."""
+    return {key: section[key] for key in keys}
+
+
+# By what cases are drawn, and by what they are scanned.
+DRAWN = (
+    parts_of(PROOF, "seed", "effects", "strengths", "none", "pairs", "unknown")
+    | {"images": parts_of(PROOF["images"], "strengths", "effects")}
+    | {"scan": parts_of(PROOF["scan"], "rows")}
+)
+SCANNED = parts_of(PROOF, "seed", "scan", "held_out_protocol", "repeats") | {
+    "images": parts_of(PROOF["images"], "views_times")
+}
 
 
 def proof_cases(*paths):
@@ -143,7 +161,7 @@ rule proof_seal:
     log:
         f"{RESULTS}/logs/proof/seal.log",
     params:
-        settings=PROOF,
+        settings=DRAWN,
     script:
         "../scripts/seal_proof.py"
 
@@ -167,7 +185,7 @@ rule proof_scan:
         mem_mb=2500,
         runtime=60,
     params:
-        settings=PROOF,
+        settings=SCANNED,
         mu_water_per_mm=PLAN.config["mu_water_per_mm"],
     script:
         "../scripts/conceal.py"

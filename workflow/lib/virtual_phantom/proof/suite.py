@@ -56,6 +56,13 @@ def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
             raise InputError(f"proof.recordings: '{name}' is not under diagnosis.recordings ({known}); add it there")
 
 
+def check_tried(settings: Mapping) -> None:
+    """Raise InputError for effects that are concealed in images and not tried there."""
+    for name in (KERNEL, *settings["images"]["effects"]):
+        if name not in settings["images"]["tried"]:
+            raise InputError(f"proof.images.tried: lacks '{name}', which is concealed; add it")
+
+
 def truths(settings: Mapping) -> dict[str, dict]:
     """{case: truth}, as seal.sealed takes them.
 
@@ -109,9 +116,6 @@ def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None
             f"proof.scan.rows: {settings['scan']['rows']} rows see too few slices from everywhere for proof.images; "
             f"give {LEAST_ROWS}, or no images: {{strengths: [], effects: []}}"
         )
-    for name in (KERNEL, *wanted["effects"]):
-        if name not in wanted["tried"]:
-            raise InputError(f"proof.images.tried: lacks '{name}', which is concealed; add it")
     for name in wanted["effects"]:
         if name == KERNEL or name not in CATALOGUE or not CATALOGUE[name].known:
             names = ", ".join(one for one in CATALOGUE if one != KERNEL and CATALOGUE[one].known)
