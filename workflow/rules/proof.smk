@@ -40,7 +40,7 @@ wildcard_constraints:
 
 def parts_of(section, *keys):
     """What a job depends on of a section of the configuration: other keys do not run it again."""
-    return {key: section[key] for key in keys}
+    return {key: section[key] for key in keys if key in section}
 
 
 # By what cases are drawn, and by what they are scanned.
