@@ -24,13 +24,15 @@ protocols:
   sirt_300: {physics: {spectrum: {kvp: 100}, electronic_noise: }} # a parameter left out has its typical value
 ```
 
+A protocol's `physics` replaces the common one: `sirt_300` has no scatter here.
+
 With none, projections are those of the study without this chain, bit for bit. Reconstruction always goes by the stated
 geometry. A voxel is divided among two materials by its HU (`materials`); at the monochromatic energy, where water
 attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from
 SpekPy.
 
 Effects act in this order: STAGES. `snakemake diagnosis` tries each of them but the last on
-recordings of projections ([diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.
+recordings of projections (the photon flux only if `nominal_photons` is given; [diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.
 
 Those of the stage image act after the reconstruction. Not in the chain yet: scatter grids, anode angle, off-focal
 radiation, detector non-linearity. Scatter has one kernel and does not know of depth; a bowtie's

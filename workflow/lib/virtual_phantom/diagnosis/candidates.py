@@ -14,7 +14,8 @@ from ..physics.effect import acts_on_images, load, names
 def candidates(settings: dict, kind: str = "projections") -> list[str]:
     """The effects that a recording of a kind is tried against.
 
-    Raises InputError for one that the library does not have or that the kind does not show.
+    Raises InputError for one that the library does not have, that the kind does not show, or that needs a statement
+    which is missing.
     """
     hidden = _hidden(kind)
     chosen = settings.get("effects") or [name for name in names() if name not in hidden]
@@ -23,8 +24,12 @@ def candidates(settings: dict, kind: str = "projections") -> list[str]:
             raise InputError(f"diagnosis.effects: there is no effect '{name}'; there are {', '.join(names())}")
         if name in hidden:
             raise InputError(f"diagnosis.effects: {name} {hidden[name]}; take it out")
-    if settings.get("nominal_photons") is None:
-        chosen = [name for name in chosen if name != "photon_flux"]  # nothing is stated that it could differ from
+    if settings.get("nominal_photons") is None and "photon_flux" in chosen:  # nothing that it could differ from
+        if settings.get("effects"):
+            raise InputError(
+                "diagnosis.effects: photon_flux needs nominal_photons to differ from; state them, or take it out"
+            )
+        chosen = [name for name in chosen if name != "photon_flux"]
     return chosen
 
 
