@@ -225,7 +225,7 @@ def summary(rows):
     verdicts = {}
     for row in draws:
         verdicts[row["verdict"]] = verdicts.get(row["verdict"], 0) + 1
-    removed = [row["excess_removed"] for row in draws if row["excess_removed"] is not None]
+    removed = [row["excess_removed"] or 0.0 for row in draws if row["kind"] != "none"]
     covered = [row["low"] <= row["value"] <= row["high"] for row in rows if row.get("parameter")]
     print(f"{n} draws: named first {named / n:.1%}, first or its stand-ins {group / n:.1%}, exact set {exact / n:.1%}")
     print("verdicts", verdicts)

@@ -136,11 +136,12 @@ def write_suite(folder, truths=TRUTHS, diagnoses=DIAGNOSES, others=OTHERS):
         seal.write(document, given["sealed"][-1])
         given["diagnoses"].append(folder / "diagnosis" / case / "diagnosis.json")
         write_text(json.dumps(content, indent=2) + "\n", given["diagnoses"][-1])
+        other = folder / "diagnosis" / case / "held_out_protocol.json" if case in others else None
+        if other is not None:
+            given["others"].append(other)
+            seal.write(others[case], other)
         given["verdicts"].append(folder / "verdicts" / f"{case}.json")
-        seal.write(seal.verdict_of(case, given["diagnoses"][-1]), given["verdicts"][-1])
-        if case in others:
-            given["others"].append(folder / "diagnosis" / case / "held_out_protocol.json")
-            seal.write(others[case], given["others"][-1])
+        seal.write(seal.verdict_of(case, given["diagnoses"][-1], other), given["verdicts"][-1])
         maps = folder / "diagnosis" / case / "maps"
         maps.mkdir()
         ramp = np.linspace(-8, 8, 30 * 20).reshape(30, 20)

@@ -1,8 +1,10 @@
 """Which effects a recording is tried against."""
 
+from types import SimpleNamespace
+
 import pytest
 
-from virtual_phantom.diagnosis.candidates import candidates
+from virtual_phantom.diagnosis.candidates import candidates, check_kinds
 from virtual_phantom.errors import InputError
 from virtual_phantom.physics.effect import acts_on_images, names
 
@@ -31,3 +33,11 @@ def test_what_cannot_be_tried_is_refused(effects, kind, message):
     with pytest.raises(InputError, match=message) as error:
         candidates({"effects": effects}, kind)
     assert "\n" not in str(error.value)
+
+
+def test_physics_comes_from_a_recording_of_the_same_kind():
+    kinds = {"bench": "projections", "scanner": "images"}
+    recordings = {name: SimpleNamespace(content={"kind": kind}) for name, kind in kinds.items()}
+    diagnosed = {"scanner": {"protocol": "fbp_300"}, "bench": {"physics_from": "scanner"}}
+    with pytest.raises(InputError, match="bench.physics_from is 'scanner', which holds images, not projections"):
+        check_kinds(diagnosed, recordings)

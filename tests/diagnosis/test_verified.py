@@ -96,6 +96,20 @@ def test_physics_of_another_recording_removes_the_excess(other):
         assert high > low
 
 
+def test_intervals_that_were_cut_at_a_bound_stay_as_long(tmp_path):
+    spot = {"width_mm": (0.0, [0.0, 3.9]), "length_mm": (3.5, [1.5, 4.0])}
+    content = found_on("disc", 1.0)
+    content["effects"] = [
+        {
+            "name": "focal_spot",
+            "parameters": {key: {"value": value, "ci95": ends, "unit": "mm"} for key, (value, ends) in spot.items()},
+        }
+    ]
+    (tmp_path / "d.json").write_text(json.dumps(content))
+    errors = Physics.read(tmp_path / "d.json").errors["focal_spot"]
+    assert errors == pytest.approx({"width_mm": 3.9 / 1.959964, "length_mm": 2.0 / 1.959964})
+
+
 def test_a_density_that_is_not_that_of_the_object_removes_less(other):
     given, _, folder = other
     baseline = trial(given.fitter, ())
@@ -196,17 +210,17 @@ def test_one_view_of_so_many_keeps_the_noise_of_all(other):
 
 @pytest.fixture
 def scored(monkeypatch):
-    """Scores stand in for fits: `mimic` is best alone, but `true` explains more beside `second`."""
+    """Scores stand in for fits: heel is best alone, but scatter explains more beside motion."""
     monkeypatch.setattr(attribute, "MOST_EFFECTS", 2)
     scores = {
         (): 0,
-        ("mimic",): 500,
-        ("true",): 400,
-        ("second",): 100,
-        ("mimic", "second"): 700,
-        ("second", "true"): 900,
+        ("heel",): 500,
+        ("scatter",): 400,
+        ("motion",): 100,
+        ("heel", "motion"): 700,
+        ("motion", "scatter"): 900,
     }
-    scores |= {("mimic", "true"): 505, ("mimic", "second", "true"): 901}
+    scores |= {("heel", "scatter"): 505, ("heel", "motion", "scatter"): 901}
 
     def made(effects):
         fit = Fit(tuple(effects), {}, {}, {}, {}, -2.0 * scores[tuple(sorted(effects))], (), len(effects))
@@ -224,16 +238,16 @@ def scored(monkeypatch):
     return made
 
 
-SINGLES = ("mimic", "true", "second")
+SINGLES = ("heel", "scatter", "motion")
 
 
 def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
     singles = {name: scored((name,)) for name in SINGLES}
     choice = attribute.choose(None, scored(()), singles)
-    assert set(choice.chosen.fit.effects) == {"second", "true"}
-    assert choice.gains == {"second": 500, "true": 800}
-    assert choice.stand_ins == {"second": {"mimic": 395}, "true": {"mimic": 200}}
-    assert choice.ruled_out == {"mimic": 200} and choice.ambiguous_with("true") == []
+    assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
+    assert choice.gains == {"motion": 500, "scatter": 800}
+    assert choice.stand_ins == {"motion": {"heel": 395}, "scatter": {"heel": 200}}
+    assert choice.ruled_out == {"heel": 200} and choice.ambiguous_with("scatter") == []
 
 
 def test_the_configuration_and_the_library_hold_models_equally_exact():
@@ -243,9 +257,36 @@ def test_the_configuration_and_the_library_hold_models_equally_exact():
     assert config["diagnosis"]["model_accuracy"] == attribute.ACCURACY
 
 
+def test_what_has_no_template_is_fitted(scored, monkeypatch):
+    """Of an effect that does nothing at its typical strength a filter knows nothing: neither that it is needless nor
+    that it is ruled out."""
+    plain = attribute.screened
+
+    def filtered(fitter, fit, names):
+        blind = {"motion": Screened(1.0, 0.0, blind=True)} if "motion" in names else {}
+        return plain(fitter, fit, names) | blind
+
+    monkeypatch.setattr(attribute, "screened", filtered)
+    choice = attribute.choose(None, scored(()), {name: scored((name,)) for name in SINGLES})
+    assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
+
+
+def test_chances_are_those_of_their_law():
+    """One parameter: a likelihood ratio of 3.84 has p 0.05 (tables of chi-square). A gain pattern has a constant per
+    pixel, and p is that of its size: 1.645 standard errors."""
+    without = Fit((), {}, {}, {}, {}, 100.0, (), 0)
+    one = Fit(("scatter",), {}, {}, {}, {}, 100 - 3.841459, (), 1)
+    assert attribute.chance(one, without, "scatter") == pytest.approx(0.05, abs=1e-6)
+    rms, error = {"gain_pattern": {"rms": 0.001644854}}, {"gain_pattern": {"rms": 0.001}}
+    rings = Fit(("gain_pattern",), rms, error, {}, {}, 0.0, (), 1)
+    assert attribute.chance(rings, without, "gain_pattern") == pytest.approx(0.05, abs=1e-6)
+    none = replace(rings, physics={"gain_pattern": {"rms": 0.0}})
+    assert attribute.chance(none, without, "gain_pattern") == 1.0
+
+
 def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
-    """`mimic` gains 500 and `second` 200 more: two fifths of it, the square of 0.63."""
+    """heel gains 500 and motion 200 more: two fifths of it, the square of 0.63."""
     singles = {name: scored((name,)) for name in SINGLES[::2]}
-    for accuracy, named in ((0.6, {"mimic", "second"}), (0.7, {"mimic"})):
+    for accuracy, named in ((0.6, {"heel", "motion"}), (0.7, {"heel"})):
         choice = attribute.choose(None, scored(()), singles, accuracy=accuracy)
         assert set(choice.chosen.fit.effects) == named

@@ -36,6 +36,7 @@ def made(tmp_path_factory):
     """The script's outputs for the suite of nine."""
     folder = tmp_path_factory.mktemp("suite")
     given = Given(write_suite(folder), maps=[folder / "diagnosis" / one["case"] / "maps" for one in TRUTHS])
+    given |= {"real": [], "real_maps": [], "times": []}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
     output = Given({name: folder / name.replace("_", ".") for name in names})
     output |= {"score": folder / "score.json", "page": folder / "index.html"}

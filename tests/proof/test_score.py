@@ -65,6 +65,7 @@ def test_accuracy(found):
     assert counted(accuracy["false_alarms"]) == (1, 2)
     assert counted(accuracy["unknown"]) == (1, 2)
     assert counted(accuracy["located"]) == (1, 2)
+    assert counted(accuracy["beside"]) == (1, 5) and counted(accuracy["left_open"]) == (0, 2)
     assert accuracy["domains_never_tested"] == ["rows"]
 
 
@@ -98,6 +99,15 @@ def test_parameters(found):
     assert parameters["all"]["median_absolute_relative_error"] == pytest.approx(0.07)
     assert parameters["all"]["median_absolute_half_widths"] == pytest.approx(1.25)
     assert counted(parameters["by_effect"]["scatter"]["covered"]) == (1, 2)
+
+
+def test_errors_are_of_what_was_concealed():
+    """A scale of 1 changes nothing: to find 1.01 for 1.03 is to miss two thirds."""
+    hidden = truth("a", "single", {"hu_calibration": {"scale": 1.03, "offset_hu": 0.0}}, "strong", kind="images")
+    values = {"scale": (1.01, 1.0, 1.02), "offset_hu": (0.5, -1.0, 2.0)}
+    said = diagnosis("a", "mismatch explained", {"hu_calibration": values})
+    scale, offset = score([Case(hidden, said)])["parameters"]["parameters"]
+    assert scale["relative_error"] == pytest.approx(-2 / 3) and offset["relative_error"] is None
 
 
 def test_agreement_on_the_held_out_protocol(found):
@@ -151,6 +161,8 @@ def test_calibration(found):
     assert low["stated_at_least"] == pytest.approx(1 / (1 + np.exp(-6)))
     (chance,) = found["calibration"]["p"]
     assert counted(chance["came_true"]) == (4, 6) and counted(chance["with_lacking"]) == (4, 8)
+    (out,) = found["calibration"]["ruled_out"]
+    assert counted(out["came_true"]) == (0, 0) and counted(out["with_lacking"]) == (1, 1)
     verdicts = {line["stated"]: counted(line["with_lacking"]) for line in found["calibration"]["verdict"]}
     assert verdicts == {
         "match": (1, 2),

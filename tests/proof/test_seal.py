@@ -56,7 +56,18 @@ def test_a_case_is_sealed_once():
 def test_tampered_truth_or_salt_is_caught(tmp_path, change):
     given = write_suite(tmp_path)
     changed(given["sealed"][0], change)
-    with pytest.raises(InputError, match="case_01.json: truth or salt of case_0[12] were changed"):
+    message = "case_01.json: (truth or salt of case_01 were changed|holds the truth of case_02)"
+    with pytest.raises(InputError, match=message):
+        collect(**given)
+
+
+def test_exchanged_truths_are_caught(tmp_path):
+    """Each is as published, but the scan that reads one by its name would conceal the other."""
+    given = write_suite(tmp_path)
+    first, second = (path.read_text() for path in given["sealed"][:2])
+    given["sealed"][0].write_text(second)
+    given["sealed"][1].write_text(first)
+    with pytest.raises(InputError, match="case_01.json: holds the truth of case_02"):
         collect(**given)
 
 
@@ -88,7 +99,7 @@ def test_a_space_more_in_a_diagnosis_is_caught(tmp_path):
     path = given["diagnoses"][0]
     path.write_text(path.read_text() + " ")
     with pytest.raises(InputError, match="was changed after"):
-        seal.check_verdict(path, given["verdicts"][0])
+        seal.check_verdict(path, given["verdicts"][0], given["others"][0])
 
 
 def test_a_tampered_verdict_is_caught(tmp_path):
@@ -104,6 +115,24 @@ def test_exchanged_diagnoses_are_caught(tmp_path):
     given["diagnoses"][0].write_text(second)
     given["diagnoses"][1].write_text(first)
     with pytest.raises(InputError, match="was changed after its verdict"):
+        collect(**given)
+
+
+def test_a_diagnosis_of_another_case_is_caught_though_it_was_bound(tmp_path):
+    given = write_suite(tmp_path)
+    given["diagnoses"][3].write_text(given["diagnoses"][2].read_text())
+    seal.write(seal.verdict_of("case_04", given["diagnoses"][3]), given["verdicts"][3])
+    with pytest.raises(InputError, match="case_04/diagnosis.json: is the diagnosis of 'case_03'"):
+        collect(**given)
+
+
+def test_a_table_by_another_protocol_is_bound_too(tmp_path):
+    given = write_suite(tmp_path)
+    changed(given["others"][0], lambda table: table["contrast"]["after"].update(relative_difference=0.0))
+    with pytest.raises(InputError, match="case_01/held_out_protocol.json: was changed after its verdict"):
+        collect(**given)
+    del given["others"][0]
+    with pytest.raises(InputError, match="verdicts/case_01.json: is not of the files that case_01 has now"):
         collect(**given)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import circular
 from virtual_phantom.proof.xcist import Materials, Scan, attenuation_per_mm, energy_of_water, simulate
 
@@ -72,6 +73,13 @@ def test_water_attenuates_as_published():
     assert attenuation_per_mm("water", 80.0) == pytest.approx(0.01837, rel=0.01)
     assert attenuation_per_mm("water", 60.0) == pytest.approx(0.02059, rel=0.01)
     assert energy_of_water(0.01837) == pytest.approx(80.0, abs=1.5)
+
+
+def test_no_energy_gives_any_attenuation():
+    with pytest.raises(
+        InputError, match="mu_water_per_mm: the proof's water attenuates 0.016. to 0.026. per mm .*not 0.03"
+    ):
+        energy_of_water(0.03)
 
 
 def test_noise_is_that_of_so_many_photons(plain):

@@ -49,9 +49,7 @@ DRAWN = (
     | {"images": parts_of(PROOF["images"], "strengths", "effects")}
     | {"scan": parts_of(PROOF["scan"], "rows")}
 )
-SCANNED = parts_of(PROOF, "seed", "scan", "held_out_protocol", "repeats") | {
-    "images": parts_of(PROOF["images"], "views_times")
-}
+SCANNED = parts_of(PROOF, "seed", "scan", "held_out_protocol", "repeats")
 
 
 def proof_cases(*paths):
@@ -185,7 +183,11 @@ rule proof_scan:
         mem_mb=2500,
         runtime=60,
     params:
-        settings=SCANNED,
+        settings=lambda wildcards: (
+            SCANNED | {"images": parts_of(PROOF["images"], "views_times")}
+            if kind_of(wildcards.case, PROOF) == "images"
+            else SCANNED
+        ),
         mu_water_per_mm=PLAN.config["mu_water_per_mm"],
     script:
         "../scripts/conceal.py"
@@ -243,9 +245,10 @@ rule proof_elsewhere:
 
 
 rule proof_verdicts:
-    """Every diagnosis bound by its hash, before any seal is opened."""
+    """Every diagnosis, and how it did by another protocol, bound by hashes before any seal is opened."""
     input:
         diagnoses=proof_cases("diagnosis/{case}/diagnosis.json"),
+        others=proof_cases("diagnosis/{case}/held_out_protocol.json"),
         code=code("proof_verdicts.py"),
     output:
         proof_cases("verdicts/{case}.json"),

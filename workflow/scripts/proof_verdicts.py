@@ -6,5 +6,6 @@ from virtual_phantom.job import job
 from virtual_phantom.proof import seal
 
 with job(snakemake) as log:
-    for diagnosis, path in zip(snakemake.input.diagnoses, snakemake.output, strict=True):
-        seal.write(seal.verdict_of(Path(path).stem, diagnosis), path)
+    given = snakemake.input
+    for diagnosis, other, path in zip(given.diagnoses, given.others, snakemake.output, strict=True):
+        seal.write(seal.verdict_of(Path(path).stem, diagnosis, other), path)

@@ -15,13 +15,13 @@ from virtual_phantom.proof.score import score
 
 with job(snakemake) as log:
     given, output = snakemake.input, snakemake.output
-    cases = collect(given.sealed, given.seals, given.verdicts, given.diagnoses, given.get("others", []))
-    real = [row(path) for path in given.get("real", [])]
-    found = score(cases, minutes(given.get("times", [])), real)
-    maps = {Path(folder).parent.name: residual_maps(folder) for folder in [*given.maps, *given.get("real_maps", [])]}
+    cases = collect(given.sealed, given.seals, given.verdicts, given.diagnoses, given.others)
+    real = [row(path) for path in given.real]
+    found = score(cases, minutes(given.times), real)
+    maps = {Path(folder).parent.name: residual_maps(folder) for folder in [*given.maps, *given.real_maps]}
     reports = {
         Path(path).parent.name: Path(os.path.relpath(Path(path).with_name("report.html"), Path(output.page).parent))
-        for path in [*given.diagnoses, *given.get("real", [])]
+        for path in [*given.diagnoses, *given.real]
     }
     write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", output.score)
     write_text(page(found, maps, {case: path.as_posix() for case, path in reports.items()}), output.page)

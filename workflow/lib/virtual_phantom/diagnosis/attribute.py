@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
+from ..physics.effect import load
 from .fit import Fit, Fitter
 from .screening import Screened, screened
 
@@ -77,10 +78,18 @@ def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, 
     against   the fit without the last effect, for its p-value
     """
     fit = fitter.fit(effects, None if given is None else given.fit)
-    p = 1.0
-    if against is not None:
-        p = float(stats.chi2.sf(max(0.0, against.fit.chi_square - fit.chi_square), max(1, fit.free - against.fit.free)))
+    p = 1.0 if against is None else chance(fit, against.fit, effects[-1])
     return Trial(fit, fitter.score(fit), p)
+
+
+def chance(fit: Fit, without: Fit, effect: str) -> float:
+    """Of such a fit if the effect is not there: by the likelihood ratio, or, of a gain pattern, whose constants are as
+    many as there are pixels, by its size over the standard error of that."""
+    if load(effect).pattern:
+        size, error = fit.physics[effect]["rms"], fit.errors[effect]["rms"]
+        return float(stats.norm.sf(size / error)) if size > 0 else 1.0
+    lost = max(0.0, without.chi_square - fit.chi_square)
+    return float(stats.chi2.sf(lost, max(1, fit.free - without.free)))
 
 
 _fitter: Fitter | None = None  # of the processes that `trials` forks: too large to be sent with every task
@@ -136,7 +145,7 @@ def choose(
         found = screened(fitter, current.fit, left)
         # Chi-square is twice the score, and a filter, of first order, may fall short of it by a factor of two.
         seen = {name: one for name, one in found.items() if one.p * len(left) < SCREEN and one.gain > least(current)}
-        hopeful = best_few(seen)
+        hopeful = [*best_few(seen), *(name for name, one in found.items() if one.blind)]
         if not hopeful:
             break
         tasks = [((*current.fit.effects, name), current, current) for name in hopeful]
@@ -156,9 +165,7 @@ def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes)
     gains, stand_ins, p, swapped = {}, {}, {}, []
     for effect, rest in rests.items():
         gains[effect] = current.score - without[effect].score
-        lost = max(0.0, without[effect].fit.chi_square - current.fit.chi_square)
-        free = max(1, current.fit.free - without[effect].fit.free)
-        p[effect] = min(1.0, float(stats.chi2.sf(lost, free)) * len(singles))
+        p[effect] = min(1.0, chance(current.fit, without[effect].fit, effect) * len(singles))
         others = [name for name in singles if name not in current.fit.effects]
         stand_ins[effect] = {}
         if rest:
@@ -166,7 +173,7 @@ def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes)
             first_order = {name: gains[effect] - found[name].gain / 2 for name in others}
             hopeful = best_few(found, 2 * gains[effect])
             stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
-            others = [name for name in others if name in hopeful or first_order[name] < RULED_OUT]
+            others = [name for name in others if name in hopeful or found[name].blind or first_order[name] < RULED_OUT]
         sets = [(*rest, name) for name in others]
         fitted = _known(fitter, sets, without[effect], baseline, singles, processes)
         stand_ins[effect] |= {name: current.score - one.score for name, one in zip(others, fitted, strict=True)}

@@ -42,7 +42,8 @@ def _hidden(kind: str) -> dict[str, str]:
 
 def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
     """Raise InputError for a recording under `diagnosis.recordings` that is of features, which are diagnosed by
-    comparison, or of images without the protocol that simulates them, or of projections with one.
+    comparison, or of images without the protocol that simulates them, or of projections with one, or that takes its
+    physics from one of another kind.
 
     recordings   {name: RecordingDocument}
     """
@@ -54,5 +55,10 @@ def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
             raise InputError(f"{where}: holds images; name the protocol that simulates them as `protocol`")
         if kind == "projections" and "protocol" in settings:
             raise InputError(f"{where}.protocol: projections have their own geometry; take it out")
+        other = settings.get("physics_from")
+        if other is not None and (of := recordings[other].content["kind"]) != kind:
+            raise InputError(
+                f"{where}.physics_from is '{other}', which holds {of}, not {kind}; name one of the same kind"
+            )
         if kind == "images" and {"disc", "object"} & set(settings):
             raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")

@@ -166,7 +166,7 @@ class Model:
                     low, high = KVP[self.anode]
                 expected, sd = (low + high) / 2, high - low
                 starts = (min(max(one.start**one.power, low), high),)
-                # A blur narrower than a voxel changes nothing, so that no fit would leave it.
+                # A slice thinner than their distance changes nothing, so that no fit would leave it.
                 if one.neutral is None or (acts_on_images(name) and len(effect.parameters) == 1):
                     starts += tuple(low + share * (high - low) for share in STARTS)
                 if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:

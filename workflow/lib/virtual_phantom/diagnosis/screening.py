@@ -25,10 +25,12 @@ class Screened:
 
     p      chance of such a gain without the effect, over all shapes that were tried
     gain   of chi-square and of what is known of the fit's numbers, to first order
+    blind  its template is nothing, so that only a fit can tell: slices of typical thickness that lie as far apart
     """
 
     p: float
     gain: float
+    blind: bool = False
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def shapes(fitter: Fitter, name: str) -> list[dict[str, float]]:
     """Where fits of an effect may begin, of its parameters without a neutral value: all combinations."""
     unknowns = [one for one in fitter.model.unknowns((name,)) if one.neutral is None]
     return [
-        {one.name: value for one, value in zip(unknowns, values, strict=True)}
+        {one.name: one.value(number) for one, number in zip(unknowns, values, strict=True)}
         for values in product(*(one.starts for one in unknowns))
     ]
 
@@ -109,7 +111,7 @@ def _best(name: str, rows: np.ndarray, count: int, left: Remainder) -> Screened:
     low, high = amounts(name)
     lengths = (rows**2).sum(axis=1).reshape(count, -1)
     rows = projected(rows, left.basis).reshape(count, len(low), -1)
-    found = Screened(1.0, 0.0)
+    found = Screened(1.0, 0.0, blind=not lengths.any())
     for one, length in zip(rows, lengths, strict=True):
         seen = (one**2).sum(axis=1) > SMALL * np.maximum(length, 1e-300)
         if seen.any():
@@ -125,7 +127,10 @@ def amounts(name: str) -> tuple[np.ndarray, np.ndarray]:
     if not parameters:  # it cannot be faint
         return np.array([SIZES[0]]), np.array([SIZES[1]])
     ends = [
-        sorted(((end - one.neutral) / (strength(one) - one.neutral)) ** one.power for end in (one.low, one.high))
+        sorted(
+            (end**one.power - one.neutral**one.power) / (strength(one) ** one.power - one.neutral**one.power)
+            for end in (one.low, one.high)
+        )
         for one in parameters
     ]
     return tuple(np.array(ends).T)

@@ -69,7 +69,7 @@ def ready(
         coarse = chain(coarse_scene(phantom, mu_water_per_mm, materials, threads), samples[0])
     further = scans(recording.held_out) if len(recording.held_out) else None
     taken = scans(recording.repeats)
-    check_scans(taken, str(recording.document.path))
+    check_scans(taken.every(settings["view_step"]), str(recording.document.path))
     return recording, prepare(
         taken,
         further,

@@ -50,8 +50,9 @@ class Physics:
 
 
 def _error(parameter: dict) -> float:
+    """The longer side: at a bound of the plausible range the other was cut."""
     low, high = parameter["ci95"]
-    return (high - low) / (2 * NORMAL_95)
+    return max(high - parameter["value"], parameter["value"] - low) / NORMAL_95
 
 
 def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: bool) -> Choice:

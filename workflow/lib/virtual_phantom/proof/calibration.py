@@ -28,6 +28,10 @@ MEANING = {
         "Every named effect by the chance of such a likelihood ratio without it, over all candidates. Came true: the "
         "effect was concealed. Stated is 1 - p, of the least certain in the line."
     ),
+    "ruled_out": (
+        "Every effect that a diagnosis rules out: in each place it loses 10 or more of log score. Came true: it was "
+        "not concealed."
+    ),
     "verdict": (
         "Every case by its verdict. A match states that nothing is concealed; explained, that precisely the effects "
         "named are; partly explained, that more than the effects named is; unexplained, that something is which the "
@@ -59,6 +63,13 @@ def tables(cases: Sequence[Case]) -> dict:
         ],
         "gain": _by_evidence("gain", "held_out_gain", cases, GAINS, lambda gains: float(expit(min(gains)))),
         "p": _by_evidence("p", "p", cases, CHANCES, lambda chances: 1 - max(chances)),
+        "ruled_out": [
+            _line(
+                "ruled out",
+                None,
+                [(case, name not in case.concealed) for case in cases for name in case.diagnosis["ruled_out"]],
+            )
+        ],
         "verdict": [
             _line(verdict, None, [(case, holds(case)) for case in cases if case.verdict == verdict])
             for verdict, holds in STATEMENTS.items()

@@ -146,11 +146,18 @@ def collect(
     return [
         Case(
             truths[case],
-            complete(seal.check_verdict(said[case], bound[case]), said[case]),
+            _of(case, complete(seal.check_verdict(said[case], bound[case], tables.get(case)), said[case]), said[case]),
             metrics(tables[case]) if case in tables else None,
         )
         for case in sorted(published)
     ]
+
+
+def _of(case: str, diagnosis: dict, source: str | Path) -> dict:
+    """The diagnosis, if it is of this case; else InputError naming `source`."""
+    if diagnosis.get("recording") != case:
+        raise InputError(f"{source}: is the diagnosis of {diagnosis.get('recording')!r}; diagnose {case} anew")
+    return diagnosis
 
 
 def checked(truth: dict, source: str | Path) -> dict:

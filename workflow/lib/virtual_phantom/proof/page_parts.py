@@ -28,6 +28,8 @@ ACCURACY = """{% set a = s.accuracy %}<h2>How often it is right</h2>
 <tr><td>two effects: both named</td><td>{{ a.pairs.both_named|tally }}</td></tr>
 <tr><td>two effects: both named, or reported as equals</td><td>{{ a.pairs.both_named_or_stand_ins|tally }}</td></tr>
 <tr><td>two effects: one at least</td><td>{{ a.pairs.one_named|tally }}</td></tr>
+<tr><td>one or two effects: something else named too, or instead</td><td>{{ a.beside|tally }}</td></tr>
+<tr><td>one or two effects, all named: something left unexplained all the same</td><td>{{ a.left_open|tally }}</td></tr>
 <tr><td>nothing concealed: false alarms</td><td>{{ a.false_alarms|tally }}</td></tr>
 <tr><td>an effect that the library lacks: unexplained or partly explained</td><td>{{ a.unknown|tally }}</td></tr>
 <tr><td>precisely the concealed effects named</td><td>{{ a.exact.all|tally }}</td></tr>
@@ -48,7 +50,7 @@ AGREEMENT = """<h2>Agreement on a protocol that was not fitted</h2>
 <td class="n">{{ m.after|percent }}</td><td class="n">{{ m.floor|percent }}</td>
 <td class="n">{{ m.target|percent if m.target else '' }}</td>
 <td class="n">{{ m.dukesim|percent if m.dukesim else '' }}</td>
-<td class="n">{{ m.n }}</td></tr>{% endfor %}</table>
+<td class="n">{{ m.n }} of {{ s.agreement.cases }}</td></tr>{% endfor %}</table>
 <p class="note">{{ s.agreement.meaning }} DukeSim: Abadi et al., IEEE Trans. Med. Imaging 38, 1457 (2019).</p>
 {% if s.agreement.missing %}<p><strong>Without a held-out protocol:</strong> {{ s.agreement.missing|join(', ') }}
 ({{ s.agreement.missing|length }} of {{ s.agreement.cases }} cases with one effect).</p>{% endif %}
@@ -72,12 +74,13 @@ PARAMETERS = """<h2>Parameters</h2>
 
 CALIBRATION = """<h2>Does what it states of its certainty hold?</h2>
 {% for key, title in (('first_named', 'the effect named first'), ('gain', 'gain in log score of every named effect'),
-('p', 'p of every named effect'), ('verdict', 'the verdict')) %}{% if s.calibration[key] %}
-<table><tr><th>{{ title }}</th>{% if key != 'verdict' %}<th class="n">stated at least</th>{% endif %}<th>came true</th>
+('p', 'p of every named effect'), ('ruled_out', 'effects said to be ruled out'), ('verdict', 'the verdict')) %}
+{% if s.calibration[key] %}{% set bare = key in ('verdict', 'ruled_out') %}
+<table><tr><th>{{ title }}</th>{% if not bare %}<th class="n">stated at least</th>{% endif %}<th>came true</th>
 {% if key == 'first_named' %}<th>it or its equals</th>{% endif %}
 <th>in all cases</th></tr>
 {% for line in s.calibration[key] %}<tr><td>{{ line.stated }}</td>
-{% if key != 'verdict' %}<td class="n">{{ line.stated_at_least|percent }}</td>{% endif %}
+{% if not bare %}<td class="n">{{ line.stated_at_least|percent }}</td>{% endif %}
 <td{% if line.kept == false %} class="missed"{% endif %}>{{ line.came_true|tally }}</td>
 {% if key == 'first_named' %}<td>{{ line.or_stand_in|tally }}</td>{% endif %}
 <td>{{ line.with_lacking|tally }}</td></tr>{% endfor %}</table>

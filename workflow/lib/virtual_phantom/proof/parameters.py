@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ..physics.effect import load
 from .case import Case
 from .intervals import median, share
 
 MEANING = (
     "Of effects that were concealed and named: parameters that the generator defines as the library does. Relative "
-    "error: fitted / concealed - 1. In half-widths: fitted - concealed over half of the 95 % interval's width."
+    "error: fitted - concealed over what was concealed beyond the value that changes nothing. In half-widths: fitted - "
+    "concealed over half of the 95 % interval's width."
 )
 
 
 def errors(case: Case) -> list[dict]:
     """Parameters of a case whose truth is comparable, those of effects that were not named left out.
 
-    Each has effect, parameter, unit, concealed, fitted, ci95, relative_error (None of 0), half_widths (None of an
-    interval without width) and covered.
+    Each has effect, parameter, unit, concealed, fitted, ci95, relative_error (None of what changes nothing),
+    half_widths (None of an interval without width) and covered.
     """
     fitted = {effect["name"]: effect["parameters"] for effect in case.diagnosis["effects"]}
+    neutral = {(name, one.name): one.neutral or 0.0 for name in fitted for one in load(name).parameters}
     found = []
     for effect in case.truth["effects"]:
         for name, truth in effect["comparable"].items():
@@ -27,7 +30,7 @@ def errors(case: Case) -> list[dict]:
                 continue
             entry = fitted[effect["name"]][name]
             low, high = entry["ci95"]
-            error = entry["value"] - truth
+            error, size = entry["value"] - truth, truth - neutral.get((effect["name"], name), 0.0)
             found.append(
                 {
                     "case": case.name,
@@ -37,7 +40,7 @@ def errors(case: Case) -> list[dict]:
                     "concealed": truth,
                     "fitted": entry["value"],
                     "ci95": [low, high],
-                    "relative_error": error / truth if truth else None,
+                    "relative_error": error / size if size else None,
                     "half_widths": 2 * error / (high - low) if high > low else None,
                     "covered": low <= truth <= high,
                 }

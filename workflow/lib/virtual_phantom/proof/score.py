@@ -18,12 +18,16 @@ MEANING = {
     "exact": "Cases whose concealed effects the library has, or with none: precisely these were named, in any order; "
     "of nothing, a match.",
     "pairs": "Cases with two concealed effects.",
+    "beside": "Cases with one or two concealed effects of the library: something was named that is not among them.",
+    "left_open": "Cases with one or two concealed effects of the library, all of them named: the verdict left "
+    "something unexplained all the same.",
     "false_alarms": "Cases with nothing concealed: the verdict was not a match.",
     "unknown": "Cases with an effect that the library lacks: the verdict owned up to something unexplained.",
     "located": "Cases with stated domains: a significant difference was found in one of them.",
     "excess_removed": (
         "Share of the difference beyond noise, on data not fitted, that the named effects remove. Where something was "
-        "concealed and nothing named, or nothing gained, it counts as 0."
+        "concealed and nothing named, or nothing gained, it counts as 0. What is left counts from three standard "
+        "deviations of its noise on: of a weak effect, all may seem removed where much is not seen."
     ),
 }
 
@@ -75,6 +79,8 @@ def accuracy(cases: Sequence[Case]) -> dict:
             "both_named_or_stand_ins": share(case.all_or_stand_ins_named for case in pairs),
             "one_named": share(bool(set(case.named) & set(case.concealed)) for case in pairs),
         },
+        "beside": share(bool(set(case.named) - set(case.concealed)) for case in (*singles, *pairs)),
+        "left_open": share(case.verdict in ADMITTED for case in (*singles, *pairs) if case.all_named),
         "false_alarms": share(case.verdict != MATCH for case in blank),
         "unknown": share(case.verdict in ADMITTED for case in _of(cases, "unknown")),
         "located": share(case.located for case in stated),

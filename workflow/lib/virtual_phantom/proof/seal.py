@@ -51,9 +51,11 @@ def publish(documents: Iterable[Mapping]) -> dict[str, str]:
     return dict(sorted(seals.items()))
 
 
-def verdict_of(case: str, diagnosis: str | Path) -> dict[str, str]:
-    """The document that binds a diagnosis before its seal is opened. Raises InputError if there is no such file."""
-    return {"case": case, "diagnosis_sha256": hashlib.sha256(_bytes(diagnosis)).hexdigest()}
+def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None) -> dict[str, str]:
+    """The document that binds a diagnosis before its seal is opened, and its table of agreement by another protocol, if
+    there is one. Raises InputError if there is no such file."""
+    files = {"diagnosis": diagnosis} | ({} if other is None else {"held_out_protocol": other})
+    return {"case": case} | {f"{name}_sha256": hashlib.sha256(_bytes(path)).hexdigest() for name, path in files.items()}
 
 
 def write(document: Mapping, path: str | Path) -> None:
@@ -69,7 +71,8 @@ def read(path: str | Path) -> dict:
 def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
     """The truth of a sealed document, checked against the published digests {case: digest}.
 
-    Raises InputError if the document is broken, its case was not published, or truth or salt are not those published.
+    Raises InputError if the document is broken, of another case than its file's name, its case was not published, or
+    truth or salt are not those published.
     """
     document = read(path)
     try:
@@ -78,6 +81,8 @@ def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
         same = truth["case"] == case
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{path}: is no sealed truth ({error!r}); make the suite anew") from None
+    if case != Path(path).stem:
+        raise InputError(f"{path}: holds the truth of {case}; put every sealed file back in its place")
     if case not in seals:
         raise InputError(f"{path}: {case} is not among the published seals; only what was published before counts")
     if not same or found != seals[case]:
@@ -88,21 +93,25 @@ def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
     return truth
 
 
-def check_verdict(diagnosis: str | Path, verdict: str | Path) -> dict:
-    """The diagnosis, checked against the digest that was taken before the seal was opened.
+def check_verdict(diagnosis: str | Path, verdict: str | Path, other: str | Path | None = None) -> dict:
+    """The diagnosis, checked, as its table by another protocol, against the digests that were taken before the seal was
+    opened.
 
-    Raises InputError if it was changed since, or if either file is broken.
+    Raises InputError if one was changed since, came or went, or if a file is broken.
     """
-    content = _bytes(diagnosis)
     bound = read(verdict)
     if "diagnosis_sha256" not in bound or "case" not in bound:
         raise InputError(f"{verdict}: is no verdict; diagnose the case anew")
-    if hashlib.sha256(content).hexdigest() != bound["diagnosis_sha256"]:
-        raise InputError(
-            f"{diagnosis}: was changed after its verdict was given ({verdict}); restore the file or diagnose "
-            f"{bound['case']} anew"
-        )
-    return _object(content, diagnosis)
+    given = {"diagnosis_sha256": diagnosis} | ({} if other is None else {"held_out_protocol_sha256": other})
+    if set(given) != set(bound) - {"case"}:
+        raise InputError(f"{verdict}: is not of the files that {bound['case']} has now; diagnose it anew")
+    for key, path in given.items():
+        if hashlib.sha256(_bytes(path)).hexdigest() != bound[key]:
+            raise InputError(
+                f"{path}: was changed after its verdict was given ({verdict}); restore the file or diagnose "
+                f"{bound['case']} anew"
+            )
+    return _object(_bytes(diagnosis), diagnosis)
 
 
 def _bytes(path: str | Path) -> bytes:

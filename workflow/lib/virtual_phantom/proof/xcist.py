@@ -19,6 +19,8 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.optimize import brentq
 
+from ..errors import InputError
+
 CELLS_DIVIDED = 2  # finer cells per detector cell and direction, whose transmissions are averaged
 HOOKS = "virtual_phantom.proof.hooks."
 ENERGY_BINS = 20
@@ -110,7 +112,13 @@ def attenuation_per_mm(material: str, kev: float) -> float:
 
 
 def energy_of_water(mu_per_mm: float) -> float:
-    """Energy in keV at which XCIST's water attenuates so much."""
+    """Energy in keV at which XCIST's water attenuates so much. Raises InputError if there is none."""
+    most, least = (attenuation_per_mm("water", kev) for kev in ENERGIES_KEV)
+    if not least <= mu_per_mm <= most:
+        raise InputError(
+            f"mu_water_per_mm: the proof's water attenuates {least:.4f} to {most:.4f} per mm "
+            f"({ENERGIES_KEV[0]:g} to {ENERGIES_KEV[1]:g} keV), not {mu_per_mm:g}; change it or leave the proof out"
+        )
     return brentq(lambda kev: attenuation_per_mm("water", kev) - mu_per_mm, *ENERGIES_KEV)
 
 
