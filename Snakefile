@@ -5,15 +5,6 @@ from snakemake.utils import min_version
 min_version("9.0")
 
 
-# The default limit of 100 jobs per second makes the scheduler look for jobs once more in every second for each job that
-# has finished: after some dozens it takes a core of its own. On one machine nothing has to be limited.
-limit = (
-    workflow.scheduling_settings and workflow.scheduling_settings.max_jobs_per_timespan
-)
-if limit and workflow.local_exec and (limit.max_jobs, limit.timespan) == (100, 1):
-    workflow.scheduling_settings.max_jobs_per_timespan = None
-
-
 configfile: "config/config.yaml"
 
 
@@ -30,6 +21,14 @@ include: "workflow/rules/diagnose_features.smk"
 include: "workflow/rules/diagnose.smk"
 include: "workflow/rules/proof.smk"
 include: "workflow/rules/download.smk"
+
+
+onstart:
+    # The default limit of 100 jobs per second makes the scheduler look for jobs once more in every second for each job
+    # that has finished: after some dozens it takes a core of its own. On one machine nothing has to be limited. There is
+    # no setting for that: a Snakefile cannot see the limit, and a longer span would keep Snakemake waiting at the end.
+    if workflow.local_exec:
+        workflow.scheduler.job_rate_limiter = None
 
 
 localrules:
