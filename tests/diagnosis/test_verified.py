@@ -250,6 +250,14 @@ def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
     assert choice.ruled_out == {"heel": 200} and choice.ambiguous_with("scatter") == []
 
 
+def test_what_may_be_there_beside_is_undecided_and_not_ruled_out(scored):
+    """In the place of heel, motion loses 400; beside it, it gains 200, which an inexact model of heel may leave."""
+    singles = {name: scored((name,)) for name in SINGLES[::2]}
+    choice = attribute.choose(None, scored(()), singles, accuracy=0.7)
+    assert choice.chosen.fit.effects == ("heel",)
+    assert choice.undecided == {"motion": 200} and choice.ruled_out == {}
+
+
 def test_the_configuration_and_the_library_hold_models_equally_exact():
     root = Path(__file__).resolve().parents[2]
     default = yaml.safe_load((root / "config/config.yaml").read_text())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from scipy import stats
 from threadpoolctl import threadpool_limits
@@ -47,6 +47,8 @@ class Choice:
                 matched filter puts far behind
     p           {effect: chance of such a likelihood ratio without it, times the candidates; None: not fitted here}
     blur        log score by which the models' own inexactness may set fits apart
+    undecided   {other: log score that it promises to gain beside the chosen ones, to first order}, of those that stand
+                out of the noise: not named, since inexact models of the chosen ones may leave as much
     """
 
     baseline: Trial
@@ -56,6 +58,7 @@ class Choice:
     stand_ins: dict[str, dict[str, float]]
     p: dict[str, float | None]
     blur: float = 0.0
+    undecided: dict[str, float] = field(default_factory=dict)
 
     def ambiguous_with(self, effect: str) -> list[str]:
         """Effects that explain the data as well in its place."""
@@ -63,10 +66,13 @@ class Choice:
 
     @property
     def ruled_out(self) -> dict[str, float]:
-        """Effects that the data speak against as an explanation, with what the best place of each would lose."""
+        """Effects that the data speak against as an explanation, with what the best place of each would lose. One that
+        may be there beside the chosen ones is not among them."""
         least: dict[str, float] = {}
         for others in self.stand_ins.values():
             for name, lost in others.items():
+                if name in self.undecided:
+                    continue
                 least[name] = min(lost, least.get(name, float("inf")))
         return {name: lost for name, lost in least.items() if lost >= max(RULED_OUT, self.blur)}
 
@@ -127,7 +133,7 @@ def choose(
     accuracy            share of its own change of the data by which an effect's model may be wrong: what that leaves
                         over is no evidence for another effect, and none against one that could stand in
     """
-    current, tried = baseline, dict(singles)
+    current, tried, left, found = baseline, dict(singles), list(singles), {}
 
     def blur(beside: Trial) -> float:
         return accuracy**2 * max(0.0, beside.score - baseline.score)
@@ -135,7 +141,7 @@ def choose(
     def least(beside: Trial) -> float:
         return max(LEAST_GAIN, blur(beside))
 
-    for _ in range(MOST_EFFECTS if singles else 0):
+    for more in reversed(range(MOST_EFFECTS if singles else 0)):
         best_name = max(tried, key=lambda name: tried[name].score)
         best = tried[best_name]
         if best.score - current.score < least(current) or best.p * len(singles) > ALPHA:
@@ -146,7 +152,7 @@ def choose(
         # Chi-square is twice the score, and a filter, of first order, may fall short of it by a factor of two.
         seen = {name: one for name, one in found.items() if one.p * len(left) < SCREEN and one.gain > least(current)}
         hopeful = [*best_few(seen), *(name for name, one in found.items() if one.blind)]
-        if not hopeful:
+        if not hopeful or not more:
             break
         tasks = [((*current.fit.effects, name), current, current) for name in hopeful]
         tried = dict(zip(hopeful, trials(fitter, tasks, processes), strict=True))
@@ -155,7 +161,13 @@ def choose(
         if best is None or best.score - current.score < LEAST_GAIN:
             break
         current = _without_idle(fitter, best, baseline, singles, processes, least)
-    return replace(choice, blur=blur(choice.chosen))
+    if set(choice.chosen.fit.effects) & set(found):  # swapped since
+        left = [name for name in singles if name not in choice.chosen.fit.effects]
+        found = screened(fitter, choice.chosen.fit, left)
+    undecided = {
+        name: one.gain / 2 for name, one in found.items() if one.gain / 2 > LEAST_GAIN and one.p * len(left) < SCREEN
+    }
+    return replace(choice, blur=blur(choice.chosen), undecided=undecided)
 
 
 def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes) -> tuple[Choice, Trial | None]:

@@ -50,6 +50,9 @@ of its root mean square{% endif %}.</p>{% endif %}
 {{ agreement|safe }}
 {% if ranking %}<h2>All candidates</h2>
 <img alt="gain of every candidate on held-out data" src="{{ ranking }}">{% endif %}
+{% if d.undecided %}<p>Perhaps there beside what is named, though an inexact model of that may look like it (promised
+gain in log score): {% for name, gain in d.undecided.items() %}{{ name.replace('_', ' ') }} ({{ gain|number }})
+{{- ', ' if not loop.last }}{% endfor %}.</p>{% endif %}
 {% if d.ruled_out %}<p>Ruled out as an explanation: {{ d.ruled_out|join(', ')|replace('_', ' ') }}.</p>{% endif %}
 """
     + NEXT

@@ -65,6 +65,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "effects": [_effect(name, choice) for name in effects],
         "ambiguous_with": ambiguous,
         "ruled_out": choice.ruled_out,
+        "undecided": choice.undecided,
         "alignment": {
             name: {"value": value, "ci95": _interval(value, choice.chosen.fit.place_errors[name])}
             for name, value in choice.chosen.fit.place.items()

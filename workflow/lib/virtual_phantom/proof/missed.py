@@ -40,6 +40,12 @@ def _of(effect: str, case: Case) -> str:
             f"{name} was reported as a stand-in of {label(hosts[0])}: in its place it loses less than {AS_GOOD:g} of "
             "log score."
         )
+    promised = case.diagnosis.get("undecided", {}).get(effect)
+    if promised is not None:
+        return (
+            f"{name} was left undecided: beside what was named it promised {number(promised)} of log score, as much as "
+            "an inexact model of that might leave."
+        )
     lost = case.diagnosis["ruled_out"].get(effect)
     if lost is not None:
         return (
