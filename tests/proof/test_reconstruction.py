@@ -24,17 +24,36 @@ PIXEL = 2.4 * 541 / 949
 GRID = Grid((4, 120, 120), (PIXEL,) * 3)
 
 
-def cylinder(centre_mm, radius_mm, mu):
-    """Line integrals [view, row, column] of a long cylinder along z: chords of a circle, over the rays' slope."""
+def rays():
+    """Angles of the views, and from the source to the detector x, y and z: [view, row, column] or broadcast to it."""
     angles = 2 * np.pi * np.arange(SCAN.views)[:, None, None] / SCAN.views
     u = (np.arange(SCAN.columns) - (SCAN.columns - 1) / 2) * SCAN.column_pitch_mm
     v = ((np.arange(SCAN.rows) - (SCAN.rows - 1) / 2) * SCAN.row_pitch_mm)[:, None]
-    radius, distance = SCAN.source_to_isocentre_mm, SCAN.source_to_detector_mm
-    away = np.array([centre_mm[0] + radius * np.sin(angles), centre_mm[1] - radius * np.cos(angles)])
-    ray = np.array([distance * np.sin(angles) + u * np.cos(angles), -distance * np.cos(angles) + u * np.sin(angles)])
-    off = (away[0] * ray[1] - away[1] * ray[0]) / np.hypot(*ray)
-    chord = 2 * np.sqrt(np.maximum(radius_mm**2 - off**2, 0))
-    return mu * chord * np.sqrt(distance**2 + u**2 + v**2) / np.sqrt(distance**2 + u**2)
+    distance, sine, cosine = SCAN.source_to_detector_mm, np.sin(angles), np.cos(angles)
+    return angles, np.array([distance * sine + u * cosine, -distance * cosine + u * sine]), v
+
+
+def from_source(centre_mm, angles):
+    """To a place beside the axis, x and y."""
+    radius = SCAN.source_to_isocentre_mm
+    return np.array([centre_mm[0] + radius * np.sin(angles), centre_mm[1] - radius * np.cos(angles)])
+
+
+def cylinder(centre_mm, radius_mm, mu):
+    """Line integrals [view, row, column] of a long cylinder along z: chords of a circle, over the rays' slope."""
+    angles, ray, v = rays()
+    away, length = from_source(centre_mm, angles), np.hypot(*ray)
+    off = (away[0] * ray[1] - away[1] * ray[0]) / length
+    return mu * 2 * np.sqrt(np.maximum(radius_mm**2 - off**2, 0)) * np.hypot(length, v) / length
+
+
+def ball(centre_mm, radius_mm, mu):
+    """Line integrals [view, row, column] of a ball: chords of a sphere."""
+    angles, ray, v = rays()
+    away, z = from_source(centre_mm, angles), centre_mm[2]
+    along = ((away * ray).sum(axis=0) + z * v) / np.hypot(np.hypot(*ray), v)
+    off = (away**2).sum(axis=0) + z**2 - along**2
+    return mu * 2 * np.sqrt(np.maximum(radius_mm**2 - off, 0))
 
 
 @pytest.fixture(scope="module")
@@ -51,19 +70,6 @@ def test_hu_and_places_are_right(lines):
     assert hu[insert < 10].mean() == pytest.approx(300, abs=4)
     air = (np.hypot(x, y) > 92) & (np.hypot(x, y) < 100)
     assert hu[air].mean() == pytest.approx(-1000, abs=5)
-
-
-def ball(centre_mm, radius_mm, mu):
-    """Line integrals [view, row, column] of a ball: chords of a sphere."""
-    angles = 2 * np.pi * np.arange(SCAN.views)[:, None, None] / SCAN.views
-    u = (np.arange(SCAN.columns) - (SCAN.columns - 1) / 2) * SCAN.column_pitch_mm
-    v = ((np.arange(SCAN.rows) - (SCAN.rows - 1) / 2) * SCAN.row_pitch_mm)[:, None]
-    radius, distance = SCAN.source_to_isocentre_mm, SCAN.source_to_detector_mm
-    x, y, z = centre_mm
-    away = [x + radius * np.sin(angles), y - radius * np.cos(angles), z]
-    ray = [distance * np.sin(angles) + u * np.cos(angles), -distance * np.cos(angles) + u * np.sin(angles), v]
-    along = sum(a * b for a, b in zip(away, ray, strict=True)) / np.sqrt(sum(b**2 for b in ray))
-    return mu * 2 * np.sqrt(np.maximum(radius_mm**2 - (sum(a**2 for a in away) - along**2), 0))
 
 
 @pytest.mark.parametrize("z_mm", [-1.2, 0.7])

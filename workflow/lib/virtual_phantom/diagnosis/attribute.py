@@ -10,6 +10,7 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from ..physics.effect import load
+from . import pattern as patterns
 from .fit import Fit, Fitter
 from .screening import Screened, screened
 
@@ -71,10 +72,9 @@ class Choice:
         least: dict[str, float] = {}
         for others in self.stand_ins.values():
             for name, lost in others.items():
-                if name in self.undecided:
-                    continue
                 least[name] = min(lost, least.get(name, float("inf")))
-        return {name: lost for name, lost in least.items() if lost >= max(RULED_OUT, self.blur)}
+        enough = max(RULED_OUT, self.blur)
+        return {name: lost for name, lost in least.items() if lost >= enough and name not in self.undecided}
 
 
 def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None) -> Trial:
@@ -89,11 +89,9 @@ def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, 
 
 
 def chance(fit: Fit, without: Fit, effect: str) -> float:
-    """Of such a fit if the effect is not there: by the likelihood ratio, or, of a gain pattern, whose constants are as
-    many as there are pixels, by its size over the standard error of that."""
+    """Of such a fit if the effect is not there: by the likelihood ratio, or, of a gain pattern, by its size."""
     if load(effect).pattern:
-        size, error = fit.physics[effect]["rms"], fit.errors[effect]["rms"]
-        return float(stats.norm.sf(size / error)) if size > 0 else 1.0
+        return patterns.chance(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
     lost = max(0.0, without.chi_square - fit.chi_square)
     return float(stats.chi2.sf(lost, max(1, fit.free - without.free)))
 
@@ -133,7 +131,7 @@ def choose(
     accuracy            share of its own change of the data by which an effect's model may be wrong: what that leaves
                         over is no evidence for another effect, and none against one that could stand in
     """
-    current, tried, left, found = baseline, dict(singles), list(singles), {}
+    current, tried, found = baseline, dict(singles), {}
 
     def blur(beside: Trial) -> float:
         return accuracy**2 * max(0.0, beside.score - baseline.score)
@@ -141,17 +139,18 @@ def choose(
     def least(beside: Trial) -> float:
         return max(LEAST_GAIN, blur(beside))
 
+    def standing_out(least_gain: float) -> dict[str, Screened]:
+        return {name: one for name, one in found.items() if one.p * len(found) < SCREEN and one.gain > least_gain}
+
     for more in reversed(range(MOST_EFFECTS if singles else 0)):
         best_name = max(tried, key=lambda name: tried[name].score)
         best = tried[best_name]
         if best.score - current.score < least(current) or best.p * len(singles) > ALPHA:
             break
         current = _without_idle(fitter, best, baseline, singles, processes, least)
-        left = [name for name in singles if name not in current.fit.effects]
-        found = screened(fitter, current.fit, left)
+        found = screened(fitter, current.fit, _others(singles, current))
         # Chi-square is twice the score, and a filter, of first order, may fall short of it by a factor of two.
-        seen = {name: one for name, one in found.items() if one.p * len(left) < SCREEN and one.gain > least(current)}
-        hopeful = [*best_few(seen), *(name for name, one in found.items() if one.blind)]
+        hopeful = [*best_few(standing_out(least(current))), *(name for name, one in found.items() if one.blind)]
         if not hopeful or not more:
             break
         tasks = [((*current.fit.effects, name), current, current) for name in hopeful]
@@ -162,11 +161,8 @@ def choose(
             break
         current = _without_idle(fitter, best, baseline, singles, processes, least)
     if set(choice.chosen.fit.effects) & set(found):  # swapped since
-        left = [name for name in singles if name not in choice.chosen.fit.effects]
-        found = screened(fitter, choice.chosen.fit, left)
-    undecided = {
-        name: one.gain / 2 for name, one in found.items() if one.gain / 2 > LEAST_GAIN and one.p * len(left) < SCREEN
-    }
+        found = screened(fitter, choice.chosen.fit, _others(singles, choice.chosen))
+    undecided = {name: one.gain / 2 for name, one in standing_out(2 * LEAST_GAIN).items()}
     return replace(choice, blur=blur(choice.chosen), undecided=undecided)
 
 
@@ -178,7 +174,7 @@ def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes)
     for effect, rest in rests.items():
         gains[effect] = current.score - without[effect].score
         p[effect] = min(1.0, chance(current.fit, without[effect].fit, effect) * len(singles))
-        others = [name for name in singles if name not in current.fit.effects]
+        others = _others(singles, current)
         stand_ins[effect] = {}
         if rest:
             found = screened(fitter, without[effect].fit, others)
@@ -207,6 +203,10 @@ def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
         for rank, name in enumerate(ranked)
         if found[name].gain >= least and (rank < FEW or found[name].gain >= NEAR_BEST * best)
     ]
+
+
+def _others(singles: Mapping[str, Trial], chosen: Trial) -> list[str]:
+    return [name for name in singles if name not in chosen.fit.effects]
 
 
 def _less(effects: tuple[str, ...], effect: str) -> tuple[str, ...]:

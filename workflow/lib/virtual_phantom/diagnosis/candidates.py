@@ -18,18 +18,14 @@ def candidates(settings: dict, kind: str = "projections") -> list[str]:
     which is missing.
     """
     hidden = _hidden(kind)
+    if settings.get("nominal_photons") is None:
+        hidden["photon_flux"] = "needs nominal_photons, which it could differ from and which are not stated"
     chosen = settings.get("effects") or [name for name in names() if name not in hidden]
     for name in chosen:
         if name not in names():
             raise InputError(f"diagnosis.effects: there is no effect '{name}'; there are {', '.join(names())}")
         if name in hidden:
             raise InputError(f"diagnosis.effects: {name} {hidden[name]}; take it out")
-    if settings.get("nominal_photons") is None and "photon_flux" in chosen:  # nothing that it could differ from
-        if settings.get("effects"):
-            raise InputError(
-                "diagnosis.effects: photon_flux needs nominal_photons to differ from; state them, or take it out"
-            )
-        chosen = [name for name in chosen if name != "photon_flux"]
     return chosen
 
 

@@ -138,7 +138,7 @@ def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
     numerical   names of the model's numerical errors, of whose size nothing is known
     Where the object lies is nobody's physics, and is left out.
     """
-    z = {name: value for name, value in fit.pulled.items() if name not in numerical and (name not in PLACE)}
+    z = {name: value for name, value in fit.pulled.items() if name not in numerical and name not in PLACE}
     if not z:
         return []
     names, values = list(z), np.array(list(z.values()))

@@ -161,18 +161,18 @@ class Model:
         for name in effects:
             effect = load(name)
             for one in () if effect.pattern or name in self.fixed else effect.parameters:
-                low, high = one.low**one.power, one.high**one.power
+                low, high = one.number(one.low), one.number(one.high)
                 if (name, one.name) == ("spectrum", "kvp"):
                     low, high = KVP[self.anode]
                 expected, sd = (low + high) / 2, high - low
-                starts = (min(max(one.start**one.power, low), high),)
+                starts = (min(max(one.number(one.start), low), high),)
                 # A slice thinner than their distance changes nothing, so that no fit would leave it.
                 if one.neutral is None or (acts_on_images(name) and len(effect.parameters) == 1):
                     starts += tuple(low + share * (high - low) for share in STARTS)
                 if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
                     expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
                     low, high = max(low, expected - SURE * sd), min(high, expected + SURE * sd)
-                neutral, starts = None if one.neutral is None else one.neutral**one.power, tuple(dict.fromkeys(starts))
+                neutral, starts = None if one.neutral is None else one.number(one.neutral), tuple(dict.fromkeys(starts))
                 found.append(Unknown(name, one.name, low, high, starts, neutral, expected, sd, one.power))
         return found
 

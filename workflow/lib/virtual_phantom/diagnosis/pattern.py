@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+from scipy import ndimage, stats
 
 SMOOTH_FACTOR = 3.0  # of the variance expected of the smooth part
 SMOOTH_PX = 3.0  # what varies more slowly than this from pixel to pixel may be other physics
@@ -24,6 +24,12 @@ class Pattern:
     variance: np.ndarray
     rms: float
     error: float
+
+
+def chance(rms: float, error: float) -> float:
+    """Of a pattern of this size where there is none, from its standard error. A likelihood ratio would be none: a
+    pattern has as many constants as there are pixels."""
+    return float(stats.norm.sf(rms / error)) if rms else 1.0
 
 
 def estimate(residual: np.ndarray, weight: np.ndarray) -> Pattern:

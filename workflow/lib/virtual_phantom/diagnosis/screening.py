@@ -12,7 +12,7 @@ from scipy.optimize import lsq_linear
 
 from ..physics.effect import load
 from .fit import Fit, Fitter, Problem
-from .pattern import estimate
+from .pattern import chance, estimate
 from .templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_knowledge
 
 SIZES = (1 / 3, 3.0)  # by which a fit may change an effect without a neutral value from where it begins
@@ -103,7 +103,7 @@ def _pattern(fitter: Fitter, parts: list[np.ndarray]) -> Screened:
     mean, weight = parts[0].reshape(shape), fitter.weights[0].reshape(shape)
     pattern = estimate(mean, weight)
     gain = float((weight * (2 * mean - pattern.values) * pattern.values).sum())
-    return Screened(float(stats.norm.sf(pattern.rms / pattern.error)) if pattern.rms else 1.0, gain)
+    return Screened(chance(pattern.rms, pattern.error), gain)
 
 
 def _best(name: str, rows: np.ndarray, count: int, left: Remainder) -> Screened:
@@ -127,11 +127,8 @@ def amounts(name: str) -> tuple[np.ndarray, np.ndarray]:
     if not parameters:  # it cannot be faint
         return np.array([SIZES[0]]), np.array([SIZES[1]])
     ends = [
-        sorted(
-            (end**one.power - one.neutral**one.power) / (strength(one) ** one.power - one.neutral**one.power)
-            for end in (one.low, one.high)
-        )
-        for one in parameters
+        sorted((one.number(end) - none) / (one.number(strength(one)) - none) for end in (one.low, one.high))
+        for one, none in ((one, one.number(one.neutral)) for one in parameters)
     ]
     return tuple(np.array(ends).T)
 

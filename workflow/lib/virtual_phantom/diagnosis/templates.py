@@ -72,7 +72,7 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     before = stacked(fitter.data, now)
     ranges = {one.name: one for one in fitter.model.unknowns((name,))}
     typical = {
-        parameter.name: one.value(min(max(one.of(parameter.typical), one.low), one.high))
+        parameter.name: one.value(min(max(parameter.number(parameter.typical), one.low), one.high))
         for parameter, one in ((parameter, ranges[parameter.name]) for parameter in effect.parameters)
     }
     parameters = varied(name)

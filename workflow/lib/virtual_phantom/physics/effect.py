@@ -49,6 +49,10 @@ class Parameter:
     neutral: float | None = 0.0
     power: int = 1
 
+    def number(self, value: float) -> float:
+        """What fits vary, of a value."""
+        return value**self.power
+
 
 @dataclass(frozen=True)
 class Effect:

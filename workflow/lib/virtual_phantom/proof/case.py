@@ -146,18 +146,11 @@ def collect(
     return [
         Case(
             truths[case],
-            _of(case, complete(seal.check_verdict(said[case], bound[case], tables.get(case)), said[case]), said[case]),
+            complete(seal.check_verdict(said[case], bound[case], tables.get(case)), said[case], case),
             metrics(tables[case]) if case in tables else None,
         )
         for case in sorted(published)
     ]
-
-
-def _of(case: str, diagnosis: dict, source: str | Path) -> dict:
-    """The diagnosis, if it is of this case; else InputError naming `source`."""
-    if diagnosis.get("recording") != case:
-        raise InputError(f"{source}: is the diagnosis of {diagnosis.get('recording')!r}; diagnose {case} anew")
-    return diagnosis
 
 
 def checked(truth: dict, source: str | Path) -> dict:
@@ -186,13 +179,24 @@ def checked(truth: dict, source: str | Path) -> dict:
     return truth
 
 
-def complete(diagnosis: dict, source: str | Path) -> dict:
-    """The diagnosis, if it has what is scored; else InputError naming `source`."""
-    needed = ("verdict", "sentence", "locations", "effects", "ambiguous_with", "ruled_out", "excess_removed")
+def complete(diagnosis: dict, source: str | Path, recording: str | None = None) -> dict:
+    """The diagnosis, if it has what is scored, and is of this recording; else InputError naming `source`."""
+    needed = (
+        "recording",
+        "verdict",
+        "sentence",
+        "locations",
+        "effects",
+        "ambiguous_with",
+        "ruled_out",
+        "excess_removed",
+    )
     missing = [key for key in needed if key not in diagnosis]
     if missing or diagnosis["verdict"] not in VERDICTS:
         what = f"it has no {', '.join(missing)}" if missing else f"verdict {diagnosis['verdict']!r}"
         raise InputError(f"{source}: is no diagnosis that can be scored ({what}); diagnose the case anew")
+    if recording not in (None, diagnosis["recording"]):
+        raise InputError(f"{source}: is the diagnosis of {diagnosis['recording']!r}; diagnose {recording} anew")
     return diagnosis
 
 

@@ -54,8 +54,13 @@ def publish(documents: Iterable[Mapping]) -> dict[str, str]:
 def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None) -> dict[str, str]:
     """The document that binds a diagnosis before its seal is opened, and its table of agreement by another protocol, if
     there is one. Raises InputError if there is no such file."""
-    files = {"diagnosis": diagnosis} | ({} if other is None else {"held_out_protocol": other})
-    return {"case": case} | {f"{name}_sha256": hashlib.sha256(_bytes(path)).hexdigest() for name, path in files.items()}
+    return {"case": case} | {key: hashlib.sha256(_bytes(path)).hexdigest() for key, path in _bound(diagnosis, other)}
+
+
+def _bound(diagnosis: str | Path, other: str | Path | None) -> list[tuple[str, str | Path]]:
+    """The files that a verdict binds, by their keys in it."""
+    files = [("diagnosis_sha256", diagnosis), ("held_out_protocol_sha256", other)]
+    return [(key, path) for key, path in files if path is not None]
 
 
 def write(document: Mapping, path: str | Path) -> None:
@@ -102,16 +107,17 @@ def check_verdict(diagnosis: str | Path, verdict: str | Path, other: str | Path 
     bound = read(verdict)
     if "diagnosis_sha256" not in bound or "case" not in bound:
         raise InputError(f"{verdict}: is no verdict; diagnose the case anew")
-    given = {"diagnosis_sha256": diagnosis} | ({} if other is None else {"held_out_protocol_sha256": other})
+    given = dict(_bound(diagnosis, other))
     if set(given) != set(bound) - {"case"}:
         raise InputError(f"{verdict}: is not of the files that {bound['case']} has now; diagnose it anew")
-    for key, path in given.items():
-        if hashlib.sha256(_bytes(path)).hexdigest() != bound[key]:
+    contents = {key: _bytes(path) for key, path in given.items()}
+    for key, content in contents.items():
+        if hashlib.sha256(content).hexdigest() != bound[key]:
             raise InputError(
-                f"{path}: was changed after its verdict was given ({verdict}); restore the file or diagnose "
+                f"{given[key]}: was changed after its verdict was given ({verdict}); restore the file or diagnose "
                 f"{bound['case']} anew"
             )
-    return _object(_bytes(diagnosis), diagnosis)
+    return _object(contents["diagnosis_sha256"], diagnosis)
 
 
 def _bytes(path: str | Path) -> bytes:

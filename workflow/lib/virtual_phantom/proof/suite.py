@@ -59,8 +59,8 @@ def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
 def check_tried(settings: Mapping) -> None:
     """Raise InputError for effects that are concealed in images and not tried there."""
     images = settings["images"]
-    kernel = (KERNEL,) if images["strengths"] or images["effects"] else ()
-    for name in (*kernel, *images["effects"]):
+    concealed = [KERNEL, *images["effects"]] if images["strengths"] or images["effects"] else []
+    for name in concealed:
         if name not in images["tried"]:
             raise InputError(f"proof.images.tried: lacks '{name}', which is concealed; add it")
 
