@@ -160,9 +160,9 @@ def left_over(given, physics, fit):
 def one(task):
     kind, draw, only, accuracy = task
     random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=(len(kind), draw)))
-    chain, floor = (Chain(scene(), GEOMETRY, PHOTONS, samples=samples) for samples in (2, 3))
+    chain, known, floor = (Chain(scene(), GEOMETRY, PHOTONS, samples=samples) for samples in (4, 2, 3))
     library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
-    blank = prepared.prepare(scans(chain, {}, random), None, chain, floor_chain=floor, nominal_photons=PHOTONS)
+    blank = prepared.prepare(scans(chain, {}, random), None, known, floor_chain=floor, nominal_photons=PHOTONS)
     count = {"none": 0, "pair": 2}.get(kind, 1)
     truth = [str(name) for name in random.permutation(library)[:count]]
     if count == 1:
@@ -173,7 +173,7 @@ def one(task):
         physics[name] = strengths(name, wanted, random, blank)
     began = time.perf_counter()
     taken = scans(chain, physics, random)
-    model = Chain(PosedScene(chain.scene), GEOMETRY, PHOTONS, samples=2)
+    model = Chain(PosedScene(chain.scene, 2), GEOMETRY, PHOTONS, samples=2)
     given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
     tried = [name for name in library if kind != "missing" or name not in truth]
     baseline = trial(given.fitter, ())

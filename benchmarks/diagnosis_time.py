@@ -62,7 +62,8 @@ def main():
         marks[name] = time.perf_counter() - began - sum(marks.values())
         print(f"{name:12s} {marks[name]:7.1f} s", flush=True)
 
-    model, floor = (Chain(PosedScene(scene()), GEOMETRY, PHOTONS, samples=options.samples + more) for more in (0, 1))
+    posed = PosedScene(scene(), options.samples)
+    model, floor = (Chain(posed, GEOMETRY, PHOTONS, samples=options.samples + more) for more in (0, 1))
     given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
     mark("preparation")
     baseline = trial(given.fitter, ())

@@ -10,7 +10,7 @@ from simulated_scans import body, noisy_lines
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, circular
-from virtual_phantom.physics.chain import Chain, State, displaced, lagged, shared
+from virtual_phantom.physics.chain import Chain, State, displaced, lagged, quadrature, shared
 from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load, names
 from virtual_phantom.physics.image import with_effects
 from virtual_phantom.physics.materials import Segmentation, attenuation_per_mm, energy_of
@@ -143,6 +143,30 @@ def test_scatter_of_a_wide_slab_is_what_the_primary_loses(chain):
     )
     load("scatter").apply(state, {"amount": 0.1, "width_mm": 60.0})
     assert state.signal[5, 3, 24] == pytest.approx(0.2 + 0.1 * 0.2 * math.log(5), rel=1e-3)
+
+
+class Parabola:
+    """Path lengths that grow with the square of the distance from the detector's middle, too short to harden."""
+
+    attenuation_per_mm = np.array([1.0])
+
+    def path_lengths(self, geometry, pose, motion_mm=None):
+        columns, rows = geometry.column_positions_mm() ** 2, geometry.row_positions_mm()[:, None] ** 2
+        return np.broadcast_to(1e-8 * (columns + 2 * rows), (1, *geometry.shape))
+
+
+@pytest.mark.parametrize("samples", [2, 3, 4])
+def test_rays_of_a_pixel_average_as_the_whole_pixel_does(samples):
+    """A square's mean over a width w lies w^2 / 12 above that in the middle."""
+    square = 12 * 1e-8 * (GEOMETRY.column_pitch_mm**2 + 2 * GEOMETRY.row_pitch_mm**2) / 144
+    middle = Chain(Parabola(), GEOMETRY).state({}).signal
+    found = Chain(Parabola(), GEOMETRY, samples=samples).state({}).signal
+    np.testing.assert_allclose(middle - found, square, rtol=1e-3)
+
+
+def test_rays_of_a_fan_beam_stay_in_the_plane():
+    assert {row for (_, row), _ in quadrature(3, of_rows=False)} == {0.0}
+    assert sum(weight for _, weight in quadrature(3, of_rows=False)) == pytest.approx(1.0)
 
 
 def test_a_focal_spot_blurs_by_its_shadow():

@@ -210,3 +210,24 @@ def test_off_focal_radiation_comes_from_beside_the_spot(plain):
     there = np.abs(expected) > 0.05
     assert np.corrcoef(changed[there], expected[there])[0, 1] > 0.99
     assert np.polyfit(expected[there], changed[there], 1)[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_focal_spot_blurs_as_all_of_its_width_does(plain):
+    """A shadow's variance grows by w^2/12 (D - r)^2/r^2 along the columns, r from the source to the ball. Three points
+    that share the width evenly would give 8/9 of that."""
+    width = 20.0
+    geometry = circular(views=VIEWS, **DETECTOR)
+    u, angles = geometry.column_positions_mm(), geometry.angles_rad
+    depth = geometry.source_to_isocentre_mm + CENTRE[0] * np.sin(angles) - CENTRE[1] * np.cos(angles)
+    distance = geometry.source_to_detector_mm
+    middle = (CENTRE[0] * np.cos(angles) + CENTRE[1] * np.sin(angles)) * distance / depth
+    off = u - middle[:, None]
+    seen = np.abs(off) < RADIUS * distance / depth.min() + width
+
+    def spread(taken):
+        shadow = np.where(seen, 1 - np.exp(-lines(taken).mean(axis=0)).mean(axis=1), 0)
+        return (shadow * off**2).sum(axis=1) / shadow.sum(axis=1)
+
+    grown = spread(scan(repeats=12, focal_spot_mm=(width, 0.0))) - spread(plain)
+    expected = width**2 / 12 * (distance / depth - 1) ** 2
+    assert grown.mean() / expected.mean() == pytest.approx(1.0, abs=0.03)

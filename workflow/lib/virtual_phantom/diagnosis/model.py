@@ -19,9 +19,11 @@ SURE = 5.0
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
 STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin whose start may be no good
-# Of what halving a step changed: by how much predictions may be off yet. Where errors shrink with its square, all
-# further halving changes a third (L. F. Richardson, Phil. Trans. R. Soc. A 210, 307, 1911).
+# Of what a finer step changes: by how much predictions may be off yet. Where errors shrink with its square, all further
+# halving changes a third (L. F. Richardson, Phil. Trans. R. Soc. A 210, 307, 1911). More rays per pixel are expected to
+# change what they should; voxels may be as large as the object's own.
 NUMERICAL_SD = 1 / 3
+NUMERICAL = {"rays": 1.0, "voxels": 0.0}
 PLACE = ("x_mm", "y_mm", "z_mm", "turn_deg")
 POSES = (*PLACE, "size")
 
@@ -85,7 +87,7 @@ def nuisances(
 
     log_photons, photons_sd   logarithm of the photons per pixel in air, and how well it is known (infinite: not)
     known                     standard deviations that the configuration gives instead of the defaults
-    numerical                 names of the model's numerical distortions
+    numerical                 names of the model's numerical distortions, of NUMERICAL
     """
     defaults = {
         "scale": ("1", 1.0, 0.005),  # of the line integrals: density of the phantom's material
@@ -98,7 +100,7 @@ def nuisances(
     if "size" in known:  # of the object; an image states the size of its voxels
         defaults["size"] = ("1", 1.0, known["size"])
     rest = [Nuisance(name, unit, mean, known.get(name, sd)) for name, (unit, mean, sd) in defaults.items()]
-    rest += [Nuisance(name, "1", 0.0, known.get(name, NUMERICAL_SD)) for name in numerical]
+    rest += [Nuisance(name, "1", NUMERICAL[name], known.get(name, NUMERICAL_SD)) for name in numerical]
     return (Nuisance("log_photons", "1", log_photons, photons_sd), *rest)
 
 
@@ -128,8 +130,8 @@ class Model:
     tube_kvp   as the label on the scanner says, taken to be known to TUBE_KVP_SD; None: not known
     fixed      effects whose parameters are known from elsewhere and not fitted
     density    of the material over the listed one, and its standard deviation: the scale beside a spectrum
-    numerical  {name: [view, row, column]} what halving a step changes the line integrals by: a distortion that is
-               fitted within its bounds, since its errors are alike in many rays and no noise
+    numerical  {name: [view, row, column]} what a finer step changes the line integrals by: a distortion that is fitted
+               within its bounds, since its errors are alike in many rays and no noise
     """
 
     def __init__(

@@ -30,9 +30,11 @@ def scene_of(settings: dict, phantom: str | Path | None, mu_water_per_mm: float,
     if "disc" in settings:
         return DiscScene(settings["disc"]["diameter_mm"], settings["disc"]["material"])
     if "object" in settings:
-        return PosedScene(mask_scene(settings["object"]["mask"], settings["object"]["material"], threads))
+        return PosedScene(
+            mask_scene(settings["object"]["mask"], settings["object"]["material"], threads), settings["samples"]
+        )
     scene = VoxelScene.of(volumes.read_nifti(phantom), Segmentation(**materials), mu_water_per_mm, threads)
-    return PosedScene(scene)
+    return PosedScene(scene, settings["samples"])
 
 
 def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, threads: int = 1) -> VoxelScene:

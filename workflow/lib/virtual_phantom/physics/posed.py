@@ -12,7 +12,8 @@ from .scene import IN_PLACE, Pose, VoxelScene
 # Square of how far any ray may lie from the one that was traced, over the voxel's size, mm: the error grows with the
 # square of the one and falls with the other. Here it is under 1 % of the noise of 1e5 photons per pixel.
 TOLERANCE_MM = 3e-4
-MEMORY_BYTES, LEAST_KEPT, MOST_KEPT = 4e8, 6, 32  # of scans that were traced; a focal spot takes five
+# Of scans that were traced, all rays of a pixel; a focal spot takes five.
+MEMORY_BYTES, LEAST_KEPT, MOST_KEPT = 4e8, 6, 32
 
 
 class Traced:
@@ -41,8 +42,9 @@ class Traced:
 class PosedScene:
     """As VoxelScene. Scans whose rays lie near those of one that was traced take its path lengths and slopes."""
 
-    def __init__(self, scene: VoxelScene):
-        self.scene = scene
+    def __init__(self, scene: VoxelScene, samples: int = 1):
+        """samples   rays per pixel and direction of the chain that asks: each is a scan of its own"""
+        self.scene, self._rays_per_pixel = scene, samples**2
         self.materials, self.energy_kev = scene.materials, scene.energy_kev
         self.attenuation_per_mm = scene.attenuation_per_mm
         self._allowed_mm = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
@@ -65,6 +67,6 @@ class PosedScene:
         return found.followed(geometry, pose, motion_mm)
 
     def _most(self, geometry: ScanGeometry) -> int:
-        """How many scans of this size are kept."""
-        size = 4 * len(self.materials) * np.prod(geometry.shape) * 5  # path lengths, four slopes
-        return int(np.clip(MEMORY_BYTES / size, LEAST_KEPT, MOST_KEPT))
+        """How many scans of one ray per pixel are kept."""
+        size = 4 * len(self.materials) * np.prod(geometry.shape) * 5 * self._rays_per_pixel  # path lengths, four slopes
+        return self._rays_per_pixel * int(np.clip(MEMORY_BYTES / size, LEAST_KEPT, MOST_KEPT))

@@ -24,7 +24,8 @@ from ..errors import InputError
 CELLS_DIVIDED = 2  # finer cells per detector cell and direction, whose transmissions are averaged
 HOOKS = "virtual_phantom.proof.hooks."
 ENERGY_BINS = 20
-FOCAL_SPOT_SAMPLES = 3  # along either side
+FOCAL_SPOT_SAMPLES = 3  # along either side, evenly spaced
+SPOT_STRETCHED = (1 - FOCAL_SPOT_SAMPLES**-2) ** -0.5  # so that they vary as much as the whole side
 ENERGIES_KEV = (40.0, 120.0)  # between which that of the monochromatic beam is looked for
 # What the hooks do when nothing is asked of them.
 IDLE = {
@@ -219,7 +220,7 @@ def _configured(scan: Scan, path: Path, current: float = 1.0):
     width, length = settings.get("focal_spot_mm", (0.0, 0.0))
     samples = FOCAL_SPOT_SAMPLES if width or length else 1
     physics.srcXSampleCount = physics.srcYSampleCount = samples
-    scanner.focalspotWidth, scanner.focalspotLength = max(width, 1e-3), max(length, 1e-3)
+    scanner.focalspotWidth, scanner.focalspotLength = (max(SPOT_STRETCHED * side, 1e-3) for side in (width, length))
     if "scatter_scale" in settings:
         physics.scatterCallback = "Scatter_ConvolutionModel"
         physics.scatterScaleFactor = settings["scatter_scale"]
