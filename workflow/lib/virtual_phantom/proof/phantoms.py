@@ -14,7 +14,7 @@ from .xcist import Materials, attenuation_per_mm
 
 LEAST_FRACTION = 1e-4  # below it a voxel is air, which is not scanned
 FINER = 2  # voxels of the scanned phantom over those that the diagnosis is given
-VOXELS_PER_PIXEL = 2  # that the diagnosis is given, at the isocentre
+VOXELS_PER_PIXEL = 3  # that the diagnosis is given, at the isocentre
 REACH = 1.3  # of the beam's height at the isocentre: what its cone sees of the phantom's near and far side
 
 

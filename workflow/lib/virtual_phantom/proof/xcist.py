@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 
 from ..errors import InputError
 
-CELLS_DIVIDED = 2  # finer cells per detector cell and direction, whose transmissions are averaged
+CELLS_DIVIDED = 4  # finer cells per detector cell and direction, whose transmissions are averaged
 HOOKS = "virtual_phantom.proof.hooks."
 ENERGY_BINS = 20
 FOCAL_SPOT_SAMPLES = 3  # along either side, evenly spaced
