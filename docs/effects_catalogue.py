@@ -35,7 +35,7 @@ Effects act in this order: STAGES. `snakemake diagnosis` tries each
 of them but the last on recordings of projections (the photon flux only if `nominal_photons` is given;
 [diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.
 
-Those of the stage image act after the reconstruction. Not in the chain yet: scatter grids, anode angle, off-focal
+Those of the stage image act after the reconstruction. Not in the chain yet: scatter grids, off-focal
 radiation, detector non-linearity. Scatter has one kernel and does not know of depth; a bowtie's
 thickness does not harden the beam.
 """

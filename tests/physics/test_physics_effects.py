@@ -15,7 +15,7 @@ from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load
 from virtual_phantom.physics.image import with_effects
 from virtual_phantom.physics.materials import Segmentation, attenuation_per_mm, energy_of
 from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
-from virtual_phantom.physics.spectra import tube_spectrum, weighted_spectrum
+from virtual_phantom.physics.spectra import Anode, tube_spectrum, weighted_spectrum
 from virtual_phantom.simulate import clean_line_integrals
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -125,7 +125,7 @@ def test_spectra_follow_voltage_and_filter():
     assert (energies * filtered).sum() / filtered.sum() == pytest.approx(54.44, rel=0.01)
     assert tube_spectrum(80.5)[0].max() <= 80.5 + 0.5
     with pytest.raises(InputError, match="spectra of a Mo anode go from 20 to 50 kV"):
-        tube_spectrum(120.0, "Mo")
+        tube_spectrum(120.0, Anode("Mo"))
 
 
 def test_scatter_of_a_wide_slab_is_what_the_primary_loses(chain):
@@ -189,6 +189,38 @@ def test_a_focal_spot_blurs_by_its_shadow():
 
     grown = spread({"focal_spot": {"width_mm": 2.0, "length_mm": 0.0}}) - spread({})
     assert grown == pytest.approx(4 / 12, rel=0.02)
+
+
+@pytest.mark.parametrize("angle", [10.0, -10.0])
+def test_the_ends_of_a_long_spot_are_not_as_far_away(angle):
+    """Line focus: a spot of length l on an anode inclined by a is l / tan(a) deep, which blurs the shadow of what lies
+    off the axis along the columns, by the variance of its place."""
+    geometry = circular(
+        views=1,
+        source_to_isocentre_mm=500.0,
+        source_to_detector_mm=1000.0,
+        columns=1600,
+        rows=1,
+        column_pitch_mm=0.1,
+        row_pitch_mm=1.0,
+    )
+    chain, u = Chain(DiscScene(4.0, "water"), geometry), geometry.column_positions_mm()
+    aside = Pose(x_mm=35.0)
+
+    def spread(physics):
+        shadow = 1 - chain.state(physics, aside, anode=Anode("W", angle)).signal[0, 0]
+        return (shadow * u**2).sum() / shadow.sum() - ((shadow * u).sum() / shadow.sum()) ** 2
+
+    length = 2.0
+    depth = length / math.tan(math.radians(angle))
+    # The shadow lies at x D / R; a source that is nearer by s puts it at x (D - s) / (R - s).
+    slope = 35.0 * (1000.0 - 500.0) / 500.0**2
+    grown = spread({"focal_spot": {"width_mm": 0.0, "length_mm": length}}) - spread({})
+    assert grown == pytest.approx(slope**2 * depth**2 / 12, rel=0.02)
+    state = State(geometry, anode=Anode("W", angle))
+    load("focal_spot").apply(state, {"width_mm": 0.0, "length_mm": length})
+    assert all(np.sign(row) == -np.sign(angle) * np.sign(away) for _, row, away, _ in state.sources)
+    assert sum(weight for *_, weight in state.sources) == pytest.approx(1.0)
 
 
 def test_points_of_the_spot_keep_the_detector_where_it_is():

@@ -10,7 +10,7 @@ import numpy as np
 from ..physics.chain import Chain, State
 from ..physics.effect import acts_on_images, load
 from ..physics.scene import Pose
-from ..physics.spectra import KVP
+from ..physics.spectra import KVP, TUNGSTEN, Anode
 from .observed import WHITE_TOLERANCE, Observed, white_shape
 from .steps import NORMAL_95
 
@@ -138,7 +138,7 @@ class Model:
         self,
         chain: Chain,
         aligned: tuple[Nuisance, ...],
-        anode: str = "W",
+        anode: Anode = TUNGSTEN,
         tube_kvp: float | None = None,
         fixed: Mapping[str, Mapping[str, float]] | None = None,
         density: tuple[float, float] = (1.0, DENSITY_SD),
@@ -165,7 +165,7 @@ class Model:
             for one in () if effect.pattern or name in self.fixed else effect.parameters:
                 low, high = one.number(one.low), one.number(one.high)
                 if (name, one.name) == ("spectrum", "kvp"):
-                    low, high = KVP[self.anode]
+                    low, high = KVP[self.anode.target]
                 expected, sd = (low + high) / 2, high - low
                 starts = (min(max(one.number(one.start), low), high),)
                 # A slice thinner than their distance changes nothing, so that no fit would leave it.

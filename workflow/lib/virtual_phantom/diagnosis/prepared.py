@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..physics.chain import Chain
+from ..physics.spectra import TUNGSTEN, Anode
 from .fit import Fitter
 from .look import PROJECTIONS, Look
 from .model import NUMERICAL_SD, Model, nuisances
@@ -63,7 +64,7 @@ def prepare(
     further: Scans | None,
     chain: Chain,
     *,
-    anode: str = "W",
+    anode: Anode = TUNGSTEN,
     tube_kvp: float | None = None,
     nominal_photons: float | None = None,
     known: dict[str, float] | None = None,

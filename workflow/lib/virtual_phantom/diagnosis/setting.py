@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..physics.chain import EVEN, Chain
-from ..physics.spectra import KVP
+from ..physics.spectra import KVP, TUNGSTEN, Anode
 from ..recordings.reading import load as read
 from .caveats import check_scans
 from .images.setting import Protocol, ready_images
@@ -42,11 +42,12 @@ def ready(
         raise InputError(f"{recording.document.path}: holds {recording.kind}, which are diagnosed by comparison")
     scene = scene_of(settings, phantom, mu_water_per_mm, materials, threads)
     nominal = recording.nominal
-    anode, tube_kvp = nominal.get("anode", "W"), nominal.get("tube_kvp")
-    if anode not in KVP or (tube_kvp is not None and not KVP[anode][0] <= tube_kvp <= KVP[anode][1]):
+    anode = Anode(nominal.get("anode", TUNGSTEN.target), nominal.get("anode_angle_deg", TUNGSTEN.angle_deg))
+    target, tube_kvp = anode.target, nominal.get("tube_kvp")
+    if target not in KVP or (tube_kvp is not None and not KVP[target][0] <= tube_kvp <= KVP[target][1]):
         ranges = ", ".join(f"{name} {low:g} to {high:g} kV" for name, (low, high) in KVP.items())
         raise InputError(
-            f"{recording.document.path}: no spectrum is known of nominal.anode {anode} at {tube_kvp} kV, only {ranges}"
+            f"{recording.document.path}: no spectrum is known of nominal.anode {target} at {tube_kvp} kV, only {ranges}"
         )
     stated = {
         "anode": anode,

@@ -16,6 +16,7 @@ from ..kept import Kept
 from .effect import STAGES, load
 from .materials import attenuation_per_mm
 from .scene import IN_PLACE, Pose, VoxelScene
+from .spectra import TUNGSTEN, Anode
 
 # A fit varies one parameter at a time, and most leave earlier steps alone.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 12, 24
@@ -33,7 +34,8 @@ class State:
     motion_mm          (view, 3) displacement of the object, or None
     anode              of the tube
     spectrum           (energies in keV, shares of the signal) or None for the monochromatic beam
-    sources            displacements (column mm, row mm) of points of the focal spot, and their weights
+    sources            displacements of points of the focal spot along the columns, the rows and the central ray, away
+                       from the isocentre, mm, and their weights
     fluence            photons that leave the tube towards each pixel, relative, broadcastable to [view, row, column]
     signal, air        mean signal with the object and without, [view, row, column] (air may have one view), relative to
                        the photons of a pixel in air at fluence 1
@@ -52,9 +54,9 @@ class State:
     geometry: ScanGeometry
     photons: float = 1e5
     motion_mm: np.ndarray | None = None
-    anode: str = "W"
+    anode: Anode = TUNGSTEN
     spectrum: tuple[np.ndarray, np.ndarray] | None = None
-    sources: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 1.0),)
+    sources: tuple[tuple[float, float, float, float], ...] = ((0.0, 0.0, 0.0, 1.0),)
     fluence: np.ndarray = field(default_factory=lambda: np.ones((1, 1, 1)))
     signal: np.ndarray | None = None
     air: np.ndarray | None = None
@@ -237,8 +239,8 @@ class Chain:
 
     def _transmit(self, state: State, pose: Pose) -> None:
         total = 0.0
-        for column_mm, row_mm, weight in state.sources:
-            geometry = displaced(state.geometry, column_mm, row_mm)
+        for *place_mm, weight in state.sources:
+            geometry = displaced(state.geometry, *place_mm)
             total = total + weight * self.transmission(geometry, pose, state.motion_mm, state.spectrum)
         state.air = np.broadcast_to(state.fluence, (state.fluence.shape[0], *total.shape[1:])).copy()
         state.signal = total * state.fluence
@@ -302,13 +304,14 @@ def quadrature(samples: int, of_rows: bool = True) -> list[tuple[tuple[float, fl
     return [((column, row), one * other) for row, other in rows for column, one in columns]
 
 
-def displaced(geometry: ScanGeometry, column_mm: float, row_mm: float) -> ScanGeometry:
-    """The geometry of a point of the focal spot beside its centre, along the detector's columns and rows.
+def displaced(geometry: ScanGeometry, column_mm: float, row_mm: float, away_mm: float = 0.0) -> ScanGeometry:
+    """The geometry of a point of the focal spot beside its centre: along the detector's columns and rows, and along the
+    central ray, away from the isocentre.
 
     A source moved by s along the column axis stands where a gantry turned by -s/R would put it; the detector, which
     stays, then lies s (D - R)/R off in the turned frame. Its tilt against that frame (s/R) is neglected.
     """
-    if not column_mm and not row_mm:
+    if not column_mm and not row_mm and not away_mm:
         return geometry
     radius, distance = geometry.source_to_isocentre_mm, geometry.source_to_detector_mm
     turn = -column_mm / radius
@@ -317,5 +320,7 @@ def displaced(geometry: ScanGeometry, column_mm: float, row_mm: float) -> ScanGe
         angles_rad=geometry.angles_rad + turn,
         column_offset_px=geometry.column_offset_px - turn * (distance - radius) / geometry.column_pitch_mm,
         source_z_mm=geometry.source_z_mm + row_mm,
+        source_to_isocentre_mm=radius + away_mm,
+        source_to_detector_mm=distance + away_mm,
         row_offset_px=geometry.row_offset_px - row_mm / geometry.row_pitch_mm,
     )

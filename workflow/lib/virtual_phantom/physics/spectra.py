@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
@@ -20,10 +21,24 @@ from .materials import attenuation_per_mm
 
 BINS = 24
 STEP_KEV = 0.5
-ANODE_ANGLE_DEG = 12.0
-ANODES = {"W": "W", "Mo": "Mo", "Rh": "Rh"}
 KVP = {"W": (30.0, 150.0), "Mo": (20.0, 50.0), "Rh": (20.0, 50.0)}  # what SpekPy's tables cover
 SCINTILLATOR_MM = 0.6  # of caesium iodide: nearly all photons of 20 to 100 keV
+
+
+@dataclass(frozen=True)
+class Anode:
+    """Of the tube.
+
+    target      its element
+    angle_deg   by which its surface is inclined to the plane through source and detector's columns; negative if the end
+                of the focal spot at +z lies farther from the isocentre than that at -z
+    """
+
+    target: str = "W"
+    angle_deg: float = 12.0
+
+
+TUNGSTEN = Anode()
 
 
 def cache_folder() -> Path:
@@ -34,41 +49,46 @@ def cache_folder() -> Path:
 
 
 @lru_cache(maxsize=64)
-def _tube(kvp: float, anode: str) -> tuple[np.ndarray, np.ndarray]:
-    kept = cache_folder() / f"{anode}_{kvp:g}kV_{ANODE_ANGLE_DEG:g}deg_{STEP_KEV:g}keV.npy"
+def _tube(kvp: float, anode: Anode) -> tuple[np.ndarray, np.ndarray]:
+    angle = abs(anode.angle_deg)
+    kept = cache_folder() / f"{anode.target}_{kvp:g}kV_{angle:g}deg_{STEP_KEV:g}keV.npy"
     with contextlib.suppress(OSError, ValueError):  # missing, or broken by another program: made anew
         energies, fluence = np.load(kept)
         return energies, fluence
     import spekpy  # takes a second to load, and most jobs need no spectrum
 
-    spectrum = spekpy.Spek(kvp=kvp, th=ANODE_ANGLE_DEG, dk=STEP_KEV, targ=anode)
+    spectrum = spekpy.Spek(kvp=kvp, th=angle, dk=STEP_KEV, targ=anode.target)
     energies, fluence = spectrum.get_spectrum(edges=False)
     with contextlib.suppress(OSError), replacing(kept) as temporary:  # a home that cannot be written to costs time only
         np.save(temporary, np.stack([energies, fluence]))
     return energies, fluence
 
 
-def tube_spectrum(kvp: float, anode: str = "W") -> tuple[np.ndarray, np.ndarray]:
+def tube_spectrum(kvp: float, anode: Anode = TUNGSTEN) -> tuple[np.ndarray, np.ndarray]:
     """Energies in keV and relative fluence per bin of an unfiltered tube, linear between whole kilovolts.
 
     Raises InputError for an anode or voltage that SpekPy has no tables for.
     """
-    if anode not in ANODES:
-        raise InputError(f"anode '{anode}' is unknown; use one of {', '.join(ANODES)}")
-    low, high = KVP[anode]
+    if anode.target not in KVP:
+        raise InputError(f"anode '{anode.target}' is unknown; use one of {', '.join(KVP)}")
+    low, high = KVP[anode.target]
     if not low <= kvp <= high:
-        raise InputError(f"tube voltage {kvp:g} kV: spectra of a {anode} anode go from {low:g} to {high:g} kV")
+        raise InputError(f"tube voltage {kvp:g} kV: spectra of a {anode.target} anode go from {low:g} to {high:g} kV")
     below = min(np.floor(kvp), high - 1)
     part = kvp - below
-    energies, more = _tube(float(below + 1), ANODES[anode])
-    lower_energies, less = _tube(float(below), ANODES[anode])
+    energies, more = _tube(float(below + 1), anode)
+    lower_energies, less = _tube(float(below), anode)
     fluence = part * more
     fluence[: len(less)] += (1 - part) * less
     return energies, fluence
 
 
 def weighted_spectrum(
-    kvp: float, filtration_mm: float, anode: str = "W", filter_material: str = "aluminium", integrating: bool = True
+    kvp: float,
+    filtration_mm: float,
+    anode: Anode = TUNGSTEN,
+    filter_material: str = "aluminium",
+    integrating: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Energies in keV (BINS,) and the share of the detector's signal in air that each contributes, summing to 1.
 

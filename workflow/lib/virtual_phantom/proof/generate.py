@@ -17,9 +17,10 @@ from .objects import Object
 from .phantoms import materials
 from .readout import read_out
 from .reconstruction import images_hu
-from .xcist import Acquired, Scan, simulate
+from .xcist import TARGET_ANGLE_DEG, Acquired, Scan, simulate
 
 LEAST_READING = 1e-6  # of the air scan: less has no logarithm
+NOMINAL = {"anode": "W", "anode_angle_deg": TARGET_ANGLE_DEG}  # the tube, of all cases alike
 RECONSTRUCTED = {"kernel_pixels": 0.0, "hu_scale": 1.0, "hu_offset": 0.0}  # settings, and what does nothing
 NOISE, PIXELS = range(2)  # branches of a scan's seed
 
@@ -70,7 +71,8 @@ def write_images(
         lines = -np.log(np.maximum(readings, LEAST_READING * taken.air) / taken.air)
         hu = images_hu(lines, scan, grid, mu_water_per_mm, blur * grid.spacing[2])
         write_nifti(Volume((hu * scale + offset).astype(np.float32), grid), folder / file)
-    write_text(yaml.safe_dump({"name": name, "kind": "images", "repeats": files}, sort_keys=False), folder / FILE_NAME)
+    content = {"name": name, "kind": "images", "repeats": files, "nominal": NOMINAL}
+    write_text(yaml.safe_dump(content, sort_keys=False), folder / FILE_NAME)
 
 
 def write(folder: str | Path, name: str, scan: Scan, taken: Acquired) -> None:
@@ -90,6 +92,7 @@ def write(folder: str | Path, name: str, scan: Scan, taken: Acquired) -> None:
         "name": name,
         "kind": "projections",
         "repeats": files,
+        "nominal": NOMINAL,
         "scan": {
             "trajectory": "circular",
             "detector": "flat",

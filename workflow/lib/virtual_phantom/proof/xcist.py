@@ -24,6 +24,7 @@ from ..errors import InputError
 CELLS_DIVIDED = 4  # finer cells per detector cell and direction, whose transmissions are averaged
 HOOKS = "virtual_phantom.proof.hooks."
 ENERGY_BINS = 20
+TARGET_ANGLE_DEG = 7.0  # of its anode, whose spectra are tabulated
 FOCAL_SPOT_SAMPLES = 3  # along either side, evenly spaced
 SPOT_STRETCHED = (1 - FOCAL_SPOT_SAMPLES**-2) ** -0.5  # so that they vary as much as the whole side
 ENERGIES_KEV = (40.0, 120.0)  # between which that of the monochromatic beam is looked for
@@ -194,6 +195,7 @@ def _configured(scan: Scan, path: Path, current: float = 1.0):
     scanner.detectionCallback = HOOKS + "detection"
     scanner.focalspotCallback = HOOKS + "source"
     scanner.focalspotShape = "uniform"
+    scanner.targetAngle = TARGET_ANGLE_DEG
     protocol.scanTrajectory = HOOKS + "gantry"
     protocol.viewsPerRotation = protocol.viewCount = scan.views
     protocol.stopViewId = scan.views - 1
@@ -212,7 +214,7 @@ def _configured(scan: Scan, path: Path, current: float = 1.0):
     physics.viewSampleCount = settings.get("subviews", 1)
     if "kvp" in settings:
         physics.energyCount = ENERGY_BINS
-        protocol.spectrumFilename = f"tungsten_tar7.0_{settings['kvp']:.0f}_filt.dat"
+        protocol.spectrumFilename = f"tungsten_tar{TARGET_ANGLE_DEG:.1f}_{settings['kvp']:.0f}_filt.dat"
         protocol.flatFilter = ["Al", settings["aluminium_mm"]]
     else:
         physics.energyCount = 1

@@ -11,6 +11,7 @@ from ...kept import Kept
 from ...physics.chain import Chain, State
 from ...physics.effect import acts_on_images
 from ...physics.image import with_effects
+from ...physics.spectra import TUNGSTEN, Anode
 from ...units import HU_AIR
 from ..model import Model, Nuisance, Prediction, pose_of
 from .observed import Condenser, ObservedImages
@@ -34,7 +35,7 @@ class ImagesModel(Model):
         reconstruct: Callable[[np.ndarray], np.ndarray],
         spacing_mm: tuple[float, float, float],
         seed: np.random.SeedSequence,
-        anode: str = "W",
+        anode: Anode = TUNGSTEN,
         tube_kvp: float | None = None,
     ):
         super().__init__(chain, aligned, anode, tube_kvp)

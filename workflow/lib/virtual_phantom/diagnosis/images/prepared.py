@@ -9,6 +9,7 @@ from scipy import fft
 
 from ...errors import InputError
 from ...physics.chain import Chain
+from ...physics.spectra import TUNGSTEN, Anode
 from ...units import HU_AIR
 from ..fit import Fitter
 from ..model import nuisances
@@ -35,7 +36,7 @@ def prepare(
     valid: np.ndarray,
     seed: np.random.SeedSequence,
     *,
-    anode: str = "W",
+    anode: Anode = TUNGSTEN,
     tube_kvp: float | None = None,
     nominal_photons: float | None = None,
     known: dict[str, float] | None = None,
