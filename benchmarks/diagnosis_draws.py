@@ -144,7 +144,7 @@ def left_over(given, physics, fit):
     parts[0] = np.where(held_out.usable, parts[0].reshape(shape) + pattern, 0).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
     fitted = Half([part.copy() for part in parts], fitter.weights, given.data)
-    more = aligned(fit, fitter.model.numerical)
+    more = aligned(fit, fitter.model.distortions)
     places = given.look.places(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted, more)
     # A sum of squares has its number of terms less without noise.
     weight = fitter.held_weights[0].reshape(shape)
@@ -241,13 +241,16 @@ def main():
     parser.add_argument("--kind", choices=("single", "none", "pair", "missing"), default="single")
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--accuracy", type=float, default=ACCURACY, help="diagnosis.model_accuracy")
+    parser.add_argument(
+        "--accuracy", type=float, help="diagnosis.model_accuracy of all effects, instead of its default"
+    )
     parser.add_argument("--only", nargs="+", help="these effects instead of all")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--out", default="draws.csv")
     options = parser.parse_args()
     draws = range(options.first, options.first + options.draws)
-    tasks = [(options.kind, draw, options.only, options.accuracy) for draw in draws]
+    accuracy = ACCURACY if options.accuracy is None else {"default": options.accuracy}
+    tasks = [(options.kind, draw, options.only, accuracy) for draw in draws]
     rows = []
     with ProcessPoolExecutor(options.processes) as pool, open(options.out, "w", newline="") as file:
         writer = csv.DictWriter(file, FIELDS, restval="")

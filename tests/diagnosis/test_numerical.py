@@ -1,21 +1,26 @@
 """Recordings of a phantom finer than the one that is known: voxels are no physics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.attribute import choose, trial
+from virtual_phantom.diagnosis.numerical import BASE, MOST_STRAY, Anchor, Numerical
 from virtual_phantom.diagnosis.scanned import coarse_scene
 from virtual_phantom.diagnosis.verdict import diagnose
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.phantom import block_mean
 from virtual_phantom.physics.chain import SOLID_ANGLE, Chain
 from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.scene import VoxelScene
 from virtual_phantom.volumes import Volume, read_nifti, write_nifti
 
 MU, PHOTONS = 0.0193, 1e5
+FINELY = 6  # rays per pixel and direction of what is scanned
 MATERIALS = {"soft": "water", "dense": "bone", "dense_from_hu": 150.0}
 GEOMETRY = circular(
     views=60,
@@ -47,17 +52,25 @@ def scene_of(volume):
     return VoxelScene.of(volume, Segmentation(**MATERIALS), MU)
 
 
-def judged(known, illumination=SOLID_ANGLE, told=SOLID_ANGLE, coarse=True):
-    path, scanned = known
-    state = Chain(scanned, GEOMETRY, PHOTONS, samples=3, illumination=illumination).state({})
+def prepared_from(known, state, illumination=SOLID_ANGLE, coarse=True):
+    """What is known of the phantom, held against four scans of a state of the chain."""
+    path, _ = known
     repeats = noisy_lines(state, 4, np.random.default_rng(1)).astype(np.float32)
     white = state.measured_air.mean(axis=0) * state.photons
     taken = observed.Scans(repeats, white, np.ones(repeats[0].shape, bool))
-    chains = [Chain(scene_of(read_nifti(path)), GEOMETRY, samples=count, illumination=told) for count in (2, 3)]
-    coarser = Chain(coarse_scene(path, MU, MATERIALS), GEOMETRY, samples=2, illumination=told)
-    given = prepared.prepare(
+    scene = scene_of(read_nifti(path))
+    chains = [
+        Chain(one, GEOMETRY, samples=n, illumination=illumination) for one, n in ((PosedScene(scene, 2), 2), (scene, 3))
+    ]
+    coarser = Chain(coarse_scene(path, MU, MATERIALS), GEOMETRY, samples=2, illumination=illumination)
+    return prepared.prepare(
         taken, None, chains[0], floor_chain=chains[1], coarse_chain=coarser if coarse else None, nominal_photons=PHOTONS
     )
+
+
+def judged(known, illumination=SOLID_ANGLE, told=SOLID_ANGLE, coarse=True):
+    state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=illumination).state({})
+    given = prepared_from(known, state, told, coarse)
     return diagnose("bench", given, choose(given.fitter, trial(given.fitter, ()), {})).content
 
 
@@ -66,6 +79,50 @@ def test_voxels_twice_as_large_as_those_scanned_are_a_match(known):
     assert found["verdict"] == "match", found["sentence"]
     # Richardson: halving again would change a third of what halving changed; the scanned voxels are half the way.
     assert 0.1 < found["alignment"]["voxels"]["value"] < 0.4
+
+
+def offset(pixels):
+    return Anchor.of({"detector_offset": {"columns_px": pixels}, "gain_pattern": {"rms": 0.01}}, {"offset": 0.1})
+
+
+def test_errors_follow_the_rays(known):
+    path, _ = known
+    scene = scene_of(read_nifti(path))
+    chains = [Chain(scene, GEOMETRY, samples=count) for count in (2, 3)]
+    numerical = Numerical(*chains, Chain(coarse_scene(path, MU, MATERIALS), GEOMETRY, samples=2))
+    base, moved = numerical.at(BASE), numerical.at(offset(3.0))
+    assert set(base) == {"rays", "voxels"} == set(numerical.names)
+    for name, errors in base.items():
+        assert np.abs(errors).max() > 1e-3
+        np.testing.assert_allclose(moved[name][..., :-3], errors[..., 3:], atol=2e-6)
+
+
+def test_errors_are_computed_anew_where_predictions_have_moved_too_far(known):
+    scene = scene_of(read_nifti(known[0]))
+    chain = Chain(scene, GEOMETRY, samples=2)
+    numerical = Numerical(chain, Chain(scene, GEOMETRY, samples=3), None)
+    lines, weights = chain.state({}).line_integrals(), np.full(GEOMETRY.shape, 4.0)
+    off = np.sqrt(MOST_STRAY / weights.sum())
+    assert not numerical.strayed(BASE, lines + 0.99 * off, weights)
+    assert numerical.strayed(BASE, lines + 1.01 * off, weights)
+    assert numerical.strayed(offset(0.3), lines, 1000 * weights)
+
+
+def test_a_fit_takes_errors_along(known):
+    """Else, of a detector that is off, they would be taken for a blur."""
+    truth = {"detector_offset": {"columns_px": 0.4}}
+    state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=SOLID_ANGLE).state(truth)
+    fitter = prepared_from(known, state).fitter
+    fit = fitter.fit(("detector_offset",), fitter.fit(()))
+    assert fit.anchor.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
+    blurred = fitter.fit(("detector_offset", "focal_spot"), fit)
+    assert fit.chi_square - blurred.chi_square < 12  # one in 400 by chance, of two numbers
+    left_behind = replace(fit, anchor=BASE)
+    worse, better = (
+        sum((w * r**2).sum() for w, r in zip(fitter.weights, fitter.residuals(one, False), strict=True))
+        for one in (left_behind, fit)
+    )
+    assert worse > better + 50
 
 
 def test_without_a_second_voxel_size_they_are_taken_for_a_mismatch(known):

@@ -253,7 +253,7 @@ def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
 def test_what_may_be_there_beside_is_undecided_and_not_ruled_out(scored):
     """In the place of heel, motion loses 400; beside it, it gains 200, which an inexact model of heel may leave."""
     singles = {name: scored((name,)) for name in SINGLES[::2]}
-    choice = attribute.choose(None, scored(()), singles, accuracy=0.7)
+    choice = attribute.choose(None, scored(()), singles, accuracy={"default": 0.7})
     assert choice.chosen.fit.effects == ("heel",)
     assert choice.undecided == {"motion": 200} and choice.ruled_out == {}
 
@@ -296,5 +296,5 @@ def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
     """heel gains 500 and motion 200 more: two fifths of it, the square of 0.63."""
     singles = {name: scored((name,)) for name in SINGLES[::2]}
     for accuracy, named in ((0.6, {"heel", "motion"}), (0.7, {"heel"})):
-        choice = attribute.choose(None, scored(()), singles, accuracy=accuracy)
+        choice = attribute.choose(None, scored(()), singles, accuracy={"default": accuracy})
         assert set(choice.chosen.fit.effects) == named

@@ -1,5 +1,9 @@
 # Where recordings and the simulator differ, and which physics explains it: one job per recording and candidate effect.
-from virtual_phantom.diagnosis.candidates import candidates, check_kinds
+from virtual_phantom.diagnosis.candidates import (
+    candidates,
+    check_accuracy,
+    check_kinds,
+)
 
 DIAGNOSED = PLAN.config["diagnosis"]["recordings"]
 # What every fit of a recording depends on: another list of effects redoes none.
@@ -13,6 +17,7 @@ MODELLED = {
 }
 try:
     check_kinds(DIAGNOSED, RECORDINGS)
+    check_accuracy(PLAN.config["diagnosis"]["model_accuracy"])
     CANDIDATES = {
         name: (
             []

@@ -16,7 +16,8 @@ from .screening import Screened, screened
 
 ALPHA = 0.001  # of an effect's likelihood ratio, over all candidates
 LEAST_GAIN = 4.0  # log score on held-out data that an effect must add
-ACCURACY = 0.05  # of effects' models, as the configuration has it by default
+# Of effects' models, as the configuration has it by default: what they left over of another simulator's scans.
+ACCURACY = {"default": 0.02, "spectrum": 0.005, "veiling_glare": 0.15, "numerical": 0.1}
 AS_GOOD = 3.0  # log score by which an effect may be worse and still stand for another: a factor of 20 in odds
 RULED_OUT = 10.0
 MOST_EFFECTS = 4
@@ -122,22 +123,37 @@ def _trial(task: tuple) -> Trial:
 
 
 def choose(
-    fitter: Fitter, baseline: Trial, singles: Mapping[str, Trial], processes: int = 1, accuracy: float = ACCURACY
+    fitter: Fitter,
+    baseline: Trial,
+    singles: Mapping[str, Trial],
+    processes: int = 1,
+    accuracy: Mapping[str, float] = ACCURACY,
 ) -> Choice:
     """Add effects while held-out data gain by them; drop those that are no longer needed; swap those that are worse,
     beside the others, than what could stand in.
 
     baseline, singles   from `trial`: alignment alone, and every candidate alone
-    accuracy            share of its own change of the data by which an effect's model may be wrong: what that leaves
-                        over is no evidence for another effect, and none against one that could stand in
+    accuracy            {effect: share of its own change of the data by which its model may be wrong}, `default` that of
+                        the others, `numerical` that of the corrections for finite steps: what that leaves over is no
+                        evidence for another effect, and none against one that could stand in
     """
     current, tried, found = baseline, dict(singles), {}
+    worth: dict[str, float] = {}  # log score that each effect gained when it was taken
+    steps = accuracy.get("numerical", 0.0) ** 2 * baseline.fit.corrected / 2
 
     def blur(beside: Trial) -> float:
-        return accuracy**2 * max(0.0, beside.score - baseline.score)
+        shares = {name: accuracy.get(name, accuracy["default"]) for name in beside.fit.effects}
+        return steps + sum(share**2 * worth[name] for name, share in shares.items())
 
     def least(beside: Trial) -> float:
         return max(LEAST_GAIN, blur(beside))
+
+    def take(best: Trial) -> Trial:
+        """The effect that is new, and what it replaces."""
+        new, gone = (set(one.fit.effects) - set(other.fit.effects) for one, other in ((best, current), (current, best)))
+        gained = best.score - current.score + sum(worth[name] for name in gone)
+        worth.update(dict.fromkeys(new, max(0.0, gained)))
+        return _without_idle(fitter, best, baseline, singles, processes, least)
 
     def standing_out(least_gain: float) -> dict[str, Screened]:
         return {name: one for name, one in found.items() if one.p * len(found) < SCREEN and one.gain > least_gain}
@@ -147,7 +163,7 @@ def choose(
         best = tried[best_name]
         if best.score - current.score < least(current) or best.p * len(singles) > ALPHA:
             break
-        current = _without_idle(fitter, best, baseline, singles, processes, least)
+        current = take(best)
         found = screened(fitter, current.fit, _others(singles, current))
         # Chi-square is twice the score, and a filter, of first order, may fall short of it by a factor of two.
         hopeful = [*best_few(standing_out(least(current))), *(name for name, one in found.items() if one.blind)]
@@ -159,7 +175,7 @@ def choose(
         choice, best = _with_stand_ins(fitter, current, baseline, singles, processes)
         if best is None or best.score - current.score < LEAST_GAIN:
             break
-        current = _without_idle(fitter, best, baseline, singles, processes, least)
+        current = take(best)
     if set(choice.chosen.fit.effects) & set(found):  # swapped since
         found = screened(fitter, choice.chosen.fit, _others(singles, choice.chosen))
     undecided = {name: one.gain / 2 for name, one in standing_out(2 * LEAST_GAIN).items()}

@@ -29,6 +29,16 @@ def candidates(settings: dict, kind: str = "projections") -> list[str]:
     return chosen
 
 
+def check_accuracy(accuracy: Mapping[str, float]) -> None:
+    """Raise InputError for an effect under `diagnosis.model_accuracy` that the library does not have."""
+    for name in accuracy:
+        if name not in ("default", "numerical", *names()):
+            raise InputError(
+                f"diagnosis.model_accuracy: there is no effect '{name}'; there are default, numerical, "
+                f"{', '.join(names())}"
+            )
+
+
 def _hidden(kind: str) -> dict[str, str]:
     """Effects that recordings of a kind do not show, and why."""
     if kind == "images":

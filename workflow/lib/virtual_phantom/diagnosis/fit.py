@@ -9,7 +9,9 @@ import numpy as np
 
 from ..physics.effect import load
 from . import pattern as patterns
-from .model import SURE, Model, Nuisance, stacked, weights
+from .alignment import SURE, Nuisance
+from .model import Model, stacked, weights
+from .numerical import BASE, Anchor
 from .observed import Observed
 from .steps import bounded_step, standard_errors, updated
 
@@ -39,6 +41,7 @@ class Fit:
     chi_square   of the data that were fitted, and of the Gaussian knowledge
     parts        chi-square of mean, variance, correlation and white field, those that are there
     free         number of effects' parameters
+    anchor       of what numerical errors were computed, and the chi-square that they make up
     pattern      [row, column] gain pattern (added to line integrals), or None, and the variance that each of its
                  constants is left with
     """
@@ -52,6 +55,8 @@ class Fit:
     parts: tuple[float, ...]
     free: int
     pulled: dict[str, float] = field(default_factory=dict)
+    anchor: Anchor = BASE
+    corrected: float = 0.0
     pattern: np.ndarray | None = field(default=None, repr=False)
     pattern_variance: np.ndarray | None = field(default=None, repr=False)
 
@@ -82,6 +87,9 @@ class Fitter:
         for _ in range(ITERATIONS):
             fresh = jacobian is None
             if fresh:
+                if problem.strays(point):
+                    residuals = problem.residuals(point, pattern)
+                    current = problem.chi_square(residuals, point)
                 jacobian = problem.jacobian(point, residuals, pattern)
             information, gradient = problem.normal(jacobian, point, residuals)
             before, enough = current, max(CONVERGED, CONVERGED_SHARE * (current - problem.count))
@@ -103,7 +111,11 @@ class Fitter:
                     break
             gained = before - current
             if expected < enough and (fresh or as_expected):
-                break
+                if not problem.strays(point):
+                    break
+                residuals, jacobian = problem.residuals(point, pattern), None
+                current = problem.chi_square(residuals, point)
+                continue
             as_expected = AS_EXPECTED[0] * expected < gained < AS_EXPECTED[1] * expected
             if problem.patterned:
                 pattern, residuals = problem.with_pattern(problem.residuals(point, None))
@@ -118,7 +130,7 @@ class Fitter:
     def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
         """Observed less predicted, by part, of the data held out or of those fitted."""
         data = self.held_out if held_out else self.data
-        parts = stacked(data, self.model.predict(fit.physics, fit.place, data))
+        parts = stacked(data, self.model.predict(fit.physics, fit.place, data, fit.anchor))
         return less_pattern(parts, fit.pattern, data)
 
     def score(self, fit: Fit) -> float:
@@ -137,6 +149,7 @@ class Problem:
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned = any(load(name).pattern for name in effects)
+        self.anchor = BASE if given is None else given.anchor
         self.unknowns = self.model.unknowns(self.effects)
         aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
         self.fresh = [given is None or one.effect not in given.physics for one in self.unknowns]
@@ -207,8 +220,21 @@ class Problem:
                 point[place] = off[0][place] + along / square * (full[0][place] - off[0][place])
         return self.polished(np.clip(point, self.low, self.high), None)
 
+    def strays(self, point: np.ndarray) -> bool:
+        """Whether predictions of a point lie off those of which numerical errors were computed; these are computed
+        there then."""
+        if self.model.numerical is None:
+            return False
+        physics, place = self._named(point)
+        lines, _ = self.model.predict(physics, place, self.data, self.anchor).design
+        if not self.model.numerical.strayed(self.anchor, lines, self.weights[0].reshape(lines.shape)):
+            return False
+        self.anchor = Anchor.of(physics, place)
+        return True
+
     def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:
-        return less_pattern(stacked(self.data, self.model.predict(*self._named(point), self.data)), pattern, self.data)
+        prediction = self.model.predict(*self._named(point), self.data, self.anchor)
+        return less_pattern(stacked(self.data, prediction), pattern, self.data)
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Effects' parameters and the alignment of a point, by name."""
@@ -224,7 +250,7 @@ class Problem:
         Both are linear, and most effects trade against them: without this, fits creep along narrow curved valleys.
         """
         physics, place = self._named(point)
-        prediction = self.model.predict(physics, place, self.data)
+        prediction = self.model.predict(physics, place, self.data, self.anchor)
         residuals = less_pattern(stacked(self.data, prediction), pattern, self.data)
         first = len(self.unknowns)
         index = [first + [one.name for one in self.aligned].index(name) for name in ("scale", "offset")]
@@ -279,16 +305,20 @@ class Problem:
                 physics[name]["rms"], spread[name]["rms"] = self.found.rms, self.found.error
         count, aligned = len(self.unknowns), [one.name for one in self.aligned]
         known = zip(self.aligned, point[count:], strict=True)
+        place = dict(zip(aligned, map(float, point[count:]), strict=True))
+        corrected = np.ravel(self.model.distortion(place, self.anchor)) ** 2
         return Fit(
             effects=self.effects,
             physics=physics,
             errors=spread,
-            place=dict(zip(aligned, map(float, point[count:]), strict=True)),
+            place=place,
             place_errors=dict(zip(aligned, map(float, errors[count:]), strict=True)),
             chi_square=total,
             parts=tuple(float((w * r**2).sum()) for w, r in zip(self.weights, residuals, strict=True)),
             free=count + self.patterned,
             pulled={one.name: float(one.off(value)) for one, value in known if np.isfinite(one.sd)},
+            anchor=self.anchor,
+            corrected=float((self.weights[0] * corrected).sum()),
             pattern=pattern,
             pattern_variance=self.found.variance if self.patterned else None,
         )

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from .alignment import PLACE
 from .fit import Fit
-from .model import PLACE
 from .observed import Observed
 
 ALPHA = 0.01  # family-wise, over all domains and all places in them

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..physics.chain import Chain, State
 from ..physics.effect import acts_on_images, load
-from ..physics.scene import Pose
 from ..physics.spectra import KVP, TUNGSTEN, Anode
+from .alignment import SURE, Nuisance, pose_of
+from .numerical import BASE, Anchor, Numerical
 from .observed import WHITE_TOLERANCE, Observed, white_shape
 from .steps import NORMAL_95
 
-# Standard deviations that what is known may be off by at most: where much is left out, a Gaussian alone gives way.
-SURE = 5.0
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
 STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin whose start may be no good
-# Of what a finer step changes: by how much predictions may be off yet. Where errors shrink with its square, all further
-# halving changes a third (L. F. Richardson, Phil. Trans. R. Soc. A 210, 307, 1911). More rays per pixel are expected to
-# change what they should; voxels may be as large as the object's own.
-NUMERICAL_SD = 1 / 3
-NUMERICAL = {"rays": 1.0, "voxels": 0.0}
-PLACE = ("x_mm", "y_mm", "z_mm", "turn_deg")
-POSES = (*PLACE, "size")
 
 
 @dataclass(frozen=True)
@@ -67,49 +59,6 @@ class Unknown:
 
 
 @dataclass(frozen=True)
-class Nuisance:
-    """A number of the alignment: nobody's physics, fitted in every model, held by a Gaussian of what is known of it."""
-
-    name: str
-    unit: str
-    expected: float
-    sd: float
-
-    def off(self, value: float) -> float:
-        """How far a value lies off what is known, in its standard deviations."""
-        return (value - self.expected) / self.sd
-
-
-def nuisances(
-    log_photons: float, photons_sd: float, known: Mapping[str, float], numerical: Iterable[str] = ()
-) -> tuple[Nuisance, ...]:
-    """The alignment of a recording of projections.
-
-    log_photons, photons_sd   logarithm of the photons per pixel in air, and how well it is known (infinite: not)
-    known                     standard deviations that the configuration gives instead of the defaults
-    numerical                 names of the model's numerical distortions, of NUMERICAL
-    """
-    defaults = {
-        "scale": ("1", 1.0, 0.005),  # of the line integrals: density of the phantom's material
-        "offset": ("1", 0.0, 0.002),  # of the line integrals: drift of the tube since the air scan
-        "x_mm": ("mm", 0.0, 1.0),
-        "y_mm": ("mm", 0.0, 1.0),
-        "z_mm": ("mm", 0.0, 1.0),
-        "turn_deg": ("degrees", 0.0, 0.5),
-    }
-    if "size" in known:  # of the object; an image states the size of its voxels
-        defaults["size"] = ("1", 1.0, known["size"])
-    rest = [Nuisance(name, unit, mean, known.get(name, sd)) for name, (unit, mean, sd) in defaults.items()]
-    rest += [Nuisance(name, "1", NUMERICAL[name], known.get(name, NUMERICAL_SD)) for name in numerical]
-    return (Nuisance("log_photons", "1", log_photons, photons_sd), *rest)
-
-
-def pose_of(place: Mapping[str, float]) -> Pose:
-    """The object's pose in an alignment."""
-    return Pose(**{name: place[name] for name in POSES if name in place})
-
-
-@dataclass(frozen=True)
 class Prediction:
     """As Observed: mean [view, row, column], log_variance (block,) over its reference, correlation, white.
 
@@ -130,8 +79,8 @@ class Model:
     tube_kvp   as the label on the scanner says, taken to be known to TUBE_KVP_SD; None: not known
     fixed      effects whose parameters are known from elsewhere and not fitted
     density    of the material over the listed one, and its standard deviation: the scale beside a spectrum
-    numerical  {name: [view, row, column]} what a finer step changes the line integrals by: a distortion that is fitted
-               within its bounds, since its errors are alike in many rays and no noise
+    numerical  errors of its steps, each a distortion of the line integrals that is fitted within its bounds, since it
+               is alike in many rays and no noise; None: there are none
     """
 
     def __init__(
@@ -142,10 +91,10 @@ class Model:
         tube_kvp: float | None = None,
         fixed: Mapping[str, Mapping[str, float]] | None = None,
         density: tuple[float, float] = (1.0, DENSITY_SD),
-        numerical: Mapping[str, np.ndarray] | None = None,
+        numerical: Numerical | None = None,
     ):
         self.chain, self.aligned, self.anode, self.tube_kvp = chain, aligned, anode, tube_kvp
-        self.fixed, self.density, self.numerical = fixed or {}, density, numerical or {}
+        self.fixed, self.density, self.numerical = fixed or {}, density, numerical
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """The alignment beside these effects. A spectrum leaves the scale only the density of the material: that of a
@@ -178,19 +127,38 @@ class Model:
                 found.append(Unknown(name, one.name, low, high, starts, neutral, expected, sd, one.power))
         return found
 
-    def distortion(self, place: Mapping[str, float]) -> np.ndarray | float:
-        """Numerical error that an alignment takes off the line integrals."""
-        return sum(place[name] * change for name, change in self.numerical.items())
+    @property
+    def distortions(self) -> tuple[str, ...]:
+        """Names of the numerical errors among the numbers of the alignment."""
+        return () if self.numerical is None else self.numerical.names
 
-    def predict(self, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float], data: Observed):
+    def distortion(self, place: Mapping[str, float], anchor: Anchor = BASE) -> np.ndarray | float:
+        """Numerical error that an alignment takes off the line integrals.
+
+        anchor   of what it is computed
+        """
+        if self.numerical is None:
+            return 0.0
+        return sum(place[name] * change for name, change in self.numerical.at(anchor).items())
+
+    def predict(
+        self,
+        physics: Mapping[str, Mapping[str, float]],
+        place: Mapping[str, float],
+        data: Observed,
+        anchor: Anchor = BASE,
+    ) -> Prediction:
         """The prediction for settings of effects and of the alignment. A gain pattern is fitted elsewhere: it has no
-        mean of its own here."""
+        mean of its own here.
+
+        anchor   of what numerical errors are computed
+        """
         shown = {name: values for name, values in physics.items() if not load(name).pattern}
         state = self.chain.state(shown, pose_of(place), photons=float(np.exp(place["log_photons"])), anode=self.anode)
         # The logarithm of noisy counts lies above that of their mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()
-        mean = place["scale"] * lines + place["offset"] + self.distortion(place) + above
+        mean = place["scale"] * lines + place["offset"] + self.distortion(place, anchor) + above
         ratio = np.where(data.usable, variance / data.reference, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(data.blocks.sum(ratio) / data.blocks.sum(data.usable))

@@ -9,17 +9,19 @@ import numpy as np
 from ..errors import InputError
 from ..physics.chain import Chain
 from ..physics.spectra import TUNGSTEN, Anode
+from .alignment import nuisances
 from .fit import Fitter
 from .look import PROJECTIONS, Look
-from .model import NUMERICAL_SD, Model, nuisances
+from .model import Model
+from .numerical import Numerical
 from .observed import Blocks, Observed, Scans, observe
 
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
 SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20 000 are taken for distances or offsets
-# Of a numerical distortion: what is left of it once it is fitted.
-LEFT = {"rays": 1.0, "voxels": NUMERICAL_SD}
+# Of a numerical distortion: what is left of it once it is fitted, as errors of higher order are alike in no two rays.
+LEFT = {"rays": 1.0, "voxels": 1 / 3}
 MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
@@ -78,8 +80,8 @@ def prepare(
     anode, tube_kvp   as the label on the scanner says
     nominal_photons   per pixel in air, if it is stated
     known             standard deviations of the alignment, by name, where the defaults do not hold
-    floor_chain       the same scene with more rays per pixel: the difference of the two is the floor
-    coarse_chain      the same scene of voxels twice as large: what that changes is fitted as a numerical distortion
+    floor_chain, coarse_chain   as Numerical takes them: what they change is fitted as numerical distortions, and what
+                      that leaves is the floor
     step              fit and hold out one view of so many, with the noise estimated from all
     Raises InputError if the repeats do not vary.
     """
@@ -99,12 +101,8 @@ def prepare(
     blocks = Blocks.of(taken.usable.shape)
     whole = observe(taken, reference, blocks)
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
-    numerical = {}
-    if floor_chain is not None:
-        numerical["rays"] = floor_chain.state({}, anode=anode).line_integrals() - clean
-    if coarse_chain is not None:
-        numerical["voxels"] = clean - coarse_chain.state({}, anode=anode).line_integrals()
-    left = tuple(LEFT[name] * one for name, one in numerical.items())
+    numerical = Numerical(chain, floor_chain, coarse_chain, anode)
+    left = tuple(LEFT[name] * one for name, one in numerical.at().items())
     floor = np.sqrt(sum((one**2 for one in left), np.zeros(clean.shape)))
     fitted, held, words = split(taken, further)
     data, held_out = (replace(observe(part, reference, blocks), numerical=left) for part in (fitted, held))
@@ -113,7 +111,7 @@ def prepare(
         np.log(nominal_photons or photons),
         NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf,
         {"size": SIZE_SD} | (known or {}),
-        numerical,
+        numerical.names,
     )
     fitter = Fitter(Model(chain, aligned, anode, tube_kvp, numerical=numerical), data, held_out, variance, floor)
     return Prepared(fitter, data, held_out, variance, words, single, photons, step=step)
@@ -128,7 +126,7 @@ def every(chain: Chain, step: int) -> Chain:
         source_z_mm=geometry.source_z_mm[::step],
         views_per_rotation=geometry.views_per_rotation / step,
     )
-    return Chain(chain.scene, thinned, chain.photons, chain.samples, chain.illumination)
+    return chain.copy(thinned)
 
 
 def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:

@@ -13,10 +13,10 @@ from ..projectors import projector
 from ..recordings.recording import Recording
 from ..units import attenuation_to_hu
 from .agreement import agreement
+from .alignment import pose_of
 from .attribute import Choice
 from .fit import Fit
 from .images.setting import agreement_of_images
-from .model import pose_of
 from .observed import LEAST_TRANSMISSION, Scans, scans
 from .prepared import HALVES, Prepared, split
 from .regions import Scanned, complete, disc_regions, image_grid, phantom_regions
@@ -101,7 +101,7 @@ def simulated_repeats(prepared: Prepared, fit: Fit, count: int, random: np.rando
     pattern = 0.0 if fit.pattern is None else fit.pattern
     transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))
     lines = (fit.place["offset"] + pattern - fit.place["scale"] * np.log(one) for one in transmissions)
-    numerical = prepared.fitter.model.distortion(fit.place)
+    numerical = prepared.fitter.model.distortion(fit.place, fit.anchor)
     return np.stack([(one + numerical).astype(np.float32) for one in lines])
 
 

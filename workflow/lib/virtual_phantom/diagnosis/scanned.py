@@ -11,7 +11,6 @@ from ..errors import InputError
 from ..geometry import Grid
 from ..phantom import block_mean
 from ..physics.materials import Segmentation
-from ..physics.posed import PosedScene
 from ..physics.prism import PrismScene
 from ..physics.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
 from ..units import HU_AIR
@@ -30,11 +29,8 @@ def scene_of(settings: dict, phantom: str | Path | None, mu_water_per_mm: float,
     if "disc" in settings:
         return DiscScene(settings["disc"]["diameter_mm"], settings["disc"]["material"])
     if "object" in settings:
-        return PosedScene(
-            mask_scene(settings["object"]["mask"], settings["object"]["material"], threads), settings["samples"]
-        )
-    scene = VoxelScene.of(volumes.read_nifti(phantom), Segmentation(**materials), mu_water_per_mm, threads)
-    return PosedScene(scene, settings["samples"])
+        return mask_scene(settings["object"]["mask"], settings["object"]["material"], threads)
+    return VoxelScene.of(volumes.read_nifti(phantom), Segmentation(**materials), mu_water_per_mm, threads)
 
 
 def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, threads: int = 1) -> VoxelScene:

@@ -62,7 +62,7 @@ def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
         for physics in (fit.physics, fit.physics | {name: effect.values({})})
     )
     mean = np.where(data.usable, with_it - without, 0).ravel()
-    rest = stacked(data, fitter.model.predict(fit.physics, fit.place, data))[1:]
+    rest = stacked(data, fitter.model.predict(fit.physics, fit.place, data, fit.anchor))[1:]
     return whitened([mean, *(np.zeros_like(part) for part in rest)], fitter.weights)
 
 

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..physics.chain import EVEN, Chain
+from ..physics.posed import PosedScene
+from ..physics.scene import DiscScene
 from ..physics.spectra import KVP, TUNGSTEN, Anode
 from ..recordings.reading import load as read
 from .caveats import check_scans
@@ -55,27 +57,31 @@ def ready(
         "nominal_photons": settings.get("nominal_photons"),
         "known": settings["alignment"],
     }
-    samples = [settings["samples"] + more for more in (0, FLOOR_SAMPLES)]
+    samples = settings["samples"]
+    # Path lengths in closed form need not be followed; those of the floor are asked for once each.
+    fitted = scene if isinstance(scene, DiscScene) else PosedScene(scene, samples)
+    models = [(fitted, samples), (scene, samples + FLOOR_SAMPLES)]
     if recording.kind == "images":
         setting = Protocol(**protocol)
-        chains = [Chain(scene, setting.geometry, samples=count) for count in samples]
+        chains = [Chain(one, setting.geometry, samples=count) for one, count in models]
         return recording, ready_images(recording, setting, chains, mu_water_per_mm, seed, threads, stated)
     illumination = recording.document.content["scan"].get("illumination", EVEN)
 
     def chain(scene, count):
         return Chain(scene, recording.geometry, samples=count, illumination=illumination)
 
+    model, floor = (chain(*one) for one in models)
     coarse = None
     if not {"disc", "object"} & set(settings):
-        coarse = chain(coarse_scene(phantom, mu_water_per_mm, materials, threads), samples[0])
+        coarse = chain(coarse_scene(phantom, mu_water_per_mm, materials, threads), samples)
     further = scans(recording.held_out) if len(recording.held_out) else None
     taken = scans(recording.repeats)
     check_scans(taken.every(settings["view_step"]), str(recording.document.path))
     return recording, prepare(
         taken,
         further,
-        chain(scene, samples[0]),
-        floor_chain=chain(scene, samples[1]),
+        model,
+        floor_chain=floor,
         coarse_chain=coarse,
         step=settings["view_step"],
         **stated,

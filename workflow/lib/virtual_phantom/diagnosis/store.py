@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..files import replacing, write_text
 from .attribute import Trial
 from .fit import Fit
+from .numerical import Anchor
 
 PATTERNS = ("pattern", "pattern_variance")
 RESIDUAL_MAPS = ("residuals before", "residuals after")  # beside the maps of domains
@@ -50,6 +51,7 @@ def read_trial(path: str | Path) -> Trial:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
         fit = content["fit"]
         fit["effects"], fit["parts"] = tuple(fit["effects"]), tuple(fit["parts"])
+        fit["anchor"] = Anchor(**fit["anchor"])
         for name in PATTERNS:
             fit[name] = None if fit[name] is None else np.array(fit[name])
         return Trial(Fit(**fit), content["score"], content["p"])

@@ -68,7 +68,7 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     shapes   values of parameters without a neutral value, where they are not typical
     """
     effect = load(name)
-    now = fitter.model.predict(fit.physics, fit.place, fitter.data)
+    now = fitter.model.predict(fit.physics, fit.place, fitter.data, fit.anchor)
     before = stacked(fitter.data, now)
     ranges = {one.name: one for one in fitter.model.unknowns((name,))}
     typical = {
@@ -81,6 +81,7 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     for shape in shapes:
         for strong in [{parameter.name: strength(parameter)} for parameter in parameters] or [{}]:
             values = typical | dict(shape) | off | strong
-            after = stacked(fitter.data, fitter.model.predict(fit.physics | {name: values}, fit.place, fitter.data))
+            changed = fitter.model.predict(fit.physics | {name: values}, fit.place, fitter.data, fit.anchor)
+            after = stacked(fitter.data, changed)
             rows.append(whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
     return np.stack(rows)

@@ -44,7 +44,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
             prepared.held_out,
             fit.pattern_variance,
             fitted=fitted,
-            more=aligned(fit, fitter.model.numerical),
+            more=aligned(fit, fitter.model.distortions),
         )
 
     before, after = places(choice.baseline.fit), places(choice.chosen.fit)

@@ -217,6 +217,10 @@ class Chain:
         self.illumination = illumination
         self._paths, self._transmissions = Kept(PATHS_KEPT * samples**2), Kept(TRANSMISSIONS_KEPT)
 
+    def copy(self, geometry: ScanGeometry | None = None) -> Chain:
+        """The same, of another geometry if one is given, with nothing kept."""
+        return Chain(self.scene, geometry or self.geometry, self.photons, self.samples, self.illumination)
+
     def state(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, photons: float | None = None, **extra
     ) -> State:

@@ -13,7 +13,9 @@ from ...physics.effect import acts_on_images
 from ...physics.image import with_effects
 from ...physics.spectra import TUNGSTEN, Anode
 from ...units import HU_AIR
-from ..model import Model, Nuisance, Prediction, pose_of
+from ..alignment import Nuisance, pose_of
+from ..model import Model, Prediction
+from ..numerical import BASE, Anchor
 from .observed import Condenser, ObservedImages
 
 REALISATIONS = 7  # of noise; one more lane holds the mean
@@ -49,7 +51,13 @@ class ImagesModel(Model):
             return self.aligned
         return tuple(replace(one, sd=max(one.sd, WATER_SD)) if one.name == "scale" else one for one in self.aligned)
 
-    def predict(self, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float], data: ObservedImages):
+    def predict(
+        self,
+        physics: Mapping[str, Mapping[str, float]],
+        place: Mapping[str, float],
+        data: ObservedImages,
+        anchor: Anchor = BASE,
+    ) -> Prediction:
         """The prediction for settings of effects and of the alignment: `mean` is whitened."""
         white = self.condenser.white
         mean, noise, _ = self.images(physics, place)

@@ -11,8 +11,8 @@ from ...errors import InputError
 from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
 from ...units import HU_AIR
+from ..alignment import nuisances
 from ..fit import Fitter
-from ..model import nuisances
 from ..prepared import NOMINAL_PHOTONS_SD, Prepared
 from .look import IMAGES
 from .model import REALISATIONS, ImagesModel, noise_lines

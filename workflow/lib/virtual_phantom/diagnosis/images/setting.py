@@ -12,8 +12,8 @@ from ...physics.chain import Chain
 from ...reconstruct import in_hu
 from ...recordings.images import ImagesRecording
 from ..agreement import agreement
+from ..alignment import pose_of
 from ..attribute import Choice
-from ..model import pose_of
 from ..prepared import Prepared
 from ..regions import Scanned, complete, phantom_regions
 from .model import REALISATIONS
