@@ -31,6 +31,7 @@ from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
 from virtual_phantom.diagnosis.attribute import ACCURACY, choose, trial  # noqa: E402
 from virtual_phantom.diagnosis.locate import EDGE_SHARE, Half, aligned  # noqa: E402
 from virtual_phantom.diagnosis.model import stacked  # noqa: E402
+from virtual_phantom.diagnosis.numerical import Anchor  # noqa: E402
 from virtual_phantom.diagnosis.templates import strength, varied, whitened  # noqa: E402
 from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
 from virtual_phantom.geometry import Grid, circular  # noqa: E402
@@ -130,15 +131,10 @@ def left_over(given, physics, fit):
     it is significant."""
     fitter, held_out = given.fitter, given.held_out
     place = {one.name: one.expected for one in fitter.model.aligned}
-    truth = fitter.model.predict(physics, place, held_out)
+    truth = fitter.model.predict(physics, place, held_out, Anchor.of(physics, place))
     gain = fitter.model.chain.state(physics).gain
-    parts = [
-        there - here
-        for there, here in zip(
-            *(stacked(held_out, one) for one in (fitter.model.predict(fit.physics, fit.place, held_out), truth)),
-            strict=True,
-        )
-    ]
+    found = fitter.model.predict(fit.physics, fit.place, held_out, fit.anchor)
+    parts = [there - here for there, here in zip(stacked(held_out, found), stacked(held_out, truth), strict=True)]
     shape = held_out.mean.shape
     pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))
     parts[0] = np.where(held_out.usable, parts[0].reshape(shape) + pattern, 0).ravel()
@@ -160,7 +156,8 @@ def left_over(given, physics, fit):
 def one(task):
     kind, draw, only, accuracy = task
     random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=(len(kind), draw)))
-    chain, known, floor = (Chain(scene(), GEOMETRY, PHOTONS, samples=samples) for samples in (4, 2, 3))
+    bare = scene()
+    chain, known, floor = (Chain(bare, GEOMETRY, PHOTONS, samples=samples) for samples in (4, 2, 3))
     library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
     blank = prepared.prepare(scans(chain, {}, random), None, known, floor_chain=floor, nominal_photons=PHOTONS)
     count = {"none": 0, "pair": 2}.get(kind, 1)
@@ -242,7 +239,7 @@ def main():
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument(
-        "--accuracy", type=float, help="diagnosis.model_accuracy of all effects, instead of its default"
+        "--accuracy", type=float, help="diagnosis.model_accuracy of all effects; finite steps are exact then"
     )
     parser.add_argument("--only", nargs="+", help="these effects instead of all")
     parser.add_argument("--processes", type=int, default=os.cpu_count())

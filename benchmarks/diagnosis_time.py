@@ -54,7 +54,7 @@ def main():
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     options = parser.parse_args()
     random = np.random.default_rng(np.random.SeedSequence(20261121))
-    exact = Chain(scene(), GEOMETRY, PHOTONS, samples=options.samples)
+    exact = Chain(scene(), GEOMETRY, PHOTONS, samples=options.samples + 2)
     taken = scans(exact, {options.effect: weaker(options.effect)}, random)
     marks, began = {}, time.perf_counter()
 
@@ -62,8 +62,9 @@ def main():
         marks[name] = time.perf_counter() - began - sum(marks.values())
         print(f"{name:12s} {marks[name]:7.1f} s", flush=True)
 
-    posed = PosedScene(scene(), options.samples)
-    model, floor = (Chain(posed, GEOMETRY, PHOTONS, samples=options.samples + more) for more in (0, 1))
+    bare = scene()
+    model = Chain(PosedScene(bare, options.samples), GEOMETRY, PHOTONS, samples=options.samples)
+    floor = Chain(bare, GEOMETRY, PHOTONS, samples=options.samples + 1)
     given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
     mark("preparation")
     baseline = trial(given.fitter, ())

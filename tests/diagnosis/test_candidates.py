@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from virtual_phantom.diagnosis.candidates import candidates, check_kinds
+from virtual_phantom.diagnosis.candidates import candidates, check_accuracy, check_kinds
 from virtual_phantom.errors import InputError
 from virtual_phantom.physics.effect import acts_on_images, names
 
@@ -33,6 +33,12 @@ def test_what_cannot_be_tried_is_refused(effects, kind, message):
     with pytest.raises(InputError, match=message) as error:
         candidates({"effects": effects}, kind)
     assert "\n" not in str(error.value)
+
+
+def test_exactness_is_of_effects_that_there_are():
+    check_accuracy({"default": 0.02, "numerical": 0.1, "spectrum": 0.0})
+    with pytest.raises(InputError, match="diagnosis.model_accuracy: there is no effect 'glow'"):
+        check_accuracy({"default": 0.02, "glow": 0.1})
 
 
 def test_physics_comes_from_a_recording_of_the_same_kind():

@@ -6,15 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from virtual_phantom.diagnosis.alignment import nuisances
 from virtual_phantom.diagnosis.attribute import trial
 from virtual_phantom.diagnosis.fit import Fitter
-from virtual_phantom.diagnosis.model import Model, nuisances
+from virtual_phantom.diagnosis.model import Model
 from virtual_phantom.diagnosis.observed import observe, scans
 from virtual_phantom.diagnosis.scanned import mask_scene
 from virtual_phantom.diagnosis.verdict import excess_rms_removed
 from virtual_phantom.diagnosis.verified import Physics, verified
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.posed import PosedScene
+from virtual_phantom.physics.spectra import Anode
 from virtual_phantom.recordings.importers.htc2022 import OBJECT, import_htc2022
 
 REAL = Path(__file__).resolve().parents[2] / "../shared/real/htc2022"
@@ -48,7 +50,7 @@ def test_physics_of_the_solid_disc_holds_for_one_with_holes(tmp_path):
     odd = (np.arange(geometry.views) % 2 == 1)[:, None, None]
     data, held_out = (observe(replace(taken, usable=taken.usable & part), variance) for part in (~odd, odd))
     aligned = nuisances(np.log(PHOTONS), 0.02, {"scale": 1.0, "size": 0.01, "offset": 0.02})
-    fitter = Fitter(Model(chain, aligned, "Mo", 45.0), data, held_out, variance, np.zeros_like(variance))
+    fitter = Fitter(Model(chain, aligned, Anode("Mo"), 45.0), data, held_out, variance, np.zeros_like(variance))
     errors = {effect: dict.fromkeys(values, 0.0) for effect, values in FOUND.items()}
     baseline = trial(fitter, ())
     choice = verified(fitter, baseline, Physics("solid_disc", FOUND, errors, DENSITY, ()), same_material=True)

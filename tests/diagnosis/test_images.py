@@ -115,7 +115,7 @@ def recorded(scene, physics, seed, repeats=REPEATS):
 
 
 def prepared(scene, physics, seed=1, repeats=REPEATS):
-    chains = [Chain(PosedScene(scene), GEOMETRY, PHOTONS, samples=samples) for samples in (2, 3)]
+    chains = [Chain(one, GEOMETRY, PHOTONS, samples=count) for one, count in ((PosedScene(scene, 2), 2), (scene, 3))]
     return prepare(
         recorded(scene, physics, seed, repeats),
         None,

@@ -9,6 +9,7 @@ from simulated_scans import body, noisy_lines
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.attribute import choose, trial
 from virtual_phantom.diagnosis.numerical import BASE, MOST_STRAY, Anchor, Numerical
+from virtual_phantom.diagnosis.pattern import estimate
 from virtual_phantom.diagnosis.scanned import coarse_scene
 from virtual_phantom.diagnosis.verdict import diagnose
 from virtual_phantom.geometry import Grid, circular
@@ -123,6 +124,18 @@ def test_a_fit_takes_errors_along(known):
         for one in (left_behind, fit)
     )
     assert worse > better + 50
+
+
+def test_a_gain_pattern_is_estimated_of_the_errors_that_are_taken_along(known):
+    """Errors that all views share would go into the pattern."""
+    truth = {"detector_offset": {"columns_px": 0.4}, "gain_pattern": {"rms": 0.004, "detector": 3.0}}
+    state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=SOLID_ANGLE).state(truth)
+    fitter = prepared_from(known, state).fitter
+    fit = fitter.fit(("detector_offset", "gain_pattern"), fitter.fit(()))
+    assert fit.anchor.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
+    bare = fitter.residuals(replace(fit, pattern=None), held_out=False)[0].reshape(GEOMETRY.shape)
+    weight = fitter.weights[0].reshape(GEOMETRY.shape)
+    np.testing.assert_allclose(fit.pattern, estimate(bare, weight).values, atol=2e-5)
 
 
 def test_without_a_second_voxel_size_they_are_taken_for_a_mismatch(known):

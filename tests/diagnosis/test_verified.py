@@ -298,3 +298,30 @@ def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
     for accuracy, named in ((0.6, {"heel", "motion"}), (0.7, {"heel"})):
         choice = attribute.choose(None, scored(()), singles, accuracy={"default": accuracy})
         assert set(choice.chosen.fit.effects) == named
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "named"),
+    [({"default": 0.0, "heel": 0.7}, {"heel"}), ({"default": 0.7, "heel": 0.0}, {"heel", "motion"})],
+)
+def test_an_effect_is_as_exact_as_is_said_of_it(scored, accuracy, named):
+    singles = {name: scored((name,)) for name in SINGLES[::2]}
+    assert set(attribute.choose(None, scored(()), singles, accuracy=accuracy).chosen.fit.effects) == named
+
+
+@pytest.mark.parametrize(("corrected", "named"), [(990.0, ("heel",)), (1010.0, ())])
+def test_what_corrections_for_steps_may_leave_is_no_evidence(scored, corrected, named):
+    """heel alone gains 500 of log score, 1000 of chi-square."""
+    baseline = scored(())
+    baseline = replace(baseline, fit=replace(baseline.fit, corrected=corrected))
+    choice = attribute.choose(None, baseline, {"heel": scored(("heel",))}, accuracy={"default": 0.0, "numerical": 1.0})
+    assert choice.chosen.fit.effects == named
+
+
+def test_an_effect_is_worth_what_it_explains_once_an_idle_one_has_gone(scored, monkeypatch):
+    """heel is taken first, then motion, then scatter, beside which heel gains 1 and goes; 900 are explained."""
+    monkeypatch.setattr(attribute, "MOST_EFFECTS", 4)
+    singles = {name: scored((name,)) for name in SINGLES}
+    choice = attribute.choose(None, scored(()), singles, accuracy={"default": 0.1})
+    assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
+    assert choice.blur == pytest.approx(0.1**2 * 900)

@@ -192,7 +192,7 @@ def test_a_focal_spot_blurs_by_its_shadow():
 
 
 @pytest.mark.parametrize("angle", [10.0, -10.0])
-def test_the_ends_of_a_long_spot_are_not_as_far_away(angle):
+def test_the_ends_of_a_long_spot_are_not_equally_far_away(angle):
     """Line focus: a spot of length l on an anode inclined by a is l / tan(a) deep, which blurs the shadow of what lies
     off the axis along the columns, by the variance of its place."""
     geometry = circular(

@@ -5,7 +5,8 @@ import pytest
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import circular
-from virtual_phantom.proof.xcist import Materials, Scan, attenuation_per_mm, energy_of_water, simulate
+from virtual_phantom.proof.generate import NOMINAL
+from virtual_phantom.proof.xcist import Materials, Scan, _configured, attenuation_per_mm, energy_of_water, simulate
 
 KEV, PHOTONS, VIEWS = 70.0, 2e4, 24
 DETECTOR = {
@@ -231,3 +232,15 @@ def test_a_focal_spot_blurs_as_all_of_its_width_does(plain):
     grown = spread(scan(repeats=12, focal_spot_mm=(width, 0.0))) - spread(plain)
     expected = width**2 / 12 * (distance / depth - 1) ** 2
     assert grown.mean() / expected.mean() == pytest.approx(1.0, abs=0.03)
+
+
+def test_the_end_of_a_focal_spot_at_plus_z_lies_nearer_as_recordings_say(tmp_path):
+    """A positive nominal.anode_angle_deg. XCIST's source stands at +y."""
+    from gecatsim.pyfiles.SetFocalspot import SetFocalspot
+
+    order = Scan(views=VIEWS, kev=KEV, photons=PHOTONS, settings={"focal_spot_mm": (1.0, 2.0)}, **DETECTOR)
+    path = Materials({"water": np.ones((2, 2, 2), np.float32)}, (1.0, 1.0)).write(tmp_path)
+    samples = SetFocalspot(_configured(order, path)).src.samples
+    nearer = DETECTOR["source_to_isocentre_mm"] - samples[:, 1]
+    np.testing.assert_allclose(nearer, samples[:, 2] / np.tan(np.deg2rad(NOMINAL["anode_angle_deg"])), atol=1e-3)
+    assert np.ptp(nearer) > 5

@@ -72,8 +72,8 @@ def agreement_inputs(wildcards):
 
 
 def diagnosis_megabytes(wildcards):
-    """Rays of all repeats, path lengths at several samples per pixel, and derivatives; of images, the realisations of
-    noise, MB."""
+    """Rays of all repeats, path lengths at several samples per pixel, derivatives and numerical errors; of images, the
+    realisations of noise, MB."""
     protocol = diagnosis_protocol(wildcards)
     scan = (
         protocol["scan"]
@@ -83,7 +83,7 @@ def diagnosis_megabytes(wildcards):
     views = protocol["projections"] if protocol else scan["views"]
     rays = views * scan["rows"] * scan["columns"] / 1e6
     return int(
-        1500 + rays * (60 * DIAGNOSED[wildcards.recording]["samples"] ** 2 + 400)
+        1500 + rays * (60 * DIAGNOSED[wildcards.recording]["samples"] ** 2 + 500)
     )
 
 

@@ -142,8 +142,11 @@ def choose(
     steps = accuracy.get("numerical", 0.0) ** 2 * baseline.fit.corrected / 2
 
     def blur(beside: Trial) -> float:
-        shares = {name: accuracy.get(name, accuracy["default"]) for name in beside.fit.effects}
-        return steps + sum(share**2 * worth[name] for name, share in shares.items())
+        # What an effect gained may be less than it explains, once another that came before has gone.
+        names, total = beside.fit.effects, max(0.0, beside.score - baseline.score)
+        shared = sum(accuracy.get(name, accuracy["default"]) ** 2 * worth[name] for name in names)
+        known = sum(worth[name] for name in names)
+        return steps + (total * shared / known if known else 0.0)
 
     def least(beside: Trial) -> float:
         return max(LEAST_GAIN, blur(beside))

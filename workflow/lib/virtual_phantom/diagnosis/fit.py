@@ -41,7 +41,8 @@ class Fit:
     chi_square   of the data that were fitted, and of the Gaussian knowledge
     parts        chi-square of mean, variance, correlation and white field, those that are there
     free         number of effects' parameters
-    anchor       of what numerical errors were computed, and the chi-square that they make up
+    anchor       of what numerical errors were computed
+    corrected    chi-square that they make up
     pattern      [row, column] gain pattern (added to line integrals), or None, and the variance that each of its
                  constants is left with
     """
@@ -78,17 +79,15 @@ class Fitter:
     def fit(self, effects: tuple[str, ...], given: Fit | None = None) -> Fit:
         """Refit all parameters of these effects and the alignment, beginning where `given` ended."""
         problem = Problem(self, effects, given)
-        pattern = jacobian = None
+        jacobian = None
         point = problem.best_start()
-        residuals = problem.residuals(point, pattern)
-        if problem.patterned:
-            pattern, residuals = problem.with_pattern(residuals)
+        pattern, residuals = problem.afresh(point)
         current, damping, as_expected = problem.chi_square(residuals, point), 0.0, False
         for _ in range(ITERATIONS):
             fresh = jacobian is None
             if fresh:
                 if problem.strays(point):
-                    residuals = problem.residuals(point, pattern)
+                    pattern, residuals = problem.afresh(point)
                     current = problem.chi_square(residuals, point)
                 jacobian = problem.jacobian(point, residuals, pattern)
             information, gradient = problem.normal(jacobian, point, residuals)
@@ -113,12 +112,12 @@ class Fitter:
             if expected < enough and (fresh or as_expected):
                 if not problem.strays(point):
                     break
-                residuals, jacobian = problem.residuals(point, pattern), None
+                (pattern, residuals), jacobian = problem.afresh(point), None
                 current = problem.chi_square(residuals, point)
                 continue
             as_expected = AS_EXPECTED[0] * expected < gained < AS_EXPECTED[1] * expected
             if problem.patterned:
-                pattern, residuals = problem.with_pattern(problem.residuals(point, None))
+                pattern, residuals = problem.afresh(point)
                 current = problem.chi_square(residuals, point)
             if gained < enough and fresh:
                 break
@@ -223,7 +222,7 @@ class Problem:
     def strays(self, point: np.ndarray) -> bool:
         """Whether predictions of a point lie off those of which numerical errors were computed; these are computed
         there then."""
-        if self.model.numerical is None:
+        if not self.model.distortions:
             return False
         physics, place = self._named(point)
         lines, _ = self.model.predict(physics, place, self.data, self.anchor).design
@@ -262,8 +261,11 @@ class Problem:
         point[index] = np.clip(point[index] + step, self.low[index], self.high[index])
         return point, [np.where(weight > 0, residuals[0] - step @ design, 0), *residuals[1:]]
 
-    def with_pattern(self, residuals: list[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
-        """The gain pattern of residuals that hold all of it, and what it leaves."""
+    def afresh(self, point: np.ndarray) -> tuple[np.ndarray | None, list[np.ndarray]]:
+        """The gain pattern at a point, None if there is none, and the residuals that it leaves."""
+        residuals = self.residuals(point, None)
+        if not self.patterned:
+            return None, residuals
         shape = self.data.mean.shape
         self.found = patterns.estimate(residuals[0].reshape(shape), self.weights[0].reshape(shape))
         return self.found.values, less_pattern(residuals, self.found.values, self.data)

@@ -76,6 +76,7 @@ class Prediction:
 class Model:
     """Predictions for effects' parameters and the alignment.
 
+    anode      of the tube
     tube_kvp   as the label on the scanner says, taken to be known to TUBE_KVP_SD; None: not known
     fixed      effects whose parameters are known from elsewhere and not fitted
     density    of the material over the listed one, and its standard deviation: the scale beside a spectrum

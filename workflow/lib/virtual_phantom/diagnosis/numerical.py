@@ -50,7 +50,7 @@ class Numerical:
     """What finer steps change of the line integrals.
 
     chain    the simulator
-    finer    the same with more rays per pixel, or None
+    finer    the same with more rays per pixel, all of them traced, or None
     coarser  the same of voxels twice as large, or None
     Both differences follow the object's edges and lose what a blur takes off them, so that they are wanted of the
     effects that are fitted, where these let the rays run.
@@ -80,8 +80,13 @@ class Numerical:
         def lines(chain: Chain) -> np.ndarray:
             return chain.state(anchor.physics, pose_of(anchor.place), anode=self._anode).line_integrals()
 
-        errors, here = {}, lines(self._chain)
-        # Copies, whose path lengths go when they have served.
+        errors = {}
+        if self._finer is None and self._coarser is None:
+            return errors, lines(self._chain)
+        # Copies, whose path lengths go when they have served. All are traced: the simulator of a fit may follow rays to
+        # first order, which is no error of its steps.
+        traced = self._chain if self._finer is None else self._finer.copy(samples=self._chain.samples)
+        here = lines(traced)
         if self._finer is not None:
             errors["rays"] = lines(self._finer.copy()) - here
         if self._coarser is not None:

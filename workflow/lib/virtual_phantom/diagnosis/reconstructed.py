@@ -96,7 +96,7 @@ def compared(taken: Scans, further: Scans | None) -> Scans:
 
 def simulated_repeats(prepared: Prepared, fit: Fit, count: int, random: np.random.Generator) -> np.ndarray:
     """Noisy line integrals [repeat, view, row, column] of a fitted model with its alignment and gain pattern."""
-    state = prepared.fitter.model.predict(fit.physics, fit.place, prepared.held_out).state
+    state = prepared.fitter.model.predict(fit.physics, fit.place, prepared.held_out, fit.anchor).state
     air = state.measured_air * state.photons
     pattern = 0.0 if fit.pattern is None else fit.pattern
     transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))

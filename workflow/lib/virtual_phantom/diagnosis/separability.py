@@ -58,7 +58,7 @@ def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
     effect, data = load(name), fitter.data
     photons = float(np.exp(fit.place["log_photons"]))
     without, with_it = (
-        fitter.model.chain.state(physics, photons=photons).line_integrals()
+        fitter.model.chain.state(physics, photons=photons, anode=fitter.model.anode).line_integrals()
         for physics in (fit.physics, fit.physics | {name: effect.values({})})
     )
     mean = np.where(data.usable, with_it - without, 0).ravel()

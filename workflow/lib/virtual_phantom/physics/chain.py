@@ -215,11 +215,12 @@ class Chain:
         """
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
         self.illumination = illumination
-        self._paths, self._transmissions = Kept(PATHS_KEPT * samples**2), Kept(TRANSMISSIONS_KEPT)
+        rays = len(quadrature(samples, geometry.rows > 1))
+        self._paths, self._transmissions = Kept(PATHS_KEPT * rays), Kept(TRANSMISSIONS_KEPT)
 
-    def copy(self, geometry: ScanGeometry | None = None) -> Chain:
-        """The same, of another geometry if one is given, with nothing kept."""
-        return Chain(self.scene, geometry or self.geometry, self.photons, self.samples, self.illumination)
+    def copy(self, geometry: ScanGeometry | None = None, samples: int | None = None) -> Chain:
+        """The same, of another geometry or number of rays if one is given, with nothing kept."""
+        return Chain(self.scene, geometry or self.geometry, self.photons, samples or self.samples, self.illumination)
 
     def state(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, photons: float | None = None, **extra

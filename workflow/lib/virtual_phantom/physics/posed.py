@@ -44,7 +44,7 @@ class PosedScene:
 
     def __init__(self, scene: VoxelScene, samples: int = 1):
         """samples   rays per pixel and direction of the chain that asks: each is a scan of its own"""
-        self.scene, self._rays_per_pixel = scene, samples**2
+        self.scene, self._samples = scene, samples
         self.materials, self.energy_kev = scene.materials, scene.energy_kev
         self.attenuation_per_mm = scene.attenuation_per_mm
         self._allowed_mm = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
@@ -68,5 +68,6 @@ class PosedScene:
 
     def _most(self, geometry: ScanGeometry) -> int:
         """How many scans of one ray per pixel are kept."""
-        size = 4 * len(self.materials) * np.prod(geometry.shape) * 5 * self._rays_per_pixel  # path lengths, four slopes
-        return self._rays_per_pixel * int(np.clip(MEMORY_BYTES / size, LEAST_KEPT, MOST_KEPT))
+        rays = self._samples ** (2 if geometry.rows > 1 else 1)
+        size = 4 * len(self.materials) * np.prod(geometry.shape) * 5 * rays  # path lengths, four slopes
+        return rays * int(np.clip(MEMORY_BYTES / size, LEAST_KEPT, MOST_KEPT))

@@ -12,7 +12,7 @@ def apply(state: State, values: dict[str, float]) -> None:
     width, length = values["width_mm"], values["length_mm"]
     node = math.sqrt(3 / 5) / 2
     middle, points = 1.0, []
-    # The length is what the detector sees of a spot on an inclined anode, whose ends are not as far away (line focus).
+    # The length is what the detector sees of a spot on an inclined anode, whose ends are not equally far (line focus).
     away = -length / math.tan(math.radians(state.anode.angle_deg))
     for ends in ((width, 0.0, 0.0), (0.0, length, away)):
         if any(ends):
