@@ -6,11 +6,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import special, stats
 from simulated_scans import body, chosen
 
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.attribute import trial
-from virtual_phantom.diagnosis.locate import ALPHA, Half, locate
+from virtual_phantom.diagnosis.locate import ALPHA, Half, locate, variance_z
 from virtual_phantom.diagnosis.numerical import Anchor
 from virtual_phantom.diagnosis.pattern import estimate
 from virtual_phantom.diagnosis.report import page, residual_maps
@@ -205,6 +206,16 @@ def test_numerical_errors_alone_are_nothing_that_halves_have_in_common():
     found = np.array([z(random.normal() * error) for _ in range(400)])
     assert (found > 2.5).mean() < 0.05  # c^2 - 1 over 2^(1/2) of c normal is over 2.5 in 3.3 %
     assert z(3.5 * error) > 5
+
+
+@pytest.mark.parametrize("freedom", [10, 40, 2000])
+def test_scores_of_variances_are_as_likely_as_the_variances(freedom):
+    """Of the law of chi-square, far into its tails. Of the logarithm, at 10 degrees of freedom, -4.3 becomes -6."""
+    likely = np.array([1e-5, 1e-3, 0.05, 0.5, 0.95, 1 - 1e-3, 1 - 1e-5])
+    logarithm = np.log(stats.chi2.ppf(likely, freedom) / freedom) - (special.digamma(freedom / 2) - np.log(freedom / 2))
+    z = variance_z(logarithm, np.full(likely.size, freedom / 2))
+    np.testing.assert_allclose(z, stats.norm.ppf(likely), atol=0.3)
+    assert variance_z(np.zeros(2), np.array([0.0, 1e4]))[0] == 0
 
 
 def test_one_repeat_that_is_fitted_is_held_against_several(scene):

@@ -159,12 +159,15 @@ def test_a_concealed_effect_is_named(scene, name, key, value):
     key = key or effect.parameters[0].name
     values = {one.name: one.neutral if one.neutral is not None else one.typical for one in effect.parameters}
     values[key] = 0.6 if value is None else value
-    content = found(prepared(scene, {name: values}), dict.fromkeys([*CANDIDATES, name])).content
-    named = {one["name"]: one["parameters"] for one in content["effects"]}
-    assert list(named)[:1] == [name], content["sentence"]
-    low, high = named[name][key]["ci95"]
-    assert low - (high - low) / 2 < values[key] < high + (high - low) / 2
-    assert content["excess_removed"] > 0.9
+    removed = []
+    for seed in (1, 2, 3):
+        content = found(prepared(scene, {name: values}, seed), dict.fromkeys([*CANDIDATES, name])).content
+        named = {one["name"]: one["parameters"] for one in content["effects"]}
+        assert list(named)[:1] == [name], content["sentence"]
+        low, high = named[name][key]["ci95"]
+        assert low - (high - low) / 2 < values[key] < high + (high - low) / 2
+        removed.append(content["excess_removed"])
+    assert np.median(removed) > 0.9  # of one draw, what noise leaves in common may pass for half of a faint effect
 
 
 def test_one_repeat_says_where_its_noise_is_from(scene):

@@ -16,6 +16,7 @@ from .observed import Observed
 from .steps import bounded_step, standard_errors, updated
 
 ITERATIONS = 25
+MOST_ANCHORS = 3  # times that numerical errors are computed anew in a fit, each when it has settled
 # Of chi-square between two iterations: in units of noise, and of its excess over noise where the model lacks much.
 CONVERGED, CONVERGED_SHARE = 0.02, 1e-5
 # Share of the expected gain that a step must make for its Jacobian to stay in use.
@@ -86,9 +87,6 @@ class Fitter:
         for _ in range(ITERATIONS):
             fresh = jacobian is None
             if fresh:
-                if problem.strays(point):
-                    pattern, residuals = problem.afresh(point)
-                    current = problem.chi_square(residuals, point)
                 jacobian = problem.jacobian(point, residuals, pattern)
             information, gradient = problem.normal(jacobian, point, residuals)
             before, enough = current, max(CONVERGED, CONVERGED_SHARE * (current - problem.count))
@@ -109,19 +107,21 @@ class Fitter:
                 if damping > MOST_DAMPING or not fresh:
                     break
             gained = before - current
-            if expected < enough and (fresh or as_expected):
-                if not problem.strays(point):
-                    break
-                (pattern, residuals), jacobian = problem.afresh(point), None
-                current = problem.chi_square(residuals, point)
-                continue
-            as_expected = AS_EXPECTED[0] * expected < gained < AS_EXPECTED[1] * expected
-            if problem.patterned:
+            settled = expected < enough and (fresh or as_expected)
+            if not settled:
+                as_expected = AS_EXPECTED[0] * expected < gained < AS_EXPECTED[1] * expected
+                if problem.patterned:
+                    pattern, residuals = problem.afresh(point)
+                    current = problem.chi_square(residuals, point)
+                settled = gained < enough and fresh
+            # A pattern is estimated in turn with the numbers, which settles slowly.
+            strayed = (settled or problem.patterned) and problem.strays(point)
+            if settled and not strayed:
+                break
+            if strayed:
                 pattern, residuals = problem.afresh(point)
                 current = problem.chi_square(residuals, point)
-            if gained < enough and fresh:
-                break
-            if not as_expected:
+            if strayed or not as_expected:
                 jacobian = None
         errors = standard_errors(information)
         return problem.result(point, errors, residuals, current, pattern)
@@ -148,7 +148,7 @@ class Problem:
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned = any(load(name).pattern for name in effects)
-        self.anchor = BASE if given is None else given.anchor
+        self.anchor, self.anchored = BASE if given is None else given.anchor, 0
         self.unknowns = self.model.unknowns(self.effects)
         aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
         self.fresh = [given is None or one.effect not in given.physics for one in self.unknowns]
@@ -222,13 +222,13 @@ class Problem:
     def strays(self, point: np.ndarray) -> bool:
         """Whether predictions of a point lie off those of which numerical errors were computed; these are computed
         there then."""
-        if not self.model.distortions:
+        if not self.model.distortions or self.anchored == MOST_ANCHORS:
             return False
         physics, place = self._named(point)
         lines, _ = self.model.predict(physics, place, self.data, self.anchor).design
         if not self.model.numerical.strayed(self.anchor, lines, self.weights[0].reshape(lines.shape)):
             return False
-        self.anchor = Anchor.of(physics, place)
+        self.anchor, self.anchored = Anchor.of(physics, place), self.anchored + 1
         return True
 
     def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:

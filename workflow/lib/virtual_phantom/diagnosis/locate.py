@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from .alignment import PLACE
 from .fit import Fit
@@ -161,10 +161,23 @@ def noise_places(residuals, weights, data: Observed, pairs: list[str], axes=AXES
     with np.errstate(divide="ignore"):
         error = 1 / weights[2] + (1 / fitted.weights[2] if fitted else 0)
     return [
-        blocks("noise variance", residuals[1] * np.sqrt(weights[1]), data, axes),
+        blocks("noise variance", variance_z(residuals[1], weights[1]), data, axes),
         Location("noise level", "everywhere", z, _two_sided(z, 1), np.array([z])),
         extreme("noise correlation", residuals[2] / np.sqrt(error), lambda i: f"between {pairs[i]}"),
     ]
+
+
+def variance_z(residual: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Normal scores of sample variances; 0 where there is none.
+
+    residual, weight   of their logarithms, unbiased, and the inverse variances of these
+    The cube root of a chi-square is nearly normal (E. B. Wilson and M. M. Hilferty, PNAS 17, 684, 1931); its logarithm
+    has a long lower tail, where blocks have few degrees of freedom.
+    """
+    freedom = 2 * np.where(weight > 0, weight, 1.0)  # the variance of the logarithm is 2 over the degrees of freedom
+    ratio = np.exp(residual + special.digamma(freedom / 2) - np.log(freedom / 2))
+    spread = 2 / (9 * freedom)
+    return np.where(weight > 0, (np.cbrt(ratio) - 1 + spread) / np.sqrt(spread), 0.0)
 
 
 def corrected(found: list[Location]) -> list[Location]:

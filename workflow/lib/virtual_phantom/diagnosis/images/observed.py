@@ -9,7 +9,8 @@ import numpy as np
 from ..observed import Blocks, Observed
 from .whitening import Whitening
 
-PARTS = (4, 6, 6)  # blocks along z, y and x for the noise's variance
+# Blocks along z, y and x for the noise's variance: of smaller ones few voxels are left that vary on their own.
+PARTS = (2, 4, 4)
 PRIOR = 8  # realisations that the scatter usual in all blocks counts as
 LAGS = ((0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 2, 0), (1, 0, 0))  # z, y, x, voxels
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy import fft
+from scipy import fft, stats
 
 from ...errors import InputError
 from ...physics.chain import Chain
@@ -60,7 +60,9 @@ def prepare(
     single = len(repeats) == 1
     if len(taken) >= RECORDED_NOISE:
         noise = (taken - taken.mean(axis=0, dtype=np.float64)) * np.sqrt(len(taken) / (len(taken) - 1))
-        ratio = float(np.median((noise**2).mean(axis=0)[valid] / (simulated**2).mean(axis=0)[valid]))
+        # Over voxels, such a ratio varies as an F does, whose median is not 1 where repeats are few.
+        ratios = (noise**2).mean(axis=0)[valid] / (simulated**2).mean(axis=0)[valid]
+        ratio = float(np.median(ratios) / stats.f.median(len(taken) - 1, len(simulated)))
     else:
         ratio = _fine_power(taken[0] - expected, valid) / np.mean([_fine_power(one, valid) for one in simulated])
         noise = simulated * np.sqrt(ratio)
