@@ -65,6 +65,8 @@ def slice_correlations(noise: np.ndarray, mask: np.ndarray) -> tuple[float, floa
     ones would."""
     slices = noise.shape[1]
     square = (noise**2)[:, mask].mean()
+    if not square:  # without noise nothing is correlated
+        return 1.0, 1.0
     mean = square_of = 1.0
     for lag in range(1, slices):
         both = mask[lag:] & mask[:-lag]
