@@ -32,7 +32,7 @@ PAGE, IMAGES = ROOT / "docs" / "theory.md", ROOT / "docs" / "images"
 BEGIN, END = "<!-- table made by docs/effect_templates.py -->", "<!-- end of the table -->"
 VIEWS, REPEATS = 90, 10
 DETECTOR = {"columns": 80, "rows": 24, "column_pitch_mm": 8.0, "row_pitch_mm": 8.0}
-# Rays per pixel and direction: with 2, blurs of less than a pixel are sampled so badly that templates come out wrong.
+# Rays per pixel and direction: with few, a blur of less than a pixel is lost between them.
 SAMPLES = 6
 PHANTOM_STREAM, NOISE_STREAM = 0, 3
 SHOWN_SD = 5.0
