@@ -31,14 +31,13 @@ from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
 from virtual_phantom.diagnosis.attribute import ACCURACY, choose, trial  # noqa: E402
 from virtual_phantom.diagnosis.locate import EDGE_SHARE, Half, aligned  # noqa: E402
 from virtual_phantom.diagnosis.model import stacked  # noqa: E402
-from virtual_phantom.diagnosis.numerical import Anchor  # noqa: E402
+from virtual_phantom.diagnosis.numerical import Anchor, model_and_floor  # noqa: E402
 from virtual_phantom.diagnosis.templates import strength, varied, whitened  # noqa: E402
 from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
 from virtual_phantom.geometry import Grid, circular  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
 from virtual_phantom.physics.materials import Segmentation  # noqa: E402
-from virtual_phantom.physics.posed import PosedScene  # noqa: E402
 from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
 from virtual_phantom.volumes import Volume  # noqa: E402
 
@@ -157,7 +156,8 @@ def one(task):
     kind, draw, only, accuracy = task
     random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=(len(kind), draw)))
     bare = scene()
-    chain, known, floor = (Chain(bare, GEOMETRY, PHOTONS, samples=samples) for samples in (4, 2, 3))
+    chain, known = (Chain(bare, GEOMETRY, PHOTONS, samples=samples) for samples in (4, 2))
+    model, floor = model_and_floor(bare, GEOMETRY, 2, photons=PHOTONS)
     library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
     blank = prepared.prepare(scans(chain, {}, random), None, known, floor_chain=floor, nominal_photons=PHOTONS)
     count = {"none": 0, "pair": 2}.get(kind, 1)
@@ -170,7 +170,6 @@ def one(task):
         physics[name] = strengths(name, wanted, random, blank)
     began = time.perf_counter()
     taken = scans(chain, physics, random)
-    model = Chain(PosedScene(chain.scene, 2), GEOMETRY, PHOTONS, samples=2)
     given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
     tried = [name for name in library if kind != "missing" or name not in truth]
     baseline = trial(given.fitter, ())

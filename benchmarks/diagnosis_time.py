@@ -21,11 +21,11 @@ from diagnosis_draws import PHOTONS, scans, scene  # noqa: E402
 
 from virtual_phantom.diagnosis import prepared  # noqa: E402
 from virtual_phantom.diagnosis.attribute import choose, trial, trials  # noqa: E402
+from virtual_phantom.diagnosis.numerical import model_and_floor  # noqa: E402
 from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
 from virtual_phantom.geometry import circular  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
-from virtual_phantom.physics.posed import PosedScene  # noqa: E402
 
 STRENGTH = 0.5
 GEOMETRY = circular(
@@ -62,9 +62,7 @@ def main():
         marks[name] = time.perf_counter() - began - sum(marks.values())
         print(f"{name:12s} {marks[name]:7.1f} s", flush=True)
 
-    bare = scene()
-    model = Chain(PosedScene(bare, options.samples), GEOMETRY, PHOTONS, samples=options.samples)
-    floor = Chain(bare, GEOMETRY, PHOTONS, samples=options.samples + 1)
+    model, floor = model_and_floor(scene(), GEOMETRY, options.samples, photons=PHOTONS)
     given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
     mark("preparation")
     baseline = trial(given.fitter, ())

@@ -10,6 +10,7 @@ from virtual_phantom.diagnosis.images.observed import LAGS, Condenser
 from virtual_phantom.diagnosis.images.prepared import prepare
 from virtual_phantom.diagnosis.images.setting import central_slices
 from virtual_phantom.diagnosis.images.whitening import local_variance, whitening
+from virtual_phantom.diagnosis.numerical import model_and_floor
 from virtual_phantom.diagnosis.regions import complete
 from virtual_phantom.diagnosis.verdict import diagnose
 from virtual_phantom.errors import InputError
@@ -18,7 +19,6 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load
 from virtual_phantom.physics.image import with_effects
 from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.scene import VoxelScene
 from virtual_phantom.reconstruct import in_hu
 
@@ -115,7 +115,7 @@ def recorded(scene, physics, seed, repeats=REPEATS):
 
 
 def prepared(scene, physics, seed=1, repeats=REPEATS):
-    chains = [Chain(one, GEOMETRY, PHOTONS, samples=count) for one, count in ((PosedScene(scene, 2), 2), (scene, 3))]
+    chains = model_and_floor(scene, GEOMETRY, 2, photons=PHOTONS)
     return prepare(
         recorded(scene, physics, seed, repeats),
         None,

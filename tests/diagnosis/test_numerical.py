@@ -8,7 +8,7 @@ from simulated_scans import body, noisy_lines
 
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.attribute import choose, trial
-from virtual_phantom.diagnosis.numerical import BASE, MOST_STRAY, Anchor, Numerical
+from virtual_phantom.diagnosis.numerical import BASE, MOST_STRAY, Anchor, Numerical, model_and_floor
 from virtual_phantom.diagnosis.pattern import estimate
 from virtual_phantom.diagnosis.scanned import coarse_scene
 from virtual_phantom.diagnosis.verdict import diagnose
@@ -16,7 +16,6 @@ from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.phantom import block_mean
 from virtual_phantom.physics.chain import SOLID_ANGLE, Chain
 from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.scene import VoxelScene
 from virtual_phantom.volumes import Volume, read_nifti, write_nifti
 
@@ -59,10 +58,7 @@ def prepared_from(known, state, illumination=SOLID_ANGLE, coarse=True):
     repeats = noisy_lines(state, 4, np.random.default_rng(1)).astype(np.float32)
     white = state.measured_air.mean(axis=0) * state.photons
     taken = observed.Scans(repeats, white, np.ones(repeats[0].shape, bool))
-    scene = scene_of(read_nifti(path))
-    chains = [
-        Chain(one, GEOMETRY, samples=n, illumination=illumination) for one, n in ((PosedScene(scene, 2), 2), (scene, 3))
-    ]
+    chains = model_and_floor(scene_of(read_nifti(path)), GEOMETRY, 2, illumination=illumination)
     coarser = Chain(coarse_scene(path, MU, MATERIALS), GEOMETRY, samples=2, illumination=illumination)
     return prepared.prepare(
         taken, None, chains[0], floor_chain=chains[1], coarse_chain=coarser if coarse else None, nominal_photons=PHOTONS

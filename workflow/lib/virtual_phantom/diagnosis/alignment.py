@@ -52,8 +52,8 @@ def nuisances(
     }
     if "size" in known:  # of the object; an image states the size of its voxels
         defaults["size"] = ("1", 1.0, known["size"])
+    defaults |= {name: ("1", *NUMERICAL[name]) for name in numerical}
     rest = [Nuisance(name, unit, mean, known.get(name, sd)) for name, (unit, mean, sd) in defaults.items()]
-    rest += [Nuisance(name, "1", NUMERICAL[name][0], known.get(name, NUMERICAL[name][1])) for name in numerical]
     return (Nuisance("log_photons", "1", log_photons, photons_sd), *rest)
 
 

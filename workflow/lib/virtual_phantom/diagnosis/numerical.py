@@ -7,9 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..geometry import ScanGeometry
 from ..kept import Kept
 from ..physics.chain import Chain
 from ..physics.effect import load
+from ..physics.posed import PosedScene
+from ..physics.scene import DiscScene
 from ..physics.spectra import TUNGSTEN, Anode
 from .alignment import POSES, pose_of
 
@@ -17,6 +20,20 @@ from .alignment import POSES, pose_of
 # pixels off moves them by 10^5; errors left where they were are then taken for a focal spot, by 200.
 MOST_STRAY = 500.0
 KEPT = 4
+FLOOR_SAMPLES = 1  # more rays per pixel and direction than the model's: what these change is its error
+
+
+def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tuple[Chain, Chain]:
+    """The chain that fits ask, its rays following those that were traced, and the one of more rays for Numerical.
+
+    scene   path lengths in closed form need not be followed
+    more    keywords of Chain
+    """
+    fitted = scene if isinstance(scene, DiscScene) else PosedScene(scene, samples)
+    return (
+        Chain(fitted, geometry, samples=samples, **more),
+        Chain(scene, geometry, samples=samples + FLOOR_SAMPLES, **more),
+    )
 
 
 @dataclass(frozen=True)

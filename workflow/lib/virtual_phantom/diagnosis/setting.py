@@ -6,17 +6,14 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..physics.chain import EVEN, Chain
-from ..physics.posed import PosedScene
-from ..physics.scene import DiscScene
 from ..physics.spectra import KVP, TUNGSTEN, Anode
 from ..recordings.reading import load as read
 from .caveats import check_scans
 from .images.setting import Protocol, ready_images
+from .numerical import model_and_floor
 from .observed import scans
 from .prepared import prepare
 from .scanned import coarse_scene, scene_of
-
-FLOOR_SAMPLES = 1  # more rays per pixel and direction than the model's: the difference is the numerical floor
 
 
 def ready(
@@ -58,22 +55,16 @@ def ready(
         "known": settings["alignment"],
     }
     samples = settings["samples"]
-    # Path lengths in closed form need not be followed; those of the floor are asked for once each.
-    fitted = scene if isinstance(scene, DiscScene) else PosedScene(scene, samples)
-    models = [(fitted, samples), (scene, samples + FLOOR_SAMPLES)]
     if recording.kind == "images":
         setting = Protocol(**protocol)
-        chains = [Chain(one, setting.geometry, samples=count) for one, count in models]
+        chains = model_and_floor(scene, setting.geometry, samples)
         return recording, ready_images(recording, setting, chains, mu_water_per_mm, seed, threads, stated)
     illumination = recording.document.content["scan"].get("illumination", EVEN)
-
-    def chain(scene, count):
-        return Chain(scene, recording.geometry, samples=count, illumination=illumination)
-
-    model, floor = (chain(*one) for one in models)
+    model, floor = model_and_floor(scene, recording.geometry, samples, illumination=illumination)
     coarse = None
     if not {"disc", "object"} & set(settings):
-        coarse = chain(coarse_scene(phantom, mu_water_per_mm, materials, threads), samples)
+        voxels = coarse_scene(phantom, mu_water_per_mm, materials, threads)
+        coarse = Chain(voxels, recording.geometry, samples=samples, illumination=illumination)
     further = scans(recording.held_out) if len(recording.held_out) else None
     taken = scans(recording.repeats)
     check_scans(taken.every(settings["view_step"]), str(recording.document.path))

@@ -48,7 +48,7 @@ class Protocol:
 def ready_images(
     recording: ImagesRecording,
     protocol: Protocol,
-    chains: list[Chain],
+    chains: tuple[Chain, Chain],
     mu_water_per_mm: float,
     seed: int,
     threads: int,
