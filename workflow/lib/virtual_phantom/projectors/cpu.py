@@ -174,9 +174,10 @@ class CpuProjector:
         volume = self.empty_volume()
         nz, ny, nx = self.grid.shape
         seen = np.zeros((ny, nx, nz), dtype=np.float32)
-        z = self._source_z
+        z, views = self._source_z, -(-len(rays.angles_rad) // rays.half_turn)
 
         def run(first, last):
+            reals = np.empty((3, views), np.float32)
             parallel.back_project_parallel(
                 volume.reshape(-1),
                 seen,
@@ -198,6 +199,9 @@ class CpuProjector:
                 float(rays.t_mm[0]),
                 rays.t_pitch_mm,
                 full_rows,
+                np.empty(nz, np.float32),
+                np.empty((views, nz), np.float32),
+                (reals[0], np.empty(views, np.intp), reals[1], reals[2]),
                 self._lanes,
             )
 

@@ -20,13 +20,19 @@ import math
 import numpy as np
 from numba import njit
 
-from .lanes import gather_bilinear, scatter_bilinear
+from .columns import gather_line, scatter_line
+from .lanes import OPTIONS
 
 # The volume is walked through in tiles of this many voxel columns along x and y, all views of a call for each: at 16
 # lanes and 48 slices a tile is 0.8 MB, so it stays in the L2 cache instead of coming from memory once per view.
-TILE = 16
+# Few lanes have tiles of four times the width.
+TILE, FEW = 16, 4
 
-OPTIONS = dict(fastmath=True, nogil=True, cache=True, error_model="numpy")
+
+@njit(**OPTIONS)
+def tile_width(lanes):
+    """In voxel columns."""
+    return TILE if len(lanes) > FEW else 4 * TILE
 
 
 @njit(**OPTIONS)
@@ -44,18 +50,23 @@ def _ray(view, column, sine, cosine, geometry):
 
 
 @njit(**OPTIONS)
-def _crossing(plane, start, direction, start_other, direction_other, n, spacing, n_other, spacing_other):
-    """Where the ray meets a plane: share of the way to the detector, and padded index along the other in-plane axis."""
-    share = ((plane - (n - 1) * 0.5) * spacing - start) / direction
-    return share, (start_other + share * direction_other) / spacing_other + (n_other - 1) * 0.5 + 1.0
+def _crossings(start, direction, start_other, direction_other, n, spacing, n_other, spacing_other):
+    """Where the ray meets plane 0 and what is added from plane to plane: share of the way to the detector, and padded
+    index along the other in-plane axis."""
+    share, share_step = ((1 - n) * 0.5 * spacing - start) / direction, spacing / direction
+    per_share = direction_other / spacing_other
+    other = start_other / spacing_other + share * per_share + (n_other - 1) * 0.5 + 1.0
+    return share, share_step, other, share_step * per_share
 
 
 @njit(**OPTIONS)
 def span(first, slope, cells, n):
     """Indices i in [0, n) whose position first + slope i lies in [0, cells + 1): those that interpolation can reach."""
+    if first >= 0.0 and first + slope * (n - 1) < cells + 1.0:
+        return 0, n
     start = max(0, int(math.ceil(-first / slope)))
     stop = min(n, int(math.ceil((cells + 1.0 - first) / slope)))
-    return start, stop
+    return start, max(start, stop)
 
 
 @njit(**OPTIONS)
@@ -92,9 +103,10 @@ def trace(
     A sample belongs to the tile of the first of the voxel columns that it is interpolated from.
     """
     _, ny, nx = shape
-    for x0 in range(0, nx + 1, TILE):
-        for y0 in range(0, ny + 1, TILE):
-            tile = (x0, min(x0 + TILE, nx + 1), y0, min(y0 + TILE, ny + 1))
+    width = tile_width(lanes)
+    for x0 in range(0, nx + 1, width):
+        for y0 in range(0, ny + 1, width):
+            tile = (x0, min(x0 + width, nx + 1), y0, min(y0 + width, ny + 1))
             for i in range(detector[0]):
                 view = first_view + i
                 first, last = _columns_of_tile(view, *tile, shape, spacing, detector[1], sine, cosine, geometry)
@@ -148,14 +160,13 @@ def _trace_ray(
     if main_x:
         first_plane, last_plane, first_other, last_other = tile[0], tile[1], tile[2], tile[3]
         n, step, step_other = nx, step_x, step_y
+        share0, share_step, other0, other_step = _crossings(sx, rx, sy, ry, nx, dx, ny, dy)
     else:
         first_plane, last_plane, first_other, last_other = tile[2], tile[3], tile[0], tile[1]
         n, step, step_other = ny, step_y, step_x
+        share0, share_step, other0, other_step = _crossings(sy, ry, sx, rx, ny, dy, nx, dx)
     for plane in range(max(first_plane - 1, 0), min(last_plane - 1, n)):
-        if main_x:
-            share, other = _crossing(plane, sx, rx, sy, ry, nx, dx, ny, dy)
-        else:
-            share, other = _crossing(plane, sy, ry, sx, rx, ny, dy, nx, dx)
+        share, other = share0 + share_step * plane, other0 + other_step * plane
         j = int(math.floor(other))
         if j < first_other or j >= last_other:
             continue
@@ -165,38 +176,27 @@ def _trace_ray(
         first = np.float32((source_z[view] + share * geometry[4]) / dz + (nz - 1) * 0.5 + 1.0)
         start, stop = span(first, slope, nz, rows)
         base = (plane + 1) * step + j * step_other
-        for row in range(start, stop):
-            height = first + slope * np.float32(row)
-            k = np.int32(height)
-            up = height - np.float32(k)
-            low = np.float32(1.0) - up
-            at = base + k * count
-            if transpose:
-                scatter_bilinear(
-                    volume,
-                    at,
-                    at + step_other,
-                    projections,
-                    pixel + row * count,
-                    near * low,
-                    near * up,
-                    weight * low,
-                    weight * up,
-                    lanes,
-                )
-            else:
-                gather_bilinear(
-                    projections,
-                    pixel + row * count,
-                    volume,
-                    at,
-                    at + step_other,
-                    near * low,
-                    near * up,
-                    weight * low,
-                    weight * up,
-                    lanes,
-                )
+        if transpose:
+            scatter_line(
+                volume, base, base + step_other, projections, pixel, near, weight, first, slope, start, stop, lanes
+            )
+        else:
+            gather_line(
+                projections,
+                pixel,
+                volume,
+                base,
+                base + step_other,
+                nz + 2,
+                near,
+                weight,
+                first,
+                slope,
+                start,
+                stop,
+                None,
+                lanes,
+            )
 
 
 @njit(**OPTIONS)
@@ -243,14 +243,15 @@ def back_project(
     views, columns, rows = detector
     radius, distance, first_column, column_pitch, first_row, row_pitch, centre_x, centre_y = geometry
     step = (rows + 2) * count
-    for y0 in range(first_y, last_y, TILE):
-        for x0 in range(0, nx, TILE):
+    width = tile_width(lanes)
+    for y0 in range(first_y, last_y, width):
+        for x0 in range(0, nx, width):
             for i in range(views):
                 view = first_view + i
                 s, c = sine[view], cosine[view]
-                for y in range(y0, min(y0 + TILE, last_y)):
+                for y in range(y0, min(y0 + width, last_y)):
                     position_y = (y - (ny - 1) * 0.5) * dy + centre_y
-                    for x in range(x0, min(x0 + TILE, nx)):
+                    for x in range(x0, min(x0 + width, nx)):
                         position_x = (x - (nx - 1) * 0.5) * dx + centre_x
                         depth = radius + position_x * s - position_y * c
                         magnification = distance / depth
@@ -271,21 +272,19 @@ def back_project(
                         start, stop = span(first, slope, rows, nz)
                         voxel = (((y + 1) * (nx + 2) + x + 1) * (nz + 2) + 1) * count
                         base = (i * (columns + 2) + j) * step
-                        for z in range(start, stop):
-                            height = first + slope * np.float32(z)
-                            k = np.int32(height)
-                            up = height - np.float32(k)
-                            low = np.float32(1.0) - up
-                            at = base + k * count
-                            gather_bilinear(
-                                volume,
-                                voxel + z * count,
-                                projections,
-                                at,
-                                at + step,
-                                near * low,
-                                near * up,
-                                weight * low,
-                                weight * up,
-                                lanes,
-                            )
+                        gather_line(
+                            volume,
+                            voxel,
+                            projections,
+                            base,
+                            base + step,
+                            rows + 2,
+                            near,
+                            weight,
+                            first,
+                            slope,
+                            start,
+                            stop,
+                            None,
+                            lanes,
+                        )

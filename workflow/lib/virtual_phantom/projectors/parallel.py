@@ -8,8 +8,9 @@ import math
 import numpy as np
 from numba import njit
 
-from .kernels import OPTIONS, TILE, span
-from .lanes import gather_bilinear
+from .columns import gather_line
+from .kernels import span, tile_width
+from .lanes import OPTIONS
 
 
 @njit(inline="always", **OPTIONS)
@@ -45,6 +46,9 @@ def back_project_parallel(
     first_t,
     t_pitch,
     full,
+    total,
+    shares,
+    rays,
     lanes,
 ):
     """Add parallel-rebinned projections [angle, t + 2, row + 2, lane] to rows first_y to last_y - 1 of the volume.
@@ -53,6 +57,7 @@ def back_project_parallel(
     of their row weights. `seen` [y, x, z] counts the directions that any view gave.
     half_turn   angles per half turn
     view_of_angle   fractional view whose central ray has the angle
+    total (z,), shares (view, z) and rays, four times (view,)   room for sums, for as many views as have one direction
     """
     count = len(lanes)
     nz, ny, nx = shape
@@ -60,64 +65,64 @@ def back_project_parallel(
     radius, distance, first_row, row_pitch = geometry[0], geometry[1], geometry[4], geometry[5]
     angles = len(sine)
     step = (rows + 2) * count
-    total = np.zeros(nz, dtype=np.float32)
-    for y0 in range(first_y, last_y, TILE):
-        for x0 in range(0, nx, TILE):
+    near, at, height, slope = rays
+    width = tile_width(lanes)
+    for y0 in range(first_y, last_y, width):
+        for x0 in range(0, nx, width):
             for direction in range(half_turn):
-                for y in range(y0, min(y0 + TILE, last_y)):
+                for y in range(y0, min(y0 + width, last_y)):
                     position_y = (y - (ny - 1) * 0.5) * dy
-                    for x in range(x0, min(x0 + TILE, nx)):
+                    for x in range(x0, min(x0 + width, nx)):
                         position_x = (x - (nx - 1) * 0.5) * dx
-                        voxel = (((y + 1) * (nx + 2) + x + 1) * (nz + 2) + 1) * count
                         total[:] = 0
-                        for summing in (True, False):
-                            for i in range(direction, angles, half_turn):
-                                s, c = sine[i], cosine[i]
-                                t = position_x * c + position_y * s
-                                across = (t - first_t) / t_pitch + 1.0
-                                if across < 1.0 or across > columns or abs(t) >= radius:
-                                    continue
-                                fan = math.asin(t / radius)
-                                view = view_of_angle[i] - fan / view_step
-                                depth = radius * math.cos(fan) + position_x * s - position_y * c
-                                magnification = distance / (math.cos(fan) * depth)
-                                source_z = source_z0 + view * source_step
-                                slope = np.float32(magnification * dz / row_pitch)
-                                first = np.float32(
-                                    ((-(nz - 1) * 0.5 * dz - source_z) * magnification - first_row) / row_pitch + 1.0
-                                )
-                                start, stop = span(first, slope, rows, nz)
-                                if summing:
-                                    for z in range(start, stop):
-                                        total[z] += _row_weight(first + slope * np.float32(z), rows, full)
-                                    continue
-                                j = int(across)
-                                weight = np.float32(across - j)
-                                base = (i * (columns + 2) + j) * step
-                                for z in range(start, stop):
-                                    if total[z] <= np.float32(0.0):
-                                        continue
-                                    height = first + slope * np.float32(z)
-                                    share = _row_weight(height, rows, full) / total[z]
-                                    # Only a single row is ever read off its centre.
-                                    height = min(max(height, np.float32(1.0)), np.float32(rows))
-                                    k = np.int32(height)
-                                    up = (height - np.float32(k)) * share
-                                    low = share - up
-                                    near = np.float32(1.0) - weight
-                                    at = base + k * count
-                                    gather_bilinear(
-                                        volume,
-                                        voxel + z * count,
-                                        projections,
-                                        at,
-                                        at + step,
-                                        near * low,
-                                        near * up,
-                                        weight * low,
-                                        weight * up,
-                                        lanes,
-                                    )
+                        views = 0
+                        for i in range(direction, angles, half_turn):
+                            s, c = sine[i], cosine[i]
+                            t = position_x * c + position_y * s
+                            across = (t - first_t) / t_pitch + 1.0
+                            if across < 1.0 or across > columns or abs(t) >= radius:
+                                continue
+                            fan = math.asin(t / radius)
+                            view = view_of_angle[i] - fan / view_step
+                            cosine_fan = math.sqrt(1.0 - (t / radius) ** 2)
+                            depth = radius * cosine_fan + position_x * s - position_y * c
+                            magnification = distance / (cosine_fan * depth)
+                            source_z = source_z0 + view * source_step
+                            bottom = (-(nz - 1) * 0.5 * dz - source_z) * magnification
+                            slope[views] = magnification * dz / row_pitch
+                            height[views] = (bottom - first_row) / row_pitch + 1.0
+                            for z in range(nz):
+                                share = _row_weight(height[views] + slope[views] * np.float32(z), rows, full)
+                                shares[views, z] = share
+                                total[z] += share
+                            j = int(across)
+                            near[views] = 1.0 - (across - j)
+                            at[views] = (i * (columns + 2) + j) * step
+                            views += 1
                         for z in range(nz):
                             if total[z] > np.float32(0.0):
                                 seen[y, x, z] += np.float32(1.0)
+                                total[z] = np.float32(1.0) / total[z]
+                        voxel = (((y + 1) * (nx + 2) + x + 1) * (nz + 2) + 1) * count
+                        for i in range(views):
+                            for z in range(nz):
+                                shares[i, z] *= total[z]
+                            start, stop = span(height[i], slope[i], rows, nz)
+                            if rows == 1:  # It counts to half its height off its centre.
+                                height[i], slope[i] = 1.0, 0.0
+                            gather_line(
+                                volume,
+                                voxel,
+                                projections,
+                                at[i],
+                                at[i] + step,
+                                rows + 2,
+                                near[i],
+                                np.float32(1.0) - near[i],
+                                height[i],
+                                slope[i],
+                                start,
+                                stop,
+                                shares[i],
+                                lanes,
+                            )

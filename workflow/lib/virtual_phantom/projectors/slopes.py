@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .kernels import OPTIONS
+from .lanes import OPTIONS
 
 COORDINATES = 4  # a, b, c and d
 
