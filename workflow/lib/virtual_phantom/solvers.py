@@ -122,7 +122,7 @@ def _chebyshev(update, iterations, terms):
         following += current
         following += current
         following -= before
+        total += np.multiply(following, weight, out=before)  # which is not needed any more: no fifth volume
         before, current = current, following
-        total += weight * current
     total *= np.float32(1 / coefficients.sum())
     return total

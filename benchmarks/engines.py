@@ -1,0 +1,199 @@
+"""Projectors on the same rays: ours, RTK's CPU filters, ASTRA's 2D fan beam and XCIST's, one thread each.
+
+Every engine is a pair of functions that project or back-project the whole scan once, with the number of rays and of
+voxels times views that this takes, so that engines which take other numbers of either can be compared.
+"""
+
+import os
+import resource
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from virtual_phantom.geometry import Grid, ScanGeometry, circular
+from virtual_phantom.projectors.cpu import CpuProjector
+
+# The default study's grid and detector; a circle, whose middle slice ASTRA's fan beam shares.
+GRID = Grid((48, 128, 128), (2.0, 2.35, 2.35))
+SCANNER = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0)
+DETECTOR = dict(columns=160, rows=48, column_pitch_mm=4.0, row_pitch_mm=4.0)
+VIEWS = 16
+
+
+@dataclass(frozen=True)
+class Engine:
+    """forward and back are None where an engine has none; `projected` is what forward gives of the object, [view, row,
+    column], None where its rays are others."""
+
+    name: str
+    forward: Callable[[], object] | None
+    back: Callable[[], object] | None
+    rays: float
+    voxels_by_views: float
+    projected: np.ndarray | None = None
+
+
+def geometry(views: int = VIEWS) -> ScanGeometry:
+    return circular(views=views, **DETECTOR, **SCANNER)
+
+
+def phantom(grid: Grid = GRID) -> np.ndarray:
+    """An ellipsoid with a ball beside its middle, 1/mm, [z, y, x]."""
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    body = (x / 120) ** 2 + (y / 90) ** 2 + (z / 42) ** 2 < 1
+    ball = (x - 40) ** 2 + (y - 20) ** 2 + z**2 < 25**2
+    return (0.02 * body + 0.01 * ball).astype(np.float32)
+
+
+def ours(lanes: int, scan: ScanGeometry, grid: Grid = GRID, transpose: bool = False) -> Engine:
+    """The library's, `lanes` realisations at once; transpose: the exact adjoint instead of voxel-driven."""
+    projector = CpuProjector(scan, grid, lanes)
+    volume = projector.pack_volume(np.repeat(phantom(grid)[None], lanes, 0))
+    projections, out = projector.forward(volume), projector.empty_volume()
+    back = projector.adjoint if transpose else projector.back
+    return Engine(
+        f"ours, {lanes} at once" + (", adjoint" if transpose else ""),
+        lambda: projector.forward(volume),
+        lambda: back(projections, out=out),
+        lanes * projections[:, 1:-1, 1:-1, 0].size,
+        lanes * volume[1:-1, 1:-1, 1:-1, 0].size * scan.views,
+        projector.unpack_projections(projections)[0],
+    )
+
+
+def rtk_image(array: np.ndarray, spacing, origin):
+    """An ITK image of an array whose axes ITK counts backwards."""
+    import itk
+
+    image = itk.image_from_array(np.ascontiguousarray(array, np.float32))
+    image.SetSpacing([float(one) for one in spacing])
+    image.SetOrigin([float(one) for one in origin])
+    return image
+
+
+def rtk_parts(scan: ScanGeometry, grid: Grid):
+    """RTK's geometry, and a volume and projections in its axes: y is the axis of rotation, and angles run backwards."""
+    import itk
+    from itk import RTK
+
+    itk.MultiThreaderBase.SetGlobalMaximumNumberOfThreads(1)
+    itk.MultiThreaderBase.SetGlobalDefaultNumberOfThreads(1)
+    there = RTK.ThreeDCircularProjectionGeometry.New()
+    for angle in np.rad2deg(scan.angles_rad):
+        there.AddProjection(scan.source_to_isocentre_mm, scan.source_to_detector_mm, float(-angle))
+    z, y, x = grid.axes_mm()
+    dz, dy, dx = grid.spacing
+    volume = rtk_image(phantom(grid).transpose(1, 0, 2), (dx, dz, dy), (x[0], z[0], y[0]))
+    empty = rtk_projections(np.zeros((scan.views, scan.rows, scan.columns)), scan)
+    return there, volume, empty
+
+
+def rtk_projections(array: np.ndarray, scan: ScanGeometry):
+    """An ITK image of [view, row, column]."""
+    origin = (scan.column_positions_mm()[0], scan.row_positions_mm()[0], 0.0)
+    return rtk_image(array, (scan.column_pitch_mm, scan.row_pitch_mm, 1.0), origin)
+
+
+def rtk(scan: ScanGeometry, grid: Grid = GRID, transpose: bool = False) -> Engine:
+    """RTK's Joseph forward projection, and its voxel-based back-projection or the transpose of Joseph's."""
+    import itk
+    from itk import RTK
+
+    kind = itk.Image[itk.F, 3]
+    there, volume, _ = rtk_parts(scan, grid)
+    z, y, x = grid.axes_mm()
+    dz, dy, dx = grid.spacing
+    filters = RTK.JosephBackProjectionImageFilter if transpose else RTK.BackProjectionImageFilter
+
+    # Filters take the memory of their first input, so that each run needs one of its own.
+    def forward():
+        ahead = RTK.JosephForwardProjectionImageFilter[kind, kind].New()
+        ahead.SetInput(0, rtk_projections(np.zeros((scan.views, scan.rows, scan.columns)), scan))
+        ahead.SetInput(1, volume)
+        ahead.SetGeometry(there)
+        ahead.Update()
+        return itk.array_from_image(ahead.GetOutput())
+
+    projected = forward()
+    projections = rtk_projections(projected, scan)
+
+    def back():
+        behind = filters[kind, kind].New()
+        behind.SetInput(0, rtk_image(np.zeros((y.size, z.size, x.size)), (dx, dz, dy), (x[0], z[0], y[0])))
+        behind.SetInput(1, projections)
+        behind.SetGeometry(there)
+        behind.Update()
+
+    return Engine(
+        "RTK, Joseph" + (", its transpose" if transpose else ", voxel-based back"),
+        forward,
+        back,
+        projected.size,
+        phantom(grid).size * scan.views,
+        projected,
+    )
+
+
+def astra_parts(scan: ScanGeometry, grid: Grid):
+    """ASTRA's fan-beam projector of the middle slice; its rows run downwards."""
+    import astra
+
+    _, ny, nx = grid.shape
+    _, dy, dx = grid.spacing
+    volume = astra.create_vol_geom(ny, nx, -nx * dx / 2, nx * dx / 2, -ny * dy / 2, ny * dy / 2)
+    angles, radius = scan.angles_rad, scan.source_to_isocentre_mm
+    source = np.stack([-np.sin(angles), np.cos(angles)], 1) * radius
+    centre = np.stack([np.sin(angles), -np.cos(angles)], 1) * (scan.source_to_detector_mm - radius)
+    step = np.stack([np.cos(angles), np.sin(angles)], 1) * scan.column_pitch_mm
+    projections = astra.create_proj_geom("fanflat_vec", scan.columns, np.concatenate([source, centre, step], 1))
+    image = phantom(grid)[grid.shape[0] // 2, ::-1].copy()
+    return astra.create_projector("line_fanflat", projections, volume), image
+
+
+def astra_fan(scan: ScanGeometry, grid: Grid = GRID) -> Engine:
+    """ASTRA's 2D fan beam on the CPU ('line_fanflat'), one slice: its transpose is its back-projection."""
+    import astra
+
+    projector, image = astra_parts(scan, grid)
+    made, sinogram = astra.create_sino(image, projector)
+    astra.data2d.delete(made)
+
+    def forward():
+        made, _ = astra.create_sino(image, projector)
+        astra.data2d.delete(made)
+
+    def back():
+        made, _ = astra.create_backprojection(sinogram, projector)
+        astra.data2d.delete(made)
+
+    return Engine("ASTRA, 2D fan beam", forward, back, sinogram.size, image.size * scan.views)
+
+
+def xcist_ns_per_ray(scan: ScanGeometry, grid: Grid, few: int = 4, many: int = 16) -> float:
+    """Of XCIST's distance-driven projector, from what more views cost: a scan of one energy, begun anew, has other
+    costs too. It has no back-projection."""
+    from virtual_phantom.proof.xcist import CELLS_DIVIDED, Materials, Scan, simulate
+
+    def seconds(views):
+        order = Scan(views=views, kev=70.0, photons=1e5, **DETECTOR, **SCANNER)
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        simulate(
+            order,
+            Materials({"water": phantom(grid) * 50}, (grid.spacing[2], grid.spacing[0])),
+            1,
+            np.random.SeedSequence(1),
+        )
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime - before.ru_utime
+
+    rays = scan.rows * scan.columns * CELLS_DIVIDED**2
+    return (seconds(many) - seconds(few)) / (many - few) / rays * 1e9
+
+
+def machine() -> str:
+    """Processor, cores and memory."""
+    with open("/proc/cpuinfo") as file:
+        name = next(line.split(":")[1].strip() for line in file if line.startswith("model name"))
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    return f"{name}, {os.cpu_count()} cores, {memory:.0f} GiB"

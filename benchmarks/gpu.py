@@ -1,0 +1,115 @@
+"""The GPU engine at the paper's scale: parity with the CPU engine, seconds and memory per reconstruction.
+
+    python benchmarks/gpu.py --projections 150 450
+
+For a machine with a CUDA device. Prints, for each number of projections of config/paper.yaml's scan: how far forward
+projections are from the CPU engine's (on an eighth of the views), seconds of a Chebyshev SIRT image, seconds of 500
+plain iterations of ASTRA's SIRT3D_CUDA on the same data, their ratio, and how far the two images are apart over the
+standard deviation of the noise. Stops with an error where ASTRA finds no device.
+"""
+
+import argparse
+import resource
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import yaml
+from snakemake.utils import update_config
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+
+import astra  # noqa: E402
+
+from virtual_phantom.config import SCHEMA, check  # noqa: E402
+from virtual_phantom.geometry import grid_of, scan_geometry  # noqa: E402
+from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, cone_vectors  # noqa: E402
+from virtual_phantom.projectors.cpu import CpuProjector  # noqa: E402
+from virtual_phantom.solvers import sirt  # noqa: E402
+
+NOISE = 0.02  # standard deviation of a line integral
+VIEWS_SHARE = 8  # of the views one in so many is projected on the CPU
+
+
+def settings():
+    """config/paper.yaml on top of the default study."""
+    config, paper = (
+        yaml.safe_load((ROOT / "config" / name).read_text(encoding="utf-8")) for name in ("config.yaml", "paper.yaml")
+    )
+    update_config(config, paper)
+    return check(config, SCHEMA)
+
+
+def phantom(grid):
+    """An ellipsoid with a ball in it, 1/mm, [z, y, x]."""
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij", sparse=True)
+    body = (x / 140) ** 2 + (y / 100) ** 2 + (z / 200) ** 2 < 1
+    return (0.02 * body + 0.01 * ((x - 40) ** 2 + (y - 20) ** 2 + z**2 < 25**2)).astype(np.float32)
+
+
+def plain_on_device(projector, lines, iterations):
+    """Seconds and image of ASTRA's own SIRT, which keeps its data on the device."""
+    geometry, grid = projector.geometry, projector.grid
+    depth, height, width = (extent / 2 for extent in grid.extent_mm)
+    nz, ny, nx = grid.shape
+    there = astra.create_vol_geom(ny, nx, nz, -width, width, -height, height, -depth, depth)
+    rays = astra.create_proj_geom("cone_vec", geometry.rows, geometry.columns, cone_vectors(geometry))
+    image = astra.data3d.create("-vol", there, 0)
+    data = astra.data3d.create("-sino", rays, projector.pack_projections(lines)[0])
+    began = time.perf_counter()
+    chosen = astra.astra_dict("SIRT3D_CUDA") | {"ReconstructionDataId": image, "ProjectionDataId": data}
+    solver = astra.algorithm.create(chosen)
+    astra.algorithm.run(solver, iterations)
+    seconds = time.perf_counter() - began
+    found = astra.data3d.get(image)
+    astra.algorithm.delete(solver)
+    astra.data3d.delete([image, data])
+    return seconds, found
+
+
+def compare(config, projections):
+    grid = grid_of(config["grid"])
+    geometry = scan_geometry(config["scan"], projections, grid)
+    object_ = phantom(grid)
+    gpu = AstraCudaProjector(geometry, grid)
+    lines = gpu.unpack_projections(gpu.forward(gpu.pack_volume(object_[None])))
+    some = slice(0, projections, VIEWS_SHARE)
+    fewer = replace(geometry, angles_rad=geometry.angles_rad[some], source_z_mm=geometry.source_z_mm[some])
+    cpu = CpuProjector(fewer, grid, threads=2)
+    theirs = cpu.unpack_projections(cpu.forward(cpu.pack_volume(object_[None])))
+    off = np.sqrt(np.mean((lines[:, some] - theirs) ** 2)) / theirs.max()
+    print(f"{projections} projections: rms difference of projections {off:.3%} of the largest", flush=True)
+
+    random = np.random.default_rng(np.random.SeedSequence(7))
+    noise = random.normal(0, NOISE, lines.shape).astype(np.float32)
+    sirt_settings = config["reconstruction"]["sirt"] | {"backprojector": "voxel", "solver": "chebyshev"}
+    began = time.perf_counter()
+    image = sirt(gpu, lines + noise, **sirt_settings)[0]
+    ours = time.perf_counter() - began
+    quiet = sirt(gpu, lines, **sirt_settings)[0]
+    plain, reference = plain_on_device(gpu, lines + noise, sirt_settings["iterations"])
+    inside = object_ > 0
+    spread = (image - quiet)[inside].std()
+    apart = np.sqrt(np.mean((image - reference)[inside] ** 2)) / spread
+    print(f"  Chebyshev SIRT {ours:.1f} s, {sirt_settings['iterations']} plain iterations on the device {plain:.1f} s,")
+    print(f"  ratio {plain / ours:.1f}; images apart by {apart:.2%} of the noise's standard deviation")
+    print(f"  memory of this process so far {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20:.1f} GiB")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--projections", type=int, nargs="+", default=[150, 450])
+    options = parser.parse_args()
+    if not astra.use_cuda():
+        sys.exit("ASTRA finds no CUDA device here; run this where there is one")
+    print(astra.get_gpu_info())
+    config = settings()
+    for projections in options.projections:
+        compare(config, projections)
+
+
+if __name__ == "__main__":
+    main()

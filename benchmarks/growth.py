@@ -1,0 +1,91 @@
+"""What costs grow with: the exponent of processor time against voxels, views, realisations, ROIs and recordings."""
+
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import engines
+import numpy as np
+
+from virtual_phantom.geometry import Grid
+from virtual_phantom.radiomics import FEATURES, extract
+from virtual_phantom.volumes import Volume
+
+ROOT = Path(__file__).resolve().parents[1]
+EDGES = (48, 64, 96, 128)  # voxels in the plane; slices in proportion
+VIEWS = (8, 16, 32, 64)
+LANES = (1, 2, 4, 8, 16, 32)
+ROIS = (1, 2, 4, 8)
+RECORDINGS = (4, 16, 64)
+
+
+def measured(medians, repeats):
+    """Rows of what, its size, seconds, and the exponent that fits all sizes of it."""
+    rows = []
+    for of, sizes, action in (
+        ("voxels", [edge**3 * 3 // 8 for edge in EDGES], [pair(edge=edge) for edge in EDGES]),
+        ("views", VIEWS, [pair(views=views) for views in VIEWS]),
+        ("realisations", LANES, [pair(lanes=lanes) for lanes in LANES]),
+        ("ROIs", ROIS, [features(count) for count in ROIS]),
+    ):
+        rows += fitted(of, sizes, medians(action, repeats))
+    return rows + fitted("recordings", RECORDINGS, [planned(count) for count in RECORDINGS])
+
+
+def fitted(of, sizes, seconds):
+    exponent = float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
+    return [
+        {"of": of, "size": int(size), "seconds": float(time), "exponent": exponent}
+        for size, time in zip(sizes, seconds, strict=True)
+    ]
+
+
+def pair(edge=128, views=engines.VIEWS, lanes=16):
+    """One forward and one back-projection; the detector keeps its pixels."""
+    slices = edge * 3 // 8
+    grid = Grid((slices, edge, edge), (96 / slices, 300.8 / edge, 300.8 / edge))
+    one = engines.ours(lanes, engines.geometry(views), grid)
+
+    def both():
+        one.forward()
+        one.back()
+
+    return both
+
+
+def features(count):
+    """The 86 features of so many balls of 8 mm radius."""
+    grid = engines.GRID
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    noise = np.random.default_rng(np.random.SeedSequence(2)).normal(50, 20, grid.shape).astype(np.float32)
+    angles = np.arange(count) * 2 * np.pi / max(ROIS)
+    masks = {
+        f"roi{number}": (x - 60 * np.cos(angle)) ** 2 + (y - 60 * np.sin(angle)) ** 2 + z**2 < 8**2
+        for number, angle in enumerate(angles)
+    }
+    return lambda: extract(Volume(noise, grid), masks)
+
+
+def planned(count):
+    """Seconds of processor time of a dry run with so many recordings."""
+    with tempfile.TemporaryDirectory() as folder:
+        recordings = {}
+        for number in range(count):
+            one = Path(folder) / f"recording{number}"
+            one.mkdir()
+            (one / "recording.yaml").write_text(f"name: recording{number}\nkind: features\nrepeats: [features.csv]\n")
+            header = ",".join(["image", "roi", *FEATURES])
+            (one / "features.csv").write_text(f"{header}\nscan,liver{',1' * len(FEATURES)}\n")
+            recordings[f"recording{number}"] = str(one)
+        overlay = Path(folder) / "overlay.json"
+        overlay.write_text(json.dumps({"recordings": recordings, "results_dir": str(Path(folder) / "results")}))
+        command = [Path(sys.executable).parent / "snakemake", "-n", "-q", "all", "--nolock"]
+        command += ["recordings", "--configfile", ROOT / "config/config.yaml", overlay]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run(command, cwd=ROOT, check=True, env=os.environ, stdout=subprocess.DEVNULL)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime - before.ru_utime

@@ -1,0 +1,122 @@
+"""Speed of the projectors and of SIRT beside other packages', and what costs grow with.
+
+    pip install -r benchmarks/requirements.txt
+    python benchmarks/speed.py --out results/benchmarks
+
+Writes projectors.csv, sirt.csv, growth.csv and speed.png, and prints them. Everything runs in one thread; times are
+processor time, medians of repeats in which the engines take turns, so that a busy machine weighs on all alike.
+"""
+
+import argparse
+import csv
+import os
+import sys
+import time
+from pathlib import Path
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
+
+import engines  # noqa: E402
+import growth  # noqa: E402
+import iterations  # noqa: E402
+import matplotlib  # noqa: E402
+import numpy as np  # noqa: E402
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+
+
+def medians(actions, repeats):
+    """Median processor time in seconds of each of several actions, which take turns."""
+    taken = [[] for _ in actions]
+    for action in actions:
+        action()
+    for _ in range(repeats):
+        for action, seconds in zip(actions, taken, strict=True):
+            began = time.process_time()
+            action()
+            seconds.append(time.process_time() - began)
+    return [float(np.median(seconds)) for seconds in taken]
+
+
+def projectors(repeats):
+    """ns per ray forwards and per voxel and view back, and both over ours alone; how far projections are from ours."""
+    scan = engines.geometry()
+    contenders = [
+        engines.ours(1, scan),
+        engines.ours(16, scan),
+        engines.ours(1, scan, transpose=True),
+        engines.ours(16, scan, transpose=True),
+        engines.rtk(scan),
+        engines.rtk(scan, transpose=True),
+        engines.astra_fan(scan),
+    ]
+    forward = medians([one.forward for one in contenders], repeats)
+    back = medians([one.back for one in contenders], repeats)
+    ours = contenders[0].projected
+    rows = []
+    for one, ahead, behind in zip(contenders, forward, back, strict=True):
+        row = {"engine": one.name, "forward_ns_per_ray": ahead / one.rays * 1e9}
+        row["back_ns_per_voxel_and_view"] = behind / one.voxels_by_views * 1e9
+        if one.projected is not None:
+            row["difference"] = float(np.sqrt(np.mean((one.projected - ours) ** 2)) / ours.max())
+        rows.append(row)
+    rows.append(
+        {"engine": "XCIST, distance-driven", "forward_ns_per_ray": engines.xcist_ns_per_ray(scan, engines.GRID)}
+    )
+    return rows
+
+
+def write(path, rows):
+    """A table, of the columns that any row has, and on the screen."""
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    with open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, names, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+    print(f"\n{path.name}")
+    for row in rows:
+        shown = (f"{value:.4g}" if isinstance(value, float) else str(value) for value in row.values())
+        print("  ".join(f"{name} {value}" for name, value in zip(row, shown, strict=True)), flush=True)
+
+
+def draw(path, rows, grown):
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
+    shown = [row for row in rows if "back_ns_per_voxel_and_view" in row]
+    places = np.arange(len(shown))
+    left.barh(places + 0.2, [row["forward_ns_per_ray"] for row in shown], 0.4, label="forward, ns per ray")
+    back = [row["back_ns_per_voxel_and_view"] for row in shown]
+    left.barh(places - 0.2, back, 0.4, label="back, ns per voxel and view")
+    left.set_yticks(places, [row["engine"] for row in shown])
+    left.set_xscale("log")
+    left.invert_yaxis()
+    left.legend(frameon=False, fontsize="small")
+    for name in dict.fromkeys(row["of"] for row in grown):
+        points = [(row["size"], row["seconds"]) for row in grown if row["of"] == name]
+        sizes, seconds = np.array(points).T
+        exponent = next(row["exponent"] for row in grown if row["of"] == name)
+        right.loglog(sizes / sizes[0], seconds / seconds[0], "o-", ms=3, label=f"{name}, exponent {exponent:.2f}")
+    right.set(xlabel="size over the smallest", ylabel="time over the shortest")
+    right.legend(frameon=False, fontsize="small")
+    figure.savefig(path, dpi=150)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    parser.add_argument("--repeats", type=int, default=7)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    print(f"{engines.machine()}; load of the last minute {os.getloadavg()[0]:.1f}")
+    compared = projectors(options.repeats)
+    write(options.out / "projectors.csv", compared)
+    write(options.out / "sirt.csv", iterations.compared(medians))
+    grown = growth.measured(medians, options.repeats)
+    write(options.out / "growth.csv", grown)
+    draw(options.out / "speed.png", compared, grown)
+
+
+if __name__ == "__main__":
+    main()
