@@ -6,10 +6,12 @@ voxels times views that this takes, so that engines which take other numbers of 
 
 import os
 import resource
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from virtual_phantom.geometry import Grid, ScanGeometry, circular
 from virtual_phantom.projectors.cpu import CpuProjector
@@ -189,6 +191,23 @@ def xcist_ns_per_ray(scan: ScanGeometry, grid: Grid, few: int = 4, many: int = 1
 
     rays = scan.rows * scan.columns * CELLS_DIVIDED**2
     return (seconds(many) - seconds(few)) / (many - few) / rays * 1e9
+
+
+@njit(fastmath=True)
+def _add(total, more, times):
+    for _ in range(times):
+        for i in range(total.size):
+            total[i] += more[i]
+
+
+def cache_bytes_per_ns(kib: int, times: int = 400) -> float:
+    """Bytes that one core reads and writes per ns of two arrays of so many KiB together, one added to the other: the
+    bandwidth of the cache that they fit into."""
+    one, other = np.ones((2, kib * 1024 // 8), np.float32)
+    _add(one, other, 1)
+    began = time.process_time()
+    _add(one, other, times)
+    return 3 * one.nbytes * times / (time.process_time() - began) / 1e9
 
 
 def machine() -> str:

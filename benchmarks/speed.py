@@ -3,8 +3,8 @@
     pip install -r benchmarks/requirements.txt
     python benchmarks/speed.py --out results/benchmarks
 
-Writes projectors.csv, sirt.csv, growth.csv and speed.png, and prints them. Everything runs in one thread; times are
-processor time, medians of repeats in which the engines take turns, so that a busy machine weighs on all alike.
+Writes projectors.csv, bandwidth.csv, sirt.csv, growth.csv and speed.png, and prints them. Everything runs in one thread;
+times are processor time, medians of repeats in which the engines take turns, so that a busy machine weighs on all alike.
 """
 
 import argparse
@@ -69,6 +69,24 @@ def projectors(repeats):
     return rows
 
 
+# Cache lines of sixteen lanes that a sample cannot do without: two of what is read (its neighbours along the line were
+# read for the sample before), and the one that is added to, read and written.
+LINES, LINE_BYTES = 4, 64
+TILE_KIB = 800  # what a full batch works on at a time (projectors/kernels.py)
+
+
+def bound():
+    """ns per voxel and view, or sample, of one realisation in a full batch if the caches' bandwidth were all."""
+    rates = {
+        f"{kib} KiB": float(np.median([engines.cache_bytes_per_ns(kib) for _ in range(5)]))
+        for kib in (24, TILE_KIB, 8192)
+    }
+    rows = [{"working_set": name, "bytes_per_ns": rate} for name, rate in rates.items()]
+    for row in rows:
+        row["ns_per_sample_of_a_lane"] = LINES * LINE_BYTES / row["bytes_per_ns"] / 16
+    return rows
+
+
 def write(path, rows):
     """A table, of the columns that any row has, and on the screen."""
     names = list(dict.fromkeys(name for row in rows for name in row))
@@ -112,6 +130,7 @@ def main():
     print(f"{engines.machine()}; load of the last minute {os.getloadavg()[0]:.1f}")
     compared = projectors(options.repeats)
     write(options.out / "projectors.csv", compared)
+    write(options.out / "bandwidth.csv", bound())
     write(options.out / "sirt.csv", iterations.compared(medians))
     grown = growth.measured(medians, options.repeats)
     write(options.out / "growth.csv", grown)
