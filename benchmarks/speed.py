@@ -3,8 +3,9 @@
     pip install -r benchmarks/requirements.txt
     python benchmarks/speed.py --out results/benchmarks
 
-Writes projectors.csv, bandwidth.csv, sirt.csv, growth.csv and speed.png, and prints them. Everything runs in one thread;
-times are processor time, medians of repeats in which the engines take turns, so that a busy machine weighs on all alike.
+Writes projectors.csv, bandwidth.csv, sirt.csv, growth.csv and speed.png, and prints them. Everything runs in one
+thread; times are processor time, medians of repeats in which the engines take turns, so that a busy machine weighs on
+all alike.
 """
 
 import argparse
