@@ -1,6 +1,7 @@
 # make          set up and run the default study
 # make test     set up and run the tests
 # make tiny     the whole workflow in a minute or two
+# make docs     this documentation as a site, into site/
 PYTHON ?= python3
 CORES ?= 2
 VENV := .venv
@@ -8,7 +9,7 @@ BIN := $(VENV)/bin
 # What pip must find installed before it builds pyradiomics.
 BUILD_FIRST = $(shell grep -E '^(setuptools|wheel|numpy)==' environment-pip.txt)
 
-.PHONY: study setup test tiny abdomen report clean
+.PHONY: study setup test tiny abdomen report docs clean
 
 study: setup
 	$(BIN)/snakemake --cores $(CORES)
@@ -34,5 +35,8 @@ abdomen: setup
 report: setup
 	$(BIN)/snakemake --cores $(CORES) --report results/report.html
 
+docs: setup
+	$(BIN)/mkdocs build --strict
+
 clean:
-	rm -rf results results-tiny results-abdomen results-paper .snakemake
+	rm -rf site results results-tiny results-abdomen results-paper .snakemake

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import difflib
 import math
 from functools import cache
 from pathlib import Path
@@ -12,7 +11,7 @@ import yaml
 from jsonschema import Draft202012Validator, validators
 from jsonschema.exceptions import best_match
 
-from .errors import InputError
+from .errors import InputError, meant
 from .statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 
 SCHEMA = Path(__file__).resolve().parents[2] / "schemas" / "config.schema.yaml"
@@ -26,6 +25,8 @@ _Validator = validators.extend(
         }
     ),
 )
+
+BOUNDS = {"minimum": "at least", "exclusiveMinimum": "more than", "maximum": "at most", "exclusiveMaximum": "less than"}
 
 
 def check(config: dict, schema_path: str | Path) -> dict:
@@ -113,9 +114,7 @@ def _one_line(error, source):
     if error.validator == "additionalProperties":
         known = list(error.schema.get("properties", ()))
         unknown = sorted(set(error.instance) - set(known), key=str)[0]
-        close = difflib.get_close_matches(str(unknown), known, 1)
-        hint = f"did you mean '{close[0]}'?" if close else f"known keys: {', '.join(known)}"
-        return f"{source}: unknown key '{unknown}' in {where}; {hint}"
+        return f"{source}: unknown key '{unknown}' in {where}; {meant(unknown, known, 'known keys')}"
     if error.validator == "enum":
         choices = ", ".join(str(value) for value in error.validator_value)
         return f"{source}: {where} is '{error.instance}'; use one of {choices}"
@@ -126,6 +125,10 @@ def _one_line(error, source):
         return f"{source}: {where}: {error.instance!r} is {kind} to YAML; write {number}"
     what = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
     message = " ".join(error.message.split())
+    if error.validator == "minItems":
+        message = f"has {len(error.instance)} entries; give at least {error.validator_value}"
+    elif error.validator in BOUNDS:
+        message += f"; give {BOUNDS[error.validator]} {error.validator_value:g}"
     place = source if where == source else f"{source}: {where}"
     return f"{place}: {message[:300]}" + (f" ({what})" if what else "")
 
@@ -166,9 +169,7 @@ def _fill_defaults(config, schema):
 def _check_names(config):
     def known(name, section, where):
         if name not in section:
-            close = difflib.get_close_matches(name, list(section), 1)
-            hint = f"did you mean '{close[0]}'?" if close else f"known: {', '.join(section) or 'none'}"
-            raise InputError(f"config: {where} names '{name}', which is not there; {hint}")
+            raise InputError(f"config: {where} names '{name}', which is not there; {meant(name, section)}")
 
     def of_algorithm(name, algorithm, where):
         known(name, protocols, where)
@@ -188,9 +189,13 @@ def _check_names(config):
     for name, protocol in protocols.items():
         if "scan" in protocol:
             known(protocol["scan"], config["scans"], f"protocols.{name}.scan")
-    groups = [protocol["group"] for protocol in protocols.values() if "group" in protocol]
-    if len(groups) != len(set(groups)):
-        raise InputError("config: two protocols have the same group number; give each its own")
+    groups: dict[int, str] = {}
+    for name, protocol in protocols.items():
+        if "group" in protocol and (other := groups.setdefault(protocol["group"], name)) != name:
+            raise InputError(
+                f"config: protocols.{other} and protocols.{name} have the same group number, {protocol['group']}; "
+                "give each its own"
+            )
     analyses = config["analyses"]
     if "stability" in analyses:
         known(analyses["stability"]["noise"], levels, "analyses.stability.noise")

@@ -1,5 +1,15 @@
 """The one exception that means: the user's input is at fault, not the program."""
 
+import difflib
+from collections.abc import Iterable
+
 
 class InputError(ValueError):
     """Bad input. The message is one line: the file or key, what is wrong with it, and what to do."""
+
+
+def meant(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
+    """What to say of a name that is none of `choices`: the one nearest to it, or all of them after `otherwise`."""
+    choices = list(choices)
+    close = difflib.get_close_matches(str(name), choices, 1)
+    return f"did you mean '{close[0]}'?" if close else f"{otherwise}: {', '.join(choices) or 'none'}"

@@ -51,9 +51,11 @@ def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
             )
     merged = pd.concat(tables, ignore_index=True)
     for column in PROVENANCE:
-        if (values := merged[column].unique()).size > 1:
+        if (odd := merged[column] != merged[column].iloc[0]).any():
+            here, there = (f"{row[column]} of {_file(row)}" for _, row in merged.loc[[0, odd.idxmax()]].iterrows())
             raise InputError(
-                f"feature tables: made with different {column} ({', '.join(map(str, values))}); extract them again"
+                f"feature tables: made with different {column}, {here} and {there}; delete the folder features under "
+                "results_dir and run again"
             )
     keys = ["protocol", "noise", "seed", "roi"]
     if (double := merged.duplicated(keys)).any():
@@ -65,6 +67,11 @@ def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
         .sort_values(["protocol", "noise", "seed", "_rank"], ignore_index=True)
         .drop(columns="_rank")
     )
+
+
+def _file(row: pd.Series) -> str:
+    """Where a row comes from, under results_dir/features."""
+    return f"{row['protocol']}/{row['noise']}/seed{row['seed']:02d}.csv"
 
 
 def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str], seeds: int) -> pd.DataFrame:

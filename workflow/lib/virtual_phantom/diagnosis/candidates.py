@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ..errors import InputError
-from ..physics.effect import acts_on_images, load, names
+from ..physics.effect import acts_on_images, load, names, require
 
 
 def candidates(settings: dict, kind: str = "projections") -> list[str]:
@@ -22,8 +22,7 @@ def candidates(settings: dict, kind: str = "projections") -> list[str]:
         hidden["photon_flux"] = "needs nominal_photons, which it could differ from and which are not stated"
     chosen = settings.get("effects") or [name for name in names() if name not in hidden]
     for name in chosen:
-        if name not in names():
-            raise InputError(f"diagnosis.effects: there is no effect '{name}'; there are {', '.join(names())}")
+        require(name, "diagnosis.effects")
         if name in hidden:
             raise InputError(f"diagnosis.effects: {name} {hidden[name]}; take it out")
     return chosen

@@ -21,6 +21,7 @@ from .masks import open_regions
 from .rois import RoiEntry, cut, read_entries, separate, shrink
 
 LARGEST_LOSS = 0.01  # share of an ROI that keep_mm or the grid may cut off: rounding of a box to voxels, no more
+LARGEST_ATTENUATION = 10.0  # per mm or cm, of anything but metal; a CT in HU has air or fat in view, and goes farther
 SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
 
 
@@ -61,7 +62,8 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
 def read_hu(path: Path) -> Volume:
     """A CT in HU (float32) from a NIfTI file or the folder of one DICOM series.
 
-    Raises InputError if it cannot be read, has voxels that are not finite, or no value below 0.
+    Raises InputError if it cannot be read, has voxels that are not finite, or values that cannot be HU: none below 0,
+    or none beyond LARGEST_ATTENUATION.
     """
     if path.is_dir():
         image = read_series(path)
@@ -72,7 +74,13 @@ def read_hu(path: Path) -> Volume:
     if bad := int(np.count_nonzero(~np.isfinite(image.array))):
         raise InputError(f"{path}: {bad} voxels are NaN or infinite; replace them (air is -1000 HU)")
     # NIfTI does not say that its values are HU, and a rescale may get lost; a CT always has some air or fat in view.
-    if image.array.min() >= 0:
+    low, high = float(image.array.min()), float(image.array.max())
+    if max(-low, high) < LARGEST_ATTENUATION:
+        raise InputError(
+            f"{path}: values go from {low:.3g} to {high:.3g}, so these are not HU; perhaps attenuation mu: give "
+            "1000 (mu / mu_water - 1)"
+        )
+    if low >= 0:
         raise InputError(f"{path}: has no value below 0, so these are not HU; perhaps HU + 1024: subtract 1024 first")
     return image
 

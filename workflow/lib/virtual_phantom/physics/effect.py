@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, meant
 
 FOLDER = Path(__file__).parent / "effects"
 # In the order in which they act.
@@ -106,10 +106,15 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "__init__"))
 
 
-def load(name: str) -> Effect:
-    """The effect of this name. Raises InputError if there is none."""
+def require(name: str, source: str) -> None:
+    """Raise InputError, naming `source`, if the library has no effect of this name."""
     if name not in names():
-        raise InputError(f"physics: there is no effect '{name}'; there are {', '.join(names())}")
+        raise InputError(f"{source}: there is no effect '{name}'; {meant(name, names())}")
+
+
+def load(name: str, source: str = "physics") -> Effect:
+    """The effect of this name. Raises InputError, naming `source`, if there is none."""
+    require(name, source)
     return importlib.import_module(f".effects.{name}", __package__).EFFECT
 
 
@@ -123,4 +128,4 @@ def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "ph
 
     Raises InputError for unknown effects or parameters and values out of range.
     """
-    return {name: load(name).values(given or {}, source) for name, given in physics.items()}
+    return {name: load(name, source).values(given or {}, source) for name, given in physics.items()}

@@ -1,0 +1,202 @@
+"""Every mistake of docs/mistakes.md, made: its message is the one on the page, with what is at fault and what to do."""
+
+import copy
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import nibabel
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from virtual_phantom import feature_table
+from virtual_phantom.config import check
+from virtual_phantom.errors import InputError
+from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.phantom import ct
+from virtual_phantom.recordings.reading import load
+from virtual_phantom.simulate import clean_line_integrals
+from virtual_phantom.volumes import Volume
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(ROOT / "tests" / "phantom"), str(ROOT / "tests" / "recordings")]
+
+import phantom_files  # noqa: E402
+import recording_folders  # noqa: E402
+
+PAGE = (ROOT / "docs" / "mistakes.md").read_text(encoding="utf-8")
+SECTION = re.compile(r"^### (.+?)\n(?:(?!^##).)*?^<!-- message -->\n```\n(.+?)\n```$", re.MULTILINE | re.DOTALL)
+MESSAGES = dict(SECTION.findall(PAGE))
+DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+GRID = Grid((14, 40, 48), (3.0, 2.0, 2.0))
+MU_WATER_PER_MM = 0.0193
+
+
+def configured(*changes):
+    """Check the default configuration with (dotted key, value) set in it."""
+    config = copy.deepcopy(DEFAULT)
+    for path, value in changes:
+        section = config
+        *parents, last = path.split(".")
+        for key in parents:
+            section = section.setdefault(key, {})
+        section[last] = value
+    check(config, ROOT / "workflow" / "schemas" / "config.schema.yaml")
+
+
+def protocol(**settings):
+    configured(("protocols.sirt_180", {"algorithm": "sirt", "projections": 180} | settings))
+
+
+def phantom(image="ct.nii.gz", roi=None, oversampling=1):
+    roi = {"label": 1} if roi is None else roi
+    rois = [{"name": "lesion", "tissue_class": "tumour", **roi}]
+    return ct.load({"image": image, "labels": "labels.nii.gz", "rois": rois}, GRID, oversampling)
+
+
+def written(array, name, affine=phantom_files.CT_GRID.affine):
+    nibabel.save(nibabel.Nifti1Image(array.T, affine), name)
+    return name
+
+
+def with_nan():
+    array = phantom_files.object_hu()
+    array[:3] = np.nan
+    phantom(written(array, "ct.nii.gz"))
+
+
+def on_another_grid():
+    coarse = phantom_files.ball("bright")[::2].astype(np.uint8)
+    phantom(roi={"file": written(coarse, "mask.nii.gz", np.diag([2.0, 2, 6, 1]))})
+
+
+def too_wide():
+    geometry = circular(
+        views=8,
+        source_to_isocentre_mm=500.0,
+        source_to_detector_mm=1000.0,
+        columns=40,
+        rows=20,
+        column_pitch_mm=2.0,
+        row_pitch_mm=4.0,
+    )
+    clean_line_integrals(Volume(phantom_files.object_hu(), GRID), geometry, MU_WATER_PER_MM)
+
+
+def bench(**changes):
+    recording_folders.projections_folder(Path("bench"), **changes)
+    load("bench")
+
+
+def cut_short():
+    folder, _ = recording_folders.projections_folder(Path("bench"))
+    whole = (folder / "a.h5").read_bytes()
+    (folder / "a.h5").write_bytes(whole[: len(whole) // 2])
+    load(folder)
+
+
+def without_white():
+    folder, _ = recording_folders.projections_folder(Path("bench"))
+    with h5py.File(folder / "a.h5", "a") as file:
+        del file["exchange/data_white"]
+    load(folder)
+
+
+def of_two_versions():
+    row = dict.fromkeys(feature_table.METADATA, "1") | {"protocol": "sirt_150", "noise": "dose10", "roi": "cyst_1"}
+    feature_table.merge(
+        pd.DataFrame([row | {"seed": seed, "settings_hash": text}]) for seed, text in enumerate(("5f3a", "9c01"))
+    )
+
+
+# What is done wrong, and the file or key that the message must name.
+MISTAKES = {
+    "A misspelled key": (lambda: protocol(projection=180), "'projection'"),
+    "A misspelled algorithm": (lambda: protocol(algorithm="sitr"), "protocols.sirt_180.algorithm"),
+    "A number that is text to YAML": (
+        lambda: configured(("noise.levels.dose10", {"A": "1e-6", "repeats": 10})),
+        "noise.levels.dose10.A",
+    ),
+    "One group number twice": (lambda: protocol(group=2), "protocols.sirt_200 and protocols.sirt_180"),
+    "A name that is not there": (lambda: configured(("analyses.optimal.sirt", "sirt_45")), "analyses.optimal.sirt"),
+    "No noise at all": (
+        lambda: configured(("noise.levels.dose10", {"A": 0, "repeats": 10})),
+        "noise.levels.dose10.A",
+    ),
+    "An effect that does not exist": (
+        lambda: configured(("noise.model", "physical"), ("physics", {"scater": {"amount": 0.05}})),
+        "physics",
+    ),
+    "Effects without photons": (lambda: configured(("physics", {"scatter": {}})), "protocols.sirt_150.physics"),
+    "A recording that is not configured": (
+        lambda: configured(("recordings", {"bench": "recordings/bench"}), ("diagnosis.recordings", {"benhc": {}})),
+        "diagnosis.recordings",
+    ),
+    "No ROI": (
+        lambda: configured(("phantom", {"source": "ct", "ct": {"image": "ct.nii.gz", "rois": []}})),
+        "phantom.ct.rois",
+    ),
+    "A file that is not there": (lambda: phantom("ct/patient.nii.gz"), "ct/patient.nii.gz"),
+    "A CT that is not in HU": (
+        lambda: phantom(written(MU_WATER_PER_MM * (1 + phantom_files.object_hu() / 1000), "ct.nii.gz")),
+        "ct.nii.gz",
+    ),
+    "NaN in the CT": (with_nan, "ct.nii.gz"),
+    "A mask on another grid": (on_another_grid, "mask.nii.gz"),
+    "A label that is not in the map": (lambda: phantom(roi={"label": 7}), "labels.nii.gz"),
+    "An empty mask": (
+        lambda: phantom(roi={"file": written(np.zeros(GRID.shape, np.uint8), "mask.nii.gz")}),
+        "mask.nii.gz",
+    ),
+    "A body wider than the field of view": (too_wide, "scan"),
+    "A folder that is no recording": (lambda: load("bench"), "bench/recording.yaml"),
+    "Another number of views": (lambda: bench(data=np.ones((23, 4, 40))), "bench/b.h5"),
+    "An array of another shape": (lambda: bench(data=np.ones((24, 40))), "bench/b.h5"),
+    "Counts without their white field": (without_white, "bench/a.h5"),
+    "A file that was cut short": (cut_short, "bench/a.h5"),
+    "Results of two versions": (of_two_versions, "sirt_150/dose10/seed01.csv"),
+}
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch):
+    """A folder with a CT and a label map, to work in."""
+    monkeypatch.chdir(tmp_path)
+    written(phantom_files.object_hu(), "ct.nii.gz")
+    written((phantom_files.ball("bright") + 2 * phantom_files.ball("dark")).astype(np.uint8), "labels.nii.gz")
+
+
+def test_the_page_has_these_mistakes_and_no_others():
+    assert len(MISTAKES) >= 15
+    assert set(MESSAGES) == {*MISTAKES, "A target after the configuration"}
+    assert PAGE.count("<!-- message -->") == len(MESSAGES)
+
+
+def test_without_a_mistake_there_is_no_message(desk):
+    configured()
+    protocol(group=9)
+    assert len(phantom().rois) == 1
+    bench()
+
+
+@pytest.mark.parametrize("title", MISTAKES)
+def test_a_mistake_gives_the_message_on_the_page(title, desk):
+    make, named = MISTAKES[title]
+    with pytest.raises(InputError) as error:
+        make()
+    message = str(error.value)
+    expected = ".*".join(map(re.escape, MESSAGES[title].removeprefix("Error: ").split("...")))
+    assert re.fullmatch(expected, message), message
+    what, _, fix = message.partition("; ")
+    assert named in message and what and fix
+
+
+def test_snakemake_takes_a_target_after_the_configuration_for_a_file():
+    command = [sys.executable, "-m", "snakemake", "-n", "--configfile", "config/tiny.yaml", "figure_rois"]
+    process = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert process.returncode != 0
+    assert MESSAGES["A target after the configuration"] in process.stdout + process.stderr

@@ -1,0 +1,71 @@
+"""Following a page: what comes out as it says passes, and nothing else does."""
+
+import pytest
+from pages import blocks, follow
+
+PAGE = """# A page
+
+<!-- write notes/a.txt -->
+```yaml
+one two
+```
+
+Not marked, not run:
+
+```
+exit 1
+```
+
+<!-- run -->
+```
+cat notes/a.txt
+echo three four five > b.txt; cat b.txt
+```
+
+<!-- prints -->
+```
+one   two
+three ... five
+```
+
+<!-- makes -->
+```
+notes/a.txt
+b.txt
+```
+"""
+
+
+@pytest.fixture
+def page(tmp_path):
+    """Writes a page and follows it in a folder of its own."""
+
+    def written(text):
+        (tmp_path / "page.md").write_text(text)
+        follow(tmp_path / "page.md", tmp_path)
+
+    return written
+
+
+def test_a_page_that_is_right(page, tmp_path):
+    page(PAGE)
+    assert [block.kind for block in blocks(tmp_path / "page.md")] == ["write", "run", "prints", "makes"]
+    assert (tmp_path / "notes" / "a.txt").read_text() == "one two\n"
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ("cat notes/a.txt", "cat notes/c.txt", "No such file"),
+        ("cat notes/a.txt", "false | cat", "false | cat"),
+        ("three ... five", "three ... six", "is not in, or not at its place"),
+        ("one   two\nthree ... five", "three ... five\none two", "is not in, or not at its place"),
+        ("notes/a.txt\nb.txt", "notes/a.txt\nc.txt", "c.txt is not there"),
+        ("echo three four five > b.txt; cat b.txt", "echo three four five; touch b.txt", "b.txt is not there"),
+        ("<!-- run -->\n", "<!-- run -->\nand then\n", "4 comments, 3 blocks"),
+    ],
+)
+def test_a_page_that_is_wrong_fails(page, right, wrong, message):
+    assert right in PAGE
+    with pytest.raises(AssertionError, match=message.replace("|", r"\|")):
+        page(PAGE.replace(right, wrong))
