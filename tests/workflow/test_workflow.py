@@ -73,6 +73,8 @@ def test_every_figure_and_table_is_made(study):
     for table in (
         "noise_calibration",
         "stability",
+        "stability_measures",
+        "stable_features",
         "top_features",
         "overlap",
         "pca_sirt",
@@ -145,7 +147,15 @@ def test_a_second_run_does_nothing(study):
     assert "Nothing to be done" in process.stderr + process.stdout
 
 
-AFTER_STABILITY = {"stability", "top_features", "overlap", "figure_overlap", "figure_stability_discrimination", "all"}
+AFTER_STABILITY = {
+    "stability",
+    "stability_measures",
+    "top_features",
+    "overlap",
+    "figure_overlap",
+    "figure_stability_discrimination",
+    "all",
+}
 AFTER_FEATURES = AFTER_STABILITY | {"merge_features", "pca", *(f"figure_pca_{name}" for name in PCA)}
 
 

@@ -110,6 +110,8 @@ def targets():
         wanted += [
             figure("stability_discrimination"),
             f"{RESULTS}/tables/top_features.csv",
+            f"{RESULTS}/tables/stability_measures.csv",
+            f"{RESULTS}/tables/stable_features.csv",
         ]
         if PLAN.config["measured"]["overlay"]:
             wanted.append(figure("overlap"))
