@@ -88,6 +88,19 @@ def test_every_figure_and_table_is_made(study):
     assert len(pd.read_csv(study / "tables" / "stability.csv")) == 86
 
 
+def test_parquet_holds_what_csv_holds_with_types(study):
+    tables = [study / "features.csv", *(study / "tables").glob("*.csv")]
+    assert len(tables) == 13
+    for path in tables:
+        table, csv = pd.read_parquet(path.with_suffix(".parquet")), pd.read_csv(path)
+        assert list(table.columns) == list(csv.columns)
+        pd.testing.assert_frame_equal(table.astype(csv.dtypes), csv, check_exact=True)
+    features = pd.read_parquet(study / "features.parquet")
+    assert features["seed"].dtype == features["n_voxels"].dtype == np.int64
+    assert features["original_firstorder_Mean"].dtype == np.float64
+    assert pd.api.types.is_string_dtype(features["settings_hash"])
+
+
 def test_images_lie_on_the_phantom_in_every_reader(study):
     phantom = nibabel.load(study / "phantom" / "image.nii.gz")
     path = study / "images" / "sirt_300" / "dose10" / "seed00.nii.gz"

@@ -175,3 +175,19 @@ rule noise_calibration:
         ],
     script:
         "../scripts/noise_calibration.py"
+
+
+rule parquet:
+    """Every table as Parquet too."""
+    input:
+        tables=[f"{table}.csv" for table in tables()],
+        code=code("parquet.py"),
+    output:
+        [f"{table}.parquet" for table in tables()],
+    log:
+        f"{RESULTS}/logs/parquet.log",
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    script:
+        "../scripts/parquet.py"
