@@ -259,6 +259,7 @@ def test_one_core_makes_the_same_features(study, tmp_path):
         ({"protocls": {}}, "unknown key 'protocls' in config; did you mean 'protocols'"),
         ({"protocols": {"sirt_150": PROTOCOL | {"projections": -5}}}, "-5 is less than the minimum of 1"),
         ({"protocols": {"sirt_150": PROTOCOL | {"algorithm": "art"}}}, "is 'art'; use one of sirt, fbp"),
+        ({"dicom": {"images": ["sirt_150/none/seed00"]}}, "sirt_150/none/seed00, which no analysis asks for"),
         ({"engine": "astra_cuda"}, "astra_cuda has no adjoint"),
         ({"engine": "astra_cuda", "reconstruction": {"sirt": {"backprojector": "voxel"}}}, "needs a CUDA device"),
     ],
