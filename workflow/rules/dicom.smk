@@ -68,7 +68,16 @@ rule dicom_series:
         "../scripts/dicom.py"
 
 
+def exported(wildcards):
+    """All that `snakemake dicom` writes."""
+    if not DICOM:
+        sys.exit(
+            "Error: config: nothing to export; name images under dicom.images, as the folder images has them"
+        )
+    return [f"{image}/{part}" for image in DICOM for part in ("series", "rois.dcm")]
+
+
 rule dicom:
     """Images as DICOM series."""
     input:
-        [f"{image}/{part}" for image in DICOM for part in ("series", "rois.dcm")],
+        exported,

@@ -27,6 +27,15 @@ def measured_noise():
     ]
 
 
+def scan_titles():
+    """What the two images of analyses.optimal are called."""
+    return {
+        algorithm: f"{algorithm.upper()}, {PLAN.config['protocols'][ANALYSES['optimal'][algorithm]]['projections']} projections"
+        for algorithm in ("fbp", "sirt")
+        if "optimal" in ANALYSES
+    }
+
+
 rule figure_rois:
     input:
         image=rules.phantom.output.image,
@@ -75,11 +84,7 @@ rule figure_scans:
     resources:
         **FIGURE_RESOURCES,
     params:
-        titles={
-            algorithm: f"{algorithm.upper()}, {PLAN.config['protocols'][ANALYSES['optimal'][algorithm]]['projections']} projections"
-            for algorithm in ("fbp", "sirt")
-            if "optimal" in ANALYSES
-        },
+        titles=scan_titles(),
     script:
         "../scripts/figures/scans.py"
 
