@@ -24,6 +24,7 @@ def opened(page, folder, script="return {};", width=1280):
     driver = """<script>(async () => {
     const pause = () => new Promise((go) => setTimeout(go, 20));
     for (let n = 0; n < 400 && document.body.dataset.ready !== "yes"; n++) await pause();
+    for (const image of document.images) if (!image.naturalWidth) console.error("cannot be shown: " + image.src);
     const found = await (async () => { %s })();
     const result = document.createElement("pre");
     result.id = "result"; result.textContent = JSON.stringify(found); document.body.append(result);
