@@ -1,6 +1,7 @@
 # make          set up and run the default study
 # make test     set up and run the tests
 # make tiny     the whole workflow in a minute or two
+# make report   the default study's report in one page, and one to flip through slices
 PYTHON ?= python3
 CORES ?= 2
 VENV := .venv
@@ -32,7 +33,7 @@ abdomen: setup
 	$(BIN)/snakemake --cores $(CORES) --configfile config/abdomen.yaml
 
 report: setup
-	$(BIN)/snakemake --cores $(CORES) --report results/report.html
+	$(BIN)/snakemake report_page --cores $(CORES)
 
 clean:
 	rm -rf results results-tiny results-abdomen results-paper .snakemake

@@ -1,5 +1,7 @@
 """The workflow itself: every shipped config plans, the tiny study runs, mistakes stop it with one clear line."""
 
+import base64
+import hashlib
 import shutil
 
 import astra
@@ -9,9 +11,12 @@ import pandas as pd
 import pytest
 import SimpleITK as sitk
 import yaml
+from browser import outside_resources
 from workflow_runs import ROOT, planned, snakemake, tiny
 
 from virtual_phantom import exchange, volumes
+from virtual_phantom.phantom.dicom_series import read_series
+from virtual_phantom.phantom.masks import open_regions
 from virtual_phantom.reconstruct import reconstruct
 
 FIGURES = (
@@ -111,6 +116,28 @@ def test_images_lie_on_the_phantom_in_every_reader(study):
     assert sitk.ReadImage(str(path)).GetSpacing() == pytest.approx((3.75, 3.75, 4.0))
     body = phantom.get_fdata() > -200
     assert abs(np.median(image.get_fdata()[body] - phantom.get_fdata()[body])) < 20
+
+
+def test_pages_and_dicom_of_the_study(study, tmp_path):
+    """Exported images lie on the NIfTI ones, and the report holds every figure and what it was made by."""
+    overlay = {"dicom": {"images": ["sirt_150/double/seed02"]}}
+    process = tiny(study, "dicom", "report_page", overlay=overlay, beside=tmp_path)
+    assert process.returncode == 0, process.stderr[-4000:]
+    (series,) = (study / "dicom").glob("*/*/*/series")
+    exported = read_series(series)
+    image = volumes.read_nifti(study / "images" / "sirt_150" / "double" / "seed02.nii.gz")
+    assert exported.grid.matches(image.grid)
+    np.testing.assert_array_equal(exported.array, image.array)
+    rois = pd.read_csv(study / "phantom" / "rois.csv")
+    regions = open_regions(series.parent / "rois.dcm", exported.grid)
+    assert [regions.mask(roi).sum() for roi in rois["roi"]] == rois["n_voxels"].tolist()
+    page = (study / "report.html").read_text()
+    assert outside_resources(page) == outside_resources((study / "viewer.html").read_text()) == []
+    for figure in FIGURES:
+        assert base64.b64encode((study / "figures" / f"{figure}.png").read_bytes()).decode() in page
+    for path in (study / "tables").glob("*.csv"):
+        assert hashlib.sha256(path.read_bytes()).hexdigest() in page
+    assert (study / "viewer.html").stat().st_size < 15e6
 
 
 def test_seeds_make_different_images_with_the_same_mean(study):

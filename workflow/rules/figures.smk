@@ -1,3 +1,5 @@
+from functools import cache
+
 PCA_TITLES = {
     "sirt": "Iterative reconstruction (SIRT)",
     "fbp": "Filtered back-projection (FBP)",
@@ -6,6 +8,7 @@ PCA_TITLES = {
 FIGURE_RESOURCES = {"mem_mb": 2000, "runtime": 10}
 
 
+@cache
 def measured_noise():
     """The measured variances of the algorithms that the noise is calibrated with."""
     from virtual_phantom.measured import dose_variance
