@@ -44,7 +44,11 @@ class Shown:
 
 
 def page(
-    figures: Sequence[Shown], tables: Mapping[str, Path], embedded: Mapping[str, Path], links: Mapping[str, str], config
+    figures: Sequence[Shown],
+    tables: Mapping[str, Path],
+    embedded: Mapping[str, Path],
+    links: Mapping[str, str],
+    config: Mapping,
 ) -> str:
     """The page as HTML.
 
@@ -82,7 +86,7 @@ def page(
     )
 
 
-def caption(figure: Shown, config) -> str:
+def caption(figure: Shown, config: Mapping) -> str:
     """A figure's caption as HTML."""
     names = SimpleNamespace(
         params=SimpleNamespace(**figure.params), wildcards=SimpleNamespace(**figure.wildcards), config=config
@@ -93,7 +97,7 @@ def caption(figure: Shown, config) -> str:
     return publish_parts(template.render(snakemake=names), writer="html5", settings_overrides=settings)["body"]
 
 
-def cell(value) -> dict:
+def cell(value: str | float) -> dict:
     """How a value is written, what it is sorted by, and whether it is a number."""
     if isinstance(value, str):
         return {
