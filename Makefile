@@ -2,6 +2,7 @@
 # make test     set up and run the tests
 # make tiny     the whole workflow in a minute or two
 # make docs     this documentation as a site, into site/
+# make report   the default study's report in one page, and one to flip through slices
 PYTHON ?= python3
 CORES ?= 2
 VENV := .venv
@@ -33,7 +34,7 @@ abdomen: setup
 	$(BIN)/snakemake --cores $(CORES) --configfile config/abdomen.yaml
 
 report: setup
-	$(BIN)/snakemake --cores $(CORES) --report results/report.html
+	$(BIN)/snakemake report_page --cores $(CORES)
 
 docs: setup
 	$(BIN)/mkdocs build --strict

@@ -20,6 +20,8 @@ include: "workflow/rules/compare.smk"
 include: "workflow/rules/diagnose_features.smk"
 include: "workflow/rules/diagnose.smk"
 include: "workflow/rules/proof.smk"
+include: "workflow/rules/dicom.smk"
+include: "workflow/rules/pages.smk"
 include: "workflow/rules/download.smk"
 
 

@@ -122,3 +122,10 @@ def test_unreadable_tables(tmp_path, content, message):
     with pytest.raises(InputError, match=message) as error:
         files.read_csv(path)
     assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_parquet_keeps_types_and_leaves_nothing_half_written(tmp_path):
+    table = pd.DataFrame({"hash": ["012", "9e9"], "n": [1, 2], "x": [0.1, np.nan]})
+    files.write_parquet(table, tmp_path / "a" / "t.parquet")
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "a" / "t.parquet"), table)
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["t.parquet"]

@@ -25,7 +25,7 @@ IBSI_PHANTOM = np.array(
         [[1, 4, 4, 0, 0], [1, 1, 1, 1, 1], [1, 1, 1, 1, 1], [1, 1, 6, 1, 1]],
     ]
 )
-# Published reference values, three significant digits: GLCM averaged over 3D directions, GLSZM and NGLDM
+# Published reference values, three significant digits: GLCM and GLRLM averaged over 3D directions, GLSZM and NGLDM
 # (which pyradiomics calls GLDM) in 3D. Intensities here are 25 times the phantom's, so that 25 HU bins give
 # its grey levels; dimensionless and texture features stay, the others scale by 25 or 25^2. Kurtosis is
 # without the -3 of the manual.
@@ -48,12 +48,44 @@ IBSI_VALUES = {
     "firstorder_RootMeanSquared": 25 * 2.77,
     "firstorder_Entropy": 1.27,
     "firstorder_Uniformity": 0.512,
+    "glcm_Autocorrelation": 5.06,
+    "glcm_ClusterProminence": 145,
+    "glcm_ClusterShade": 16.6,
+    "glcm_ClusterTendency": 7.07,
+    "glcm_Contrast": 5.32,
+    "glcm_Correlation": 0.157,
     "glcm_DifferenceAverage": 1.43,
+    "glcm_DifferenceEntropy": 1.56,
+    "glcm_DifferenceVariance": 3.06,
     "glcm_Id": 0.677,
     "glcm_Idn": 0.851,
     "glcm_Idm": 0.618,
     "glcm_Idmn": 0.898,
+    "glcm_Imc1": -0.157,
+    "glcm_Imc2": 0.520,
     "glcm_InverseVariance": 0.0604,
+    "glcm_JointAverage": 2.14,
+    "glcm_JointEnergy": 0.303,
+    "glcm_JointEntropy": 2.40,
+    "glcm_MaximumProbability": 0.503,
+    "glcm_SumEntropy": 1.92,
+    "glcm_SumSquares": 3.10,
+    "glrlm_GrayLevelNonUniformity": 21.8,
+    "glrlm_GrayLevelNonUniformityNormalized": 0.430,
+    "glrlm_GrayLevelVariance": 3.46,
+    "glrlm_HighGrayLevelRunEmphasis": 9.70,
+    "glrlm_LongRunEmphasis": 3.06,
+    "glrlm_LongRunHighGrayLevelEmphasis": 17.6,
+    "glrlm_LongRunLowGrayLevelEmphasis": 2.39,
+    "glrlm_LowGrayLevelRunEmphasis": 0.603,
+    "glrlm_RunEntropy": 2.43,
+    "glrlm_RunLengthNonUniformity": 26.9,
+    "glrlm_RunLengthNonUniformityNormalized": 0.513,
+    "glrlm_RunPercentage": 0.680,
+    "glrlm_RunVariance": 0.574,
+    "glrlm_ShortRunEmphasis": 0.705,
+    "glrlm_ShortRunHighGrayLevelEmphasis": 8.54,
+    "glrlm_ShortRunLowGrayLevelEmphasis": 0.352,
     "glszm_SmallAreaEmphasis": 0.255,
     "glszm_LargeAreaEmphasis": 550,
     "glszm_LowGrayLevelZoneEmphasis": 0.253,
@@ -112,6 +144,7 @@ def test_values_published_for_the_ibsi_digital_phantom():
     row = one_row(25.0 * IBSI_PHANTOM, IBSI_PHANTOM > 0, spacing=(2.0, 2.0, 2.0))
     assert row["n_voxels"] == 74
     assert row["grey_levels"] == 4  # 1, 3, 4 and 6
+    assert {f"original_{name}" for name in IBSI_VALUES} == set(FEATURES)
     for name, value in IBSI_VALUES.items():
         assert row[f"original_{name}"] == pytest.approx(value, rel=6e-3), name  # half a unit of the third digit
 

@@ -1,5 +1,7 @@
 """The workflow itself: every shipped config plans, the tiny study runs, mistakes stop it with one clear line."""
 
+import base64
+import hashlib
 import shutil
 
 import astra
@@ -9,9 +11,12 @@ import pandas as pd
 import pytest
 import SimpleITK as sitk
 import yaml
+from browser import outside_resources
 from workflow_runs import ROOT, planned, snakemake, tiny
 
 from virtual_phantom import exchange, volumes
+from virtual_phantom.phantom.dicom_series import read_series
+from virtual_phantom.phantom.masks import open_regions
 from virtual_phantom.reconstruct import reconstruct
 
 FIGURES = (
@@ -73,6 +78,8 @@ def test_every_figure_and_table_is_made(study):
     for table in (
         "noise_calibration",
         "stability",
+        "stability_measures",
+        "stable_features",
         "top_features",
         "overlap",
         "pca_sirt",
@@ -86,6 +93,19 @@ def test_every_figure_and_table_is_made(study):
     assert len(pd.read_csv(study / "tables" / "stability.csv")) == 86
 
 
+def test_parquet_holds_what_csv_holds_with_types(study):
+    tables = [study / "features.csv", *(study / "tables").glob("*.csv")]
+    assert len(tables) == 13
+    for path in tables:
+        table, csv = pd.read_parquet(path.with_suffix(".parquet")), pd.read_csv(path)
+        assert list(table.columns) == list(csv.columns)
+        pd.testing.assert_frame_equal(table.astype(csv.dtypes), csv, check_exact=True)
+    features = pd.read_parquet(study / "features.parquet")
+    assert features["seed"].dtype == features["n_voxels"].dtype == np.int64
+    assert features["original_firstorder_Mean"].dtype == np.float64
+    assert pd.api.types.is_string_dtype(features["settings_hash"])
+
+
 def test_images_lie_on_the_phantom_in_every_reader(study):
     phantom = nibabel.load(study / "phantom" / "image.nii.gz")
     path = study / "images" / "sirt_300" / "dose10" / "seed00.nii.gz"
@@ -96,6 +116,28 @@ def test_images_lie_on_the_phantom_in_every_reader(study):
     assert sitk.ReadImage(str(path)).GetSpacing() == pytest.approx((3.75, 3.75, 4.0))
     body = phantom.get_fdata() > -200
     assert abs(np.median(image.get_fdata()[body] - phantom.get_fdata()[body])) < 20
+
+
+def test_pages_and_dicom_of_the_study(study, tmp_path):
+    """Exported images lie on the NIfTI ones, and the report holds every figure and what it was made by."""
+    overlay = {"dicom": {"images": ["sirt_150/double/seed02"]}}
+    process = tiny(study, "dicom", "report_page", overlay=overlay, beside=tmp_path)
+    assert process.returncode == 0, process.stderr[-4000:]
+    (series,) = (study / "dicom").glob("*/*/*/series")
+    exported = read_series(series)
+    image = volumes.read_nifti(study / "images" / "sirt_150" / "double" / "seed02.nii.gz")
+    assert exported.grid.matches(image.grid)
+    np.testing.assert_array_equal(exported.array, image.array)
+    rois = pd.read_csv(study / "phantom" / "rois.csv")
+    regions = open_regions(series.parent / "rois.dcm", exported.grid)
+    assert [regions.mask(roi).sum() for roi in rois["roi"]] == rois["n_voxels"].tolist()
+    page = (study / "report.html").read_text()
+    assert outside_resources(page) == outside_resources((study / "viewer.html").read_text()) == []
+    for figure in FIGURES:
+        assert base64.b64encode((study / "figures" / f"{figure}.png").read_bytes()).decode() in page
+    for path in (study / "tables").glob("*.csv"):
+        assert hashlib.sha256(path.read_bytes()).hexdigest() in page
+    assert (study / "viewer.html").stat().st_size < 15e6
 
 
 def test_seeds_make_different_images_with_the_same_mean(study):
@@ -145,7 +187,15 @@ def test_a_second_run_does_nothing(study):
     assert "Nothing to be done" in process.stderr + process.stdout
 
 
-AFTER_STABILITY = {"stability", "top_features", "overlap", "figure_overlap", "figure_stability_discrimination", "all"}
+AFTER_STABILITY = {
+    "stability",
+    "stability_measures",
+    "top_features",
+    "overlap",
+    "figure_overlap",
+    "figure_stability_discrimination",
+    "all",
+}
 AFTER_FEATURES = AFTER_STABILITY | {"merge_features", "pca", *(f"figure_pca_{name}" for name in PCA)}
 
 
@@ -236,6 +286,7 @@ def test_one_core_makes_the_same_features(study, tmp_path):
         ({"protocls": {}}, "unknown key 'protocls' in config; did you mean 'protocols'"),
         ({"protocols": {"sirt_150": PROTOCOL | {"projections": -5}}}, "-5 is less than the minimum of 1"),
         ({"protocols": {"sirt_150": PROTOCOL | {"algorithm": "art"}}}, "is 'art'; use one of sirt, fbp"),
+        ({"dicom": {"images": ["sirt_150/none/seed00"]}}, "sirt_150/none/seed00, which no analysis asks for"),
         ({"engine": "astra_cuda"}, "astra_cuda has no adjoint"),
         ({"engine": "astra_cuda", "reconstruction": {"sirt": {"backprojector": "voxel"}}}, "needs a CUDA device"),
     ],

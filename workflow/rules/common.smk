@@ -97,20 +97,40 @@ def figure(name):
     return multiext(f"{RESULTS}/figures/{name}", ".png", ".pdf")
 
 
+def tables():
+    """Every table that the configuration asks for, without its suffix."""
+    wanted = []
+    if "noise_calibration" in ANALYSES:
+        wanted.append("noise_calibration")
+    if "stability" in ANALYSES:
+        wanted += ["stability", "stability_measures", "stable_features", "top_features"]
+        if PLAN.config["measured"]["overlay"]:
+            wanted.append("overlap")
+        wanted += [f"overlap_{name}" for name in ANALYSES["stability"]["recordings"]]
+    for name in ANALYSES.get("pca", {}):
+        wanted += [f"pca_{name}", f"separability_{name}"]
+    for name, comparison in ANALYSES.get("comparison", {}).items():
+        wanted += [
+            f"comparison_{name}{part}" for part in ("", "_features", "_families")
+        ]
+        if comparison["attribute"]:
+            wanted += [f"attribution_{name}", f"attribution_{name}_cells"]
+    if any("meets" in level for level in PLAN.config["noise"]["levels"].values()):
+        wanted.append("matched_noise")
+    features = [f"{RESULTS}/features"] if PLAN.featured() else []
+    return features + [f"{RESULTS}/tables/{name}" for name in wanted]
+
+
 def targets():
     """Everything that the configuration asks for."""
     wanted = [figure("rois")]
-    if PLAN.featured():
-        wanted.append(f"{RESULTS}/features.csv")
+    wanted += [table + suffix for table in tables() for suffix in (".csv", ".parquet")]
     if "optimal" in ANALYSES:
         wanted.append(figure("scans"))
     if "noise_calibration" in ANALYSES:
         wanted.append(figure("noise_calibration"))
     if "stability" in ANALYSES:
-        wanted += [
-            figure("stability_discrimination"),
-            f"{RESULTS}/tables/top_features.csv",
-        ]
+        wanted.append(figure("stability_discrimination"))
         if PLAN.config["measured"]["overlay"]:
             wanted.append(figure("overlap"))
     wanted += [figure(f"pca_{name}") for name in ANALYSES.get("pca", {})]
@@ -122,8 +142,6 @@ def targets():
         figure(f"overlap_{name}")
         for name in ANALYSES.get("stability", {}).get("recordings", [])
     ]
-    if any("meets" in level for level in PLAN.config["noise"]["levels"].values()):
-        wanted.append(f"{RESULTS}/tables/matched_noise.csv")
     if PLAN.config["keep_projections"]:
         wanted += [
             f"{RESULTS}/projections/{PLAN.geometry_of(protocol)}/{noise}/seed{seed}.h5"

@@ -1,3 +1,5 @@
+from functools import cache
+
 PCA_TITLES = {
     "sirt": "Iterative reconstruction (SIRT)",
     "fbp": "Filtered back-projection (FBP)",
@@ -6,6 +8,7 @@ PCA_TITLES = {
 FIGURE_RESOURCES = {"mem_mb": 2000, "runtime": 10}
 
 
+@cache
 def measured_noise():
     """The measured variances of the algorithms that the noise is calibrated with."""
     from virtual_phantom.measured import dose_variance
@@ -25,6 +28,15 @@ def measured_noise():
         for algorithm in sorted(algorithms, reverse=True)
         for dose in (1, 3, 10)
     ]
+
+
+def scan_titles():
+    """What the two images of analyses.optimal are called."""
+    return {
+        algorithm: f"{algorithm.upper()}, {PLAN.config['protocols'][ANALYSES['optimal'][algorithm]]['projections']} projections"
+        for algorithm in ("fbp", "sirt")
+        if "optimal" in ANALYSES
+    }
 
 
 rule figure_rois:
@@ -75,11 +87,7 @@ rule figure_scans:
     resources:
         **FIGURE_RESOURCES,
     params:
-        titles={
-            algorithm: f"{algorithm.upper()}, {PLAN.config['protocols'][ANALYSES['optimal'][algorithm]]['projections']} projections"
-            for algorithm in ("fbp", "sirt")
-            if "optimal" in ANALYSES
-        },
+        titles=scan_titles(),
     script:
         "../scripts/figures/scans.py"
 

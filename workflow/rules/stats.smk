@@ -1,3 +1,13 @@
+# The images whose features are compared between groups of protocols.
+GROUPED = {
+    "groups": PLAN.groups(),
+    "noise": ANALYSES.get("stability", {}).get("noise"),
+    "seeds": (
+        PLAN.repeats([ANALYSES["stability"]["noise"]]) if "stability" in ANALYSES else 0
+    ),
+}
+
+
 rule stability:
     """W over pairs of groups and pairs of classes, for every feature."""
     input:
@@ -11,16 +21,41 @@ rule stability:
         mem_mb=2000,
         runtime=15,
     params:
-        groups=PLAN.groups(),
-        noise=ANALYSES.get("stability", {}).get("noise"),
-        seeds=(
-            PLAN.repeats([ANALYSES["stability"]["noise"]])
-            if "stability" in ANALYSES
-            else 0
-        ),
+        **GROUPED,
         statistics=PLAN.config["statistics"],
     script:
         "../scripts/stability.py"
+
+
+rule stability_measures:
+    """ICC, CCC and coefficients of variation beside W, and which features are stable by which."""
+    input:
+        features=f"{RESULTS}/features.csv",
+        stability=rules.stability.output[0],
+        code=code("stability_measures.py"),
+    output:
+        measures=report(
+            f"{RESULTS}/tables/stability_measures.csv",
+            caption="../report/stability_measures.rst",
+            category="Stability",
+            labels={"table": "measures of stability"},
+        ),
+        features=report(
+            f"{RESULTS}/tables/stable_features.csv",
+            caption="../report/stability_measures.rst",
+            category="Stability",
+            labels={"table": "stable features by measure"},
+        ),
+    log:
+        f"{RESULTS}/logs/stability_measures.log",
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    params:
+        **GROUPED,
+        cut_offs=ANALYSES.get("stability", {}).get("cut_offs"),
+    script:
+        "../scripts/stability_measures.py"
 
 
 rule top_features:
@@ -140,3 +175,19 @@ rule noise_calibration:
         ],
     script:
         "../scripts/noise_calibration.py"
+
+
+rule parquet:
+    """Every table as Parquet too."""
+    input:
+        tables=[f"{table}.csv" for table in tables()],
+        code=code("parquet.py"),
+    output:
+        [f"{table}.parquet" for table in tables()],
+    log:
+        f"{RESULTS}/logs/parquet.log",
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    script:
+        "../scripts/parquet.py"

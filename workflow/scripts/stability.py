@@ -7,15 +7,11 @@ from virtual_phantom.statistics import wilcoxon
 
 with job(snakemake) as log:
     params = snakemake.params
-    groups = dict(params.groups)
-    table = feature_table.select(
-        feature_table.read(str(snakemake.input.features)),
-        protocols=list(groups),
-        noise=[params.noise],
-        seeds=params.seeds,
+    source = str(snakemake.input.features)
+    table = feature_table.grouped(
+        feature_table.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds
     )
-    table = table.assign(group=table["protocol"].map(groups))
-    scores = wilcoxon.scores(table, FEATURES, source=str(snakemake.input.features), **params.statistics)
+    scores = wilcoxon.scores(table, FEATURES, source=source, **params.statistics)
     files.write_csv(scores, snakemake.output[0])
     log.info(
         "mean stability %.1f %%, mean discriminative power %.1f %%",

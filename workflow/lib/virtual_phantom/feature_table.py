@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +89,13 @@ def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str
                 f"features: {have.get(key, 0)} seeds for protocol {key[0]}, noise {key[1]}; {seeds} are asked for"
             )
     return chosen.reset_index(drop=True)
+
+
+def grouped(table: pd.DataFrame, groups: Mapping[str, int], *, noise: str, seeds: int) -> pd.DataFrame:
+    """Rows of the protocols that have a group number, with that as column group, at one noise label; raises as
+    `select`."""
+    chosen = select(table, protocols=list(groups), noise=[noise], seeds=seeds)
+    return chosen.assign(group=chosen["protocol"].map(groups))
 
 
 def finite_values(table: pd.DataFrame, features: Sequence[str], source: str) -> np.ndarray:

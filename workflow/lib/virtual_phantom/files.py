@@ -37,6 +37,12 @@ def write_csv(table, path: str | Path) -> None:
         table.to_csv(temporary, index=False, lineterminator="\n")
 
 
+def write_parquet(table, path: str | Path) -> None:
+    """Write a pandas DataFrame without its index as Parquet, which keeps the type of every column."""
+    with replacing(path) as temporary:
+        table.to_parquet(temporary, index=False)
+
+
 def read_csv(path: str | Path, advice: str = "delete it and run again", **options):
     """A pandas DataFrame of a CSV; `options` are pandas'. Raises InputError if it is missing, empty
     or no table."""

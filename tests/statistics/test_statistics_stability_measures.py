@@ -1,0 +1,88 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from virtual_phantom.errors import InputError
+from virtual_phantom.statistics import stability_measures
+
+MEAN, SKEWNESS, ENTROPY = (f"original_firstorder_{name}" for name in ("Mean", "Skewness", "Entropy"))
+FEATURES = (MEAN, SKEWNESS, ENTROPY)
+CUT_OFFS = {"w_stability_percent": 50, "icc": 0.75, "ccc": 0.9, "cv": 0.1, "qcd": 0.067}
+SCORES = pd.DataFrame({"feature": FEATURES[::-1], "stability_percent": [10.0, 50.0, 90.0]})
+
+
+def table():
+    """Mean knows the ROI, Skewness the group and is now above and now under zero, Entropy neither."""
+    rows = []
+    for group in (1, 2, 3):
+        for place, roi in enumerate(("cyst", "liver", "aorta")):
+            for seed in range(2):
+                wobble = (group + place + seed) % 3 - 1
+                rows.append(
+                    {
+                        "group": group,
+                        "roi": roi,
+                        "seed": seed,
+                        MEAN: 100.0 * (place + 1) + wobble,
+                        SKEWNESS: group - 2 + 0.1 * wobble,
+                        ENTROPY: 5 + 0.01 * wobble,
+                    }
+                )
+    return pd.DataFrame(rows)
+
+
+def test_each_measure_is_held_against_its_cut_off():
+    measured = stability_measures.measures(table(), SCORES, FEATURES, CUT_OFFS)
+    assert list(measured.columns) == "feature family measure value ci95_low ci95_high cut_off stable".split()
+    verdicts = measured.pivot(index="measure", columns="feature", values="stable").loc[
+        list(stability_measures.CUT_OFFS)
+    ]
+    assert verdicts[MEAN].tolist() == ["yes"] * 6
+    assert verdicts[SKEWNESS].tolist() == ["yes", "no", "no", "no", "undefined", "undefined"]
+    # Hardly any spread at all, and none of it between ROIs: stable by its size, useless by its reliability.
+    assert verdicts[ENTROPY].tolist() == ["no", "no", "no", "no", "yes", "yes"]
+    with_interval = measured["ci95_low"].notna()
+    assert set(measured.loc[with_interval, "measure"]) == {"icc_2_1", "icc_3_1"}
+    inside = measured[with_interval]
+    assert ((inside["ci95_low"] <= inside["value"]) & (inside["value"] <= inside["ci95_high"])).all()
+
+
+def test_one_row_per_feature_says_by_which():
+    features = stability_measures.by_feature(
+        stability_measures.measures(table(), SCORES, FEATURES, CUT_OFFS | {"w_stability_percent": 60})
+    )
+    assert features["feature"].tolist() == list(FEATURES)
+    assert features["stable_by"].tolist() == [6, 0, 2]
+    assert features["stable_qcd"].tolist() == ["yes", "undefined", "yes"]
+    assert features["stable_w_stability_percent"].tolist() == ["yes", "no", "no"]
+
+
+def test_the_order_of_rows_changes_nothing_but_the_order_of_rois():
+    start = stability_measures.measures(table(), SCORES, FEATURES, CUT_OFFS)
+    shuffled = stability_measures.measures(table().sample(frac=1, random_state=3), SCORES, FEATURES, CUT_OFFS)
+    pd.testing.assert_frame_equal(start, shuffled)
+
+
+def test_the_cube_holds_each_value_at_its_place():
+    rows = table().sample(frac=1, random_state=0)
+    cube = stability_measures.cube(rows, FEATURES)
+    assert cube.shape == (3, 3, 3, 2)
+    rois = list(rows["roi"].unique())
+    for row in rows.itertuples(index=False):
+        value = cube[:, rois.index(row.roi), row.group - 1, row.seed]
+        np.testing.assert_array_equal(value, row[-3:])
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        (lambda t: t[t["roi"] == "cyst"], "features: 1 ROI; measures of agreement compare at least two"),
+        (lambda t: t[t["group"] == 1], "features: 1 group; measures of agreement compare at least two"),
+        (lambda t: t.drop(index=7), "features: no row for ROI cyst, group 2, seed 1; every group needs every one"),
+        (lambda t: pd.concat([t, t.iloc[[7]]]), "features: two rows for ROI cyst, group 2, seed 1; make"),
+    ],
+)
+def test_bad_input_is_one_clear_line(change, message):
+    with pytest.raises(InputError) as caught:
+        stability_measures.measures(change(table()), SCORES, FEATURES, CUT_OFFS)
+    assert message in str(caught.value) and "\n" not in str(caught.value)

@@ -1,0 +1,1 @@
+"""Pages of the study: one HTML file each, with all that they need inside."""

@@ -1,0 +1,145 @@
+"""Measures of agreement that the field uses beside W, of one feature measured on subjects under several conditions.
+
+Arrays are x[..., subject i, condition j, repeat s], n x k x r; any axes before these (features) are kept. Subjects
+are the ROIs, conditions the groups of protocols, repeats the seeds. All measures are of single scans: repeats make
+the estimates better, they are not averaged before. With one repeat, `icc` is that of Shrout and Fleiss.
+
+    Shrout, Fleiss, Psychol. Bull. 86, 420 (1979); McGraw, Wong, Psychol. Methods 1, 30 (1996): ICC and its intervals
+    Lin, Biometrics 45, 255 (1989): concordance correlation
+    Bonett, Comput. Stat. Data Anal. 50, 2953 (2006): coefficient of quartile variation
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from scipy.stats import f as f_distribution
+
+CONFIDENCE = 0.95
+ROUNDING = 1e-12  # a sum of squares under this share of the values' own squares is rounding alone
+
+
+@dataclass(frozen=True)
+class Icc:
+    """An intraclass correlation with its 95 % interval; NaN where nothing varies."""
+
+    value: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+def mean_squares(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean squares between subjects, between conditions and of the residual: two-way analysis of variance of each
+    repeat's n x k table, averaged over the repeats.
+
+    The mean over repeats has the expectation of a single table's, and less scatter.
+    """
+    n, k = x.shape[-3:-1]
+    subject, condition = x.mean(axis=-2, keepdims=True), x.mean(axis=-3, keepdims=True)
+    grand = x.mean(axis=(-3, -2), keepdims=True)
+
+    def mean_square(deviation, weight, freedom):
+        squares = weight * (deviation**2).sum(axis=(-3, -2))
+        size = (x**2).sum(axis=(-3, -2))
+        return np.where(squares > ROUNDING * size, squares / freedom, 0.0).mean(axis=-1)
+
+    return (
+        mean_square(subject - grand, k, n - 1),
+        mean_square(condition - grand, n, k - 1),
+        mean_square(x - subject - condition + grand, 1, (n - 1) * (k - 1)),
+    )
+
+
+def icc_agreement(x: np.ndarray) -> Icc:
+    """ICC(2,1) of Shrout and Fleiss, ICC(A,1) of McGraw and Wong: subjects and conditions random, absolute agreement.
+
+    (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n). Interval: McGraw and Wong, Table 7, with the degrees of
+    freedom of one table; more repeats of the same few subjects say little of other subjects.
+    """
+    n, k = x.shape[-3:-1]
+    msr, msc, mse = mean_squares(x)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = (msr - mse) / (msr + (k - 1) * mse + k * (msc - mse) / n)
+        a, b = k * value / (n * (1 - value)), 1 + k * value * (n - 1) / (n * (1 - value))
+        freedom = (a * msc + b * mse) ** 2 / ((a * msc) ** 2 / (k - 1) + (b * mse) ** 2 / ((n - 1) * (k - 1)))
+        above = f_distribution.ppf((1 + CONFIDENCE) / 2, n - 1, freedom)
+        below = f_distribution.ppf((1 + CONFIDENCE) / 2, freedom, n - 1)
+        rest = k * msc + (k * n - k - n) * mse
+        low = n * (msr - above * mse) / (above * rest + n * msr)
+        high = n * (below * msr - mse) / (rest + n * below * msr)
+    return _settled(value, low, high)
+
+
+def icc_consistency(x: np.ndarray) -> Icc:
+    """ICC(3,1) of Shrout and Fleiss, ICC(C,1) of McGraw and Wong: conditions fixed, their mean shifts left out.
+
+    (MSR - MSE) / (MSR + (k - 1) MSE). Interval as in `icc_agreement`.
+    """
+    n, k = x.shape[-3:-1]
+    msr, _, mse = mean_squares(x)
+    freedom = (n - 1, (n - 1) * (k - 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = (msr - mse) / (msr + (k - 1) * mse)
+        ratio = msr / mse
+        below = ratio / f_distribution.ppf((1 + CONFIDENCE) / 2, *freedom)
+        above = ratio * f_distribution.ppf((1 + CONFIDENCE) / 2, *freedom[::-1])
+        low, high = (below - 1) / (below + k - 1), (above - 1) / (above + k - 1)
+    return _settled(value, low, high)
+
+
+def _settled(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> Icc:
+    """Perfect agreement has no residual to divide by: its interval is 1 to 1."""
+    perfect = value == 1
+    return Icc(value, np.where(perfect, 1.0, low), np.where(perfect, 1.0, high))
+
+
+def concordance(x: np.ndarray) -> np.ndarray:
+    """Lin's concordance correlation coefficient, 2 s_ab / (s_a^2 + s_b^2 + (m_a - m_b)^2) with moments over all
+    subjects and repeats (divisor n r, as Lin has it), averaged over the k (k - 1) / 2 pairs of conditions.
+
+    The same subject's same repeat makes a pair of values. NaN where a pair of conditions varies not at all.
+    """
+    k = x.shape[-2]
+    values = np.moveaxis(x, -2, 0).reshape(k, *x.shape[:-3], -1)
+    means = values.mean(axis=-1)
+    deviations = values - means[..., None]
+    # What is left of equal values is rounding.
+    deviations[(deviations**2).sum(axis=-1) <= ROUNDING * (values**2).sum(axis=-1)] = 0
+    variances = (deviations**2).mean(axis=-1)
+    pairs = []
+    for a, b in combinations(range(k), 2):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            covariance = (deviations[a] * deviations[b]).mean(axis=-1)
+            pairs.append(2 * covariance / (variances[a] + variances[b] + (means[a] - means[b]) ** 2))
+    return np.mean(pairs, axis=0)
+
+
+def variation(x: np.ndarray) -> np.ndarray:
+    """Within-subject coefficient of variation: SD over mean of a subject's k r scans, root mean square over subjects
+    (Raunig et al., Stat. Methods Med. Res. 24, 27 (2015)). NaN where a subject's values do not share one sign."""
+    scans = _of_subject(x)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        each = scans.std(axis=-1, ddof=1) / np.abs(scans.mean(axis=-1))
+    return np.where(_one_sign(scans), np.sqrt((each**2).mean(axis=-1)), np.nan)
+
+
+def quartile_dispersion(x: np.ndarray) -> np.ndarray:
+    """Quartile coefficient of dispersion (Q3 - Q1) / |Q3 + Q1| of a subject's k r scans (quartiles interpolated
+    linearly), median over subjects. NaN where a subject's values do not share one sign."""
+    scans = _of_subject(x)
+    first, third = np.percentile(scans, [25, 75], axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        each = (third - first) / np.abs(third + first)
+    return np.where(_one_sign(scans), np.median(each, axis=-1), np.nan)
+
+
+def _of_subject(x: np.ndarray) -> np.ndarray:
+    """[..., subject, all its scans]"""
+    return x.reshape(*x.shape[:-2], -1)
+
+
+def _one_sign(scans: np.ndarray) -> np.ndarray:
+    """Whether relative spread means something: the values of each subject are all positive or all negative."""
+    return ((scans > 0).all(axis=-1) | (scans < 0).all(axis=-1)).all(axis=-1)

@@ -1,0 +1,112 @@
+"""Which features are stable by which measure: W, ICC, CCC, coefficients of variation, each with a stated cut-off.
+
+Equations and sources are those of `agreement_measures`; why these cut-offs, docs/statistics.md says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+
+from ..errors import InputError
+from ..feature_names import family
+from ..feature_table import finite_values
+from . import agreement_measures
+
+# Measure: the cut-off that it is held against.
+CUT_OFFS = {
+    "w_stability_percent": "w_stability_percent",
+    "icc_2_1": "icc",
+    "icc_3_1": "icc",
+    "ccc": "ccc",
+    "cv": "cv",
+    "qcd": "qcd",
+}
+SMALL_IS_STABLE = ("cv", "qcd")
+
+
+def measures(
+    table: pd.DataFrame,
+    scores: pd.DataFrame,
+    features: Sequence[str],
+    cut_offs: Mapping[str, float],
+    source: str = "features",
+) -> pd.DataFrame:
+    """Every measure of every feature.
+
+    table      one row per image and ROI, with columns group, roi, seed and `features`
+    scores     of the same images, from `wilcoxon.scores`
+    cut_offs   w_stability_percent, icc, ccc (stable from there up), cv, qcd (stable up to there)
+    Returns one row per feature and measure: feature, family, measure, value, ci95_low, ci95_high (ICC only),
+    cut_off, stable (yes, no, or undefined where the measure is).
+    Raises InputError if a group lacks a seed of an ROI, or there are fewer than two groups or ROIs.
+    """
+    x = cube(table, features, source)
+    w = scores.set_index("feature")["stability_percent"].reindex(list(features)).to_numpy(dtype=np.float64)
+    agreement, consistency = agreement_measures.icc_agreement(x), agreement_measures.icc_consistency(x)
+    nothing = np.full(len(features), np.nan)
+    found = {
+        "w_stability_percent": (w, nothing, nothing),
+        "icc_2_1": (agreement.value, agreement.low, agreement.high),
+        "icc_3_1": (consistency.value, consistency.low, consistency.high),
+        "ccc": (agreement_measures.concordance(x), nothing, nothing),
+        "cv": (agreement_measures.variation(x), nothing, nothing),
+        "qcd": (agreement_measures.quartile_dispersion(x), nothing, nothing),
+    }
+    parts = [
+        pd.DataFrame(
+            {
+                "feature": list(features),
+                "family": [family(feature) for feature in features],
+                "measure": measure,
+                "value": value,
+                "ci95_low": low,
+                "ci95_high": high,
+                "cut_off": float(cut_offs[CUT_OFFS[measure]]),
+                "stable": _stable(measure, value, cut_offs[CUT_OFFS[measure]]),
+            }
+        )
+        for measure, (value, low, high) in found.items()
+    ]
+    order = {feature: place for place, feature in enumerate(features)}
+    # A stable sort keeps the order of measures within a feature.
+    return pd.concat(parts).sort_values("feature", key=lambda names: names.map(order), kind="stable", ignore_index=True)
+
+
+def by_feature(measured: pd.DataFrame) -> pd.DataFrame:
+    """One row per feature: feature, family, stable_{measure} (yes | no | undefined) of each, and how many say yes."""
+    names = measured[["feature", "family"]].drop_duplicates(ignore_index=True)
+    wide = measured.pivot(index="feature", columns="measure", values="stable").reindex(columns=list(CUT_OFFS))
+    wide = wide.loc[names["feature"]]
+    verdicts = wide.add_prefix("stable_").reset_index(drop=True)
+    return pd.concat([names, verdicts], axis=1).assign(stable_by=(wide == "yes").sum(axis=1).to_numpy())
+
+
+def cube(table: pd.DataFrame, features: Sequence[str], source: str = "features") -> np.ndarray:
+    """The features as [feature, ROI, group, seed], ROIs in order of appearance.
+
+    Raises InputError as `measures`.
+    """
+    keys = ["roi", "group", "seed"]
+    levels = [table["roi"].unique(), np.sort(table["group"].unique()), np.sort(table["seed"].unique())]
+    shape = tuple(map(len, levels))
+    for kind, number in (("ROI", shape[0]), ("group", shape[1])):
+        if number < 2:
+            raise InputError(f"{source}: {number} {kind}; measures of agreement compare at least two")
+    wanted = pd.MultiIndex.from_product(levels, names=keys)
+    rows = pd.MultiIndex.from_frame(table[keys])
+    if (double := rows.duplicated()).any():
+        roi, group, seed = rows[double][0]
+        raise InputError(f"{source}: two rows for ROI {roi}, group {group}, seed {seed}; make the table anew")
+    if len(missing := wanted.difference(rows)):
+        roi, group, seed = missing[0]
+        raise InputError(f"{source}: no row for ROI {roi}, group {group}, seed {seed}; every group needs every one")
+    values = finite_values(table, features, source)[rows.get_indexer(wanted)]
+    return values.T.reshape(len(features), *shape)
+
+
+def _stable(measure: str, value: np.ndarray, cut_off: float) -> np.ndarray:
+    reached = value <= cut_off if measure in SMALL_IS_STABLE else value >= cut_off
+    return np.where(np.isnan(value), "undefined", np.where(reached, "yes", "no"))

@@ -1,0 +1,19 @@
+"""The report of the study as one page."""
+
+from pathlib import Path
+
+from virtual_phantom import files
+from virtual_phantom.job import job
+from virtual_phantom.pages import study
+
+with job(snakemake) as log:
+    paths, params = snakemake.input, snakemake.params
+    figures = [
+        study.Shown(Path(picture), caption=Path(caption), **one)
+        for picture, caption, one in zip(paths.figures, paths.captions, params.figures, strict=True)
+    ]
+    tables = {title: Path(path) for title, path in zip(params.tables, paths.tables, strict=True)}
+    embedded = {Path(path).parent.name: Path(path) for path in params.diagnoses}
+    page = study.page(figures, tables, embedded, params.links, params.config)
+    files.write_text(page, snakemake.output[0])
+    log.info("%d figures, %d tables, %d diagnoses, %.1f MB", len(figures), len(tables), len(embedded), len(page) / 1e6)

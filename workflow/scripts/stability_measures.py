@@ -1,0 +1,29 @@
+"""Stability of every feature by W, ICC, CCC and coefficients of variation, and which features are stable by which."""
+
+from virtual_phantom import feature_table, files
+from virtual_phantom.feature_names import FEATURES
+from virtual_phantom.job import job
+from virtual_phantom.statistics import stability_measures
+
+with job(snakemake) as log:
+    params, output = snakemake.params, snakemake.output
+    source = str(snakemake.input.features)
+    table = feature_table.grouped(
+        feature_table.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds
+    )
+    scores = files.read_csv(snakemake.input.stability)
+    measured = stability_measures.measures(table, scores, FEATURES, params.cut_offs, source)
+    features = stability_measures.by_feature(measured)
+    files.write_csv(measured, output.measures)
+    files.write_csv(features, output.features)
+    for measure, rows in measured.groupby("measure", sort=False):
+        counts = rows["stable"].value_counts()
+        log.info(
+            "%s, cut-off %g: %d of %d features stable, %d undefined",
+            measure,
+            rows["cut_off"].iloc[0],
+            counts.get("yes", 0),
+            len(rows),
+            counts.get("undefined", 0),
+        )
+    log.info("stable by all measures: %d", (features["stable_by"] == len(stability_measures.CUT_OFFS)).sum())

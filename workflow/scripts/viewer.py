@@ -1,0 +1,19 @@
+"""The page to flip through slices."""
+
+from virtual_phantom import files, volumes
+from virtual_phantom.job import job
+from virtual_phantom.pages import viewer
+from virtual_phantom.phantom import read_masks
+
+with job(snakemake) as log:
+    paths, params = snakemake.input, snakemake.params
+    phantom = volumes.read_nifti(paths.phantom)
+    _, masks = read_masks(paths.rois, phantom.grid)
+    reconstructions = {}
+    for key in ("fbp", "sirt"):
+        repeats, grid = volumes.read_repeats(paths[key])
+        one, mean = (volumes.Volume(array, grid) for array in (repeats[0], repeats.mean(axis=0)))
+        reconstructions[key] = viewer.Reconstruction(params.titles[key], one, mean, len(repeats))
+    page = viewer.page(phantom, masks, reconstructions, params.subtitle)
+    files.write_text(page, snakemake.output[0])
+    log.info("%.1f MB", len(page) / 1e6)
