@@ -18,7 +18,7 @@ import h5py
 import numpy as np
 
 from .errors import InputError
-from .files import replacing
+from .files import check_unchanged, replacing
 from .geometry import ScanGeometry
 from .physics.noise import Counts
 
@@ -129,6 +129,7 @@ class opened:  # noqa: N801  used like a function, as contextlib.closing is
     def __enter__(self):
         if not self.path.exists():
             raise InputError(f"{self.path}: no such file")
+        check_unchanged(self.path, self.advice)
         try:
             self.file = h5py.File(self.path, "r")
         except OSError as error:
@@ -137,7 +138,7 @@ class opened:  # noqa: N801  used like a function, as contextlib.closing is
 
     def __exit__(self, kind, error, _):
         self.file.close()
-        if kind in (KeyError, OSError):
+        if isinstance(error, Exception) and not isinstance(error, InputError):  # h5py raises many types on broken files
             raise InputError(
-                f"{self.path}: not a complete projection file ({error}); delete it and run again"
+                f"{self.path}: not a complete projection file ({' '.join(str(error).split())}); {self.advice}"
             ) from error

@@ -12,7 +12,7 @@ import yaml
 
 from ..config import fill_defaults, validate
 from ..errors import InputError
-from ..files import files_of
+from ..files import files_of, read_text
 
 FILE_NAME = "recording.yaml"
 SCHEMA = Path(__file__).resolve().parents[3] / "schemas" / "recording.schema.yaml"
@@ -76,7 +76,7 @@ def read_document(folder: str | Path) -> Document:
 
 def _parse(path: Path) -> dict:
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.safe_load(read_text(path, "make it anew"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; a recording is a folder with a {FILE_NAME} in it") from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:

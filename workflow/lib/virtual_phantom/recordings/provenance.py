@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
 from ..errors import InputError
-from ..files import files_of
+from ..files import files_of, sha256
 from ..phantom.dicom_series import read_headers
 from .document import Document
 
@@ -23,12 +22,6 @@ NUMBERS = {
 MEANS = {"tube_current_ma": "XRayTubeCurrent", "mas": "Exposure", "dose_mgy": "CTDIvol"}
 # Repeats share these, or they are no repeats.
 SHARED = ("tube_kvp", "kernel", "slice_thickness_mm", "manufacturer", "model")
-
-
-def sha256(path: Path) -> str:
-    """SHA-256 of a file's bytes, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def checksums(document: Document) -> dict[str, str | list[str]]:

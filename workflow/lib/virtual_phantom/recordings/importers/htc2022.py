@@ -18,9 +18,8 @@ import numpy as np
 from scipy.io import loadmat
 
 from ...errors import InputError
-from ...files import replacing
+from ...files import replacing, sha256
 from ...volumes import write_nifti
-from ..provenance import sha256
 from ..recording import Recording
 from . import write_folder
 from .htc2022_object import read_object
