@@ -1,5 +1,8 @@
 """The one exception that means: the user's input is at fault, not the program."""
 
+import contextlib
+from collections.abc import Iterator
+
 
 class InputError(ValueError):
     """Bad input. The message is one line: the file or key, what is wrong with it, and what to do.
@@ -9,3 +12,15 @@ class InputError(ValueError):
 
     def __init__(self, message: object):
         super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(message)))
+
+
+@contextlib.contextmanager
+def reading(source: object, kind: str) -> Iterator[None]:
+    """Turn whatever a reader raises on a broken file into an InputError that names the file and what it should be."""
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:  # readers of others' formats raise many types
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise InputError(f"{source}: cannot be read as {kind} ({reason}); is the file complete?") from error

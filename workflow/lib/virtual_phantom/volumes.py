@@ -117,6 +117,8 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     if not np.isfinite(affine).all() or abs(np.linalg.det(affine[:3, :3])) < SMALLEST_VOXEL_MM3:
         raise InputError(f"{path}: its header gives voxels no size or place; repair its affine")
     orientation = nibabel.io_orientation(affine)
+    if np.isnan(orientation).any():
+        raise InputError(f"{path}: its header gives two axes one direction; repair its affine")
     affine = affine @ nibabel.orientations.inv_ornt_aff(orientation, array.shape)
     array = nibabel.apply_orientation(array, orientation)
     matrix = affine[:3, :3]

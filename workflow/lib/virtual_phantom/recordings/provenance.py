@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..errors import InputError
+import pydicom
+
+from ..errors import InputError, reading
 from ..files import files_of, sha256
 from ..phantom.dicom_series import read_headers
 from .document import Document
@@ -45,7 +47,11 @@ def dicom_facts(folder: Path) -> dict[str, str | float | list[float]]:
     Also spacing_mm, the pixel spacing (y, x). Facts that a header leaves out are left out. Raises InputError if the
     slices disagree on a fact that one scan has only one of.
     """
-    headers = list(read_headers(folder).values())
+    with reading(folder, "a DICOM series"):
+        return _facts(folder, list(read_headers(folder).values()))
+
+
+def _facts(folder: Path, headers: list[pydicom.Dataset]) -> dict[str, str | float | list[float]]:
     facts: dict = {}
     for name, tag in {**TEXTS, **NUMBERS, "kernel": "ConvolutionKernel", "spacing_mm": "PixelSpacing"}.items():
         values = {_plain(name, header[tag].value) for header in headers if tag in header} - {None, ""}

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from scipy.io import loadmat
+from scipy.io import loadmat, whosmat
 
 from ...errors import InputError
 from ...files import replacing, sha256
@@ -76,13 +76,13 @@ def _read(mat_file: Path):
         raise InputError(f"{mat_file}: no such file; give a sinogram of the HTC 2022 data set (.mat)")
     try:
         # One-by-one arrays of objects, as MATLAB stores structs, come back as the struct itself.
-        content = loadmat(mat_file, struct_as_record=False, squeeze_me=True)
+        content = loadmat(mat_file, struct_as_record=False, squeeze_me=True, variable_names=VARIABLES)
     except Exception as error:  # scipy raises many types on broken files
         raise InputError(f"{mat_file}: cannot be read as MATLAB v5 ({error}); is the file complete?") from None
     for name in VARIABLES:
         if name in content:
             return content[name]
-    there = ", ".join(name for name in content if not name.startswith("__"))
+    there = ", ".join(name for name, *_ in whosmat(mat_file))
     raise InputError(f"{mat_file}: holds no {' or '.join(VARIABLES)} but {there or 'nothing'}; give a sinogram file")
 
 
