@@ -67,9 +67,7 @@ def check_nesting(document, source: str) -> None:
         value, depth = waiting.pop()
         seen += 1
         if depth > DEEPEST or seen > MOST_ITEMS:
-            raise InputError(
-                f"{source}: is nested too deeply or unfolds to too many items; write it out without aliases"
-            )
+            raise InputError(f"{source}: is nested too deeply or unfolds to too many items; leave out aliases")
         if isinstance(value, dict):
             waiting += [(item, depth + 1) for item in value.values()]
         elif isinstance(value, list | tuple):

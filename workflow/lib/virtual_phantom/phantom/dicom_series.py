@@ -95,7 +95,8 @@ def _check_slice(path: Path, header: pydicom.Dataset, first: pydicom.Dataset) ->
     if not header.file_meta.TransferSyntaxUID.is_compressed:
         if pixels * header.get("BitsAllocated", 8) / 8 > path.stat().st_size:
             raise InputError(
-                f"{path}: its header says {header.Rows} x {header.Columns} pixels, which the file does not hold"
+                f"{path}: cannot be read as DICOM (its header says {header.Rows} x {header.Columns} pixels, which the "
+                "file does not hold); is the file complete?"
             )
     axes = np.array(header.ImageOrientationPatient, float)
     if not np.allclose(axes, np.array(first.ImageOrientationPatient, float), atol=1e-4):
