@@ -52,11 +52,12 @@ def replacing(path: str | Path, checksum: bool = True) -> Iterator[Path]:
         os.replace(temporary, path)
         if checksum:
             os.replace(beside, kept)
-    except (OSError, RuntimeError) as error:  # h5py raises both, and tells the number in words alone
-        for number, problem in DISK_PROBLEMS.items():
-            if getattr(error, "errno", None) == number or f"errno = {number}," in str(error):
-                raise InputError(f"{path}: cannot be written: {problem}") from None
-        raise
+    except OSError as error:
+        # NumPy's own writer says how many bytes were written, and not why.
+        number = errno.ENOSPC if "requested and" in str(error) else error.errno
+        if number not in DISK_PROBLEMS:
+            raise
+        raise InputError(f"{path}: cannot be written: {DISK_PROBLEMS[number]}") from None
     finally:
         for temporary in temporaries:
             temporary.unlink(missing_ok=True)

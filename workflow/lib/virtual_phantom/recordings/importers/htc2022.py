@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 from scipy.io import loadmat, whosmat
 
 from ...errors import InputError
-from ...files import replacing, sha256
+from ...files import sha256
+from ...hdf5 import new_file
 from ...volumes import write_nifti
 from ..recording import Recording
 from . import write_folder
@@ -51,7 +51,7 @@ def import_htc2022(
     sources = [mat_file] if segmentation is None else [mat_file, Path(segmentation)]
 
     def write(target: Path) -> None:
-        with replacing(target / "projections.h5") as temporary, h5py.File(temporary, "w") as file:
+        with new_file(target / "projections.h5") as file:
             stored = file.create_dataset(
                 "exchange/data", data=sinogram[:, None, ::-1], compression="gzip", shuffle=True
             )
