@@ -72,6 +72,7 @@ def test_broken_nifti_is_named(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_nifti(path)
     write_nifti(volume(), path)
+    files.checksum_path(path).unlink()
     path.write_bytes(path.read_bytes()[:60])
     with pytest.raises(InputError, match=r"v\.nii\.gz: cannot be read as NIfTI"):
         read_nifti(path)
@@ -102,6 +103,7 @@ def test_broken_projection_files_are_named(tmp_path):
     exchange.write_line_integrals(path, np.zeros((5, 3, 7), np.float32), GEOMETRY)
     with pytest.raises(InputError, match="line integrals, not counts"):
         exchange.read_counts(path)
+    files.checksum_path(path).unlink()
     with h5py.File(path, "a") as file:
         del file["acquisition"]
     with pytest.raises(InputError, match="not a complete projection file"):

@@ -125,7 +125,7 @@ def test_exchanged_diagnoses_are_caught(tmp_path):
 
 def test_a_diagnosis_of_another_case_is_caught_though_it_was_bound(tmp_path):
     given = write_suite(tmp_path)
-    given["diagnoses"][3].write_text(given["diagnoses"][2].read_text())
+    seal.write(seal.read(given["diagnoses"][2]), given["diagnoses"][3])
     seal.write(seal.verdict_of("case_04", given["diagnoses"][3]), given["verdicts"][3])
     with pytest.raises(InputError, match="case_04/diagnosis.json: is the diagnosis of 'case_03'"):
         collect(**given)

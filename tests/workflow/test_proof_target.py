@@ -41,7 +41,7 @@ def test_everything_is_there_and_scored(proof):
 
 def test_strong_effects_are_named(proof):
     """Of three strong single effects, one of them of images, all of which stand far out of the noise."""
-    for path in (proof / "proof" / "sealed").iterdir():
+    for path in (proof / "proof" / "sealed").glob("[!.]*.json"):
         truth = json.loads(path.read_text())["truth"]
         found = json.loads((proof / "proof" / "diagnosis" / truth["case"] / "diagnosis.json").read_text())
         if truth["category"] == "single":

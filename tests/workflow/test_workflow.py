@@ -322,5 +322,5 @@ def test_a_truncated_acquisition_is_named(study, tmp_path):
     target.unlink()
     process = tiny(copy, target)
     assert process.returncode == 1
-    assert "clean.h5: not a complete" in process.stderr, process.stderr[-3000:]
+    assert "clean.h5: is not as it was written" in process.stderr, process.stderr[-3000:]
     assert not target.exists()

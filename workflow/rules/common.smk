@@ -13,11 +13,13 @@ os.environ.update(
 from virtual_phantom.config import check
 from virtual_phantom.dependencies import files_behind
 from virtual_phantom.errors import InputError
-from virtual_phantom.files import files_of
+from virtual_phantom.files import check_unchanged, files_of
 from virtual_phantom.plan import Plan
 from virtual_phantom.projectors import choose_engine
 
 try:
+    for path in workflow.configfiles:
+        check_unchanged(path, "make it anew")
     PLAN = Plan(
         check(
             config,

@@ -1,7 +1,6 @@
 """One table of all recordings, written and printed."""
 
 import json
-from pathlib import Path
 
 from virtual_phantom import files
 from virtual_phantom.job import job
@@ -9,7 +8,7 @@ from virtual_phantom.recordings.summary import readable, table
 
 with job(snakemake) as log:
     names, paths = snakemake.params.names, snakemake.input.summaries
-    found = {name: json.loads(Path(path).read_text(encoding="utf-8")) for name, path in zip(names, paths, strict=True)}
+    found = {name: json.loads(files.read_text(path)) for name, path in zip(names, paths, strict=True)}
     rows = table(found)
     files.write_csv(rows, snakemake.output[0])
     print(readable(rows) or "The configuration names no recordings; docs/recordings.md says how.")

@@ -15,6 +15,7 @@ from .errors import InputError, meant
 from .statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 
 SCHEMA = Path(__file__).resolve().parents[2] / "schemas" / "config.schema.yaml"
+DEEPEST, MOST_ITEMS = 40, 100_000  # levels and items of a document
 # Python's types are not JSON's: range() takes no 150.0, and callers hand in points as tuples.
 _Validator = validators.extend(
     Draft202012Validator,
@@ -38,6 +39,7 @@ def check(config: dict, schema_path: str | Path) -> dict:
     sections that contradict one another.
     """
     schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
+    check_nesting(config, "config")
     config = _without_nulls(copy.deepcopy(dict(config)))
     validate(config, schema, "config")
     _fill_defaults(config, schema)
@@ -51,10 +53,26 @@ def validate(document: dict, schema: dict, source: str) -> None:
 
     Keys that are not text, which YAML makes of 1 or yes, are refused too.
     """
+    check_nesting(document, source)
     _check_keys(document, (), source)
     error = best_match(_Validator(schema).iter_errors(document), key=_depth_first)
     if error is not None:
         raise InputError(_one_line(error, source))
+
+
+def check_nesting(document, source: str) -> None:
+    """Raise InputError for a document that is too deep or too large to be meant: YAML's aliases make one of a few lines
+    that unfolds to billions of items, or holds itself."""
+    waiting, seen = [(document, 0)], 0
+    while waiting:
+        value, depth = waiting.pop()
+        seen += 1
+        if depth > DEEPEST or seen > MOST_ITEMS:
+            raise InputError(f"{source}: is nested too deeply or unfolds to too many items; leave out aliases")
+        if isinstance(value, dict):
+            waiting += [(item, depth + 1) for item in value.values()]
+        elif isinstance(value, list | tuple):
+            waiting += [(item, depth + 1) for item in value]
 
 
 @cache

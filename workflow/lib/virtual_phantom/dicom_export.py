@@ -117,7 +117,7 @@ def segmentation(slices: Sequence[Dataset], masks: Mapping[str, np.ndarray]) -> 
 
 def write(dataset: Dataset, path: str | Path) -> None:
     """One DICOM file."""
-    with replacing(path) as temporary:
+    with replacing(path, checksum=False) as temporary:  # other programs take every file in the folder for a slice
         dataset.save_as(temporary, enforce_file_format=True)
 
 

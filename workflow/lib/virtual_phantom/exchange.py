@@ -18,8 +18,9 @@ import h5py
 import numpy as np
 
 from .errors import InputError
-from .files import replacing
+from .files import check_unchanged
 from .geometry import ScanGeometry
+from .hdf5 import new_file
 from .physics.noise import Counts
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ def write_line_integrals(
     geometry   as stated: what a reconstruction goes by
     state      what the acquisition chain made of the scene, where effects are switched on: noise is drawn from it
     """
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_file(path) as file:
         data = _write(file, line_integrals.astype(np.float32, copy=False), geometry)
         data.attrs["log"] = True
         if state is not None:
@@ -69,7 +70,7 @@ def read_state(path: str | Path) -> State | None:
 
 def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> None:
     """Write one noisy acquisition."""
-    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
+    with new_file(path) as file:
         data = _write(file, counts.data, geometry)
         data.attrs["log"] = False
         data.attrs["line_integral_scale"] = counts.scale
@@ -129,6 +130,7 @@ class opened:  # noqa: N801  used like a function, as contextlib.closing is
     def __enter__(self):
         if not self.path.exists():
             raise InputError(f"{self.path}: no such file")
+        check_unchanged(self.path, self.advice)
         try:
             self.file = h5py.File(self.path, "r")
         except OSError as error:
@@ -137,7 +139,7 @@ class opened:  # noqa: N801  used like a function, as contextlib.closing is
 
     def __exit__(self, kind, error, _):
         self.file.close()
-        if kind in (KeyError, OSError):
+        if isinstance(error, Exception) and not isinstance(error, InputError):  # h5py raises many types on broken files
             raise InputError(
-                f"{self.path}: not a complete projection file ({error}); delete it and run again"
+                f"{self.path}: not a complete projection file ({' '.join(str(error).split())}); {self.advice}"
             ) from error

@@ -1,6 +1,12 @@
-"""Write beside, then rename: no reader ever sees half a file."""
+"""Write beside, then rename: no reader ever sees half a file. Beside it goes its SHA-256: none reads a changed one.
+
+The checksum of table.csv is the hidden file .table.csv.sha256, as `sha256sum --check` reads it. Files without one,
+which are the user's, are taken as they are.
+"""
 
 import contextlib
+import errno
+import hashlib
 import os
 import tempfile
 from collections.abc import Iterator
@@ -8,27 +14,85 @@ from pathlib import Path
 
 from .errors import InputError
 
+DISK_PROBLEMS = {
+    errno.ENOSPC: "the disk is full; make room and run again",
+    errno.EDQUOT: "the quota is used up; make room and run again",
+    errno.EROFS: "the file system is read-only; set another results_dir",
+    errno.EACCES: "the folder may not be written to; change its permissions or set another results_dir",
+    errno.EPERM: "the folder may not be written to; change its permissions or set another results_dir",
+    errno.ENAMETOOLONG: "the name is too long; give shorter names",
+}
+
 
 @contextlib.contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
+def replacing(path: str | Path, checksum: bool = True) -> Iterator[Path]:
     """Yield a temporary path in the folder of `path` with the same suffixes; move it to `path` if the block succeeds.
 
-    The suffixes are kept because NIfTI and figure writers choose their format by them.
+    checksum   keep the SHA-256 beside it, for files that are read again
+    The suffixes are kept because NIfTI and figure writers choose their format by them. Raises InputError if the disk is
+    full or the folder may not be written to; what was there before then stays.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    suffix = path.name[path.name.index(".", 1) :] if "." in path.name[1:] else ""
-    descriptor, name = tempfile.mkstemp(prefix=".partial-", suffix=suffix, dir=path.parent)
-    os.close(descriptor)
-    temporary = Path(name)
+    temporaries: list[Path] = []
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        suffix = path.name[path.name.index(".", 1) :] if "." in path.name[1:] else ""
+        temporary = _temporary(path, suffix, temporaries)
         yield temporary
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
+        kept = checksum_path(path)
+        if checksum:
+            beside = _temporary(path, ".sha256", temporaries)
+            beside.write_text(f"{sha256(temporary)}  {path.name}\n", encoding="utf-8")
+            beside.chmod(0o666 & ~umask)
+        # Between these two steps the file has no checksum: a kill leaves it whole, and never with that of another.
+        kept.unlink(missing_ok=True)
         os.replace(temporary, path)
+        if checksum:
+            os.replace(beside, kept)
+    except OSError as error:
+        # NumPy's own writer says how many bytes were written, and not why.
+        number = errno.ENOSPC if "requested and" in str(error) else error.errno
+        if number not in DISK_PROBLEMS:
+            raise
+        raise InputError(f"{path}: cannot be written: {DISK_PROBLEMS[number]}") from None
     finally:
-        temporary.unlink(missing_ok=True)
+        for temporary in temporaries:
+            temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path, suffix: str, temporaries: list[Path]) -> Path:
+    descriptor, name = tempfile.mkstemp(prefix=".partial-", suffix=suffix, dir=path.parent)
+    os.close(descriptor)
+    temporaries.append(Path(name))
+    return temporaries[-1]
+
+
+def sha256(path: str | Path) -> str:
+    """SHA-256 of a file's bytes, hexadecimal."""
+    with Path(path).open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def checksum_path(path: str | Path) -> Path:
+    """Where the checksum of a file is kept."""
+    path = Path(path)
+    return path.with_name(f".{path.name}.sha256")
+
+
+def check_unchanged(path: str | Path, advice: str = "delete it and run again") -> None:
+    """Raise InputError if a file has a checksum and is not what was written; `advice` says what to do about it.
+
+    A file that is missing, or has no checksum, passes: its reader tells what else is wrong with it.
+    """
+    path, kept = Path(path), checksum_path(path)
+    if path.is_file() and kept.is_file() and kept.read_bytes().split()[:1] != [sha256(path).encode()]:
+        raise InputError(
+            f"{path}: is not as it was written (its SHA-256 is not that in {kept.name}); {advice}, or delete "
+            f"{kept.name} if the change is meant"
+        )
 
 
 def write_csv(table, path: str | Path) -> None:
@@ -44,10 +108,11 @@ def write_parquet(table, path: str | Path) -> None:
 
 
 def read_csv(path: str | Path, advice: str = "delete it and run again", **options):
-    """A pandas DataFrame of a CSV; `options` are pandas'. Raises InputError if it is missing, empty
-    or no table."""
+    """A pandas DataFrame of a CSV; `options` are pandas'. Raises InputError if it is missing, empty, changed since it
+    was written, or no table."""
     import pandas
 
+    check_unchanged(path, advice)
     try:
         return pandas.read_csv(path, **options)
     except FileNotFoundError:
@@ -61,6 +126,12 @@ def write_text(text: str, path: str | Path) -> None:
     """Write a UTF-8 text file."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+
+
+def read_text(path: str | Path, advice: str = "delete it and run again") -> str:
+    """A UTF-8 text file. Raises InputError if it was changed since it was written, and what Path.read_text raises."""
+    check_unchanged(path, advice)
+    return Path(path).read_text(encoding="utf-8")
 
 
 def files_of(path: str | Path) -> list[Path]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from .errors import InputError
-from .files import write_text
+from .files import read_text, write_text
 
 
 def write(level: dict, path: str | Path) -> None:
@@ -16,10 +16,12 @@ def write(level: dict, path: str | Path) -> None:
 
 
 def read(path: str | Path) -> dict:
-    """A level that `write` wrote. Raises InputError if the file is missing or broken."""
+    """A level that `write` wrote. Raises InputError if the file is missing, changed or broken."""
     try:
-        level = json.loads(Path(path).read_text(encoding="utf-8"))
+        level = json.loads(read_text(path))
         level["A"] = float(level["A"])
+    except InputError:
+        raise
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is not a noise level ({error}); delete it and run again") from None
     return level

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,8 +37,21 @@ def reconstruct(
     """
     hu = in_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
     hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]
+    return [Volume(_whole_hu(image), grid) for image in hu]
+
+
+def _whole_hu(image: np.ndarray) -> np.ndarray:
+    """HU as int16. InputError for what is no number, which int16 cannot say; a warning of what it cannot hold."""
+    if bad := np.count_nonzero(~np.isfinite(image)):
+        raise InputError(f"reconstruction: {bad} voxels are NaN or infinite; are the projections finite?")
     limits = np.iinfo(np.int16)
-    return [Volume(np.clip(np.rint(image), limits.min, limits.max).astype(np.int16), grid) for image in hu]
+    whole = np.rint(image)
+    if beyond := np.count_nonzero((whole < limits.min) | (whole > limits.max)):
+        warnings.warn(
+            f"reconstruction: {beyond} voxels are beyond {limits.min} to {limits.max} HU and are set to that",
+            stacklevel=3,
+        )
+    return np.clip(whole, limits.min, limits.max).astype(np.int16)
 
 
 def in_hu(

@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import gzip
+import math
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import nibabel
 import numpy as np
 
 from .errors import InputError
-from .files import replacing
+from .files import check_unchanged, replacing
 from .geometry import Grid
+
+SMALLEST_VOXEL_MM3 = 1e-9
+CHUNK = 1 << 20  # bytes
+GZIP_MOST = 1032  # bytes that one of deflate's stands for at most: 258 of them in 2 bits (RFC 1951)
 
 
 @dataclass(frozen=True)
@@ -31,15 +40,69 @@ def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
 
     Raises InputError if the file is missing, truncated, not 3D, or its axes are tilted against the scanner's.
     """
-    path = Path(path)
-    if not path.exists():
-        raise InputError(f"{path}: no such file; give the path of a NIfTI image")
-    try:
-        image = nibabel.load(path)
+    with _opened(Path(path)) as image:
         array, affine = np.asarray(image.dataobj), image.affine
-    except Exception as error:  # nibabel raises many types on broken files
-        raise InputError(f"{path}: cannot be read as NIfTI ({error}); is the file complete?") from error
     return upright(array, affine, path, dtype)
+
+
+def length_unit(path: str | Path) -> str:
+    """The unit of lengths in the header of a NIfTI image, or "unknown". Raises InputError as read_nifti does."""
+    with _opened(Path(path)) as image:
+        return image.header.get_xyzt_units()[0]
+
+
+@contextlib.contextmanager
+def _opened(path: Path) -> Iterator[nibabel.Nifti1Image]:
+    """A NIfTI-1 or NIfTI-2 image, its voxels not yet read.
+
+    The file is read to its end: gzip's own checksum stands there, and nibabel stops at the last voxel. No other format
+    is tried.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give the path of a NIfTI image")
+    check_unchanged(path)
+    try:
+        with (gzip.open if path.name.endswith(".gz") else open)(path, "rb") as stream:
+            image = _class_of(stream).from_stream(stream)
+            _check_size(image, path)
+            yield image
+            while stream.read(CHUNK):
+                pass
+    except InputError:
+        raise
+    except Exception as error:  # nibabel raises many types on broken files
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: cannot be read as NIfTI ({reason}); is the file complete?") from error
+
+
+def _class_of(stream: BinaryIO) -> type:
+    """NIfTI-1 or NIfTI-2 by the size that the header gives itself, in either byte order."""
+    start = stream.read(4)
+    stream.seek(0)
+    for kind, size in ((nibabel.Nifti1Image, 348), (nibabel.Nifti2Image, 540)):
+        if start in (size.to_bytes(4, "little"), size.to_bytes(4, "big")):
+            return kind
+    raise ValueError("no NIfTI header")
+
+
+def _check_size(image: nibabel.Nifti1Image, path: Path) -> None:
+    """Refuse a header that asks for more than the file can hold, or the machine, before anything is allocated."""
+    voxels = math.prod(map(int, image.shape))
+    claimed = voxels * image.header.get_data_dtype().itemsize
+    most = path.stat().st_size * (GZIP_MOST if path.name.endswith(".gz") else 1)
+    if min(image.shape, default=0) < 1 or claimed > most:
+        size = " x ".join(map(str, image.shape))
+        raise InputError(f"{path}: its header says {size} voxels, which the file does not hold; is the file complete?")
+    check_fits(max(claimed, 4 * voxels), path)
+
+
+def check_fits(needed: int, source: str | Path) -> None:
+    """Raise InputError if an array of so many bytes is more than the machine's memory."""
+    there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if needed > there:
+        raise InputError(
+            f"{source}: asks for {needed / 1e9:.3g} GB of memory, the machine has {there / 1e9:.3g}; make it smaller"
+        )
 
 
 def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.float32) -> Volume:
@@ -51,7 +114,11 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
         array = array[..., 0]
     if array.ndim != 3:
         raise InputError(f"{path}: has {array.ndim} dimensions; give a 3D image")
+    if not np.isfinite(affine).all() or abs(np.linalg.det(affine[:3, :3])) < SMALLEST_VOXEL_MM3:
+        raise InputError(f"{path}: its header gives voxels no size or place; repair its affine")
     orientation = nibabel.io_orientation(affine)
+    if np.isnan(orientation).any():
+        raise InputError(f"{path}: its header gives two axes one direction; repair its affine")
     affine = affine @ nibabel.orientations.inv_ornt_aff(orientation, array.shape)
     array = nibabel.apply_orientation(array, orientation)
     matrix = affine[:3, :3]

@@ -4,14 +4,14 @@ import json
 
 from virtual_phantom import volumes
 from virtual_phantom.figures import alignment, style
+from virtual_phantom.files import read_text
 from virtual_phantom.job import job
 from virtual_phantom.phantom import read_masks
 
 with job(snakemake):
     image = volumes.read_nifti(snakemake.input.image)
     table, masks = read_masks(snakemake.input.rois, image.grid)
-    with open(snakemake.input.alignment, encoding="utf-8") as file:
-        found = json.load(file)
+    found = json.loads(read_text(snakemake.input.alignment))
     figure = alignment.draw(
         image,
         volumes.read_nifti(snakemake.input.phantom),

@@ -122,7 +122,7 @@ def _order(simulated: np.ndarray, recorded: list[np.ndarray], pairs) -> tuple[np
     for a, b in pairs:
         sides = (simulated[:, a], simulated[:, b]), (recorded[a], recorded[b])
         means = [one.mean(axis=0) - other.mean(axis=0) for one, other in sides]
-        with np.errstate(all="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore"):
             chances = [stats.ttest_ind(*side, equal_var=False).pvalue for side in sides]
         opposite = means[0] * means[1] < 0
         p.append(np.where(opposite, np.nan_to_num(np.maximum(*chances), nan=1.0), 1.0))

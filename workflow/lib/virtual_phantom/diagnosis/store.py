@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from ..errors import InputError
-from ..files import replacing, write_text
+from ..files import read_text, replacing, write_text
 from .attribute import Trial
 from .fit import Fit
 from .numerical import Anchor
@@ -48,12 +48,14 @@ def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mappi
 def read_trial(path: str | Path) -> Trial:
     """Read what `write_trial` wrote. Raises InputError if it is missing or something else."""
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
         fit = content["fit"]
         fit["effects"], fit["parts"] = tuple(fit["effects"]), tuple(fit["parts"])
         fit["anchor"] = Anchor(**fit["anchor"])
         for name in PATTERNS:
             fit[name] = None if fit[name] is None else np.array(fit[name])
         return Trial(Fit(**fit), content["score"], content["p"])
+    except InputError:
+        raise
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{path}: is no fit of a diagnosis ({' '.join(str(error).split())}); make it anew") from None

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ..errors import InputError
+from ..files import read_text
 from ..physics.effect import checked, load
 from .attribute import Choice, Trial, trial
 from .fit import Fitter
@@ -35,13 +36,15 @@ class Physics:
         """From a diagnosis.json. Raises InputError if it is missing or broken, or, where some is `needed`, found no
         physics to take."""
         try:
-            content = json.loads(Path(path).read_text(encoding="utf-8"))
+            content = json.loads(read_text(path))
             found = {one["name"]: one["parameters"] for one in content["effects"]}
             recording, scale = content["recording"], content["alignment"]["scale"]
             taken = {name: values for name, values in found.items() if not load(name).pattern}
             effects = checked({n: {k: v["value"] for k, v in values.items()} for n, values in taken.items()}, str(path))
             errors = {n: {k: _error(v) for k, v in values.items()} for n, values in taken.items()}
             density = (scale["value"], _error(scale)) if "spectrum" in effects else None
+        except InputError:
+            raise
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: is no diagnosis ({' '.join(str(error).split())}); make it anew") from None
         if needed and not effects:

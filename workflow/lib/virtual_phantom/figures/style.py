@@ -98,7 +98,7 @@ def save(figure: Figure, paths: Iterable[str | Path]) -> None:
             raise ValueError(f"{path}: figures are written as {' or '.join(_METADATA)}")
     with contextlib.ExitStack() as stack:
         for path in paths:
-            temporary = stack.enter_context(replacing(path))
+            temporary = stack.enter_context(replacing(path, checksum=False))
             figure.savefig(temporary, format=path.suffix[1:], metadata=_METADATA[path.suffix])
 
 

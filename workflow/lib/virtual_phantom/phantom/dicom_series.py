@@ -12,8 +12,8 @@ import numpy as np
 import pydicom
 import SimpleITK as sitk
 
-from ..errors import InputError
-from ..volumes import Volume, upright
+from ..errors import InputError, reading
+from ..volumes import Volume, check_fits, upright
 
 POSITION_TOLERANCE_MM = 0.01  # headers give positions as decimal text, often rounded to this
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -26,13 +26,18 @@ def read_series(folder: str | Path) -> Volume:
     images with a rescale to HU, slices of different size, spacing or orientation, tilted slices, or a missing
     or doubled slice.
     """
-    folder = Path(folder)
+    with reading(folder, "a DICOM series"):
+        return _read_series(Path(folder))
+
+
+def _read_series(folder: Path) -> Volume:
     headers = read_headers(folder)
     first = next(iter(headers.values()))
     if len({str(h.get("SeriesInstanceUID", "")) for h in headers.values()}) > 1:
         raise InputError(f"{folder}: holds more than one DICOM series; give a folder with one")
     for path, header in headers.items():
         _check_slice(path, header, first)
+    check_fits(4 * len(headers) * first.Rows * first.Columns, folder)
     paths = sorted(headers, key=lambda path: float(headers[path].ImagePositionPatient[2]))
     positions = np.array([[float(v) for v in headers[path].ImagePositionPatient] for path in paths])
     spacing_z = _slice_spacing(folder, positions)
@@ -86,6 +91,13 @@ def _check_slice(path: Path, header: pydicom.Dataset, first: pydicom.Dataset) ->
         np.array(header.PixelSpacing, float), np.array(first.PixelSpacing, float), atol=1e-5
     ):
         raise InputError(f"{path}: slice size or pixel spacing differs from the others'; give one uniform series")
+    pixels = header.Rows * header.Columns
+    if not header.file_meta.TransferSyntaxUID.is_compressed:
+        if pixels * header.get("BitsAllocated", 8) / 8 > path.stat().st_size:
+            raise InputError(
+                f"{path}: cannot be read as DICOM (its header says {header.Rows} x {header.Columns} pixels, which the "
+                "file does not hold); is the file complete?"
+            )
     axes = np.array(header.ImageOrientationPatient, float)
     if not np.allclose(axes, np.array(first.ImageOrientationPatient, float), atol=1e-4):
         raise InputError(f"{path}: orientation differs from the other slices'; give one uniform series")

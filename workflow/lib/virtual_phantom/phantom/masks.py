@@ -13,7 +13,7 @@ import numpy as np
 import pydicom
 from skimage.draw import polygon2mask
 
-from ..errors import InputError
+from ..errors import InputError, reading
 from ..geometry import Grid
 from ..volumes import Volume, read_nifti, upright
 from .dicom_series import LPS_TO_RAS
@@ -78,11 +78,11 @@ class SegRegions:
         import highdicom  # a third of a second, for those who have such a file
 
         self._path, self._grid = path, grid
-        try:
+        with reading(path, "DICOM SEG"):
             self._seg = highdicom.seg.Segmentation.from_dataset(dataset)
-        except Exception as error:  # highdicom raises many types on broken files
-            raise InputError(f"{path}: cannot be read as DICOM SEG ({error})") from None
-        self._names = {n: str(self._seg.get_segment_description(n).segment_label) for n in self._seg.segment_numbers}
+            self._names = {
+                n: str(self._seg.get_segment_description(n).segment_label) for n in self._seg.segment_numbers
+            }
 
     def mask(self, label: int | str | None) -> np.ndarray:
         number = self._number(label)
@@ -118,6 +118,10 @@ class StructRegions:
 
     def __init__(self, path: Path, dataset: pydicom.Dataset, grid: Grid):
         self._path, self._grid = path, grid
+        with reading(path, "DICOM RTSTRUCT"):
+            self._collect(dataset)
+
+    def _collect(self, dataset: pydicom.Dataset) -> None:
         contours = {int(c.ReferencedROINumber): c for c in dataset.get("ROIContourSequence", [])}
         self._rois: dict[str, list[pydicom.Dataset | None]] = {}
         for roi in dataset.get("StructureSetROISequence", []):
@@ -130,9 +134,10 @@ class StructRegions:
             problem = "label is needed" if label is None else f"ROI {label!r} is not there, or there twice"
             raise InputError(f"{self._path}: {problem}; there are: {', '.join(self._rois) or 'none'}")
         mask = np.zeros(self._grid.shape, bool)
-        for contour in getattr(self._rois[label][0], "ContourSequence", None) or []:
-            if contour.get("ContourGeometricType", "CLOSED_PLANAR") == "CLOSED_PLANAR":
-                self._draw(np.array(contour.ContourData, float).reshape(-1, 3), label, mask)
+        with reading(self._path, "DICOM RTSTRUCT"):
+            for contour in getattr(self._rois[label][0], "ContourSequence", None) or []:
+                if contour.get("ContourGeometricType", "CLOSED_PLANAR") == "CLOSED_PLANAR":
+                    self._draw(np.array(contour.ContourData, float).reshape(-1, 3), label, mask)
         return mask
 
     def _draw(self, points_lps: np.ndarray, label: str, mask: np.ndarray) -> None:

@@ -45,13 +45,15 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
                   "astra": counts ~ Poisson(I0 exp(-p / p_max)), p_max the largest line integral of the scan: what
                   ASTRA's add_noise_to_sino does, which that paper names as its implementation.
 
-    Raises InputError for an unknown model, a noise level that is not positive or one under 1e-9 (more photons than
-    the counters hold).
+    Raises InputError for an unknown model, a noise level that is not positive one under 1e-9 (more photons than
+    the counters hold), and line integrals that are not finite or, in the "astra" model, nowhere over 0.
     """
     if model not in MODELS:
         raise InputError(f"noise.model '{model}' is unknown; use one of {', '.join(MODELS)}")
     if not 1e-9 <= noise_level < np.inf:
         raise InputError(f"noise level {noise_level}: A = 1/I0 must be at least 1e-9")
+    if not np.isfinite(line_integrals).all():
+        raise InputError("the projections hold NaN or infinite values; check the phantom and its materials")
     scale = float(line_integrals.max()) if model == "astra" else 1.0
     if scale <= 0:
         raise InputError("the projections are empty: the phantom attenuates no ray; check the phantom and the grid")

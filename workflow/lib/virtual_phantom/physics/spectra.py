@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..files import replacing
+from ..files import check_unchanged, replacing
 from .materials import attenuation_per_mm
 
 BINS = 24
@@ -52,14 +52,16 @@ def cache_folder() -> Path:
 def _tube(kvp: float, anode: Anode) -> tuple[np.ndarray, np.ndarray]:
     angle = abs(anode.angle_deg)
     kept = cache_folder() / f"{anode.target}_{kvp:g}kV_{angle:g}deg_{STEP_KEV:g}keV.npy"
-    with contextlib.suppress(OSError, ValueError):  # missing, or broken by another program: made anew
-        energies, fluence = np.load(kept)
+    with contextlib.suppress(Exception):  # missing, or broken by another program: made anew
+        check_unchanged(kept)
+        energies, fluence = np.load(kept, allow_pickle=False)
         return energies, fluence
     import spekpy  # takes a second to load, and most jobs need no spectrum
 
     spectrum = spekpy.Spek(kvp=kvp, th=angle, dk=STEP_KEV, targ=anode.target)
     energies, fluence = spectrum.get_spectrum(edges=False)
-    with contextlib.suppress(OSError), replacing(kept) as temporary:  # a home that cannot be written to costs time only
+    # A home that cannot be written to costs time only.
+    with contextlib.suppress(OSError, InputError), replacing(kept) as temporary:
         np.save(temporary, np.stack([energies, fluence]))
     return energies, fluence
 

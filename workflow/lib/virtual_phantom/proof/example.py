@@ -10,6 +10,7 @@ import numpy as np
 from ..diagnosis.store import RESIDUAL_MAPS
 from ..errors import InputError
 from ..figures.style import label
+from ..files import check_unchanged
 from .case import Case
 
 MEAN = "projections"  # the domain of the mean, ray by ray
@@ -48,9 +49,10 @@ def residual_maps(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
     found = []
     for name in RESIDUAL_MAPS:
         path = Path(folder) / f"{name}.npy"
+        check_unchanged(path, "diagnose it anew")
         try:
             values = np.load(path, allow_pickle=False)
-        except (OSError, ValueError, EOFError) as error:
+        except Exception as error:  # numpy raises many types on broken files
             raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); diagnose it anew") from None
         if values.ndim != 2 or not np.isfinite(values).all():
             raise InputError(f"{path}: is no map of finite numbers; diagnose the recording anew")

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import h5py
 import numpy as np
 import yaml
 
-from ..files import replacing, write_text
+from ..files import write_text
 from ..geometry import grid_of
+from ..hdf5 import new_file
 from ..recordings.document import FILE_NAME
 from ..volumes import Volume, write_nifti
 from .objects import Object
@@ -83,7 +83,7 @@ def write(folder: str | Path, name: str, scan: Scan, taken: Acquired) -> None:
     files = [f"scan{number:02d}.h5" for number in range(1, 1 + len(taken.readings))]
     angles = np.arange(scan.views) * 360 / scan.views
     for file, readings in zip(files, taken.readings, strict=True):
-        with replacing(folder / file) as temporary, h5py.File(temporary, "w") as stored:
+        with new_file(folder / file) as stored:
             stored.create_dataset("exchange/data", data=readings).attrs["log"] = False
             stored.create_dataset("exchange/data_white", data=taken.air[None])
             stored.create_dataset("exchange/data_dark", data=np.zeros_like(taken.air)[None])

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ..errors import InputError
+from ..files import check_unchanged
 from . import seal
 from .case import complete
 
 
 def row(path: str | Path) -> dict:
     """What a diagnosis.json says, in short. Raises InputError if it is broken."""
+    check_unchanged(path, "diagnose it anew")
     found = complete(seal.read(path), path)
     return {
         "recording": found["recording"],

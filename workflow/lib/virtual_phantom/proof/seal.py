@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from ..errors import InputError
-from ..files import write_text
+from ..files import check_unchanged, write_text
 
 SALT = re.compile(r"[0-9a-f]{64}")
 
@@ -53,7 +53,9 @@ def publish(documents: Iterable[Mapping]) -> dict[str, str]:
 
 def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None) -> dict[str, str]:
     """The document that binds a diagnosis before its seal is opened, and its table of agreement by another protocol, if
-    there is one. Raises InputError if there is no such file."""
+    there is one. Raises InputError if there is no such file, or it was changed since it was written."""
+    for _, path in _bound(diagnosis, other):
+        check_unchanged(path, "diagnose it anew")
     return {"case": case} | {key: hashlib.sha256(_bytes(path)).hexdigest() for key, path in _bound(diagnosis, other)}
 
 

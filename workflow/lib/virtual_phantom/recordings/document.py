@@ -10,12 +10,13 @@ from pathlib import Path, PureWindowsPath
 
 import yaml
 
-from ..config import fill_defaults, validate
+from ..config import check_nesting, fill_defaults, validate
 from ..errors import InputError
-from ..files import files_of
+from ..files import files_of, read_text
 
 FILE_NAME = "recording.yaml"
 SCHEMA = Path(__file__).resolve().parents[3] / "schemas" / "recording.schema.yaml"
+NAME_SHOWN = 60  # characters
 SECTIONS = {"images": {"labels", "rois", "isocentre_mm", "scan"}, "projections": {"isocentre_mm", "scan"}}
 SECTIONS["features"] = {"features"}
 
@@ -62,6 +63,7 @@ def read_document(folder: str | Path) -> Document:
     folder = Path(folder)
     path = folder / FILE_NAME
     content = _parse(path)
+    check_nesting(content, str(path))
     for number in _numbers(content):
         if not math.isfinite(number):
             raise InputError(f"{path}: holds a number that is not finite ({number}); correct it or leave the key out")
@@ -76,10 +78,13 @@ def read_document(folder: str | Path) -> Document:
 
 def _parse(path: Path) -> dict:
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.safe_load(read_text(path, "make it anew"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; a recording is a folder with a {FILE_NAME} in it") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+    except InputError:
+        raise
+    # Numbers and dates that are none, and nesting without end, are no YAMLErrors.
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from None
     if not isinstance(content, dict):
         raise InputError(f"{path}: is not a mapping of keys to values; see docs/recordings.md for an example")
@@ -122,9 +127,14 @@ def _inside(path: Path, name: str) -> Path:
     folder = path.parent.resolve()
     if Path(name).is_absolute() or PureWindowsPath(name).is_absolute() or ".." in PureWindowsPath(name).parts:
         raise InputError(f"{path}: '{name}' leads out of the folder; put the file into it and name it relative to it")
-    place = (folder / name).resolve()
+    try:
+        place = (folder / name).resolve()
+        there = place.exists()
+    except (OSError, ValueError) as error:  # too long, or with characters that no file has
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: '{name[:NAME_SHOWN]}' cannot be the name of a file ({reason})") from None
     if place == folder or folder not in place.parents:
         raise InputError(f"{path}: '{name}' is a link out of the folder; put the file itself into it")
-    if not place.exists():
+    if not there:
         raise InputError(f"{path}: '{name}' is not there; correct the name or put the file into the folder")
     return place

@@ -11,6 +11,7 @@ import pandas as pd
 from ..errors import InputError
 from ..feature_names import FAMILIES, FEATURES
 from ..feature_table import finite_values
+from ..files import check_unchanged
 from .document import Document
 from .provenance import checksums
 from .recording import Provenance, Recording
@@ -90,6 +91,7 @@ def read(path: Path, features: tuple[str, ...], conditions: list[str]) -> pd.Dat
     somewhere or there twice; if a column is named as a feature but is none of ours; if two rows are of one ROI of one
     image, or an image has two conditions or an ROI two tissue classes; if a feature is not a finite number.
     """
+    check_unchanged(path, "make it anew")
     try:
         head = pd.read_csv(path, header=None, nrows=1, dtype=str).iloc[0].tolist()
         table = pd.read_csv(path, dtype=dict.fromkeys(KEYS, str))

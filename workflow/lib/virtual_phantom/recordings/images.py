@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import nibabel
 import numpy as np
 
 from ..errors import InputError
@@ -14,7 +13,7 @@ from ..phantom import Roi
 from ..phantom.ct import draw, read_hu
 from ..phantom.masks import GRID_TOLERANCE_MM
 from ..phantom.rois import read_entries
-from ..volumes import Volume
+from ..volumes import Volume, length_unit
 from .document import Document
 from .provenance import check_nominal, check_shared, checksums, dicom_facts
 from .recording import Provenance, Recording, Repeats
@@ -92,7 +91,7 @@ def read(path: Path) -> Volume:
 
 
 def _check_size(path: Path, grid: Grid) -> None:
-    if not path.is_dir() and (unit := nibabel.load(path).header.get_xyzt_units()[0]) not in ("mm", "unknown"):
+    if not path.is_dir() and (unit := length_unit(path)) not in ("mm", "unknown"):
         raise InputError(f"{path}: its header gives lengths in {unit}; write it in mm")
     for extent in grid.extent_mm[1:]:
         if not WIDTH_MM[0] <= extent <= WIDTH_MM[1]:

@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import InputError
 from ..exchange import opened
 from ..geometry import ScanGeometry
+from ..volumes import check_fits
 from .document import Document
 from .provenance import checksums
 from .recording import Provenance, Recording, Repeats
@@ -138,6 +139,7 @@ def _check_shape(path: Path, data: h5py.Dataset, geometry: ScanGeometry) -> None
         raise InputError(
             f"{path}: /exchange/data has {data.ndim} dimensions; give view, row, column (a fan beam has one row)"
         )
+    check_fits(data.size * max(data.dtype.itemsize, 4), path)
     for name, here, expected in zip(
         ("views", "rows", "columns"), data.shape, (geometry.views, geometry.rows, geometry.columns), strict=True
     ):
@@ -171,6 +173,7 @@ def _field(path: Path, file: h5py.File, name: str, frame: tuple[int, ...]) -> np
             f"{path}: has no /exchange/{name}, which counts need; line integrals need the attribute log = true on "
             "/exchange/data"
         )
+    check_fits(8 * file[f"exchange/{name}"].size, path)
     field = np.asarray(file[f"exchange/{name}"][...], np.float64)
     if field.ndim == 3:
         field = field.mean(axis=0)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
-from ..errors import InputError
-from ..files import files_of
+import pydicom
+
+from ..errors import InputError, reading
+from ..files import files_of, sha256
 from ..phantom.dicom_series import read_headers
 from .document import Document
 
@@ -23,12 +24,6 @@ NUMBERS = {
 MEANS = {"tube_current_ma": "XRayTubeCurrent", "mas": "Exposure", "dose_mgy": "CTDIvol"}
 # Repeats share these, or they are no repeats.
 SHARED = ("tube_kvp", "kernel", "slice_thickness_mm", "manufacturer", "model")
-
-
-def sha256(path: Path) -> str:
-    """SHA-256 of a file's bytes, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def checksums(document: Document) -> dict[str, str | list[str]]:
@@ -52,7 +47,11 @@ def dicom_facts(folder: Path) -> dict[str, str | float | list[float]]:
     Also spacing_mm, the pixel spacing (y, x). Facts that a header leaves out are left out. Raises InputError if the
     slices disagree on a fact that one scan has only one of.
     """
-    headers = list(read_headers(folder).values())
+    with reading(folder, "a DICOM series"):
+        return _facts(folder, list(read_headers(folder).values()))
+
+
+def _facts(folder: Path, headers: list[pydicom.Dataset]) -> dict[str, str | float | list[float]]:
     facts: dict = {}
     for name, tag in {**TEXTS, **NUMBERS, "kernel": "ConvolutionKernel", "spacing_mm": "PixelSpacing"}.items():
         values = {_plain(name, header[tag].value) for header in headers if tag in header} - {None, ""}

@@ -14,12 +14,12 @@ import numpy as np
 import pydicom
 
 from ...errors import InputError
-from ...files import files_of
+from ...files import files_of, sha256
 from ...geometry import Grid
 from ...phantom.dicom_series import read_series
 from ...phantom.masks import GRID_TOLERANCE_MM
 from ...volumes import Volume, write_nifti
-from ..provenance import SHARED, check_shared, dicom_facts, sha256
+from ..provenance import SHARED, check_shared, dicom_facts
 from ..recording import Recording
 from . import write_folder
 

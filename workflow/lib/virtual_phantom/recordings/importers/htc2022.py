@@ -13,14 +13,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
-from scipy.io import loadmat
+from scipy.io import loadmat, whosmat
 
 from ...errors import InputError
-from ...files import replacing
+from ...files import sha256
+from ...hdf5 import new_file
 from ...volumes import write_nifti
-from ..provenance import sha256
 from ..recording import Recording
 from . import write_folder
 from .htc2022_object import read_object
@@ -52,7 +51,7 @@ def import_htc2022(
     sources = [mat_file] if segmentation is None else [mat_file, Path(segmentation)]
 
     def write(target: Path) -> None:
-        with replacing(target / "projections.h5") as temporary, h5py.File(temporary, "w") as file:
+        with new_file(target / "projections.h5") as file:
             stored = file.create_dataset(
                 "exchange/data", data=sinogram[:, None, ::-1], compression="gzip", shuffle=True
             )
@@ -77,13 +76,13 @@ def _read(mat_file: Path):
         raise InputError(f"{mat_file}: no such file; give a sinogram of the HTC 2022 data set (.mat)")
     try:
         # One-by-one arrays of objects, as MATLAB stores structs, come back as the struct itself.
-        content = loadmat(mat_file, struct_as_record=False, squeeze_me=True)
+        content = loadmat(mat_file, struct_as_record=False, squeeze_me=True, variable_names=VARIABLES)
     except Exception as error:  # scipy raises many types on broken files
         raise InputError(f"{mat_file}: cannot be read as MATLAB v5 ({error}); is the file complete?") from None
     for name in VARIABLES:
         if name in content:
             return content[name]
-    there = ", ".join(name for name in content if not name.startswith("__"))
+    there = ", ".join(name for name, *_ in whosmat(mat_file))
     raise InputError(f"{mat_file}: holds no {' or '.join(VARIABLES)} but {there or 'nothing'}; give a sinogram file")
 
 

@@ -35,7 +35,7 @@ def read_object(mat_file: str | Path, scan: dict) -> Volume:
     if not mat_file.is_file():
         raise InputError(f"{mat_file}: no such file; give a segmentation of the HTC 2022 data set (.mat)")
     try:
-        content = loadmat(mat_file)
+        content = loadmat(mat_file, variable_names=[VARIABLE])
     except Exception as error:  # scipy raises many types on broken files
         raise InputError(f"{mat_file}: cannot be read as MATLAB v5 ({error}); is the file complete?") from None
     inside = np.asarray(content.get(VARIABLE, ())) > 0
