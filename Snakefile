@@ -21,6 +21,7 @@ include: "workflow/rules/diagnose_features.smk"
 include: "workflow/rules/diagnose.smk"
 include: "workflow/rules/proof.smk"
 include: "workflow/rules/download.smk"
+include: "workflow/rules/plan.smk"
 
 
 onstart:
