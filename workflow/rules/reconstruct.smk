@@ -3,6 +3,11 @@ def image_physics(wildcards):
     return PLAN.config["protocols"][wildcards.protocol].get("image_physics", {})
 
 
+def image_file(path):
+    """An image as an output: deleted once it is used, if images are not kept."""
+    return path if PLAN.config["keep_images"] else temp(path)
+
+
 # One rule per distinct bundle of noise levels and seeds: all its images come out of one job.
 for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
 
@@ -18,7 +23,7 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
             code=code("reconstruct.py"),
         output:
             [
-                f"{RESULTS}/images/{{protocol}}/{noise}/seed{seed}.nii.gz"
+                image_file(f"{RESULTS}/images/{{protocol}}/{noise}/seed{seed}.nii.gz")
                 for noise, seed in bundle
             ],
         log:
