@@ -35,4 +35,4 @@ report: setup
 	$(BIN)/snakemake --cores $(CORES) --report results/report.html
 
 clean:
-	rm -rf results results-tiny results-abdomen results-paper .snakemake
+	rm -rf results results-tiny results-abdomen results-large results-paper .snakemake

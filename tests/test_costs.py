@@ -77,6 +77,14 @@ def test_work_grows_with_the_sizes(key, value, stage, unit, times):
     assert after / before == pytest.approx(times)
 
 
+def test_the_large_study_is_one():
+    config = yaml.safe_load((RATES.parents[1] / "config" / "large.yaml").read_text())
+    levels = DEFAULT["noise"]["levels"]
+    merged = {name: level | config["noise"]["levels"][name] for name, level in levels.items()}
+    _, content = summary(Plan(check(changed("noise.levels", merged), SCHEMA)), "cpu", read_rates(RATES))
+    assert content["acquisitions"] >= 1000
+
+
 def test_more_repeats_are_more_images_and_jobs():
     config = changed("noise.levels.dose10.repeats", 20)
     before, after = (totals(jobs_of(one), "extract") for one in (DEFAULT, config))
