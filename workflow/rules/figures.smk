@@ -43,6 +43,8 @@ rule figure_rois:
         pdf=f"{RESULTS}/figures/rois.pdf",
     log:
         f"{RESULTS}/logs/figure_rois.log",
+    group:
+        "analyses"
     resources:
         **FIGURE_RESOURCES,
     script:
@@ -72,6 +74,8 @@ rule figure_scans:
         pdf=f"{RESULTS}/figures/scans.pdf",
     log:
         f"{RESULTS}/logs/figure_scans.log",
+    group:
+        "analyses"
     resources:
         **FIGURE_RESOURCES,
     params:
@@ -98,6 +102,8 @@ rule figure_noise_calibration:
         pdf=f"{RESULTS}/figures/noise_calibration.pdf",
     log:
         f"{RESULTS}/logs/figure_noise_calibration.log",
+    group:
+        "calibration"
     resources:
         **FIGURE_RESOURCES,
     params:
@@ -126,6 +132,8 @@ rule figure_stability_discrimination:
         pdf=f"{RESULTS}/figures/stability_discrimination.pdf",
     log:
         f"{RESULTS}/logs/figure_stability_discrimination.log",
+    group:
+        "analyses"
     resources:
         **FIGURE_RESOURCES,
     params:
@@ -149,6 +157,8 @@ rule figure_overlap:
         pdf=f"{RESULTS}/figures/overlap.pdf",
     log:
         f"{RESULTS}/logs/figure_overlap.log",
+    group:
+        "analyses"
     resources:
         **FIGURE_RESOURCES,
     script:
@@ -173,6 +183,8 @@ for name, title in PCA_TITLES.items():
             pdf=f"{RESULTS}/figures/pca_{name}.pdf",
         log:
             f"{RESULTS}/logs/figure_pca_{name}.log",
+        group:
+            "analyses"
         resources:
             **FIGURE_RESOURCES,
         params:

@@ -7,6 +7,8 @@ rule stability:
         f"{RESULTS}/tables/stability.csv",
     log:
         f"{RESULTS}/logs/stability.log",
+    group:
+        "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
@@ -38,6 +40,8 @@ rule top_features:
         ),
     log:
         f"{RESULTS}/logs/top_features.log",
+    group:
+        "analyses"
     resources:
         mem_mb=1000,
         runtime=10,
@@ -55,6 +59,8 @@ rule overlap:
         f"{RESULTS}/tables/overlap.csv",
     log:
         f"{RESULTS}/logs/overlap.log",
+    group:
+        "analyses"
     resources:
         mem_mb=1000,
         runtime=10,
@@ -85,6 +91,8 @@ rule pca:
         separability=f"{RESULTS}/tables/separability_{{pca}}.csv",
     log:
         f"{RESULTS}/logs/pca_{{pca}}.log",
+    group:
+        "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
@@ -130,6 +138,8 @@ rule noise_calibration:
         f"{RESULTS}/tables/noise_calibration.csv",
     log:
         f"{RESULTS}/logs/noise_calibration.log",
+    group:
+        "calibration"
     resources:
         mem_mb=megabytes(volumes=12),
         runtime=15,
