@@ -17,6 +17,7 @@ from pathlib import Path
 
 PROGRAMS = ("munged", "mungekey", "slurmctld", "slurmd", "sbatch", "squeue", "scancel", "scontrol", "sinfo")
 CONFIGURED = Path("/etc/slurm")
+PRETENDED_GPUS = ("/dev/null", "/dev/zero")
 MARK = "ONE_NODE_IN_OWN_MOUNTS"
 CONFIGURATION = """
 ClusterName=one
@@ -43,7 +44,8 @@ MpiDefault=none
 SwitchType=switch/none
 MinJobAge=43200
 ReturnToService=2
-NodeName={host} NodeAddr=127.0.0.1 CPUs={cores} RealMemory={memory} State=UNKNOWN
+GresTypes=gpu
+NodeName={host} NodeAddr=127.0.0.1 CPUs={cores} RealMemory={memory} Gres=gpu:{gpus} State=UNKNOWN
 PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
 """
 
@@ -78,8 +80,12 @@ def one_node(folder: Path):
             node_port=node_port,
             cores=len(os.sched_getaffinity(0)),
             memory=memory,
+            gpus=len(PRETENDED_GPUS),
         )
     )
+    # Files that are no devices of that kind: SLURM counts them and no more.
+    gpus = "".join(f"NodeName={host} Name=gpu File={file}\n" for file in PRETENDED_GPUS)
+    (folder / "gres.conf").write_text(gpus)
     (folder / "cgroup.conf").write_text("CgroupAutomount=no\nConstrainCores=no\nConstrainRAMSpace=no\n")
     environment = {key: value for key, value in os.environ.items() if not key.startswith("SLURM")}
     CONFIGURED.mkdir(parents=True, exist_ok=True)
@@ -102,16 +108,14 @@ def one_node(folder: Path):
 
 
 def jobs(environment: dict) -> list[dict]:
-    """Every job so far: id, state, name, comment (the rules that Snakemake names), seconds waited and run."""
-    text = _run(
-        ["squeue", "-h", "-t", "all", "-O", "JobID:|,State:|,SubmitTime:|,StartTime:|,EndTime:|,Comment:200"],
-        environment,
-    )
+    """Every job so far: id, state, gpus (as SLURM writes what was asked for), comment (the rules that Snakemake names),
+    and the seconds that it waited and ran."""
+    columns = "JobID:|,State:|,SubmitTime:|,StartTime:|,EndTime:|,tres-per-job:|,Comment:200"
     found = []
-    for line in text.splitlines():
-        number, state, submitted, started, ended, comment = (part.strip() for part in line.split("|", 5))
-        found.append({"id": int(number), "state": state, "comment": comment, "run": _between(started, ended)})
-        found[-1]["waited"] = _between(submitted, started)
+    for line in _run(["squeue", "-h", "-t", "all", "-O", columns], environment).splitlines():
+        number, state, submitted, started, ended, gpus, comment = (part.strip() for part in line.split("|", 6))
+        times = {"waited": _between(submitted, started), "run": _between(started, ended)}
+        found.append({"id": int(number), "state": state, "gpus": gpus, "comment": comment} | times)
     return sorted(found, key=lambda job: job["id"])
 
 

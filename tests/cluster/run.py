@@ -1,4 +1,4 @@
-"""The SLURM profile on a real SLURM, by hand: the tiny study, a job that fails, and a run that is killed and resumed.
+"""The SLURM profile on a real SLURM, by hand: the tiny study, a job that fails, a run killed and resumed, and GPUs.
 
     .venv/bin/pip install --no-deps -r environment-slurm.txt
     .venv/bin/python tests/cluster/run.py
@@ -50,11 +50,11 @@ def command(results, *targets, overlay=None):
     )
 
 
-def run(environment, results, *targets, overlay=None):
+def run(environment, results, *targets, overlay=None, more=()):
     """(exit code, all output, seconds, SLURM jobs of this run)."""
     before, began = len(jobs(environment)), time.monotonic()
     done = subprocess.run(
-        command(results, *targets, overlay=overlay),
+        [*command(results, *targets, overlay=overlay), *more],
         cwd=ROOT,
         env=environment,
         capture_output=True,
@@ -135,6 +135,25 @@ def resumption(environment, folder):
     expect(not list(results.rglob(".partial-*")), "nothing half written is left")
 
 
+def graphics(environment, folder):
+    """Jobs that ask for a GPU get one, however many go together. SLURM counts GPUs here that are not there."""
+    results = folder / "graphics"
+    targets = [
+        results / "features" / f"{name}_{views}" / "dose10" / "seed00.csv"
+        for name in ("sirt", "fbp")
+        for views in (150, 300)
+    ]
+    rules = [f"reconstruct_{number}:gpu=1" for number in range(3)]
+    code, text, seconds, submitted = run(environment, results, *targets, more=["--set-resources", *rules])
+    told("images with a GPU", seconds, submitted)
+    asked = {job["comment"].split("_")[1]: job["gpus"] for job in submitted}
+    print(f"    asked for: {asked}")
+    expect(code == 0 and all(target.exists() for target in targets), "it ends well", text)
+    expect(
+        asked["acquisitions"].endswith("gpu:1") and "gpu" not in asked["preparation"], "one GPU for the images alone"
+    )
+
+
 def expect(true, what, text=""):
     """Go on if it is so."""
     if not true:
@@ -143,7 +162,7 @@ def expect(true, what, text=""):
     print(f"    {what}", flush=True)
 
 
-SCENARIOS = {one.__name__: one for one in (study, failure, resumption)}
+SCENARIOS = {one.__name__: one for one in (study, failure, resumption, graphics)}
 
 
 def main():
