@@ -40,4 +40,4 @@ docs: setup
 	$(BIN)/mkdocs build --strict
 
 clean:
-	rm -rf site results results-tiny results-abdomen results-paper .snakemake
+	rm -rf site results results-tiny results-abdomen results-large results-paper .snakemake

@@ -1,5 +1,7 @@
 """Virtual Phantom: simulate CT scans of a phantom, reconstruct them, and see which radiomics features to trust."""
 
+import shutil
+
 from snakemake.utils import min_version
 
 min_version("9.0")
@@ -23,6 +25,7 @@ include: "workflow/rules/proof.smk"
 include: "workflow/rules/dicom.smk"
 include: "workflow/rules/pages.smk"
 include: "workflow/rules/download.smk"
+include: "workflow/rules/plan.smk"
 
 
 onstart:
@@ -31,6 +34,14 @@ onstart:
     # no setting for that: a Snakefile cannot see the limit, and a longer span would keep Snakemake waiting at the end.
     if workflow.local_exec:
         workflow.scheduler.job_rate_limiter = None
+    # Without it the plugin would retry, wait, and end in a traceback of another command.
+    elif (
+        workflow.executor_plugin.name == "slurm" and shutil.which("sbatch") is None
+    ):
+        sys.exit(
+            "Error: --executor slurm: there is no sbatch here; run this where jobs can be submitted, or leave --profile "
+            "profiles/slurm out"
+        )
 
 
 localrules:

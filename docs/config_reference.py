@@ -19,6 +19,7 @@ INTRODUCTION = """# Configuration
 | `tiny.yaml` | overlay: the whole workflow in a minute or two, too small to mean anything |
 | `paper.yaml` | overlay: the paper's own scale, for a GPU |
 | `abdomen.yaml` | overlay: a clinical CT instead of the virtual phantom |
+| `large.yaml` | overlay: 1,760 acquisitions, for a cluster ([cluster.md](../docs/cluster.md)) |
 | `recordings.yaml` | overlay: real scans and features held against the study ([recordings.md](../docs/recordings.md)) |
 | `htc2022.yaml` | overlay: which physics is missing on three real discs ([htc2022.md](../docs/htc2022.md)) |
 

@@ -104,6 +104,11 @@ def diagnosis_protocol(wildcards):
     }
 
 
+def diagnosis_gpu(wildcards):
+    """Images are simulated by the study's engine, projections on the CPU."""
+    return int(ENGINE == "astra_cuda" and diagnosis_protocol(wildcards) is not None)
+
+
 def diagnosis_model(wildcards):
     """What was scanned and is simulated: all that the fits of a recording share."""
     return {
@@ -128,6 +133,7 @@ rule diagnosis_alignment:
     resources:
         mem_mb=diagnosis_megabytes,
         runtime=60,
+        gpu=diagnosis_gpu,
     params:
         model=diagnosis_model,
         effect=None,
@@ -181,6 +187,7 @@ rule diagnose:
     resources:
         mem_mb=diagnosis_megabytes,
         runtime=120,
+        gpu=diagnosis_gpu,
     params:
         model=diagnosis_model,
         effects=lambda wildcards: CANDIDATES[wildcards.recording],

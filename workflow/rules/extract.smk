@@ -21,6 +21,11 @@ for batch, levels in PLAN.seed_batches().items():
             f"{RESULTS}/logs/extract/{{protocol}}/{{noise}}/seed{batch[0]}_to_{batch[-1]}.log",
         wildcard_constraints:
             noise="|".join(levels),
+        group:
+            # Its images' job and all of its tables': a batch of seeds never lies in two bundles.
+            lambda wildcards, batch=batch: acquisition_group(
+                BUNDLE_OF[wildcards.protocol, wildcards.noise, batch[0]]
+            )
         resources:
             mem_mb=megabytes(volumes=12),
             runtime=60,
@@ -49,6 +54,8 @@ rule merge_features:
         f"{RESULTS}/features.csv",
     log:
         f"{RESULTS}/logs/merge_features.log",
+    group:
+        "analyses"
     resources:
         mem_mb=2000,
         runtime=15,

@@ -55,6 +55,8 @@ rule figure_rois:
         pdf=f"{RESULTS}/figures/rois.pdf",
     log:
         f"{RESULTS}/logs/figure_rois.log",
+    group:
+        "analyses"
     resources:
         **FIGURE_RESOURCES,
     script:
@@ -84,6 +86,8 @@ rule figure_scans:
         pdf=f"{RESULTS}/figures/scans.pdf",
     log:
         f"{RESULTS}/logs/figure_scans.log",
+    group:
+        "analyses"
     resources:
         **FIGURE_RESOURCES,
     params:
@@ -106,6 +110,8 @@ rule figure_noise_calibration:
         pdf=f"{RESULTS}/figures/noise_calibration.pdf",
     log:
         f"{RESULTS}/logs/figure_noise_calibration.log",
+    group:
+        "calibration"
     resources:
         **FIGURE_RESOURCES,
     params:
@@ -134,6 +140,8 @@ rule figure_stability_discrimination:
         pdf=f"{RESULTS}/figures/stability_discrimination.pdf",
     log:
         f"{RESULTS}/logs/figure_stability_discrimination.log",
+    group:
+        "analyses"
     resources:
         **FIGURE_RESOURCES,
     params:
@@ -157,6 +165,8 @@ rule figure_overlap:
         pdf=f"{RESULTS}/figures/overlap.pdf",
     log:
         f"{RESULTS}/logs/figure_overlap.log",
+    group:
+        "analyses"
     resources:
         **FIGURE_RESOURCES,
     script:
@@ -181,6 +191,8 @@ for name, title in PCA_TITLES.items():
             pdf=f"{RESULTS}/figures/pca_{name}.pdf",
         log:
             f"{RESULTS}/logs/figure_pca_{name}.log",
+        group:
+            "analyses"
         resources:
             **FIGURE_RESOURCES,
         params:

@@ -30,6 +30,8 @@ rule phantom:
         rois=directory(f"{RESULTS}/phantom/rois"),
     log:
         f"{RESULTS}/logs/phantom.log",
+    group:
+        "preparation"
     resources:
         mem_mb=megabytes(volumes=4, fine=6),
         runtime=30,

@@ -3,6 +3,26 @@ def image_physics(wildcards):
     return PLAN.config["protocols"][wildcards.protocol].get("image_physics", {})
 
 
+def image_file(path):
+    """An image as an output: deleted once it is used, if images are not kept."""
+    return path if PLAN.config["keep_images"] else temp(path)
+
+
+BUNDLE_OF = {
+    (protocol, *one): bundle
+    for bundle, protocols in PLAN.bundles().items()
+    for protocol in protocols
+    for one in bundle
+}
+
+
+def acquisition_group(bundle):
+    """Which jobs of a cluster a bundle's images and features may share. Those whose noise waits for other images do
+    not go together with these."""
+    waits = level_files(*(noise for noise, _ in bundle))
+    return "matched_acquisitions" if waits else "acquisitions"
+
+
 # One rule per distinct bundle of noise levels and seeds: all its images come out of one job.
 for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
 
@@ -18,7 +38,7 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
             code=code("reconstruct.py"),
         output:
             [
-                f"{RESULTS}/images/{{protocol}}/{noise}/seed{seed}.nii.gz"
+                image_file(f"{RESULTS}/images/{{protocol}}/{noise}/seed{seed}.nii.gz")
                 for noise, seed in bundle
             ],
         log:
@@ -27,6 +47,8 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
             f"{RESULTS}/logs/reconstruct/{{protocol}}_{number}.benchmark.tsv"
         wildcard_constraints:
             protocol="|".join(protocols),
+        group:
+            acquisition_group(bundle)
         threads: PLAN.config["threads"]
         resources:
             mem_mb=lambda wildcards, bundle=bundle: megabytes(

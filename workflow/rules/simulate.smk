@@ -27,6 +27,8 @@ rule compile_kernels:
         f"{RESULTS}/logs/kernels/{{lanes}}.log",
     wildcard_constraints:
         lanes="[0-9]+",
+    group:
+        "preparation"
     resources:
         mem_mb=1000,
         runtime=10,
@@ -51,6 +53,8 @@ rule project:
         f"{RESULTS}/logs/project/{{geometry}}.log",
     benchmark:
         f"{RESULTS}/logs/project/{{geometry}}.benchmark.tsv"
+    group:
+        "preparation"
     threads: PLAN.config["threads"]
     resources:
         mem_mb=lambda wildcards: megabytes(
@@ -79,6 +83,8 @@ rule acquire:
         f"{RESULTS}/projections/{{geometry}}/{{noise}}/seed{{seed}}.h5",
     log:
         f"{RESULTS}/logs/acquire/{{geometry}}/{{noise}}/seed{{seed}}.log",
+    group:
+        "projections"
     resources:
         mem_mb=lambda wildcards: megabytes(projections=8, scan=wildcards.geometry),
         runtime=30,

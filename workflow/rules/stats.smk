@@ -17,6 +17,8 @@ rule stability:
         f"{RESULTS}/tables/stability.csv",
     log:
         f"{RESULTS}/logs/stability.log",
+    group:
+        "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
@@ -73,6 +75,8 @@ rule top_features:
         ),
     log:
         f"{RESULTS}/logs/top_features.log",
+    group:
+        "analyses"
     resources:
         mem_mb=1000,
         runtime=10,
@@ -90,6 +94,8 @@ rule overlap:
         f"{RESULTS}/tables/overlap.csv",
     log:
         f"{RESULTS}/logs/overlap.log",
+    group:
+        "analyses"
     resources:
         mem_mb=1000,
         runtime=10,
@@ -120,6 +126,8 @@ rule pca:
         separability=f"{RESULTS}/tables/separability_{{pca}}.csv",
     log:
         f"{RESULTS}/logs/pca_{{pca}}.log",
+    group:
+        "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
@@ -165,6 +173,8 @@ rule noise_calibration:
         f"{RESULTS}/tables/noise_calibration.csv",
     log:
         f"{RESULTS}/logs/noise_calibration.log",
+    group:
+        "calibration"
     resources:
         mem_mb=megabytes(volumes=12),
         runtime=15,

@@ -1,0 +1,116 @@
+"""Write resources/rates.yaml, the costs that `snakemake plan` reckons with, from a study that was run here.
+
+    python benchmarks/fit_rates.py --machine "2 cores of an AMD EPYC"
+
+Times are those that Snakemake noted of each job (.snakemake/metadata), sizes those of the files in the results. Run it
+after the default study, on a machine that did nothing else. What the default study has no jobs of is measured if it is
+added: noisy projections by `--config keep_projections=True` and some of their files as targets. Prints, per stage,
+measured and estimated totals.
+"""
+
+import argparse
+import base64
+import json
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+
+from virtual_phantom.config import SCHEMA, check  # noqa: E402
+from virtual_phantom.costs.jobs import study_jobs  # noqa: E402
+from virtual_phantom.costs.rates import fit, seconds  # noqa: E402
+from virtual_phantom.costs.table import roi_count  # noqa: E402
+from virtual_phantom.files import write_text  # noqa: E402
+from virtual_phantom.plan import Plan  # noqa: E402
+
+# What the rates of a stage are fitted in; of others, it is seconds per job.
+STAGE_UNITS = {
+    "phantom": ["job", "fine_voxel"],
+    "project": ["job", "ray_step"],
+    "acquire": ["job", "ray"],
+    "reconstruct_fbp": ["job", "image_voxel", "image_voxel_view"],
+    "reconstruct_sirt": ["ray_step", "ray_step_lane", "image_voxel"],
+    "extract": ["job", "image_voxel"],
+    "merge_features": ["job", "image"],
+    "noise_calibration": ["job", "image_voxel"],
+}
+HEAD = """# What one core took, and what was written, per unit of work (units: virtual_phantom/costs/jobs.py).
+# Made by benchmarks/fit_rates.py. A stage that is not here was not measured, and is not estimated.
+"""
+
+
+def noted(folder):
+    """{output: seconds} of every job that Snakemake has a record of in its working directory."""
+    times = {}
+    for path in (folder / ".snakemake" / "metadata").iterdir():
+        record = json.loads(path.read_text(encoding="utf-8"))
+        times[base64.b64decode(path.name).decode()] = record["endtime"] - record["starttime"]
+    return times
+
+
+def size(path):
+    """Bytes of a file, or of all files in a folder."""
+    files = path.rglob("*") if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files if file.is_file())
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--config", type=Path, default=ROOT / "config" / "config.yaml")
+    parser.add_argument("--folder", type=Path, default=ROOT, help="where snakemake was run")
+    parser.add_argument("--machine", required=True, help="what the study was run on, for the file's head")
+    options = parser.parse_args()
+    config = check(yaml.safe_load(options.config.read_text(encoding="utf-8")) | {"keep_projections": True}, SCHEMA)
+    plan = Plan(config)
+    times, results = noted(options.folder), Path(config["results_dir"])
+    timed, amounts, found = [], defaultdict(float), defaultdict(float)
+    for job in study_jobs(plan, "cpu", roi_count(config["phantom"])):
+        files = [options.folder / results / output for output in job.outputs]
+        if str(results / job.outputs[0]) in times and all(file.exists() for file in files):
+            timed.append((job, times[str(results / job.outputs[0])]))
+            for kind, amount in job.writes.items():
+                amounts[kind] += amount
+                found[kind] += sum(map(size, files))
+    amounts["logs"], found["logs"] = len(timed), size(options.folder / results / "logs")
+    grid, scan = config["grid"], config["scan"]
+    rates = {
+        "measured": {
+            "machine": options.machine,
+            "jobs": len(timed),
+            "voxels": grid["shape"],
+            "detector_rows_columns": [scan["rows"], scan["columns"]],
+            "projections": sorted({one["projections"] for one in config["protocols"].values()}),
+            "seconds": {stage: round(total["measured"], 1) for stage, total in by_stage(timed).items()},
+            "bytes": dict(sorted(found.items())),
+        },
+        "seconds": fit(timed, STAGE_UNITS),
+        "bytes": {kind: found[kind] / amounts[kind] for kind in sorted(amounts)},
+    }
+    report(timed, rates)
+    rounded = json.loads(json.dumps(rates), parse_float=lambda text: float(f"{float(text):.4g}"))
+    write_text(HEAD + yaml.safe_dump(rounded, sort_keys=False), ROOT / "resources" / "rates.yaml")
+
+
+def by_stage(timed, rates=None):
+    """{stage: {jobs, measured, estimated}}: totals of jobs with their seconds, estimated ones if rates are given."""
+    totals = defaultdict(lambda: {"jobs": 0, "measured": 0.0, "estimated": 0.0})
+    for job, took in timed:
+        total = totals[job.stage]
+        total["jobs"] += 1
+        total["measured"] += took
+        total["estimated"] += seconds(job, rates) if rates else 0.0
+    return totals
+
+
+def report(timed, rates):
+    print(f"{'stage':20s} {'jobs':>5s} {'measured s':>11s} {'estimated s':>11s}")
+    for stage, total in by_stage(timed, rates).items():
+        print(f"{stage:20s} {total['jobs']:5d} {total['measured']:11.1f} {total['estimated']:11.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,182 @@
+"""The SLURM profile on a real SLURM, by hand: the tiny study, a job that fails, a run killed and resumed, and GPUs.
+
+    .venv/bin/pip install --no-deps -r environment-slurm.txt
+    .venv/bin/python tests/cluster/run.py
+
+As root, with Debian's slurm-wlm and munge, which it starts on one node in a temporary folder and ends again. Takes some
+minutes; prints what it found, and exits with 1 if anything was not as it should be.
+"""
+
+import argparse
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pandas as pd
+import yaml
+from one_node import in_own_mounts, jobs, one_node, running
+
+ROOT = Path(__file__).resolve().parents[2]
+TINY = ROOT / "config" / "tiny.yaml"
+
+
+def command(results, *targets, overlay=None):
+    """Snakemake through the profile, results and SLURM's logs in a folder of their own."""
+    files = [TINY]
+    if overlay is not None:
+        files.append(results.parent / f"{results.name}.yaml")
+        files[-1].write_text(yaml.safe_dump(overlay))
+    return list(
+        map(
+            str,
+            [
+                sys.executable,
+                "-m",
+                "snakemake",
+                *targets,
+                "--profile",
+                "profiles/slurm",
+                "--nolock",
+                "--slurm-init-seconds-before-status-checks",
+                5,
+                "--slurm-logdir",
+            ]
+            + [results.parent / "slurm_logs", "--configfile", *files, "--config", f"results_dir={results}"],
+        )
+    )
+
+
+def run(environment, results, *targets, overlay=None, more=()):
+    """(exit code, all output, seconds, SLURM jobs of this run)."""
+    before, began = len(jobs(environment)), time.monotonic()
+    done = subprocess.run(
+        [*command(results, *targets, overlay=overlay), *more],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=500,
+    )
+    return done.returncode, done.stdout + done.stderr, time.monotonic() - began, jobs(environment)[before:]
+
+
+def told(title, seconds, submitted):
+    """One line on a run's jobs."""
+    states = pd.Series([job["state"] for job in submitted]).value_counts().to_dict()
+    spent = sum(job["run"] or 0 for job in submitted)
+    print(f"{title}: {seconds:.0f} s, {len(submitted)} SLURM jobs {states}, {spent:.0f} s in jobs", flush=True)
+
+
+def study(environment, folder):
+    """End to end, every result where it belongs, and nothing to be done afterwards."""
+    results = folder / "study"
+    code, text, seconds, submitted = run(environment, results)
+    told("tiny study", seconds, submitted)
+    for job in submitted:
+        times = f"waited {job['waited']:3.0f} s, ran {job['run']:4.0f} s"
+        print(f"    {job['id']:4d} {job['state']:10s} {times}  {job['comment']}")
+    expect(code == 0, "the study ends well", text)
+    expect(len(pd.read_csv(results / "features.csv")) == 180, "180 rows of features")
+    expect(len(list((results / "figures").glob("*.png"))) == 8, "eight figures")
+    code, text, seconds, submitted = run(environment, results)
+    expect(code == 0 and "Nothing to be done" in text and not submitted, "a second run submits nothing", text)
+
+
+def failure(environment, folder):
+    """The one line that says what is wrong is shown by the snakemake that submitted the job."""
+    results = folder / "failure"
+    rois = [{"name": "a", "tissue_class": "b", "file": "mask.nii.gz"}]
+    phantom = {"source": "ct", "ct": {"image": str(folder / "none.nii.gz"), "rois": rois}}
+    overlay = {"phantom": phantom, "measured": {"overlay": False}}
+    code, text, seconds, submitted = run(environment, results, results / "phantom" / "image.nii.gz", overlay=overlay)
+    told("a job that fails", seconds, submitted)
+    lines = [line.strip() for line in text.splitlines() if "none.nii.gz" in line and "rror" in line]
+    print("    " + "\n    ".join(dict.fromkeys(lines)))
+    expect(code == 1 and lines, "the failure is told in its own words", text)
+    expect(any(job["state"] == "FAILED" for job in submitted), "SLURM counts it as failed")
+    expect(not (results / "phantom" / "image.nii.gz").exists(), "nothing is left of it")
+
+
+def resumption(environment, folder):
+    """Killed while jobs run, its jobs cancelled, and run again: what was finished is not made again."""
+    results = folder / "resumption"
+    targets = [results / "features" / f"{algorithm}_300" / "dose10" / "seed00.csv" for algorithm in ("sirt", "fbp")]
+    process = subprocess.Popen(
+        command(results, *targets),
+        cwd=ROOT,
+        env=environment,
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    phantom, began = results / "phantom" / "image.nii.gz", time.monotonic()
+    before = len(jobs(environment))
+    # The second of its jobs runs: the images.
+    while not any(job["state"] == "RUNNING" for job in jobs(environment)[before + 1 :]):
+        if process.poll() is not None or time.monotonic() - began > 300:
+            raise SystemExit("not so: the images' job runs within 300 s")
+        time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    left = running(environment)
+    print(f"killed after {time.monotonic() - began:.0f} s; SLURM goes on with jobs {left}")
+    subprocess.run(["scancel", *map(str, left)], env=environment, check=True)
+    while running(environment):
+        time.sleep(0.5)
+    made = phantom.stat().st_mtime_ns
+    code, text, seconds, submitted = run(environment, results, *targets)
+    told("resumed", seconds, submitted)
+    expect(code == 0 and all(target.exists() for target in targets), "it is finished", text)
+    expect(phantom.stat().st_mtime_ns == made, "the phantom is not made again")
+    expect(not list(results.rglob(".partial-*")), "nothing half written is left")
+
+
+def graphics(environment, folder):
+    """Jobs that ask for a GPU get one, however many go together. SLURM counts GPUs here that are not there."""
+    results = folder / "graphics"
+    targets = [
+        results / "features" / f"{name}_{views}" / "dose10" / "seed00.csv"
+        for name in ("sirt", "fbp")
+        for views in (150, 300)
+    ]
+    rules = [f"reconstruct_{number}:gpu=1" for number in range(3)]
+    code, text, seconds, submitted = run(environment, results, *targets, more=["--set-resources", *rules])
+    told("images with a GPU", seconds, submitted)
+    asked = {job["comment"].split("_")[1]: job["gpus"] for job in submitted}
+    print(f"    asked for: {asked}")
+    expect(code == 0 and all(target.exists() for target in targets), "it ends well", text)
+    expect(
+        asked["acquisitions"].endswith("gpu:1") and "gpu" not in asked["preparation"], "one GPU for the images alone"
+    )
+
+
+def expect(true, what, text=""):
+    """Go on if it is so."""
+    if not true:
+        print(text[-6000:])
+        raise SystemExit(f"not so: {what}")
+    print(f"    {what}", flush=True)
+
+
+SCENARIOS = {one.__name__: one for one in (study, failure, resumption, graphics)}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenarios", nargs="*", metavar="|".join(SCENARIOS), help="all by default")
+    options = parser.parse_args()
+    in_own_mounts()
+    # So that the daemons are ended with it.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended from outside"))
+    with tempfile.TemporaryDirectory(prefix="one_node_") as name, one_node(Path(name) / "slurm") as environment:
+        for scenario in options.scenarios or SCENARIOS:
+            SCENARIOS[scenario](environment, Path(name))
+    print(f"load of the machine over the last 15 minutes {os.getloadavg()[2]:.1f}, {os.cpu_count()} cores")
+
+
+if __name__ == "__main__":
+    main()

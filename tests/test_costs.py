@@ -1,0 +1,175 @@
+"""What a study costs: held against a study that was run, and against rates and sizes that are known."""
+
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from test_config import DEFAULT, SCHEMA, changed
+
+from virtual_phantom.config import check
+from virtual_phantom.costs.jobs import Job, study_jobs
+from virtual_phantom.costs.rates import fit, read_rates, seconds, written
+from virtual_phantom.costs.table import readable, roi_count, summary
+from virtual_phantom.errors import InputError
+from virtual_phantom.plan import Plan
+
+RATES = Path(__file__).resolve().parents[1] / "resources" / "rates.yaml"
+
+
+def jobs_of(config, engine="cpu"):
+    plan = Plan(check(config, SCHEMA))
+    return study_jobs(plan, engine, roi_count(plan.config["phantom"]))
+
+
+def totals(jobs, stage):
+    """Work of all jobs of a stage."""
+    found = defaultdict(float)
+    for job in jobs:
+        if job.stage == stage:
+            for unit, amount in job.work.items():
+                found[unit] += amount
+    return found
+
+
+def test_the_default_study_costs_what_it_took():
+    """Each stage within a quarter of its measured seconds, all of them within a tenth. Noisy projections are apart:
+    they were measured on ten files that the default study does not make."""
+    rates = read_rates(RATES)
+    measured = {stage: took for stage, took in rates["measured"]["seconds"].items() if stage != "acquire"}
+    estimated = defaultdict(float)
+    for job in jobs_of(DEFAULT):
+        estimated[job.stage] += seconds(job, rates)
+    assert estimated.keys() == measured.keys()
+    for stage, took in measured.items():
+        assert estimated[stage] == pytest.approx(took, rel=0.25), stage
+    assert sum(estimated.values()) == pytest.approx(sum(measured.values()), rel=0.1)
+
+
+def test_the_default_study_writes_what_it_wrote():
+    rates = read_rates(RATES)
+    _, content = summary(Plan(check(DEFAULT, SCHEMA)), "cpu", rates)
+    for kind, sizes in content["bytes"].items():
+        # Logs were counted with those of the noisy projections.
+        assert sizes["total"] == pytest.approx(rates["measured"]["bytes"][kind], rel=0.15), kind
+    assert content["acquisitions"] == 252
+    assert content["bytes_kept"] == content["bytes_written"]
+
+
+@pytest.mark.parametrize(
+    "key, value, stage, unit, times",
+    [
+        ("grid.shape", [96, 256, 256], "reconstruct_sirt", "ray_step_lane", 2),
+        ("grid.shape", [96, 256, 256], "reconstruct_fbp", "image_voxel_view", 8),
+        ("grid.oversampling", 4, "phantom", "fine_voxel", 8),
+        ("scan.rows", 96, "project", "ray_step", 2),
+        ("scan.columns", 320, "reconstruct_sirt", "ray_step", 2),
+        ("reconstruction", {"sirt": {"terms": 30}}, "reconstruct_sirt", "ray_step", 31 / 61),
+        ("reconstruction", {"sirt": {"solver": "plain"}}, "reconstruct_sirt", "ray_step", 501 / 61),
+        ("reconstruction", {"sirt": {"iterations": 20}}, "reconstruct_sirt", "ray_step", 21 / 61),
+        ("protocols.sirt_450.projections", 1350, "reconstruct_fbp", "image_voxel_view", 1),
+        ("seeds_per_job", 8, "reconstruct_sirt", "ray_step_lane", 1),
+    ],
+)
+def test_work_grows_with_the_sizes(key, value, stage, unit, times):
+    before, after = (totals(jobs_of(config), stage)[unit] for config in (DEFAULT, changed(key, value)))
+    assert after / before == pytest.approx(times)
+
+
+def test_the_large_study_is_one():
+    config = yaml.safe_load((RATES.parents[1] / "config" / "large.yaml").read_text())
+    levels = DEFAULT["noise"]["levels"]
+    merged = {name: level | config["noise"]["levels"][name] for name, level in levels.items()}
+    _, content = summary(Plan(check(changed("noise.levels", merged), SCHEMA)), "cpu", read_rates(RATES))
+    assert content["acquisitions"] >= 1000
+
+
+def test_more_repeats_are_more_images_and_jobs():
+    config = changed("noise.levels.dose10.repeats", 20)
+    before, after = (totals(jobs_of(one), "extract") for one in (DEFAULT, config))
+    # Ten protocols have the level; sixteen repeats fit into a job.
+    assert after["job"] - before["job"] == 10
+    assert (after["image_voxel"] - before["image_voxel"]) / (48 * 128 * 128) == 100
+
+
+def test_what_was_not_measured_is_said_and_not_estimated():
+    config = changed("reconstruction", {"sirt": {"backprojector": "voxel"}})
+    rates = read_rates(RATES)
+    for engine, stage in (("cpu", "reconstruct_sirt_voxel"), ("astra_cuda", "reconstruct_sirt_astra_cuda")):
+        table, content = summary(Plan(check(config, SCHEMA)), engine, rates)
+        assert content["jobs_without_rate"] == {stage: 14}
+        assert np.isnan(table.set_index("stage")["core_hours"][stage])
+        assert f"{stage} (14)" in readable(table, content)
+        assert content["core_hours"] == pytest.approx(np.nansum(table["core_hours"]))
+    config["noise"]["model"] = "physical"
+    config["physics"] = {"scatter": {}}
+    assert summary(Plan(check(config, SCHEMA)), "cpu", rates)[1]["jobs_without_rate"]["project_physics"] == 5
+
+
+def test_images_that_are_not_kept_are_written_all_the_same():
+    rates = read_rates(RATES)
+    kept, not_kept = (
+        summary(Plan(check(changed("keep_images", keep), SCHEMA)), "cpu", rates)[1] for keep in (True, False)
+    )
+    assert kept["bytes_written"] == not_kept["bytes_written"]
+    assert kept["bytes_kept"] - not_kept["bytes_kept"] == kept["bytes"]["images"]["total"]
+
+
+def test_kept_projections_are_one_file_per_scan():
+    """Protocols that differ in the reconstruction alone share their noisy projections."""
+    jobs = jobs_of(changed("keep_projections", True))
+    files = [job.outputs[0] for job in jobs if job.rule == "acquire"]
+    assert len(files) == len(set(files))
+    assert files.count("projections/views150/dose10/seed09.h5") == 1
+    with_rate = [written(job, read_rates(RATES)) for job in jobs if job.rule == "acquire"]
+    # Poisson counts of about 20 bits, compressed: between one byte and four per pixel.
+    rays = [job.work["ray"] for job in jobs if job.rule == "acquire"]
+    assert all(1 < size / ray < 4 for size, ray in zip(with_rate, rays, strict=True))
+
+
+def test_rates_that_made_the_times_are_found_again():
+    random = np.random.default_rng(np.random.SeedSequence(4))
+    work = [{"job": 1, "ray": float(ray), "image": 3.0} for ray in random.uniform(1e6, 1e7, 20)]
+    jobs = [(Job("r", "scan", (), one), 1.5 + 2e-7 * one["ray"]) for one in work]
+    assert fit(jobs, {"scan": ["job", "ray"]})["scan"] == pytest.approx({"job": 1.5, "ray": 2e-7})
+    # One job: what is longer than the shortest job of all is work.
+    alone = (Job("t", "other", (), work[0]), 7.5)
+    shortest = min(took for _, took in jobs)
+    rates = fit([*jobs, alone], {"scan": ["job", "ray"], "other": ["job", "ray"]})["other"]
+    assert rates == pytest.approx({"job": shortest, "ray": (7.5 - shortest) / work[0]["ray"]})
+    with pytest.raises(InputError, match="2 jobs are too few"):
+        fit(jobs[:2], {"scan": ["job", "ray", "image"]})
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        (None, "cannot be read"),
+        ("seconds: [", "is not YAML"),
+        ("seconds: {project: {job: 1}}", "needs seconds"),
+        ("seconds: {project: {job: -1}}\nbytes: {}", "no rate under 0"),
+        ("[]", "needs seconds"),
+    ],
+)
+def test_a_broken_file_of_rates_is_named(text, message, tmp_path):
+    path = tmp_path / "rates.yaml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=message) as error:
+        read_rates(path)
+    assert str(path) in str(error.value) and "\n" not in str(error.value)
+
+
+def test_regions_cut_into_parts_are_counted_one_by_one():
+    ct = {"image": "ct.nii.gz", "rois": [{"name": "a", "tissue_class": "b", "file": "m.nii.gz", "parts": 3}]}
+    config = changed("phantom", {"source": "ct", "ct": ct | {"rois": ct["rois"] * 2}})
+    config["measured"] = {"overlay": False}
+    assert roi_count(check(config, SCHEMA)["phantom"]) == 6
+
+
+def test_the_file_of_rates_says_what_it_was_measured_on():
+    measured = yaml.safe_load(RATES.read_text())["measured"]
+    assert measured["voxels"] == DEFAULT["grid"]["shape"]
+    assert measured["detector_rows_columns"] == [DEFAULT["scan"]["rows"], DEFAULT["scan"]["columns"]]
+    assert measured["machine"] and measured["jobs"] > 70

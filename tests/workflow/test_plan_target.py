@@ -1,0 +1,92 @@
+"""`snakemake plan`: the jobs that it counts are those of a dry run, and its rules say what a cluster has to know."""
+
+import json
+import re
+from collections import Counter
+
+import pandas as pd
+import pytest
+import yaml
+from test_workflow import recorded
+from workflow_runs import ROOT, snakemake, tiny
+
+
+def kinds(process):
+    """{kind of rule: jobs} of a dry run's table, without what it counts for itself."""
+    assert process.returncode == 0, process.stderr[-2000:]
+    table = dict(re.findall(r"^(\w+) +(\d+)$", process.stdout, re.MULTILINE))
+    found = Counter()
+    for rule, jobs in table.items():
+        if rule not in ("all", "total"):
+            found[re.sub(r"^(reconstruct|extract)_.*", r"\1", rule)] += int(jobs)
+    return found
+
+
+def profile():
+    """Settings of the SLURM profile."""
+    return yaml.safe_load((ROOT / "profiles" / "slurm" / "config.yaml").read_text())
+
+
+@pytest.mark.parametrize("config", ["config", "recordings"])
+def test_the_jobs_counted_are_those_of_a_dry_run(config, tmp_path):
+    overlay = {"results_dir": f"{tmp_path}/r", "keep_projections": config == "config"}
+    if config == "recordings":
+        overlay["recordings"] = {name: str(recorded(tmp_path / name, "features")) for name in ("tandem", "dose_series")}
+    (tmp_path / "overlay.yaml").write_text(yaml.safe_dump(overlay))
+    files = [f"config/{config}.yaml", tmp_path / "overlay.yaml"]
+    process = snakemake("plan", "--configfile", *files)
+    assert process.returncode == 0, process.stderr[-2000:]
+    table = pd.read_csv(tmp_path / "r" / "plan.csv")
+    counted = dict(table.groupby("rule")["jobs"].sum())
+    # In the groups of a cluster, none of which may wait for itself: matched noise waits for images, and images for it.
+    groups = ["--group-components", *(f"{entry.split('=')[0]}=1000" for entry in profile()["group-components"])]
+    assert counted == kinds(snakemake("-n", "-q", "rules", "--configfile", *files, *groups))
+    content = json.loads((tmp_path / "r" / "plan.json").read_text())
+    assert content["jobs"] == table["jobs"].sum()
+    # Printed too, and again when there is nothing to be done.
+    again = [snakemake("plan", "--configfile", *files)] if config == "config" else []
+    for once in (process, *again):
+        assert f"{content['acquisitions']} acquisitions, {content['jobs']} jobs" in once.stdout
+
+
+def test_images_that_are_not_kept_are_gone_once_used(tmp_path):
+    results, overlay = tmp_path / "r", {"keep_images": False}
+    table = results / "features" / "fbp_150" / "dose10" / "seed01.csv"
+    process = tiny(results, table, overlay=overlay)
+    assert process.returncode == 0, process.stderr[-3000:]
+    assert len(pd.read_csv(table)) == 6
+    assert not list((results / "images").rglob("*.nii.gz"))
+    again = tiny(results, table, overlay=overlay)
+    assert "Nothing to be done" in again.stdout + again.stderr
+
+
+def rules_of(path):
+    """{rule: its text} of a file of rules; rules that are numbered have one text."""
+    parts = re.split(r"^ *rule ?(\w*):$", path.read_text(), flags=re.MULTILINE)
+    return {name or f"{path.stem}, numbered": text for name, text in zip(parts[1::2], parts[2::2], strict=True)}
+
+
+def test_every_rule_that_is_not_local_says_what_it_needs():
+    """Memory and time, without which a cluster gives every job the same; and a GPU is asked for with a number."""
+    local, told = set(), 0
+    paths = sorted((ROOT / "workflow" / "rules").glob("*.smk"))
+    for path in paths:
+        for names in re.findall(r"^localrules:\n((?: {4}\w+,\n)+)", path.read_text(), re.MULTILINE):
+            local |= set(re.findall(r"\w+", names))
+    for path in paths:
+        for rule, text in rules_of(path).items():
+            if rule in local:
+                continue
+            resources = re.search(r"^ +resources:\n((?: {8}.*\n)+?)(?= {4}(?: {4})?[a-z_]+:|\Z)", text, re.MULTILINE)
+            assert resources, f"{path.name}: {rule} has no resources"
+            for key in ("mem_mb", "runtime"):
+                assert f"{key}=" in resources[1] or "**FIGURE_RESOURCES" in resources[1], f"{path.name}: {rule}: {key}"
+            told += 1
+    assert told >= 40 and {"plan", "proof_seal", "recordings"} <= local
+
+
+def test_groups_of_the_profile_are_those_of_the_rules():
+    text = "".join(path.read_text() for path in (ROOT / "workflow" / "rules").glob("*.smk"))
+    stated = set(re.findall(r'^ +group:\n +"(\w+)"', text, re.MULTILINE)) | {"acquisitions", "matched_acquisitions"}
+    assert {entry.split("=")[0] for entry in profile()["group-components"]} <= stated
+    assert '"matched_acquisitions" if waits else "acquisitions"' in text

@@ -1,0 +1,79 @@
+"""Measured rates: seconds of one core per unit of work, and bytes per unit of what is written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import yaml
+from scipy.optimize import nnls
+
+from ..errors import InputError
+from .jobs import Job
+
+
+def read_rates(path: str | Path) -> dict:
+    """{measured: {...}, seconds: {stage: {unit: s}}, bytes: {kind: bytes per unit}} of a file of rates.
+
+    Raises InputError, naming the file, where it is missing, is not of this form or holds a negative rate.
+    """
+    try:
+        rates = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: is not YAML ({' '.join(str(error).split())})") from None
+    try:
+        numbers = [*rates["bytes"].values(), *(rate for units in rates["seconds"].values() for rate in units.values())]
+        sound = all(rate >= 0 for rate in numbers)
+    except (TypeError, KeyError, AttributeError):
+        sound = False
+    if not sound:
+        raise InputError(
+            f"{path}: needs seconds (stage: {{unit: rate}}) and bytes (kind: rate), no rate under 0; write it anew "
+            "with benchmarks/fit_rates.py"
+        )
+    return rates
+
+
+def seconds(job: Job, rates: dict) -> float | None:
+    """Estimated seconds of a job on one core; None if its stage has no measured rate."""
+    units = rates["seconds"].get(job.stage)
+    return None if units is None else sum(rate * job.work[unit] for unit, rate in units.items())
+
+
+def written(job: Job, rates: dict) -> float | None:
+    """Estimated bytes of all files of a job; None if one of its kinds has no measured rate."""
+    if any(kind not in rates["bytes"] for kind in job.writes):
+        return None
+    return sum(rates["bytes"][kind] * amount for kind, amount in job.writes.items())
+
+
+def fit(measured: Iterable[tuple[Job, float]], stage_units: dict[str, Sequence[str]]) -> dict[str, dict[str, float]]:
+    """{stage: {unit: seconds}} from jobs and the seconds that they took.
+
+    stage_units   the units that a stage's rates are fitted in; a stage that is not named has one rate per job
+
+    Non-negative least squares of relative errors: short jobs tell a start-up time, and count as much as long ones.
+    Rates that come out as zero are left out. Of a stage with one job, of "job" and another unit, start-up is taken to
+    last as long as the shortest job of all. Raises InputError for a stage with fewer jobs than units otherwise.
+    """
+    by_stage: dict[str, list[tuple[Job, float]]] = {}
+    for job, took in measured:
+        by_stage.setdefault(job.stage, []).append((job, took))
+    rates = {}
+    shortest = min(took for jobs in by_stage.values() for _, took in jobs)
+    for stage, jobs in sorted(by_stage.items()):
+        units = list(stage_units.get(stage, ["job"]))
+        if len(jobs) == 1 and len(units) == 2:
+            ((job, took),) = jobs
+            rates[stage] = {"job": shortest, units[1]: (took - shortest) / job.work[units[1]]}
+            continue
+        if len(jobs) < len(units):
+            raise InputError(f"{stage}: {len(jobs)} jobs are too few for the rates of {', '.join(units)}")
+        work = np.array([[job.work[unit] / took for unit in units] for job, took in jobs])
+        scale = work.max(axis=0)
+        found, _ = nnls(work / scale, np.ones(len(jobs)))
+        rates[stage] = {unit: float(rate) for unit, rate in zip(units, found / scale, strict=True) if rate > 0}
+    return rates

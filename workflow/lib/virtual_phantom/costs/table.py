@@ -1,0 +1,112 @@
+"""What a study is expected to cost, by rule and by kind of file, as a table and as text."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import pandas as pd
+
+from ..phantom.layout import read_layout
+from ..plan import Plan
+from .jobs import Job, study_jobs
+from .rates import seconds, written
+
+COLUMNS = ["rule", "stage", "jobs", "core_hours", "longest_job_minutes", "bytes"]
+
+
+def roi_count(phantom: dict) -> int:
+    """Regions of interest of a `phantom` section of the configuration. Raises InputError for a broken layout."""
+    if phantom["source"] == "synthetic":
+        return len(read_layout(phantom["layout"])["rois"])
+    return sum(roi["parts"] for roi in phantom["ct"]["rois"])
+
+
+def by_rule(jobs: list[Job], rates: dict) -> pd.DataFrame:
+    """COLUMNS, one row per rule and stage in the order of the work; no number where nothing was measured."""
+    groups: dict[tuple[str, str], list[Job]] = {}
+    for job in jobs:
+        groups.setdefault((job.rule, job.stage), []).append(job)
+    rows = []
+    for (rule, stage), members in groups.items():
+        times = [seconds(job, rates) for job in members]
+        sizes = [written(job, rates) for job in members]
+        known = None not in times
+        hours, longest = (sum(times) / 3600, max(times) / 60) if known else (None, None)
+        rows.append((rule, stage, len(members), hours, longest, None if None in sizes else sum(sizes)))
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    return table.astype({"core_hours": float, "longest_job_minutes": float, "bytes": float})
+
+
+def summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, dict]:
+    """The table by rule, and {acquisitions, jobs, core_hours, jobs_without_rate, bytes, ...}.
+
+    bytes                  {kind: {total, per_acquisition, kept}} of the kinds with a rate
+    jobs_without_rate      {stage: jobs} whose time is not in core_hours
+    """
+    jobs = study_jobs(plan, engine, roi_count(plan.config["phantom"]))
+    table = by_rule(jobs, rates)
+    acquisitions = sum(len(plan.seeds(noise)) for _, noise in plan.acquisitions())
+    amounts = Counter()
+    for job in jobs:
+        amounts.update(job.writes)
+    amounts["logs"] = len(jobs)
+    sizes = {kind: rates["bytes"][kind] * amount for kind, amount in amounts.items() if kind in rates["bytes"]}
+    unknown = table[table["core_hours"].isna()].groupby("stage")["jobs"].sum()
+    temporary = () if plan.config["keep_images"] else ("images",)
+    content = {
+        "acquisitions": acquisitions,
+        "jobs": len(jobs),
+        "core_hours": float(table["core_hours"].sum()),
+        "jobs_without_rate": {stage: int(count) for stage, count in unknown.items()},
+        "bytes": {
+            kind: {
+                "total": round(size),
+                "per_acquisition": round(size / acquisitions) if acquisitions else None,
+                "kept": kind not in temporary,
+            }
+            for kind, size in sizes.items()
+        },
+        "bytes_written": round(sum(sizes.values())),
+        "bytes_kept": round(sum(size for kind, size in sizes.items() if kind not in temporary)),
+        "measured": rates["measured"],
+    }
+    return table, content
+
+
+def readable(table: pd.DataFrame, content: dict) -> str:
+    """The plan as text for a terminal."""
+    lines = [f"{content['acquisitions']} acquisitions, {content['jobs']} jobs", ""]
+    lines.append(f"{'rule':<34}{'jobs':>7}{'core-hours':>12}{'longest job':>14}")
+    for row in table.itertuples():
+        known = math.isfinite(row.core_hours)
+        cost = f"{row.core_hours:>12.3f}{row.longest_job_minutes * 60:>12.0f} s" if known else f"{'no rate':>12}"
+        name = row.stage if row.rule == "reconstruct" else row.rule
+        lines.append(f"{name:<34}{row.jobs:>7}{cost}")
+    lines.append(f"{'all':<34}{content['jobs']:>7}{content['core_hours']:>12.3f}")
+    lines += ["", f"{'files':<34}{'in all':>12}{'per acquisition':>18}"]
+    for kind, sizes in content["bytes"].items():
+        each = "" if sizes["per_acquisition"] is None else _size(sizes["per_acquisition"])
+        kept = "" if sizes["kept"] else "  deleted once used"
+        lines.append(f"{kind:<34}{_size(sizes['total']):>12}{each:>18}{kept}")
+    lines.append(f"{'written':<34}{_size(content['bytes_written']):>12}")
+    lines.append(f"{'kept':<34}{_size(content['bytes_kept']):>12}")
+    measured = content["measured"]
+    shape, detector = (" x ".join(map(str, measured[key])) for key in ("voxels", "detector_rows_columns"))
+    lines += [
+        "",
+        f"Rates: {measured['jobs']} jobs on {measured['machine']},",
+        f"{shape} voxels, {detector} detector pixels.",
+    ]
+    if missing := content["jobs_without_rate"]:
+        names = ", ".join(f"{stage} ({jobs})" for stage, jobs in missing.items())
+        lines.append(f"Jobs that these core-hours leave out, as they were not measured: {names}.")
+    return "\n".join(lines) + "\n"
+
+
+def _size(count: float) -> str:
+    for unit in ("B", "kB", "MB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} GB" if count < 1000 else f"{count / 1000:.3g} TB"

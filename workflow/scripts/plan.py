@@ -1,0 +1,18 @@
+"""What the configured study would cost, as a table, as JSON and as text."""
+
+import json
+
+from virtual_phantom import files
+from virtual_phantom.job import job
+
+with job(snakemake) as log:
+    from virtual_phantom.costs.rates import read_rates
+    from virtual_phantom.costs.table import readable, summary
+    from virtual_phantom.plan import Plan
+
+    plan = Plan(dict(snakemake.params.config))
+    table, content = summary(plan, snakemake.params.engine, read_rates(snakemake.input.rates))
+    files.write_csv(table, snakemake.output.table)
+    files.write_text(json.dumps(content, indent=2) + "\n", snakemake.output.totals)
+    files.write_text(readable(table, content), snakemake.output.text)
+    log.info("%d jobs, %.3f core-hours", content["jobs"], content["core_hours"])
