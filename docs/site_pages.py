@@ -21,6 +21,8 @@ OUTSIDE = (
     "LICENSE",
     "config/README.md",
     "resources/README.md",
+    "resources/rates.yaml",
+    "profiles/slurm/config.yaml",
 )
 LINK = re.compile(r"(\]\()(?![a-z]+:|#)([^)#\s]+)")
 
