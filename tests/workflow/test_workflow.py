@@ -190,6 +190,7 @@ def test_a_second_run_does_nothing(study):
 AFTER_STABILITY = {
     "stability",
     "stability_measures",
+    "parquet",
     "top_features",
     "overlap",
     "figure_overlap",
