@@ -50,6 +50,8 @@ rule stability_measures:
         ),
     log:
         f"{RESULTS}/logs/stability_measures.log",
+    group:
+        "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
@@ -196,6 +198,8 @@ rule parquet:
         [f"{table}.parquet" for table in tables()],
     log:
         f"{RESULTS}/logs/parquet.log",
+    group:
+        "analyses"
     resources:
         mem_mb=2000,
         runtime=15,

@@ -35,7 +35,10 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
     for name in analyses.get("pca", {}):
         yield "pca", "tables", (f"tables/pca_{name}.csv", f"tables/separability_{name}.csv"), 0
         yield _figure(f"pca_{name}")
-    yield from _compared(plan)
+    found = list(_compared(plan))
+    yield from found
+    if featured or "noise_calibration" in analyses or found:
+        yield "parquet", "tables", ("features.parquet",), 0
 
 
 def _figure(name, rule=None, stage="figures") -> AnalysisJob:
@@ -48,6 +51,8 @@ def _table(rule, name, stage="tables") -> AnalysisJob:
 
 def _stability(plan):
     yield _table("stability", "stability")
+    tables = ("tables/stability_measures.csv", "tables/stable_features.csv")
+    yield "stability_measures", "tables", tables, 0
     yield _table("top_features", "top_features")
     yield _figure("stability_discrimination")
     if plan.config["measured"]["overlay"]:
