@@ -16,11 +16,14 @@ class InputError(ValueError):
 
 @contextlib.contextmanager
 def reading(source: object, kind: str) -> Iterator[None]:
-    """Turn whatever a reader raises on a broken file into an InputError that names the file and what it should be."""
+    """Turn whatever a reader raises on a broken file into an InputError that names the file and what it should be.
+
+    What the reader says is left out: of a broken header it may quote all that follows, a patient's name too.
+    """
     try:
         yield
     except InputError:
         raise
     except Exception as error:  # readers of others' formats raise many types
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        reason = type(error).__name__
         raise InputError(f"{source}: cannot be read as {kind} ({reason}); is the file complete?") from error
