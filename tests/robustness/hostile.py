@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from virtual_phantom.errors import InputError
 
-EXAMPLES = int(os.environ.get("EXAMPLES", "40"))  # of each fuzzed thing; tests/robustness/README.md
+EXAMPLES = int(os.environ.get("EXAMPLES", "40"))  # of each fuzzed thing; docs/promises.md
 FUZZ = settings(
     max_examples=EXAMPLES,
     deadline=None,
