@@ -2,6 +2,7 @@
 
 python tests/robustness/interrupt.py --kills 20                 the tiny study
 python tests/robustness/interrupt.py --kills 20 --target proof   six cases of the blind test, each with its diagnosis
+python tests/robustness/interrupt.py --kills 3 --target projections/views150/clean.h5    one file of the study
 
 Every kill is a SIGKILL of the whole process group: Snakemake, its jobs and their threads. Exit code 0: every table,
 JSON and image is byte-identical, nothing else is left but hidden files, and no checksum is wrong.
@@ -23,12 +24,12 @@ sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 
 from virtual_phantom.files import check_unchanged  # noqa: E402
 
-COMPARED = {".csv", ".json", ".yaml", ".gz", ".nii", ".npy"}
+COMPARED = {".csv", ".json", ".yaml", ".gz", ".nii", ".npy", ".h5"}
 WITH_TIMES = {"logs", "timing.json"}  # say how long something took
 
 
 def start(folder: Path, target: str, cores: int) -> subprocess.Popen:
-    targets = [] if target == "study" else [target]
+    targets = {"study": [], "proof": ["proof"]}.get(target, [str(folder / target)])
     command = [sys.executable, "-m", "snakemake", *targets, "--cores", str(cores), "--nolock"]
     command += ["--configfile", str(ROOT / "config" / "tiny.yaml"), "--config", f"results_dir={folder}"]
     with open(folder.parent / f"{folder.name}.log", "ab") as log:
@@ -54,7 +55,7 @@ def tables(folder: Path) -> dict[str, bytes]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=20)
-    parser.add_argument("--target", choices=["study", "proof"], default="study")
+    parser.add_argument("--target", default="study", help="study, proof, or a file under results_dir")
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0, help="of the moments")
     parser.add_argument("--folder", type=Path, help="where to work; by default a temporary folder")

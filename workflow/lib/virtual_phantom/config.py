@@ -38,7 +38,7 @@ def check(config: dict, schema_path: str | Path) -> dict:
     the key, for anything that the schema refuses, for names that point nowhere or to what does not fit, and for
     sections that contradict one another.
     """
-    schema = yaml.safe_load(Path(schema_path).read_text(encoding="utf-8"))
+    schema = _read_schema(Path(schema_path))
     check_nesting(config, "config")
     config = _without_nulls(copy.deepcopy(dict(config)))
     validate(config, schema, "config")
@@ -78,7 +78,7 @@ def check_nesting(document, source: str) -> None:
 @cache
 def schema_of(*section: str) -> dict:
     """The schema of a section of the configuration, given by its keys, as `validate` takes it."""
-    whole = part = yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    whole = part = _read_schema(SCHEMA)
     for key in section:
         part = part["properties"][key]
     return {**part, "$defs": whole["$defs"]}
@@ -88,6 +88,11 @@ def fill_defaults(document: dict, schema: dict) -> None:
     """Add to a valid document, in place, every key that it leaves out and the schema has a default for."""
     for _ in _with_defaults(Draft202012Validator)(schema).iter_errors(document):
         pass
+
+
+@cache
+def _read_schema(path: Path) -> dict:
+    return yaml.safe_load(path.read_text(encoding="utf-8"))
 
 
 def _without_nulls(config):

@@ -19,3 +19,18 @@ def meant(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
     choices = list(choices)
     close = difflib.get_close_matches(str(name), choices, 1)
     return f"did you mean '{close[0]}'?" if close else f"{otherwise}: {', '.join(choices) or 'none'}"
+
+
+@contextlib.contextmanager
+def reading(source: object, kind: str) -> Iterator[None]:
+    """Turn whatever a reader raises on a broken file into an InputError that names the file and what it should be.
+
+    What the reader says is left out: of a broken header it may quote all that follows, a patient's name too.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:  # readers of others' formats raise many types
+        reason = type(error).__name__
+        raise InputError(f"{source}: cannot be read as {kind} ({reason}); is the file complete?") from error

@@ -48,6 +48,11 @@ def job(snakemake) -> Iterator[logging.Logger]:
         logger.error("%s", error)
         print(f"Error: {error}", file=sys.stderr)
         sys.exit(1)
+    except MemoryError as error:
+        logger.error("%s", traceback.format_exc())
+        reason = str(error) or "no more could be had"
+        print(f"Error: not enough memory ({reason}); run fewer jobs at a time, or a smaller grid", file=sys.stderr)
+        sys.exit(1)
     except Exception:
         logger.error("%s", traceback.format_exc())
         raise

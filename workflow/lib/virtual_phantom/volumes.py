@@ -110,6 +110,8 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
 
     Raises InputError, naming `path`, if the array is not 3D or its axes are tilted against the scanner's.
     """
+    if array.dtype.kind not in "biuf":
+        raise InputError(f"{path}: its voxels are of {array.dtype}, not numbers; give grey values")
     if array.ndim == 4 and array.shape[3] == 1:
         array = array[..., 0]
     if array.ndim != 3:

@@ -16,6 +16,7 @@ from ..errors import InputError, reading
 from ..volumes import Volume, check_fits, upright
 
 POSITION_TOLERANCE_MM = 0.01  # headers give positions as decimal text, often rounded to this
+LONGEST_CODE = 16  # characters of a DICOM code string
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
@@ -58,6 +59,12 @@ def _read_series(folder: Path) -> Volume:
     return upright(array.T, LPS_TO_RAS @ affine, folder)
 
 
+def modality(header: pydicom.Dataset) -> str:
+    """The modality of a header, for messages: of a broken one it may hold all that follows, the patient's name too."""
+    code = str(header.get("Modality", "not given"))
+    return code if code.isalpha() and len(code) <= LONGEST_CODE else code if code == "not given" else "unreadable"
+
+
 def read_headers(folder: Path) -> dict[Path, pydicom.Dataset]:
     """Headers of all DICOM files in the folder; other files are not part of a series and are passed over."""
     headers = {}
@@ -68,13 +75,12 @@ def read_headers(folder: Path) -> dict[Path, pydicom.Dataset]:
             header = pydicom.dcmread(path, stop_before_pixels=True)
         except pydicom.errors.InvalidDicomError:
             continue
-        except Exception as error:  # a file cut short can fail in many ways
-            raise InputError(f"{path}: cannot be read as DICOM ({error}); is the file complete?") from None
-        if header.get("Modality") != "CT":
+        except Exception as error:  # of many types; its words may quote the header
             raise InputError(
-                f"{path}: modality is {header.get('Modality', 'not given')}, not CT; "
-                "keep only the CT series in this folder"
-            )
+                f"{path}: cannot be read as DICOM ({type(error).__name__}); is the file complete?"
+            ) from None
+        if header.get("Modality") != "CT":
+            raise InputError(f"{path}: modality is {modality(header)}, not CT; keep only the CT series in this folder")
         headers[path] = header
     if not headers:
         raise InputError(f"{folder}: holds no DICOM file; give a folder with one CT series")

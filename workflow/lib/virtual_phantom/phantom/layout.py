@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ..config import check_nesting
 from ..errors import InputError
 from .shapes import Ellipsoid, Tube
 from .texture import Component, Texture
@@ -42,10 +43,11 @@ def read_layout(path: str | Path) -> dict:
         layout = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise InputError(f"{path}: no such file; give the path of the phantom's layout") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: not valid YAML ({' '.join(str(error).split())})") from None
     if not isinstance(layout, dict):
         raise InputError(f"{path}: must be a mapping with the keys tissues, shapes and rois")
+    check_nesting(layout, str(path))
     return layout
 
 

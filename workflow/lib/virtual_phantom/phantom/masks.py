@@ -16,7 +16,7 @@ from skimage.draw import polygon2mask
 from ..errors import InputError, reading
 from ..geometry import Grid
 from ..volumes import Volume, read_nifti, upright
-from .dicom_series import LPS_TO_RAS
+from .dicom_series import LPS_TO_RAS, modality
 
 GRID_TOLERANCE_MM = 0.02  # of positions read from different files: single precision and decimal text
 
@@ -34,13 +34,15 @@ def open_regions(path: str | Path, grid: Grid) -> NiftiRegions | SegRegions | St
     try:
         dataset = pydicom.dcmread(path)
     except Exception as error:  # not DICOM at all, or cut short
-        raise InputError(f"{path}: neither NIfTI nor readable DICOM ({error})") from None
-    modality = dataset.get("Modality")
-    if modality == "SEG":
+        raise InputError(f"{path}: neither NIfTI nor readable DICOM ({type(error).__name__})") from None
+    kind = dataset.get("Modality")
+    if kind == "SEG":
         return SegRegions(path, dataset, grid)
-    if modality == "RTSTRUCT":
+    if kind == "RTSTRUCT":
         return StructRegions(path, dataset, grid)
-    raise InputError(f"{path}: modality is {modality}; ROIs are read from DICOM SEG or RTSTRUCT, or from NIfTI")
+    raise InputError(
+        f"{path}: modality is {modality(dataset)}; ROIs are read from DICOM SEG or RTSTRUCT, or from NIfTI"
+    )
 
 
 class NiftiRegions:
@@ -89,7 +91,9 @@ class SegRegions:
         try:
             volume = self._seg.get_volume(segment_numbers=[number])
         except Exception as error:  # frames that do not make a regular volume
-            raise InputError(f"{self._path}: segment {number} cannot be read as a volume ({error})") from None
+            raise InputError(
+                f"{self._path}: segment {number} cannot be read as a volume ({type(error).__name__})"
+            ) from None
         # highdicom orders arrays (slice, row, column) with an affine in LPS to match
         part = upright(
             volume.array[..., 0] if volume.array.ndim == 4 else volume.array,

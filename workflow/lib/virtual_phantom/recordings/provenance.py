@@ -22,6 +22,7 @@ NUMBERS = {
 }
 # Tube current modulation changes these from slice to slice: their mean is kept.
 MEANS = {"tube_current_ma": "XRayTubeCurrent", "mas": "Exposure", "dose_mgy": "CTDIvol"}
+LONGEST_TEXT = 128  # characters: two values of a DICOM long string
 # Repeats share these, or they are no repeats.
 SHARED = ("tube_kvp", "kernel", "slice_thickness_mm", "manufacturer", "model")
 
@@ -77,7 +78,10 @@ def _plain(name: str, value):
     if name == "spacing_mm":
         return tuple(float(number) for number in value)
     # A kernel may be a name and a strength, ['Br38f', '3'].
-    return str(value) if isinstance(value, str) else "/".join(map(str, value))
+    text = str(value) if isinstance(value, str) else "/".join(map(str, value))
+    if len(text) > LONGEST_TEXT or not text.isprintable():  # of a broken header, all that follows
+        raise ValueError(f"{name} is no text of DICOM")
+    return text
 
 
 def check_shared(facts: dict, first: dict, path: Path, first_path: Path) -> None:

@@ -108,8 +108,8 @@ def _is_dicom(path: Path) -> bool:
 def _modality(path: Path) -> str:
     try:
         return str(pydicom.dcmread(path, specific_tags=["Modality"], stop_before_pixels=True).get("Modality"))
-    except Exception as error:  # a file cut short can fail in many ways
-        raise InputError(f"{path}: cannot be read as DICOM ({error}); is the file complete?") from None
+    except Exception as error:  # of many types; its words may quote the header
+        raise InputError(f"{path}: cannot be read as DICOM ({type(error).__name__}); is the file complete?") from None
 
 
 def _smallest_type(image: Volume) -> Volume:

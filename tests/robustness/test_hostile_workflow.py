@@ -1,0 +1,24 @@
+"""A results folder with every character that a shell or a format would make something of."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow"))
+from workflow_runs import ROOT, tiny  # noqa: E402
+
+from virtual_phantom.files import check_unchanged, checksum_path  # noqa: E402
+
+NAME = "a b;touch hacked;$(touch hacked)`touch hacked` & | > 'q' \"é\"#%"
+
+
+def test_a_results_folder_is_a_name_and_never_a_command(tmp_path):
+    folder = tmp_path / NAME
+    process = tiny(folder, folder / "phantom" / "image.nii.gz", overlay={"results_dir": str(folder)}, cores=1)
+    assert process.returncode == 0, process.stderr[-3000:]
+    made = {path.name for path in (folder / "phantom").iterdir()}
+    assert {"image.nii.gz", "fine.nii.gz", "rois.csv", "rois"} <= made
+    for path in folder.rglob("*.gz"):
+        assert checksum_path(path).exists()
+        check_unchanged(path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted([NAME, "overlay.yaml"])
+    assert not (ROOT / "hacked").exists()
