@@ -1,7 +1,8 @@
 """The one exception that means: the user's input is at fault, not the program."""
 
+import contextlib
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 
 class InputError(ValueError):
