@@ -18,6 +18,7 @@ from virtual_phantom.diagnosis.report import page, residual_maps
 from virtual_phantom.diagnosis.store import read_trial, write_trial
 from virtual_phantom.diagnosis.verdict import diagnose
 from virtual_phantom.errors import InputError
+from virtual_phantom.files import checksum_path
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
@@ -238,6 +239,7 @@ def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp
     assert again.fit.physics == found.choice.chosen.fit.physics and again.score == found.choice.chosen.score
     np.testing.assert_array_equal(again.fit.pattern, found.choice.chosen.fit.pattern)
     (tmp_path / "fit.json").write_text("{}")
+    checksum_path(tmp_path / "fit.json").unlink()
     with pytest.raises(InputError, match="is no fit of a diagnosis"):
         read_trial(tmp_path / "fit.json")
     text = page(found, given, ALPHA, residual_maps(found, given))

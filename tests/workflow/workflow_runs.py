@@ -33,10 +33,10 @@ def planned(process):
     """{rule: [wildcards]} of a dry run."""
     assert process.returncode == 0, process.stderr[-2000:]
     jobs: dict[str, list[str]] = {}
-    for line in process.stdout.splitlines():
+    for line in map(str.strip, process.stdout.splitlines()):  # rules of a group are indented
         if match := re.fullmatch(r"(?:local)?rule (\w+):", line):
             jobs.setdefault(match[1], [])
             last = match[1]
-        elif line.startswith("    wildcards: "):
-            jobs[last].append(line.removeprefix("    wildcards: "))
+        elif line.startswith("wildcards: "):
+            jobs[last].append(line.removeprefix("wildcards: "))
     return jobs

@@ -26,6 +26,6 @@ rule plan_files:
 rule plan:
     """The same, printed."""
     input:
-        rules.plan_files.output.text,
-    shell:
-        "cat {input}"
+        text=rules.plan_files.output.text,
+    script:
+        "../scripts/show.py"

@@ -198,8 +198,6 @@ rule parquet:
         [f"{table}.parquet" for table in tables()],
     log:
         f"{RESULTS}/logs/parquet.log",
-    group:
-        "analyses"
     resources:
         mem_mb=2000,
         runtime=15,

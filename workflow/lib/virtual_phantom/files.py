@@ -103,7 +103,7 @@ def write_csv(table, path: str | Path) -> None:
 
 def write_parquet(table, path: str | Path) -> None:
     """Write a pandas DataFrame without its index as Parquet, which keeps the type of every column."""
-    with replacing(path) as temporary:
+    with replacing(path, checksum=False) as temporary:  # for other programs: ours read the CSV
         table.to_parquet(temporary, index=False)
 
 
