@@ -38,7 +38,7 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
     found = list(_compared(plan))
     yield from found
     if featured or "noise_calibration" in analyses or found:
-        yield "parquet", "tables", ("features.parquet",), 0
+        yield "parquet", "parquet", ("features.parquet",), 0
 
 
 def _figure(name, rule=None, stage="figures") -> AnalysisJob:
