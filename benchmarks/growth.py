@@ -83,7 +83,7 @@ def planned(count):
             recordings[f"recording{number}"] = str(one)
         overlay = Path(folder) / "overlay.json"
         overlay.write_text(json.dumps({"recordings": recordings, "results_dir": str(Path(folder) / "results")}))
-        command = [Path(sys.executable).parent / "snakemake", "-n", "-q", "all", "--nolock"]
+        command = [sys.executable, "-m", "snakemake", "-n", "-q", "all", "--nolock"]
         command += ["recordings", "--configfile", ROOT / "config/config.yaml", overlay]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(command, cwd=ROOT, check=True, env=os.environ, stdout=subprocess.DEVNULL)

@@ -105,20 +105,24 @@ def draw(path, rows, grown):
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
     shown = [row for row in rows if "back_ns_per_voxel_and_view" in row]
     places = np.arange(len(shown))
-    left.barh(places + 0.2, [row["forward_ns_per_ray"] for row in shown], 0.4, label="forward, ns per ray")
-    back = [row["back_ns_per_voxel_and_view"] for row in shown]
-    left.barh(places - 0.2, back, 0.4, label="back, ns per voxel and view")
+    left.plot([row["forward_ns_per_ray"] for row in shown], places, "o", label="forward, ns per ray")
+    left.plot([row["back_ns_per_voxel_and_view"] for row in shown], places, "s", label="back, ns per voxel and view")
     left.set_yticks(places, [row["engine"] for row in shown])
     left.set_xscale("log")
+    left.set_xlabel("processor time per realisation, ns")
     left.invert_yaxis()
-    left.legend(frameon=False, fontsize="small")
+    left.grid(axis="x", alpha=0.3)
     for name in dict.fromkeys(row["of"] for row in grown):
         points = [(row["size"], row["seconds"]) for row in grown if row["of"] == name]
         sizes, seconds = np.array(points).T
         exponent = next(row["exponent"] for row in grown if row["of"] == name)
         right.loglog(sizes / sizes[0], seconds / seconds[0], "o-", ms=3, label=f"{name}, exponent {exponent:.2f}")
     right.set(xlabel="size over the smallest", ylabel="time over the shortest")
-    right.legend(frameon=False, fontsize="small")
+    for axis in (left.xaxis, right.xaxis, right.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("")
+    for axes in (left, right):
+        axes.legend(frameon=False, fontsize="small", loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     figure.savefig(path, dpi=150)
 
 
