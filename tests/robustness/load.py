@@ -20,7 +20,7 @@ import psutil
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
-PROTOCOLS = 5
+PROTOCOLS = 10  # of a hundred repeats at most
 SCAN = {
     "trajectory": "circular",
     "source_to_isocentre_mm": 500,
