@@ -46,27 +46,30 @@ def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
 
 
 def length_unit(path: str | Path) -> str:
-    """The unit of lengths in the header of a NIfTI image, or "unknown". Raises InputError as read_nifti does."""
-    with _opened(Path(path)) as image:
+    """The unit of lengths in the header of a NIfTI image, or "unknown". The header alone is read: the rest is for
+    read_nifti to check. Raises InputError if the file is missing or has no NIfTI header."""
+    with _opened(Path(path), whole=False) as image:
         return image.header.get_xyzt_units()[0]
 
 
 @contextlib.contextmanager
-def _opened(path: Path) -> Iterator[nibabel.Nifti1Image]:
+def _opened(path: Path, whole: bool = True) -> Iterator[nibabel.Nifti1Image]:
     """A NIfTI-1 or NIfTI-2 image, its voxels not yet read.
 
-    The file is read to its end: gzip's own checksum stands there, and nibabel stops at the last voxel. No other format
-    is tried.
+    whole   the file is checked to be as it was written, and read to its end: gzip's own checksum stands there, and
+            nibabel stops at the last voxel
+    No other format is tried.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; give the path of a NIfTI image")
-    check_unchanged(path)
+    if whole:
+        check_unchanged(path)
     try:
         with (gzip.open if path.name.endswith(".gz") else open)(path, "rb") as stream:
             image = _class_of(stream).from_stream(stream)
             _check_size(image, path)
             yield image
-            while stream.read(CHUNK):
+            while whole and stream.read(CHUNK):
                 pass
     except InputError:
         raise

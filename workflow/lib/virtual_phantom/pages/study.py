@@ -5,7 +5,6 @@ Captions are those of Snakemake's own report (workflow/report): reStructuredText
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
@@ -21,6 +20,7 @@ from jinja2 import Environment, StrictUndefined
 from .. import __version__
 from ..diagnosis.html import FOOT, data_url, number
 from ..figures import style
+from ..files import read_csv, sha256
 from .study_parts import PAGE
 
 # What results depend on.
@@ -67,7 +67,7 @@ def page(
                 "caption": caption(figure, config),
             }
         )
-    frames = {title: pd.read_csv(path) for title, path in tables.items()}
+    frames = {title: read_csv(path) for title, path in tables.items()}
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.filters |= {"cell": cell, "heading": lambda name: str(name).replace("_", " ")}
     return environment.from_string(PAGE + FOOT).render(
@@ -82,7 +82,7 @@ def page(
         version=__version__,
         python=python_version(),
         packages={name: metadata.version(name) for name in PACKAGES},
-        checksums={str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in tables.values()},
+        checksums={str(path): sha256(path) for path in tables.values()},
     )
 
 

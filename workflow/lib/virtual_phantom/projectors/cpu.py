@@ -177,7 +177,7 @@ class CpuProjector:
         z, views = self._source_z, -(-len(rays.angles_rad) // rays.half_turn)
 
         def run(first, last):
-            reals = np.empty((3, views), np.float32)
+            near, height, slope = np.empty((3, views), np.float32)
             parallel.back_project_parallel(
                 volume.reshape(-1),
                 seen,
@@ -201,7 +201,7 @@ class CpuProjector:
                 full_rows,
                 np.empty(nz, np.float32),
                 np.empty((views, nz), np.float32),
-                (reals[0], np.empty(views, np.intp), reals[1], reals[2]),
+                (near, np.empty(views, np.intp), height, slope),
                 self._lanes,
             )
 
