@@ -49,7 +49,7 @@ DRAWN = (
     | {"images": parts_of(PROOF["images"], "strengths", "effects")}
     | {"scan": parts_of(PROOF["scan"], "rows")}
 )
-SCANNED = parts_of(PROOF, "seed", "scan", "held_out_protocol", "repeats")
+SCANNED = parts_of(PROOF, "seed", "scan", "held_out_protocol")
 
 
 def proof_cases(*paths):
