@@ -20,6 +20,7 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,9 @@ from virtual_phantom.volumes import Volume  # noqa: E402
 
 PHOTONS, REPEATS = 1e5, 4
 WEAKEST, STRONGEST = 5.0, 50.0
+FAINTEST, LEAST_SHARE = 1e-3, 1e-5  # standard deviations, and of a range: as good as nothing
 SQUARES_SD = 3.5  # of sums of squares: one in some thousand passes it by chance
+LEFT_BINS = (WEAKEST, 10.0, 20.0, np.inf)
 LEFT_OPEN = ("unexplained", "mismatch partly explained")
 GEOMETRY = circular(
     views=90,
@@ -97,14 +100,16 @@ def strengths(name, wanted, random, given):
         rest = typical | {other.name: other.neutral for other in parameters}
         most = which.high if strength(which) > which.neutral else which.low
 
-        def short(share, rest=rest, which=which, most=most):
-            value = which.neutral + share * (most - which.neutral)
-            return stands_out(given, {name: rest | {which.name: value}}) - wanted
+        def beyond(logarithm, rest=rest, which=which, most=most):
+            """How far that share of the range stands out over what is wanted, as logarithms: nearly a straight line."""
+            value = which.neutral + np.exp(logarithm) * (most - which.neutral)
+            stands = stands_out(given, {name: rest | {which.name: value}})
+            return np.log(max(stands, FAINTEST) / wanted)
 
-        reached = short(1.0) + wanted
-        if reached >= WEAKEST:
-            share = brentq(short, 0.0, 1.0, xtol=1e-5, rtol=1e-2, maxiter=50) if reached > wanted else 1.0
-            return rest | {which.name: which.neutral + share * (most - which.neutral)}
+        reached = beyond(0.0)
+        if reached >= np.log(WEAKEST / wanted):
+            share = np.exp(brentq(beyond, np.log(LEAST_SHARE), 0.0, xtol=0.03)) if reached > 0 else 1.0
+            return rest | {which.name: float(which.neutral + share * (most - which.neutral))}
     raise ValueError(f"{name} stands nowhere in its range {WEAKEST} standard deviations out of this noise")
 
 
@@ -156,10 +161,10 @@ def one(task):
     kind, draw, only, accuracy = task
     random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=(len(kind), draw)))
     bare = scene()
-    chain, known = (Chain(bare, GEOMETRY, PHOTONS, samples=samples) for samples in (4, 2))
+    chain = Chain(bare, GEOMETRY, PHOTONS, samples=4)
     model, floor = model_and_floor(bare, GEOMETRY, 2, photons=PHOTONS)
     library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
-    blank = prepared.prepare(scans(chain, {}, random), None, known, floor_chain=floor, nominal_photons=PHOTONS)
+    blank = prepared.prepare(scans(chain, {}, random), None, model, floor_chain=floor, nominal_photons=PHOTONS)
     count = {"none": 0, "pair": 2}.get(kind, 1)
     truth = [str(name) for name in random.permutation(library)[:count]]
     if count == 1:
@@ -218,6 +223,9 @@ def summary(rows):
         open_ = [row for row in told if row["verdict"] in LEFT_OPEN]
         print(f"{n - len(told)} stood in for within the noise")
         print(f"of the other {len(told)}: {len(open_)} not or partly explained, {len(right)} at the right place")
+        for low, high in pairwise(LEFT_BINS):
+            within = [row for row in told if low <= row["left"] < high]
+            print(f"  left {low:g} to {high:g}: {sum(row in right for row in within)} of {len(within)} at the right place")
     verdicts = {}
     for row in draws:
         verdicts[row["verdict"]] = verdicts.get(row["verdict"], 0) + 1
