@@ -225,7 +225,8 @@ def summary(rows):
         print(f"of the other {len(told)}: {len(open_)} not or partly explained, {len(right)} at the right place")
         for low, high in pairwise(LEFT_BINS):
             within = [row for row in told if low <= row["left"] < high]
-            print(f"  left {low:g} to {high:g}: {sum(row in right for row in within)} of {len(within)} at the right place")
+            found = sum(row in right for row in within)
+            print(f"  left {low:g} to {high:g}: {found} of {len(within)} at the right place")
     verdicts = {}
     for row in draws:
         verdicts[row["verdict"]] = verdicts.get(row["verdict"], 0) + 1
