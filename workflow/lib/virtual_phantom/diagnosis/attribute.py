@@ -17,7 +17,7 @@ from .screening import Screened, screened
 ALPHA = 0.001  # of an effect's likelihood ratio, over all candidates
 LEAST_GAIN = 4.0  # log score on held-out data that an effect must add
 # Of effects' models, as the configuration has it by default: what they left over of another simulator's scans.
-ACCURACY = {"default": 0.02, "spectrum": 0.005, "veiling_glare": 0.15, "numerical": 0.12}
+ACCURACY = {"default": 0.02, "spectrum": 0.005, "veiling_glare": 0.15, "reconstruction_kernel": 0.1, "numerical": 0.12}
 AS_GOOD = 3.0  # log score by which an effect may be worse and still stand for another: a factor of 20 in odds
 RULED_OUT = 10.0
 MOST_EFFECTS = 4
