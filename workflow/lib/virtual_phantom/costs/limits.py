@@ -19,7 +19,7 @@ STAND_INS = {
     "reconstruct_sirt_voxel": ("reconstruct_sirt", SAFETY),
     # No GPU was measured. That one is no slower than one core of a processor is assumed, and no factor put on top.
     "reconstruct_sirt_astra_cuda": ("reconstruct_sirt", 1.0),
-    # All eighteen effects on projections at once took up to 27 times the clean projections alone (benchmarks/effects.py).
+    # All eighteen effects on projections at once took up to 27 times clean projections alone (benchmarks/effects.py).
     "project_physics": ("project", 27 * SAFETY),
 }
 
