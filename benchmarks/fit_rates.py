@@ -43,13 +43,12 @@ HEAD = """# What one core took, and what was written, per unit of work (units: v
 """
 
 
-def noted(folder):
-    """{output: seconds} of every job that Snakemake has a record of in its working directory."""
-    times = {}
-    for path in (folder / ".snakemake" / "metadata").iterdir():
-        record = json.loads(path.read_text(encoding="utf-8"))
-        times[base64.b64decode(path.name).decode()] = record["endtime"] - record["starttime"]
-    return times
+def records(folder):
+    """{output: what Snakemake noted in its working directory of the job that made it}."""
+    return {
+        base64.b64decode(path.name).decode(): json.loads(path.read_text(encoding="utf-8"))
+        for path in (folder / ".snakemake" / "metadata").iterdir()
+    }
 
 
 def size(path):
@@ -66,7 +65,8 @@ def main():
     options = parser.parse_args()
     config = check(yaml.safe_load(options.config.read_text(encoding="utf-8")) | {"keep_projections": True}, SCHEMA)
     plan = Plan(config)
-    times, results = noted(options.folder), Path(config["results_dir"])
+    results = Path(config["results_dir"])
+    times = {output: one["endtime"] - one["starttime"] for output, one in records(options.folder).items()}
     timed, amounts, found = [], defaultdict(float), defaultdict(float)
     for job in study_jobs(plan, "cpu", roi_count(config["phantom"])):
         files = [options.folder / results / output for output in job.outputs]

@@ -1,4 +1,5 @@
-"""The SLURM profile on a real SLURM, by hand: the tiny study, a job that fails, a run killed and resumed, and GPUs.
+"""The SLURM profile on a real SLURM, by hand: the tiny study, a job that fails, a run killed and resumed, GPUs,
+and a device that is not there.
 
     .venv/bin/pip install --no-deps -r environment-slurm.txt
     .venv/bin/python tests/cluster/run.py
@@ -18,7 +19,7 @@ from pathlib import Path
 
 import pandas as pd
 import yaml
-from one_node import in_own_mounts, jobs, one_node, running
+from one_node import PRETENDED_GPUS, in_own_mounts, jobs, one_node, running
 
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "config" / "tiny.yaml"
@@ -154,6 +155,90 @@ def graphics(environment, folder):
     )
 
 
+def no_device(environment, folder):
+    """engine: astra_cuda, submitted where a device seems to be and run where there is none. Jobs that need none are
+    done; one that does waits for a GPU that SLURM counts, gets it, and says in a line that there is none."""
+    results = folder / "no_device"
+    overlay = {"engine": "astra_cuda", "reconstruction": {"sirt": {"backprojector": "voxel"}}}
+    paths = [str(_seeming_device(folder / "seeming")), *filter(None, [environment.get("PYTHONPATH")])]
+    pretending = environment | {"PYTHONPATH": os.pathsep.join(paths)}
+    clean, kernels = results / "projections" / "views300" / "clean.h5", results / "logs" / "kernels" / "3.txt"
+    code, text, seconds, prepared = run(pretending, results, clean, kernels, overlay=overlay)
+    told("preparation with engine: astra_cuda", seconds, prepared)
+    expect(code == 0 and clean.exists(), "what needs no device is done without one", text)
+    expect(not any("gpu" in job["gpus"] for job in prepared), "and asked for none")
+    # All GPUs that SLURM knows of are taken.
+    held = f"--gpus={len(PRETENDED_GPUS)}"
+    holder = ["sbatch", "--parsable", held, "--mem=10", "--output=/dev/null", "--wrap=sleep 600"]
+    number = subprocess.run(holder, env=environment, check=True, capture_output=True, text=True).stdout.strip()
+    before = len(jobs(environment))
+    targets = [results / "features" / f"{algorithm}_300" / "dose10" / "seed00.csv" for algorithm in ("sirt", "fbp")]
+    # One bundle to a job, so that each asks for what it needs itself.
+    alone = ["--group-components", "acquisitions=1", "--keep-going"]
+    began = time.monotonic()
+    with open(folder / "no_device.txt", "w+", encoding="utf-8") as output:
+        process = subprocess.Popen(
+            command(results, *targets, overlay=overlay) + alone,
+            cwd=ROOT,
+            env=pretending,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
+        while not (waits := _left_waiting(jobs(environment)[before:])) or not targets[1].exists():
+            if process.poll() is not None or time.monotonic() - began > 400:
+                output.seek(0)
+                expect(False, "a job waits for a GPU while the other one ends", output.read())
+            time.sleep(0.5)
+        _print_of_job(environment, waits["id"], ("JobState=", "TresPerJob="))
+        expect("Reason=Resources" in _job(environment, waits["id"]), "it waits for resources, the other one has ended")
+        subprocess.run(["scancel", number], env=environment, check=True)
+        # What a job was given is told while it runs.
+        while "JobState=RUNNING" not in (given := _job(environment, waits["id"])) and process.poll() is None:
+            time.sleep(0.2)
+        expect("GRES=gpu:1(IDX:" in given, "once there is one, it is given one", given)
+        process.wait(400)
+        output.seek(0)
+        text = output.read()
+    submitted = jobs(environment)[before:]
+    told("images with engine: astra_cuda", time.monotonic() - began, submitted)
+    _print_of_job(environment, waits["id"], ("JobState=", "ExitCode=", "TimeLimit="))
+    lines = dict.fromkeys(line.strip() for line in text.splitlines() if line.strip().startswith("Error: engine"))
+    print("    " + "\n    ".join(lines))
+    failed = [job for job in submitted if job["state"] == "FAILED"]
+    expect([job["id"] for job in failed] == [waits["id"]], "it alone has failed", text)
+    asked = [job["id"] for job in submitted if "gpu" in job["gpus"]]
+    expect(asked == [waits["id"]] and failed[0]["gpus"].endswith("gpu:1"), "it alone asked for a GPU, for one", text)
+    expect(process.returncode == 1 and lines, "where there is no device, a line says so", text)
+    expect(targets[1].exists() and not targets[0].exists(), "images by FBP are there, those by SIRT are not", text)
+
+
+def _seeming_device(folder):
+    """A folder for PYTHONPATH, with which ASTRA says outside of SLURM's jobs that there is a device."""
+    folder.mkdir()
+    (folder / "sitecustomize.py").write_text(
+        "import os\nif 'SLURM_JOB_ID' not in os.environ:\n    import astra\n    astra.use_cuda = lambda: True\n"
+    )
+    return folder
+
+
+def _left_waiting(submitted):
+    """The job that waits while all others have ended well; None if it is not so."""
+    others = [job for job in submitted if job["state"] != "COMPLETED"]
+    return others[0] if len(others) == 1 and others[0]["state"] == "PENDING" else None
+
+
+def _job(environment, number):
+    """What the controller knows of a job."""
+    asked = ["scontrol", "show", "job", "-d", str(number)]
+    return subprocess.run(asked, env=environment, check=True, capture_output=True, text=True).stdout
+
+
+def _print_of_job(environment, number, keys):
+    for line in _job(environment, number).splitlines():
+        if any(key in line for key in keys):
+            print(f"    {line.strip()}", flush=True)
+
+
 def expect(true, what, text=""):
     """Go on if it is so."""
     if not true:
@@ -162,7 +247,7 @@ def expect(true, what, text=""):
     print(f"    {what}", flush=True)
 
 
-SCENARIOS = {one.__name__: one for one in (study, failure, resumption, graphics)}
+SCENARIOS = {one.__name__: one for one in (study, failure, resumption, graphics, no_device)}
 
 
 def main():

@@ -54,6 +54,17 @@ def test_astra_cuda_that_cannot_do_the_work(monkeypatch):
         projectors.choose_engine("astra_cuda", "adjoint")
 
 
+def test_where_the_device_is_not_looked_for_its_user_does(monkeypatch):
+    """Jobs of a cluster that need no device read the configuration without one; ASTRA would end the process."""
+    monkeypatch.setattr(astra, "use_cuda", lambda: False)
+    assert projectors.choose_engine("astra_cuda", "voxel", look=False) == "astra_cuda"
+    assert projectors.choose_engine("auto", "voxel", look=False) == "cpu"
+    with pytest.raises(InputError, match="no adjoint"):
+        projectors.choose_engine("astra_cuda", "adjoint", look=False)
+    with pytest.raises(InputError, match="needs a CUDA device"):
+        projectors.projector("astra_cuda", GEOMETRY, Grid((2, 2, 2), (1.0, 1.0, 1.0)))
+
+
 def test_cone_vectors_describe_the_same_rays():
     vectors = cone_vectors(GEOMETRY)
     for view, row, column in ((0, 0, 0), (17, 15, 59), (39, 3, 40)):

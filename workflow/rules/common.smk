@@ -11,6 +11,9 @@ os.environ.update(
 )
 
 from virtual_phantom.config import check
+from virtual_phantom.costs.jobs import Sizes
+from virtual_phantom.costs.limits import minutes
+from virtual_phantom.costs.rates import read_rates
 from virtual_phantom.dependencies import files_behind
 from virtual_phantom.errors import InputError
 from virtual_phantom.files import check_unchanged, files_of
@@ -26,15 +29,21 @@ try:
             os.path.join(workflow.basedir, "workflow", "schemas", "config.schema.yaml"),
         )
     )
+    # On a cluster, jobs that need no device may be where there is none.
     ENGINE = choose_engine(
-        PLAN.config["engine"], PLAN.config["reconstruction"]["sirt"]["backprojector"]
+        PLAN.config["engine"],
+        PLAN.config["reconstruction"]["sirt"]["backprojector"],
+        look=workflow.is_main_process,
     )
+    RATES = read_rates(os.path.join(workflow.basedir, "resources", "rates.yaml"))
 except InputError as error:
     sys.exit(f"Error: {error}")
 
 RESULTS = PLAN.config["results_dir"].rstrip("/")
 ACQUISITIONS = PLAN.acquisitions()
 ANALYSES = PLAN.config["analyses"]
+# What rules ask of a cluster follows from these.
+SIZES = Sizes(PLAN, ENGINE)
 
 
 wildcard_constraints:

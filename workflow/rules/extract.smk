@@ -28,7 +28,8 @@ for batch, levels in PLAN.seed_batches().items():
             )
         resources:
             mem_mb=megabytes(volumes=12),
-            runtime=60,
+            runtime=lambda wildcards, attempt, batch=batch: attempt
+            * minutes(RATES, "extract", SIZES.images(len(batch))),
         params:
             protocol=lambda wildcards: wildcards.protocol,
             settings=lambda wildcards: {
@@ -58,6 +59,7 @@ rule merge_features:
         "analyses"
     resources:
         mem_mb=2000,
-        runtime=15,
+        runtime=lambda wildcards, input, attempt: attempt
+        * minutes(RATES, "merge_features", SIZES.images(len(input.features))),
     script:
         "../scripts/merge_features.py"

@@ -34,7 +34,8 @@ rule phantom:
         "preparation"
     resources:
         mem_mb=megabytes(volumes=4, fine=6),
-        runtime=30,
+        runtime=lambda wildcards, attempt: attempt
+        * minutes(RATES, "phantom", SIZES.phantom()),
     params:
         phantom=PLAN.config["phantom"],
         grid=PLAN.config["grid"],

@@ -58,7 +58,8 @@ for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
                 projection_lanes=len(bundle) + 4,
                 scan=PLAN.geometry_of(wildcards.protocol),
             ),
-            runtime=240,
+            runtime=lambda wildcards, attempt, bundle=bundle: attempt
+            * minutes(RATES, *SIZES.reconstruction(wildcards.protocol, len(bundle))),
             gpu=lambda wildcards: int(
                 ENGINE == "astra_cuda"
                 and PLAN.config["protocols"][wildcards.protocol]["algorithm"] == "sirt"

@@ -63,7 +63,8 @@ rule project:
             projections=8,
             scan=wildcards.geometry,
         ),
-        runtime=60,
+        runtime=lambda wildcards, attempt: attempt
+        * minutes(RATES, *SIZES.projection(wildcards.geometry)),
     params:
         geometry=lambda wildcards: PLAN.geometry_settings(wildcards.geometry),
         grid=PLAN.config["grid"],
@@ -87,7 +88,8 @@ rule acquire:
         "projections"
     resources:
         mem_mb=lambda wildcards: megabytes(projections=8, scan=wildcards.geometry),
-        runtime=30,
+        runtime=lambda wildcards, attempt: attempt
+        * minutes(RATES, "acquire", SIZES.noise(wildcards.geometry)),
     params:
         **NOISE,
         acquisition=lambda wildcards: acquisition(wildcards.noise, wildcards.seed),

@@ -179,7 +179,8 @@ rule noise_calibration:
         "calibration"
     resources:
         mem_mb=megabytes(volumes=12),
-        runtime=15,
+        runtime=lambda wildcards, attempt: attempt
+        * minutes(RATES, "noise_calibration", SIZES.images(len(CALIBRATION))),
     params:
         acquisitions=[
             {"protocol": one["protocol"], **acquisition(one["noise"], one["seed"])}

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import yaml
-from scipy.optimize import nnls
 
 from ..errors import InputError
 from .jobs import Job
@@ -39,8 +38,13 @@ def read_rates(path: str | Path) -> dict:
 
 def seconds(job: Job, rates: dict) -> float | None:
     """Estimated seconds of a job on one core; None if its stage has no measured rate."""
-    units = rates["seconds"].get(job.stage)
-    return None if units is None else sum(rate * job.work[unit] for unit, rate in units.items())
+    return estimate(rates, job.stage, job.work)
+
+
+def estimate(rates: dict, stage: str, work: Mapping[str, float]) -> float | None:
+    """As `seconds`, of a stage and its work."""
+    units = rates["seconds"].get(stage)
+    return None if units is None else sum(rate * work[unit] for unit, rate in units.items())
 
 
 def written(job: Job, rates: dict) -> float | None:
@@ -59,6 +63,8 @@ def fit(measured: Iterable[tuple[Job, float]], stage_units: dict[str, Sequence[s
     Rates that come out as zero are left out. Of a stage with one job, of "job" and another unit, start-up is taken to
     last as long as the shortest job of all. Raises InputError for a stage with fewer jobs than units otherwise.
     """
+    from scipy.optimize import nnls  # takes longer to import than all else that reading a workflow needs
+
     by_stage: dict[str, list[tuple[Job, float]]] = {}
     for job, took in measured:
         by_stage.setdefault(job.stage, []).append((job, took))

@@ -15,10 +15,11 @@ def cuda_available() -> bool:
     return bool(astra.use_cuda())
 
 
-def choose_engine(name: str, backprojector: str) -> str:
+def choose_engine(name: str, backprojector: str, look: bool = True) -> str:
     """'cpu' or 'astra_cuda' for what the config says; 'auto' takes CUDA where there is any and it can do the work.
 
     backprojector   that of SIRT: ASTRA has no "adjoint"
+    look            False: astra_cuda is believed, and looked for by what uses it (`projector`)
     Raises InputError for an unknown engine, for astra_cuda where there is no CUDA device, or with "adjoint".
     """
     if name not in ENGINES:
@@ -27,19 +28,28 @@ def choose_engine(name: str, backprojector: str) -> str:
         return "cpu"
     if backprojector == "adjoint":
         raise InputError("engine: astra_cuda has no adjoint; set reconstruction.sirt.backprojector: voxel")
-    if cuda_available():
-        return "astra_cuda"
     if name == "auto":
-        return "cpu"
-    raise InputError("engine: astra_cuda needs a CUDA device and ASTRA finds none; set engine: cpu or auto")
+        return "astra_cuda" if cuda_available() else "cpu"
+    if look:
+        _check_device()
+    return "astra_cuda"
 
 
 def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, threads: int = 1):
-    """The projector of an engine ("cpu" or "astra_cuda": see choose_engine) for `lanes` realisations at once."""
+    """The projector of an engine ("cpu" or "astra_cuda": see choose_engine) for `lanes` realisations at once.
+
+    Raises InputError for astra_cuda where there is no CUDA device.
+    """
     if engine == "cpu":
         from .cpu import CpuProjector
 
         return CpuProjector(geometry, grid, lanes, threads)
+    _check_device()
     from .astra_cuda import AstraCudaProjector
 
     return AstraCudaProjector(geometry, grid, lanes)
+
+
+def _check_device():
+    if not cuda_available():
+        raise InputError("engine: astra_cuda needs a CUDA device and ASTRA finds none; set engine: cpu or auto")

@@ -1,0 +1,62 @@
+"""What effects on projections cost: processor time with effects over that of clean projections alone.
+
+    python benchmarks/effects.py --phantom results/phantom/fine.nii.gz
+
+Run it after the default study, whose fine phantom and detector it takes; effects are of typical strength, one thread.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+
+from virtual_phantom.config import SCHEMA, check  # noqa: E402
+from virtual_phantom.geometry import grid_of, scan_geometry  # noqa: E402
+from virtual_phantom.physics.chain import Chain  # noqa: E402
+from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
+from virtual_phantom.physics.materials import Segmentation  # noqa: E402
+from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
+from virtual_phantom.simulate import clean_line_integrals  # noqa: E402
+from virtual_phantom.volumes import read_nifti  # noqa: E402
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--phantom", type=Path, default=ROOT / "results" / "phantom" / "fine.nii.gz")
+    parser.add_argument("--views", type=int, default=150)
+    options = parser.parse_args()
+    config = check(yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8")), SCHEMA)
+    phantom, mu_water = read_nifti(options.phantom), config["mu_water_per_mm"]
+    few, geometry = (scan_geometry(config["scan"], views, grid_of(config["grid"])) for views in (2, options.views))
+
+    def clean():
+        clean_line_integrals(phantom, geometry, mu_water)
+
+    def with_effects(chosen):
+        scene = VoxelScene.of(phantom, Segmentation(**config["materials"]), mu_water, 1)
+        physics = {name: {one.name: one.typical for one in load(name).parameters} for name in chosen}
+        Chain(scene, geometry, photons=1.0).state(physics).line_integrals()
+
+    clean_line_integrals(phantom, few, mu_water)  # compiles
+    alone = taken(clean)
+    print(f"clean projections of {options.views} views: {alone:.2f} s", flush=True)
+    everything = [name for name in names() if not acts_on_images(name)]
+    for chosen in (["spectrum"], ["spectrum", "scatter"], ["spectrum", "focal_spot"], ["motion"], everything):
+        both = alone + taken(lambda chosen=chosen: with_effects(chosen))
+        shown = " and ".join(chosen) if len(chosen) < 3 else f"all {len(chosen)} effects"
+        print(f"with {shown}: {both:.2f} s, {both / alone:.1f} times", flush=True)
+
+
+def taken(action):
+    began = time.process_time()
+    action()
+    return time.process_time() - began
+
+
+if __name__ == "__main__":
+    main()

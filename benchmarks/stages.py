@@ -1,0 +1,159 @@
+"""How the time of a study splits over its stages, from what a run of it left behind.
+
+    python benchmarks/stages.py --out results/benchmarks
+
+Run it after the default study. A job's seconds are those of its `benchmark:` file in results/logs where its rule has
+one, else those that Snakemake noted (.snakemake/metadata). Writes stages.csv and stages.png, and prints the table.
+Every job of the default study runs in one thread, so that its seconds by the clock are what it held a core for.
+Processor time is in the files too, but misses the end of a job, as it is read every half minute.
+"""
+
+import argparse
+import csv
+import sys
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from fit_rates import ROOT, records
+
+sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+
+from virtual_phantom.config import SCHEMA, check  # noqa: E402
+from virtual_phantom.costs.jobs import study_jobs  # noqa: E402
+from virtual_phantom.costs.table import roi_count  # noqa: E402
+from virtual_phantom.figures import style  # noqa: E402
+from virtual_phantom.plan import Plan  # noqa: E402
+
+# What is shown as one, in the order of the work; values are stages of costs.jobs.
+SHOWN = {
+    "phantom, kernels, line integrals": ("phantom", "compile_kernels", "project", "project_physics"),
+    "SIRT": ("reconstruct_sirt", "reconstruct_sirt_voxel", "reconstruct_sirt_astra_cuda"),
+    "FBP": ("reconstruct_fbp",),
+    "features": ("extract", "merge_features"),
+    "statistics, tables": ("noise_calibration", "tables", "parquet"),
+    "figures": ("figures",),
+}
+WAITING = "no job"
+
+
+@dataclass(frozen=True)
+class Span:
+    """One job: what it is shown as, and when it ran, in seconds since the first one began."""
+
+    shown: str
+    begin: float
+    seconds: float
+
+    @property
+    def end(self):
+        return self.begin + self.seconds
+
+
+def spans(folder, config):
+    """Every job of the study that ran, by its beginning."""
+    noted, results = records(folder), Path(config["results_dir"])
+    timed = benchmarked(folder / results / "logs")
+    kinds = {stage: shown for shown, stages in SHOWN.items() for stage in stages}
+    found, missing = [], []
+    for job in study_jobs(Plan(config), "cpu", roi_count(config["phantom"])):
+        record = noted.get(str(results / job.outputs[0]))
+        if record is None:
+            missing.append(job.outputs[0])
+            continue
+        seconds = timed.get(record["log"][0] if record["log"] else None, record["endtime"] - record["starttime"])
+        found.append((kinds[job.stage], record["starttime"], seconds))
+    if missing:
+        sys.exit(f"{folder}: no record of {len(missing)} jobs, {missing[0]} among them; run the whole study first")
+    first = min(begin for _, begin, _ in found)
+    return sorted((Span(shown, begin - first, seconds) for shown, begin, seconds in found), key=lambda span: span.begin)
+
+
+def benchmarked(logs):
+    """{log file: seconds} of jobs with a file of `benchmark:` beside their log, by the log's path in the working
+    directory."""
+    found = {}
+    for path in logs.rglob("*.benchmark.tsv"):
+        with open(path, encoding="utf-8", newline="") as file:
+            (row,) = csv.DictReader(file, delimiter="\t")
+        log = path.with_name(path.name.replace(".benchmark.tsv", ".log"))
+        found[str(log.relative_to(logs.parents[1]))] = float(row["s"])
+    return found
+
+
+def slots(jobs):
+    """Which slot each job may have had: the first that was free when it began. Jobs begin within a tenth of a second of
+    another's end."""
+    free, chosen = [], []
+    for job in jobs:
+        at = next((number for number, end in enumerate(free) if end <= job.begin + 0.1), len(free))
+        free[at : at + 1] = [job.end]
+        chosen.append(at)
+    return chosen
+
+
+def table(jobs, cores):
+    """Rows by what is shown: jobs, their seconds, the longest, and the share of all cores' time; waiting comes last."""
+    wall = max(job.end for job in jobs)
+    groups = defaultdict(list)
+    for job in jobs:
+        groups[job.shown].append(job.seconds)
+    rows = [
+        {"stage": shown, "jobs": len(groups[shown]), "core_s": sum(groups[shown]), "longest_s": max(groups[shown])}
+        for shown in SHOWN
+        if shown in groups
+    ]
+    busy = sum(row["core_s"] for row in rows)
+    rows.append({"stage": WAITING, "jobs": "", "core_s": cores * wall - busy, "longest_s": ""})
+    for row in rows:
+        row["percent"] = 100 * row["core_s"] / (cores * wall)
+    return rows
+
+
+@style.styled()
+def draw(jobs, rows):
+    colours = style.assign(SHOWN, style.ON_WHITE) | {WAITING: "#DDDDDD"}
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 62)
+    left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
+    names = [row["stage"] for row in rows]
+    bars = left.barh(names, [row["core_s"] for row in rows], color=[colours[name] for name in names])
+    left.bar_label(bars, [f"{row['core_s']:.0f} s, {row['percent']:.1f} %" for row in rows], padding=2)
+    left.invert_yaxis()
+    left.margins(x=0.45)
+    left.set(xlabel="time of all cores (s)")
+    left.grid(visible=False, axis="y")
+    for job, slot in zip(jobs, slots(jobs), strict=True):
+        right.broken_barh([(job.begin, job.seconds)], (slot + 0.6, 0.8), color=colours[job.shown], linewidth=0)
+    count = max(slots(jobs)) + 1
+    right.set(xlabel="since the first job began (s)", yticks=range(1, count + 1), ylim=(count + 0.6, 0.4))
+    right.set_yticklabels([f"slot {number}" for number in range(1, count + 1)])
+    right.grid(visible=False, axis="y")
+    for index, axes in enumerate((left, right)):
+        style.letter_panel(axes, index)
+    return figure
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--config", type=Path, default=ROOT / "config" / "config.yaml")
+    parser.add_argument("--folder", type=Path, default=ROOT, help="where snakemake was run")
+    parser.add_argument("--cores", type=int, default=2, help="what it was given")
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    jobs = spans(options.folder, check(yaml.safe_load(options.config.read_text(encoding="utf-8")), SCHEMA))
+    rows = table(jobs, options.cores)
+    with open(options.out / "stages.csv", "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    style.save(draw(jobs, rows), [options.out / "stages.png"])
+    print(f"{len(jobs)} jobs in {max(job.end for job in jobs):.0f} s on {options.cores} cores")
+    for row in rows:
+        longest = f"{row['longest_s']:8.1f}" if row["longest_s"] else ""
+        print(f"{row['stage']:34s}{row['jobs']:>5}{row['core_s']:9.1f} s{row['percent']:7.1f} %{longest}")
+
+
+if __name__ == "__main__":
+    main()

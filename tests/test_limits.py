@@ -1,0 +1,138 @@
+"""The time that jobs ask of a cluster: it grows with the work, has a floor, and is what docs/cluster.md says."""
+
+import copy
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from snakemake.utils import update_config
+from test_config import DEFAULT, SCHEMA
+
+from virtual_phantom.config import check
+from virtual_phantom.costs.jobs import Job, Sizes, study_jobs
+from virtual_phantom.costs.limits import FLOOR_MINUTES, SAFETY, UNKNOWN_MINUTES, minutes
+from virtual_phantom.costs.rates import read_rates, seconds
+from virtual_phantom.plan import Plan
+
+ROOT = Path(__file__).resolve().parents[1]
+RATES = read_rates(ROOT / "resources" / "rates.yaml")
+# Large enough for the floor to be far below.
+PAPER = yaml.safe_load((ROOT / "config" / "paper.yaml").read_text())
+ON_CPU = {"reconstruction": {"sirt": {"backprojector": "adjoint"}}}
+
+
+def plan_of(*overlays):
+    """The default study with overlays on top."""
+    config = copy.deepcopy(DEFAULT)
+    for overlay in overlays:
+        update_config(config, copy.deepcopy(overlay))
+    return Plan(check(config, SCHEMA))
+
+
+def sizes(*overlays, engine="cpu"):
+    return Sizes(plan_of(*overlays), engine)
+
+
+def asked(name, engine="cpu"):
+    """{stage: minutes of its shortest and longest jobs} of the study of config/<name>.yaml."""
+    found = {}
+    for job in study_jobs(plan_of(yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text())), engine, rois=1):
+        found.setdefault(job.stage, set()).add(minutes(RATES, job.stage, job.work))
+    return {stage: (min(values), max(values)) for stage, values in found.items()}
+
+
+@pytest.mark.parametrize(
+    "overlay",
+    [
+        {"grid": {"shape": [192, 512, 512], "spacing_mm": [0.5, 0.6, 0.6]}},
+        {"grid": {"shape": [96, 768, 768], "spacing_mm": [1.0, 0.4, 0.4]}},
+        {"scan": {"rows": 1024, "row_pitch_mm": 0.5}},
+        {"scan": {"columns": 1280, "column_pitch_mm": 0.5}},
+        {"protocols": {"sirt_150": {"projections": 300}, "fbp_150": {"projections": 300}}},
+        {"reconstruction": {"sirt": {"terms": 75}}},
+        {"reconstruction": {"sirt": {"solver": "plain"}}},
+    ],
+)
+def test_a_larger_job_asks_for_more(overlay):
+    before, after = sizes(PAPER, ON_CPU), sizes(PAPER, ON_CPU, overlay)
+    sirt = [minutes(RATES, *one.reconstruction("sirt_150", 16)) for one in (before, after)]
+    assert FLOOR_MINUTES < sirt[0] < sirt[1]
+    fbp = [minutes(RATES, *one.reconstruction("fbp_450", 64)) for one in (before, after)]
+    grown = after.voxels > before.voxels
+    assert FLOOR_MINUTES < fbp[0] < fbp[1] if grown else fbp[0] == fbp[1]
+    projection = [minutes(RATES, *one.projection(one.plan.geometry_of("sirt_150"))) for one in (before, after)]
+    assert projection[0] <= projection[1]
+
+
+def test_more_realisations_ask_for_more():
+    paper = sizes(PAPER, ON_CPU)
+    images = [minutes(RATES, *paper.reconstruction("sirt_450", lanes)) for lanes in (1, 8, 16, 17, 64)]
+    assert images == sorted(set(images))
+    # One more than a pass of the projector takes is another pass.
+    assert images[3] > 1.8 * images[2]
+    for stage in ("extract", "merge_features", "noise_calibration"):
+        few, many = (minutes(RATES, stage, paper.images(count)) for count in (10, 100_000))
+        assert few < many, stage
+
+
+def test_small_jobs_ask_for_the_floor_and_others_for_a_multiple():
+    small, large = sizes(), sizes(PAPER, ON_CPU)
+    assert minutes(RATES, *small.reconstruction("sirt_450", 16)) == FLOOR_MINUTES
+    stage, work = large.reconstruction("sirt_450", 10)
+    measured = seconds(Job("reconstruct", stage, (), work), RATES) / 60
+    assert SAFETY * measured <= minutes(RATES, stage, work) < SAFETY * measured + 1
+
+
+def test_what_was_not_measured_stands_on_something_that_was():
+    """One core's time for a GPU, the adjoint's for voxel-driven back-projection; what nothing is known of does not get
+    the floor."""
+    stage, work = sizes(PAPER, ON_CPU).reconstruction("sirt_300", 10)
+    adjoint = minutes(RATES, stage, work)
+    voxel, gpu = (
+        minutes(RATES, *sizes(PAPER, engine=engine).reconstruction("sirt_300", 10)) for engine in ("cpu", "astra_cuda")
+    )
+    assert voxel == adjoint
+    assert gpu == pytest.approx(adjoint / SAFETY, abs=1)
+    physics = sizes({"noise": {"model": "physical"}, "physics": {"spectrum": {"kvp": 120, "filtration_mm": 6}}})
+    plain = sizes()
+    (with_effects, without) = (one.projection(one.plan.geometry_of("sirt_450")) for one in (physics, plain))
+    assert with_effects[0] == "project_physics" and without[0] == "project"
+    assert minutes({"seconds": {}}, *without) == UNKNOWN_MINUTES
+    stage, work = with_effects
+    assert minutes(RATES, stage, {unit: 100 * amount for unit, amount in work.items()}) == pytest.approx(
+        27 * minutes(RATES, without[0], {unit: 100 * amount for unit, amount in work.items()}), rel=0.05
+    )
+
+
+def test_rates_of_ones_own_come_first():
+    stage, work = sizes(PAPER, engine="astra_cuda").reconstruction("sirt_450", 10)
+    own = {"seconds": RATES["seconds"] | {stage: {"ray_step_lane": 60 / work["ray_step_lane"]}}}
+    assert minutes(own, stage, work) == FLOOR_MINUTES
+    own["seconds"][stage]["job"] = 3540.0
+    assert minutes(own, stage, work) == SAFETY * 60
+
+
+def test_the_documentation_says_what_is_asked():
+    """Row by row of its table: minutes of the shortest and the longest job."""
+    text = (ROOT / "docs" / "cluster.md").read_text()
+    head, _, *rows = re.search(r"^\| minutes asked .*\n(?:\|.*\n)+", text, re.MULTILINE)[0].splitlines()
+    columns = [(re.findall(r"`(\w+)`", cell), "astra_cuda" if "GPU" in cell else "cpu") for cell in cells(head)[1:]]
+    assert {name for names, _ in columns for name in names} >= {"config", "tiny", "large", "paper"}
+    told = {}
+    for row in rows:
+        stage, *values = cells(row)
+        for (names, engine), value in zip(columns, values, strict=True):
+            low, _, high = value.partition(" to ")
+            told |= {(name, engine, stage.strip("`")): (int(low), int(high or low)) for name in names}
+    found = {}
+    for name, engine in {key[:2] for key in told}:
+        for stage, both in asked(name, engine).items():
+            # One row for SIRT, whatever its back-projector and engine.
+            found[name, engine, "reconstruct_sirt" if stage.startswith("reconstruct_sirt") else stage] = both
+    assert len(told) >= 20
+    assert told == {key: found[key] for key in told}
+
+
+def cells(row):
+    return [cell.strip() for cell in row.strip("|").split("|")]

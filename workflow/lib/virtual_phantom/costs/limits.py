@@ -1,0 +1,34 @@
+"""How long jobs may take: what a cluster is asked for, from measured rates with room to spare."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from .rates import estimate
+
+# Two because estimates far from the measured scale are good to that, and two for a slower node with busy neighbours.
+SAFETY = 4.0
+# Of any job: Python from a shared file system that is slow, kernels compiled anew for another processor.
+FLOOR_MINUTES = 10
+# Of a stage that nothing is known of: rates of one's own may leave out what one's study had no jobs of.
+UNKNOWN_MINUTES = 240
+# Stages that were not measured: which rates are taken, and how many times what they give.
+STAND_INS = {
+    # Voxel-driven back-projection took less time than the adjoint, in full batches and alone (docs/speed.md).
+    "reconstruct_sirt_voxel": ("reconstruct_sirt", SAFETY),
+    # No GPU was measured. That one is no slower than one core of a processor is assumed, and no factor put on top.
+    "reconstruct_sirt_astra_cuda": ("reconstruct_sirt", 1.0),
+    # All eighteen effects on projections at once took up to 27 times clean projections alone (benchmarks/effects.py).
+    "project_physics": ("project", 27 * SAFETY),
+}
+
+
+def minutes(rates: dict, stage: str, work: Mapping[str, float]) -> int:
+    """Whole minutes that a job of this stage and work (jobs.Sizes) may take; never under FLOOR_MINUTES.
+
+    Threads are not counted, as part of the work runs in one however many there are.
+    """
+    source, times = (stage, SAFETY) if stage in rates["seconds"] else STAND_INS.get(stage, (stage, SAFETY))
+    seconds = estimate(rates, source, work)
+    return UNKNOWN_MINUTES if seconds is None else max(FLOOR_MINUTES, math.ceil(times * seconds / 60))
