@@ -151,3 +151,9 @@ def targets():
             for seed in PLAN.seeds(noise)
         ]
     return wanted
+
+
+include: "common_study.smk"
+include: "common_recordings.smk"
+include: "common_proof.smk"
+include: "common_pages.smk"
