@@ -1,4 +1,4 @@
-"""The SLURM profile on a real SLURM, by hand: the tiny study, a job that fails, a run killed and resumed, and GPUs.
+"""The SLURM profile on a real SLURM, by hand: tiny study, failure, resumption, GPUs and the tutorial.
 
     .venv/bin/pip install --no-deps -r environment-slurm.txt
     .venv/bin/python tests/cluster/run.py
@@ -21,6 +21,9 @@ import yaml
 from one_node import in_own_mounts, jobs, one_node, running
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+from pages import copy_project, follow  # noqa: E402
+
 TINY = ROOT / "config" / "tiny.yaml"
 
 
@@ -96,6 +99,7 @@ def failure(environment, folder):
     told("a job that fails", seconds, submitted)
     lines = [line.strip() for line in text.splitlines() if "none.nii.gz" in line and "rror" in line]
     print("    " + "\n    ".join(dict.fromkeys(lines)))
+    expect(text.splitlines()[-1].startswith("Failed: phantom of "), "and in the last line", text)
     expect(code == 1 and lines, "the failure is told in its own words", text)
     expect(any(job["state"] == "FAILED" for job in submitted), "SLURM counts it as failed")
     expect(not (results / "phantom" / "image.nii.gz").exists(), "nothing is left of it")
@@ -154,6 +158,15 @@ def graphics(environment, folder):
     )
 
 
+def tutorial(environment, folder):
+    """docs/tutorials/run-on-a-cluster.md to the letter, in a copy of the project."""
+    project, before, began = folder / "tutorial", len(jobs(environment)), time.monotonic()
+    copy_project(ROOT, project)
+    follow(project / "docs" / "tutorials" / "run-on-a-cluster.md", project, slurm=True)
+    told("the tutorial", time.monotonic() - began, submitted := jobs(environment)[before:])
+    expect(submitted and {job["state"] for job in submitted} == {"COMPLETED"}, "SLURM completed all of its jobs")
+
+
 def expect(true, what, text=""):
     """Go on if it is so."""
     if not true:
@@ -162,7 +175,7 @@ def expect(true, what, text=""):
     print(f"    {what}", flush=True)
 
 
-SCENARIOS = {one.__name__: one for one in (study, failure, resumption, graphics)}
+SCENARIOS = {one.__name__: one for one in (study, failure, resumption, graphics, tutorial)}
 
 
 def main():
