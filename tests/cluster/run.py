@@ -97,7 +97,7 @@ def failure(environment, folder):
     overlay = {"phantom": phantom, "measured": {"overlay": False}}
     code, text, seconds, submitted = run(environment, results, results / "phantom" / "image.nii.gz", overlay=overlay)
     told("a job that fails", seconds, submitted)
-    lines = [line.strip() for line in text.splitlines() if "none.nii.gz" in line and "rror" in line]
+    lines = [line.strip() for line in text.splitlines() if "none.nii.gz" in line and "Failed: " in line]
     print("    " + "\n    ".join(dict.fromkeys(lines)))
     expect(text.splitlines()[-1].startswith("Failed: phantom of "), "and in the last line", text)
     expect(code == 1 and lines, "the failure is told in its own words", text)
