@@ -179,6 +179,20 @@ def test_acquisitions_are_named_by_level_and_seeds():
     assert described({"rule_name": "pca", "output": ["a.csv"]}) == "pca of a.csv"
 
 
+def test_who_stops_a_run_is_told_of_no_failure():
+    run = Run()
+    run.log(LogEvent.JOB_INFO, jobid=0, rule_name="reconstruct_0")
+    run.log(None, "Terminating processes on user request, this might take some time.")
+    killed = "RuleException:\nCalledProcessError\nCommand 'x' died with <Signals.SIGINT: 2>."
+    run.log(LogEvent.ERROR, killed, logging.ERROR, exception="RuleException")
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run))
+    ended(run)
+    assert run.lines()[2:] == [
+        "Terminating processes on user request, this might take some time.",
+        "Stopped. What is done stays; the same command goes on from there.",
+    ]
+
+
 def test_other_messages_are_snakemakes():
     run = Run()
     run.log(None, "The lock is held", logging.WARNING)

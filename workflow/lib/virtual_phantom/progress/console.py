@@ -22,6 +22,7 @@ from .time_left import Progress, Step, stage_of
 SECONDS_BETWEEN = 10.0
 SHARE_BETWEEN = 1 / 30
 FAILURES_SHOWN = 10
+STOPPED_START = "Terminating processes on user request"
 ACQUISITION = re.compile(r"(.*/seed\d+)\.[a-z0-9.]+")
 
 SILENT_EVENTS = {"progress", "job_started", "group_info", "shellcmd", "resources_info", "run_info"}
@@ -44,11 +45,13 @@ class Console(logging.Handler):
         self.inner, self.progress, self.clock = inner, progress, clock
         self.said: float | None = None
         self.failures: list[str] = []
+        self.stopped = False
         self._write(f"Jobs to do: {len(progress.steps)}. Their logs: {logs}")
 
     def emit(self, record: logging.LogRecord) -> None:
         event = str(getattr(record, "event", None))
         act = getattr(self, f"_{event}", None)
+        self.stopped |= str(record.msg).startswith(STOPPED_START)
         if act is not None:
             act(record)
         elif event not in SILENT_EVENTS and not str(record.msg).startswith(SILENT_STARTS):
@@ -96,6 +99,8 @@ class Console(logging.Handler):
 
     def _failed(self, jobs, more_logs, record):
         """Remember why, and say so now if others go on. What gave no reason is told in Snakemake's words too."""
+        if self.stopped:
+            return
         told = []
         for job in jobs:
             self.progress.fail(job["jobid"])
@@ -114,7 +119,10 @@ class Console(logging.Handler):
     def _error(self, record):
         """The end of a run with failures; an exception otherwise, unless all it says is that a script ended with 1."""
         kind, text = getattr(record, "exception", ""), str(record.msg)
-        if kind == "WorkflowError" and "At least one job did not complete" in text and self.failures:
+        if self.stopped and not self.failures and kind in ("RuleException", "WorkflowError"):
+            if kind == "WorkflowError":
+                self._write("Stopped. What is done stays; the same command goes on from there.")
+        elif kind == "WorkflowError" and "At least one job did not complete" in text and self.failures:
             left_out = len(self.failures) - FAILURES_SHOWN
             if left_out > 0:
                 self.inner.stream.write(f"Failed: {left_out} more jobs than these\n")
