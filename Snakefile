@@ -26,6 +26,7 @@ include: "workflow/rules/dicom.smk"
 include: "workflow/rules/pages.smk"
 include: "workflow/rules/download.smk"
 include: "workflow/rules/plan.smk"
+include: "workflow/rules/progress.smk"
 
 
 onstart:
@@ -42,6 +43,7 @@ onstart:
             "Error: --executor slurm: there is no sbatch here; run this where jobs can be submitted, or leave --profile "
             "profiles/slurm out"
         )
+    say_less()
 
 
 localrules:

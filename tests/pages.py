@@ -4,17 +4,24 @@
 <!-- run -->          the block is run by bash
 <!-- prints -->       each line of the block stands, in this order, in what the last one run printed; ... is any text
 <!-- makes -->        each line of the block is a file that is there
+
+With "on slurm" at its end (<!-- run on slurm -->) a comment holds where there is a SLURM: tests/cluster/run.py does it.
 """
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-MARKED = re.compile(r"^<!-- (write|run|prints|makes)(?: (\S+))? -->\n+```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+MARKED = re.compile(
+    r"^<!-- (write|run|prints|makes)(?: (?!on )(\S+))?( on slurm)? -->\n+```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL
+)
 TIMEOUT_S = 900
+PARTS = ("Snakefile", "config", "docs", "profiles", "pyproject.toml", "resources", "tests", "workflow")
+BEING_WRITTEN = shutil.ignore_patterns("*.tmp.*", "*.pyc.*")  # by other tests; compiled kernels come along
 
 
 @dataclass(frozen=True)
@@ -23,22 +30,28 @@ class Block:
 
     kind: str
     file: str
+    on_slurm: bool
     text: str
 
 
 def blocks(page: Path) -> list[Block]:
     """The marked blocks in their order. Fails on a comment of this kind that no block follows."""
     text = page.read_text(encoding="utf-8")
-    found = [Block(kind, file, content) for kind, file, content in MARKED.findall(text)]
+    found = [Block(kind, file, bool(slurm), content) for kind, file, slurm, content in MARKED.findall(text)]
     comments = re.findall(r"^<!-- (?:write|run|prints|makes)\b.*-->", text, re.MULTILINE)
     assert found and len(found) == len(comments), f"{page}: {len(comments)} comments, {len(found)} blocks after them"
     return found
 
 
-def follow(page: Path, folder: Path) -> None:
-    """Do in `folder` what the page says, and fail at the first thing that does not come out as it says."""
+def follow(page: Path, folder: Path, slurm: bool = False) -> None:
+    """Do in `folder` what the page says, and fail at the first thing that does not come out as it says.
+
+    slurm   what needs a SLURM is done too, and left out otherwise
+    """
     printed = None
     for block in blocks(page):
+        if block.on_slurm and not slurm:
+            continue
         if block.kind == "write":
             path = folder / block.file
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -51,6 +64,16 @@ def follow(page: Path, folder: Path) -> None:
         else:
             for name in block.text.split():
                 assert (folder / name).is_file() and (folder / name).stat().st_size > 0, f"{page}: {name} is not there"
+
+
+def copy_project(root: Path, folder: Path) -> None:
+    """What the workflow and its pages need of the project, into a new folder."""
+    folder.mkdir()
+    for name in PARTS:
+        if (root / name).is_dir():
+            shutil.copytree(root / name, folder / name, ignore=BEING_WRITTEN)
+        else:
+            shutil.copy2(root / name, folder / name)
 
 
 def run(commands: str, folder: Path) -> str:

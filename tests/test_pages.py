@@ -69,3 +69,17 @@ def test_a_page_that_is_wrong_fails(page, right, wrong, message):
     assert right in PAGE
     with pytest.raises(AssertionError, match=message.replace("|", r"\|")):
         page(PAGE.replace(right, wrong))
+
+
+def test_what_needs_a_cluster_is_done_where_there_is_one(tmp_path):
+    text = PAGE.replace(
+        "<!-- makes -->", "<!-- run on slurm -->\n```\necho six > c.txt\n```\n\n<!-- makes on slurm -->"
+    )
+    (tmp_path / "page.md").write_text(text.replace("notes/a.txt\nb.txt\n", "c.txt\n"))
+    follow(tmp_path / "page.md", tmp_path)
+    assert not (tmp_path / "c.txt").exists()
+    follow(tmp_path / "page.md", tmp_path, slurm=True)
+    assert (tmp_path / "c.txt").read_text() == "six\n"
+    (tmp_path / "page.md").write_text(text.replace("notes/a.txt\nb.txt\n", "d.txt\n"))
+    with pytest.raises(AssertionError, match="d.txt is not there"):
+        follow(tmp_path / "page.md", tmp_path, slurm=True)

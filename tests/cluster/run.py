@@ -1,5 +1,4 @@
-"""The SLURM profile on a real SLURM, by hand: the tiny study, a job that fails, a run killed and resumed, GPUs,
-and a device that is not there.
+"""The SLURM profile on a real SLURM, by hand: tiny study, failure, resumption, GPUs, no device, and the tutorial.
 
     .venv/bin/pip install --no-deps -r environment-slurm.txt
     .venv/bin/python tests/cluster/run.py
@@ -22,6 +21,9 @@ import yaml
 from one_node import PRETENDED_GPUS, in_own_mounts, jobs, one_node, running
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests"))
+from pages import copy_project, follow  # noqa: E402
+
 TINY = ROOT / "config" / "tiny.yaml"
 
 
@@ -95,8 +97,9 @@ def failure(environment, folder):
     overlay = {"phantom": phantom, "measured": {"overlay": False}}
     code, text, seconds, submitted = run(environment, results, results / "phantom" / "image.nii.gz", overlay=overlay)
     told("a job that fails", seconds, submitted)
-    lines = [line.strip() for line in text.splitlines() if "none.nii.gz" in line and "rror" in line]
+    lines = [line.strip() for line in text.splitlines() if "none.nii.gz" in line and "Failed: " in line]
     print("    " + "\n    ".join(dict.fromkeys(lines)))
+    expect(text.splitlines()[-1].startswith("Failed: phantom of "), "and in the last line", text)
     expect(code == 1 and lines, "the failure is told in its own words", text)
     expect(any(job["state"] == "FAILED" for job in submitted), "SLURM counts it as failed")
     expect(not (results / "phantom" / "image.nii.gz").exists(), "nothing is left of it")
@@ -202,7 +205,7 @@ def no_device(environment, folder):
     submitted = jobs(environment)[before:]
     told("images with engine: astra_cuda", time.monotonic() - began, submitted)
     _print_of_job(environment, waits["id"], ("JobState=", "ExitCode=", "TimeLimit="))
-    lines = dict.fromkeys(line.strip() for line in text.splitlines() if line.strip().startswith("Error: engine"))
+    lines = dict.fromkeys(line.strip() for line in text.splitlines() if "engine: astra_cuda needs a CUDA" in line)
     print("    " + "\n    ".join(lines))
     failed = [job for job in submitted if job["state"] == "FAILED"]
     expect([job["id"] for job in failed] == [waits["id"]], "it alone has failed", text)
@@ -239,6 +242,15 @@ def _print_of_job(environment, number, keys):
             print(f"    {line.strip()}", flush=True)
 
 
+def tutorial(environment, folder):
+    """docs/tutorials/run-on-a-cluster.md to the letter, in a copy of the project."""
+    project, before, began = folder / "tutorial", len(jobs(environment)), time.monotonic()
+    copy_project(ROOT, project)
+    follow(project / "docs" / "tutorials" / "run-on-a-cluster.md", project, slurm=True)
+    told("the tutorial", time.monotonic() - began, submitted := jobs(environment)[before:])
+    expect(submitted and {job["state"] for job in submitted} == {"COMPLETED"}, "SLURM completed all of its jobs")
+
+
 def expect(true, what, text=""):
     """Go on if it is so."""
     if not true:
@@ -247,7 +259,7 @@ def expect(true, what, text=""):
     print(f"    {what}", flush=True)
 
 
-SCENARIOS = {one.__name__: one for one in (study, failure, resumption, graphics, no_device)}
+SCENARIOS = {one.__name__: one for one in (study, failure, resumption, graphics, no_device, tutorial)}
 
 
 def main():

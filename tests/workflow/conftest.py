@@ -12,9 +12,15 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(scope="session")
-def study(tmp_path_factory):
-    """The tiny study, run for real on two cores."""
+def study_run(tmp_path_factory):
+    """The tiny study, run for real on two cores: its folder, and what was said."""
     folder = tmp_path_factory.mktemp("study") / "results"
     process = tiny(folder)
     assert process.returncode == 0, process.stderr[-4000:]
-    return folder
+    return folder, process.stdout + process.stderr
+
+
+@pytest.fixture(scope="session")
+def study(study_run):
+    """The folder of the tiny study."""
+    return study_run[0]

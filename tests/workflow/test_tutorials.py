@@ -3,24 +3,17 @@
 import shutil
 
 import pytest
-from pages import follow, run
+from pages import copy_project, follow, run
 from workflow_runs import ROOT
 
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-PARTS = ("Snakefile", "config", "docs", "profiles", "pyproject.toml", "resources", "tests", "workflow")
-BEING_WRITTEN = shutil.ignore_patterns("*.tmp.*", "*.pyc.*")  # by other tests; compiled kernels come along
 
 
 @pytest.fixture(scope="module")
 def finished(study, tmp_path_factory):
     """A copy of the project in which the tiny study has been run, as Snakemake remembers it."""
     folder = tmp_path_factory.mktemp("tutorials") / "finished"
-    folder.mkdir()
-    for name in PARTS:
-        if (ROOT / name).is_dir():
-            shutil.copytree(ROOT / name, folder / name, ignore=BEING_WRITTEN)
-        else:
-            shutil.copy2(ROOT / name, folder / name)
+    copy_project(ROOT, folder)
     shutil.copytree(study, folder / "results-tiny")
     # What was asked for elsewhere is unknown here: touching everything writes it down.
     run("snakemake --touch --forceall --cores 2 --configfile config/tiny.yaml", folder)

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import re
 import shutil
 
 import astra
@@ -91,6 +92,27 @@ def test_every_figure_and_table_is_made(study):
     # 4 groups at dose10, the same 4 at dose10_plus12, and two SIRT ones at double: 3 repeats and 6 ROIs of each.
     assert len(features) == (4 + 4 + 2) * 3 * 6
     assert len(pd.read_csv(study / "tables" / "stability.csv")) == 86
+
+
+def test_few_lines_say_how_far_the_study_is(study_run):
+    folder, said = study_run
+    jobs = 40
+    stated = re.findall(r"^\d\d:\d\d:\d\d (\d+) of (\d+) jobs done(.*)$", said, re.MULTILINE)
+    assert f"Jobs to do: {jobs}. Their logs: {folder}/logs\n" in said
+    assert {int(total) for _, total, _ in stated} == {jobs}
+    done = [int(number) for number, _, _ in stated]
+    assert done == sorted(done) and done[0] == 0 and done[-1] == jobs
+    assert re.fullmatch(r"; now: \w+ \(0 of \d+ done\).*", stated[0][2])
+    assert re.fullmatch(r" in \d+ (s|min)", stated[-1][2])
+    assert all(re.match(r", about \d+ (s|min) left; now: \w+ \(", rest) for _, _, rest in stated[1:-1])
+    # Snakemake's table of jobs is most of them.
+    assert len(said.splitlines()) < 100 and "jobid" not in said
+
+
+def test_every_job_has_left_a_log(study):
+    logs = {path.relative_to(study / "logs").parts[0].removesuffix(".log") for path in (study / "logs").rglob("*.log")}
+    assert {"phantom", "kernels", "project", "reconstruct", "extract", "merge_features", "stability"} <= logs
+    assert {f"figure_{name}" for name in FIGURES} <= logs
 
 
 def test_parquet_holds_what_csv_holds_with_types(study):
@@ -310,6 +332,10 @@ def test_a_missing_ct_stops_the_phantom_rule(tmp_path):
     process = tiny(tmp_path / "r", target, overlay=overlay)
     assert process.returncode == 1
     assert f"Error: {tmp_path}/none.nii.gz" in process.stderr, process.stderr[-3000:]
+    last = process.stderr.splitlines()[-1]
+    assert last.startswith(
+        f"Failed: phantom of {target} and 3 more: {tmp_path}/none.nii.gz: no such file; give the path"
+    )
     assert not target.exists()
 
 
@@ -324,4 +350,10 @@ def test_a_truncated_acquisition_is_named(study, tmp_path):
     process = tiny(copy, target)
     assert process.returncode == 1
     assert "clean.h5: is not as it was written" in process.stderr, process.stderr[-3000:]
+    last = process.stderr.splitlines()[-1]
+    images = f"{copy}/images/sirt_150"
+    levels = ("dose10", "dose10_plus12", "double", "quadruple")
+    acquisitions = ", ".join(f"{images}/{level}/seed00 to seed02" for level in levels)
+    assert last.startswith(f"Failed: reconstruct of {acquisitions}: {clean}: is not as it was written")
+    assert last.endswith(".log)") and "; " in last
     assert not target.exists()

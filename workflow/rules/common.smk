@@ -10,6 +10,7 @@ os.environ.update(
     PYTHONPATH=os.pathsep.join([LIBRARY, *filter(None, [os.environ.get("PYTHONPATH")])])
 )
 
+from virtual_phantom import analyses
 from virtual_phantom.config import check
 from virtual_phantom.costs.jobs import Sizes
 from virtual_phantom.costs.limits import minutes
@@ -108,51 +109,26 @@ def figure(name):
     return multiext(f"{RESULTS}/figures/{name}", ".png", ".pdf")
 
 
+def analysed(folder):
+    """Files in a folder of the results that the configuration asks for."""
+    return [
+        f"{RESULTS}/{file}"
+        for _, _, files, _ in analyses.jobs(PLAN)
+        for file in files
+        if os.path.dirname(file) == folder
+    ]
+
+
 def tables():
     """Every table that the configuration asks for, without its suffix."""
-    wanted = []
-    if "noise_calibration" in ANALYSES:
-        wanted.append("noise_calibration")
-    if "stability" in ANALYSES:
-        wanted += ["stability", "stability_measures", "stable_features", "top_features"]
-        if PLAN.config["measured"]["overlay"]:
-            wanted.append("overlap")
-        wanted += [f"overlap_{name}" for name in ANALYSES["stability"]["recordings"]]
-    for name in ANALYSES.get("pca", {}):
-        wanted += [f"pca_{name}", f"separability_{name}"]
-    for name, comparison in ANALYSES.get("comparison", {}).items():
-        wanted += [
-            f"comparison_{name}{part}" for part in ("", "_features", "_families")
-        ]
-        if comparison["attribute"]:
-            wanted += [f"attribution_{name}", f"attribution_{name}_cells"]
-    if any("meets" in level for level in PLAN.config["noise"]["levels"].values()):
-        wanted.append("matched_noise")
     features = [f"{RESULTS}/features"] if PLAN.featured() else []
-    return features + [f"{RESULTS}/tables/{name}" for name in wanted]
+    return features + [file.removesuffix(".csv") for file in analysed("tables")]
 
 
 def targets():
     """Everything that the configuration asks for."""
-    wanted = [figure("rois")]
+    wanted = analysed("figures")
     wanted += [table + suffix for table in tables() for suffix in (".csv", ".parquet")]
-    if "optimal" in ANALYSES:
-        wanted.append(figure("scans"))
-    if "noise_calibration" in ANALYSES:
-        wanted.append(figure("noise_calibration"))
-    if "stability" in ANALYSES:
-        wanted.append(figure("stability_discrimination"))
-        if PLAN.config["measured"]["overlay"]:
-            wanted.append(figure("overlap"))
-    wanted += [figure(f"pca_{name}") for name in ANALYSES.get("pca", {})]
-    for name, comparison in ANALYSES.get("comparison", {}).items():
-        wanted.append(figure(f"comparison_{name}"))
-        if comparison["attribute"]:
-            wanted.append(figure(f"attribution_{name}"))
-    wanted += [
-        figure(f"overlap_{name}")
-        for name in ANALYSES.get("stability", {}).get("recordings", [])
-    ]
     if PLAN.config["keep_projections"]:
         wanted += [
             f"{RESULTS}/projections/{PLAN.geometry_of(protocol)}/{noise}/seed{seed}.h5"
@@ -160,3 +136,9 @@ def targets():
             for seed in PLAN.seeds(noise)
         ]
     return wanted
+
+
+include: "common_study.smk"
+include: "common_recordings.smk"
+include: "common_proof.smk"
+include: "common_pages.smk"

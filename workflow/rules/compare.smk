@@ -9,21 +9,6 @@ wildcard_constraints:
     comparison="[A-Za-z0-9_]+",
 
 
-def conditions_of(recording):
-    """The columns that tell the conditions of a recording apart."""
-    return RECORDINGS[recording].content.get("features", {}).get("conditions", [])
-
-
-def recording_inputs(wildcards):
-    """A recording's files, and for images the ROIs that were carried over to it."""
-    document = RECORDINGS[wildcards.recording]
-    inputs = {"files": [str(path) for path in document.files]}
-    if document.content["kind"] == "images":
-        folder = f"{RESULTS}/recordings/{wildcards.recording}"
-        inputs |= {"rois": f"{folder}/rois.csv", "masks": f"{folder}/rois"}
-    return inputs
-
-
 rule recording_features:
     """Features of a recording in HU, one row per image and ROI."""
     input:
@@ -117,14 +102,6 @@ rule compare:
         margin_sd=lambda wildcards: COMPARISONS[wildcards.comparison]["margin_sd"],
     script:
         "../scripts/compare.py"
-
-
-def comparison_title(wildcards):
-    """What is compared with what, for the head of the figure."""
-    one = COMPARISONS[wildcards.comparison]
-    conditions = ", ".join(f"{key} {value}" for key, value in one["where"].items())
-    recorded = one["recording"] + (f" ({conditions})" if conditions else "")
-    return f"{one['protocol']}, noise {one['noise']}, against {recorded}"
 
 
 rule figure_comparison:

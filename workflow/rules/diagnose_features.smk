@@ -2,27 +2,6 @@
 DIAGNOSED_COMPARISONS = PLAN.config["diagnosis"]["comparisons"]
 
 
-def comparison_of(key):
-    """A parameter of a comparison; None if it is not given."""
-    return lambda wildcards: COMPARISONS[wildcards.comparison].get(key)
-
-
-def recorded_features(wildcards):
-    recording = COMPARISONS[wildcards.comparison]["recording"]
-    return f"{RESULTS}/recordings/{recording}/features.csv"
-
-
-def compared_images(wildcards):
-    return images(
-        COMPARISONS[wildcards.comparison]["protocol"],
-        COMPARISONS[wildcards.comparison]["noise"],
-    )
-
-
-def recorded_content(wildcards):
-    return RECORDINGS[COMPARISONS[wildcards.comparison]["recording"]].content
-
-
 rule diagnose_properties:
     """Features of the simulated images with one property changed at a time."""
     input:

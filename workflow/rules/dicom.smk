@@ -1,27 +1,4 @@
 # Simulated images for programs that read DICOM.
-def dicom_images():
-    """Folders of the images that `snakemake dicom` exports: by default those of the figure of scans."""
-    acquired = {
-        f"{protocol}/{noise}/seed{seed}"
-        for protocol, noise in ACQUISITIONS
-        for seed in PLAN.seeds(noise)
-    }
-    wanted = PLAN.config["dicom"]["images"]
-    for image in wanted:
-        if image not in acquired:
-            raise InputError(
-                f"config: dicom.images names {image}, which no analysis asks for; name an image that is made, as the "
-                f"folder images has them, such as {min(acquired, default='none')}"
-            )
-    if not wanted and "optimal" in ANALYSES:
-        optimal = ANALYSES["optimal"]
-        wanted = [
-            f"{optimal[algorithm]}/{optimal['noise']}/seed00"
-            for algorithm in ("fbp", "sirt")
-        ]
-    return [f"{RESULTS}/dicom/{image}" for image in wanted]
-
-
 try:
     DICOM = dicom_images()
 except InputError as error:
@@ -30,20 +7,6 @@ except InputError as error:
 
 localrules:
     dicom,
-
-
-def dicom_scan(wildcards):
-    """What a series is called and how it was acquired."""
-    protocol = PLAN.config["protocols"][wildcards.protocol]
-    scan = PLAN.geometry_settings(PLAN.geometry_of(wildcards.protocol))["scan"]
-    return {
-        "protocol": wildcards.protocol,
-        "label": f"{wildcards.protocol} {wildcards.noise} seed {wildcards.seed} (simulated)",
-        "description": f"{protocol['algorithm'].upper()} of {protocol['projections']} projections, "
-        f"noise level {wildcards.noise}, seed {wildcards.seed}.",
-        "source_to_isocentre_mm": scan["source_to_isocentre_mm"],
-        "source_to_detector_mm": scan["source_to_detector_mm"],
-    }
 
 
 rule dicom_series:
@@ -66,15 +29,6 @@ rule dicom_series:
         scan=dicom_scan,
     script:
         "../scripts/dicom.py"
-
-
-def exported(wildcards):
-    """All that `snakemake dicom` writes."""
-    if not DICOM:
-        sys.exit(
-            "Error: config: nothing to export; name images under dicom.images, as the folder images has them"
-        )
-    return [f"{image}/{part}" for image in DICOM for part in ("series", "rois.dcm")]
 
 
 rule dicom:

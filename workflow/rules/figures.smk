@@ -1,42 +1,9 @@
-from functools import cache
-
 PCA_TITLES = {
     "sirt": "Iterative reconstruction (SIRT)",
     "fbp": "Filtered back-projection (FBP)",
     "multicentre": "Wider noise range (multi-centre)",
 }
 FIGURE_RESOURCES = {"mem_mb": 2000, "runtime": 10}
-
-
-@cache
-def measured_noise():
-    """The measured variances of the algorithms that the noise is calibrated with."""
-    from virtual_phantom.measured import dose_variance
-
-    if not PLAN.config["measured"]["overlay"]:
-        return []
-    calibrated = ANALYSES.get("noise_calibration", {}).get("protocols", [])
-    algorithms = {
-        PLAN.config["protocols"][protocol]["algorithm"] for protocol in calibrated
-    }
-    reconstructions = {"sirt": "iterative", "fbp": "fbp"}
-    return [
-        {
-            "label": f"{dose} mGy, {'FBP' if algorithm == 'fbp' else 'iterative'}",
-            "variance_hu2": float(dose_variance(reconstructions[algorithm], dose)),
-        }
-        for algorithm in sorted(algorithms, reverse=True)
-        for dose in (1, 3, 10)
-    ]
-
-
-def scan_titles():
-    """What the two images of analyses.optimal are called."""
-    return {
-        algorithm: f"{algorithm.upper()}, {PLAN.config['protocols'][ANALYSES['optimal'][algorithm]]['projections']} projections"
-        for algorithm in ("fbp", "sirt")
-        if "optimal" in ANALYSES
-    }
 
 
 rule figure_rois:

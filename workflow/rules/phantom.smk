@@ -1,23 +1,3 @@
-def present(*paths):
-    """The files at these paths, those in folders too. What is missing is left to the script, which says so in a line."""
-    return [
-        str(file)
-        for path in paths
-        if path and os.path.exists(path)
-        for file in files_of(path)
-    ]
-
-
-def phantom_sources():
-    """Every file that the phantom is made from."""
-    settings = PLAN.config["phantom"]
-    if settings["source"] == "synthetic":
-        return present(settings["layout"])
-    ct = settings["ct"]
-    regions = [ct.get("labels"), *(roi.get("file") for roi in ct["rois"])]
-    return present(ct["image"], *dict.fromkeys(regions))
-
-
 rule phantom:
     """The object that every scan sees, and its ROIs."""
     input:

@@ -27,5 +27,7 @@ rule plan:
     """The same, printed."""
     input:
         text=rules.plan_files.output.text,
+    log:
+        f"{RESULTS}/logs/plan_printed.log",
     script:
         "../scripts/show.py"

@@ -1,26 +1,9 @@
-def image_physics(wildcards):
-    """Effects that act on a protocol's images."""
-    return PLAN.config["protocols"][wildcards.protocol].get("image_physics", {})
-
-
-def image_file(path):
-    """An image as an output: deleted once it is used, if images are not kept."""
-    return path if PLAN.config["keep_images"] else temp(path)
-
-
 BUNDLE_OF = {
     (protocol, *one): bundle
     for bundle, protocols in PLAN.bundles().items()
     for protocol in protocols
     for one in bundle
 }
-
-
-def acquisition_group(bundle):
-    """Which jobs of a cluster a bundle's images and features may share. Those whose noise waits for other images do
-    not go together with these."""
-    waits = level_files(*(noise for noise, _ in bundle))
-    return "matched_acquisitions" if waits else "acquisitions"
 
 
 # One rule per distinct bundle of noise levels and seeds: all its images come out of one job.

@@ -18,12 +18,6 @@ localrules:
     alignment,
 
 
-def recording_megabytes(wildcards):
-    """Memory to read a recording: an acquisition at a time, compressed on disk, and masks and copies beside it, MB."""
-    largest = max(path.stat().st_size for path in RECORDINGS[wildcards.recording].files)
-    return 1000 + 12 * largest // 10**6
-
-
 rule recording_summary:
     """Read and check one recording; what was found, what is known of the scan, what is missing."""
     input:

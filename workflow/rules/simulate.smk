@@ -2,21 +2,6 @@
 NOISE = {"model": PLAN.config["noise"]["model"], "study_seed": PLAN.config["seed"]}
 
 
-def acquisition(noise, seed):
-    """What tells the acquisitions of one geometry apart."""
-    level = PLAN.config["noise"]["levels"][noise].get("A")
-    return {"noise": noise, "noise_level": level, "seed": int(seed)}
-
-
-def level_files(*levels):
-    """The files of those noise levels whose A is found by a job."""
-    return [
-        f"{RESULTS}/noise/{noise}.json"
-        for noise in dict.fromkeys(levels)
-        if "meets" in PLAN.config["noise"]["levels"][noise]
-    ]
-
-
 rule compile_kernels:
     """Compile the kernels once for a number of realisations, so that no two jobs do it side by side."""
     input:

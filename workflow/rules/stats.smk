@@ -105,18 +105,6 @@ rule overlap:
         "../scripts/overlap.py"
 
 
-def reference_tables(wildcards):
-    """The measured features that a figure of principal components shows: of recordings, or those kept here."""
-    if names := ANALYSES["pca"][wildcards.pca]["recordings"]:
-        return [f"{RESULTS}/recordings/{name}/features.csv" for name in names]
-    measured = PLAN.config["measured"]
-    if not measured["overlay"]:
-        return []
-    if measured["table"] is not None:
-        return present(measured["table"])
-    return ["resources/ct_phantom4radiomics_groups.csv"]
-
-
 rule pca:
     """The first two principal components of all images and ROIs of a selection of protocols."""
     input:

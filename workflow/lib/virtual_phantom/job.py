@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import re
 import sys
 import traceback
 import warnings
@@ -20,6 +21,8 @@ THREAD_VARIABLES = (
     "NUMBA_NUM_THREADS",
     "ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS",
 )
+LINE, TIME = "%(asctime)s %(levelname)s %(message)s", "%Y-%m-%d %H:%M:%S"
+ERROR_LINE = re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d ERROR (.*)$", re.MULTILINE)
 
 
 @contextlib.contextmanager
@@ -33,7 +36,7 @@ def job(snakemake) -> Iterator[logging.Logger]:
     if log_file:
         log_file.parent.mkdir(parents=True, exist_ok=True)
         handler = logging.FileHandler(log_file, mode="w", encoding="utf-8")
-    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s", "%Y-%m-%d %H:%M:%S"))
+    handler.setFormatter(logging.Formatter(LINE, TIME))
     logger = logging.getLogger("virtual_phantom")
     logger.setLevel(logging.INFO)
     for target in (logger, logging.getLogger("py.warnings")):
@@ -51,12 +54,28 @@ def job(snakemake) -> Iterator[logging.Logger]:
     except MemoryError as error:
         logger.error("%s", traceback.format_exc())
         reason = str(error) or "no more could be had"
-        print(f"Error: not enough memory ({reason}); run fewer jobs at a time, or a smaller grid", file=sys.stderr)
+        message = f"not enough memory ({reason}); run fewer jobs at a time, or a smaller grid"
+        logger.error("%s", message)
+        print(f"Error: {message}", file=sys.stderr)
         sys.exit(1)
-    except Exception:
+    except Exception as error:
         logger.error("%s", traceback.format_exc())
+        logger.error("unexpected %s: %s; above is where", type(error).__name__, " ".join(str(error).split()))
         raise
     finally:
         for target in (logger, logging.getLogger("py.warnings")):
             target.removeHandler(handler)
         handler.close()
+
+
+def last_reason(log_file: str | Path, since: float) -> str | None:
+    """Why a job failed: the last error in its log. None without one, or if nothing was written since (s, of the epoch).
+
+    Every failure that `job` sees ends with one line of its own.
+    """
+    path = Path(log_file)
+    try:
+        found = ERROR_LINE.findall(path.read_text(encoding="utf-8")) if path.stat().st_mtime >= since else []
+    except (OSError, UnicodeDecodeError):
+        return None
+    return found[-1] if found else None

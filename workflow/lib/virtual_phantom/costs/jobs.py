@@ -19,8 +19,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from .. import analyses
 from ..plan import Plan
-from . import analyses
 
 # Realisations that a step of the projector takes at once, whether there are as many or not (docs/speed.md).
 REGISTER = 16

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ..plan import Plan
+from .plan import Plan
 
 AnalysisJob = tuple[str, str, tuple[str, ...], int]
 

@@ -1,0 +1,217 @@
+"""What is said of a run: its records are those that Snakemake logs, its clock is set by the test."""
+
+import io
+import logging
+
+import pytest
+from snakemake.logging import DefaultFormatter
+from snakemake_interface_logger_plugins.common import LogEvent
+
+from virtual_phantom.errors import InputError
+from virtual_phantom.job import job
+from virtual_phantom.progress.console import Console, described, duration, take_over
+from virtual_phantom.progress.time_left import Progress, Step
+
+
+class Run:
+    """A run of so many jobs of one rule, at a time that the test says."""
+
+    def __init__(self, jobs=3, seconds=60.0):
+        self.now, self.stream = 1000.0, io.StringIO()
+        inner = logging.StreamHandler(self.stream)
+        inner.setFormatter(DefaultFormatter(quiet=set(), show_failed_logs=True))
+        steps = [Step(i, f"reconstruct_{i}", (f"images/{i}.nii.gz",)) for i in range(jobs)]
+        expected = {step.files[0]: seconds for step in steps}
+        progress = Progress(steps, 1, lambda: expected, self.now)
+        self.console = Console(inner, progress, "results/logs", lambda: self.now)
+
+    def log(self, event, message="", level=logging.INFO, **more):
+        record = logging.makeLogRecord({"msg": message, "levelno": level, "event": event, **more})
+        self.console.emit(record)
+
+    def lines(self):
+        """What has been said, without the time at its start."""
+        return [line[9:] if line[2:3] == line[5:6] == ":" else line for line in self.stream.getvalue().splitlines()]
+
+
+def failed(run, number=0, logs=(), **more):
+    keys = {"rule_name": f"reconstruct_{number}", "rule_msg": None, "jobid": number, "input": ["clean.h5"]}
+    keys |= {"output": [f"images/{number}.nii.gz", "images/b.nii.gz"], "log": [str(log) for log in logs]}
+    keys |= {"conda_env": None, "shellcmd": None, "aux": {}, "indent": False} | more
+    return keys
+
+
+def ended(run):
+    run.log(
+        LogEvent.ERROR, "WorkflowError:\nAt least one job did not complete successfully.", exception="WorkflowError"
+    )
+
+
+class Script:
+    """What Snakemake puts into a script."""
+
+    def __init__(self, log):
+        self.log, self.threads = [log], 1
+
+
+def written(log, error):
+    """The log of a job that failed."""
+    with pytest.raises((SystemExit, type(error))), job(Script(log)):
+        raise error
+    return log
+
+
+def test_a_run_that_goes_well():
+    run = Run()
+    run.log(None, "Select jobs to execute...")
+    run.log(LogEvent.JOB_INFO, jobid=0, rule_name="reconstruct_0")
+    for number, seconds in enumerate((120.0, 120.0, 120.0)):
+        run.now += seconds
+        run.log(LogEvent.JOB_FINISHED, job_id=number)
+        run.log(LogEvent.PROGRESS, done=number + 1, total=3)
+        if number < 2:
+            run.log(LogEvent.JOB_INFO, jobid=number + 1, rule_name=f"reconstruct_{number + 1}")
+    run.log(None, "Complete log(s): x.log")
+    assert run.lines() == [
+        "Jobs to do: 3. Their logs: results/logs",
+        "0 of 3 jobs done; now: reconstruct (0 of 3 done)",
+        "1 of 3 jobs done, about 4 min left; now: reconstruct (1 of 3 done)",
+        "2 of 3 jobs done, about 2 min left; now: reconstruct (2 of 3 done)",
+        "3 of 3 jobs done in 6 min",
+        "Complete log(s): x.log",
+    ]
+
+
+def test_many_jobs_have_few_lines():
+    """Two thousand jobs in ten hours: some lines for each of the first minutes, then ever fewer."""
+    run = Run(2000)
+    for number in range(2000):
+        run.log(LogEvent.JOB_INFO, jobid=number, rule_name="reconstruct_0")
+        run.now += 18.0
+        run.log(LogEvent.JOB_FINISHED, job_id=number)
+    assert 50 < len(run.lines()) < 250
+
+
+def test_the_last_line_says_what_failed_and_why(tmp_path):
+    run = Run()
+    run.now = 0.0
+    run.console.progress.began = 0.0
+    log = written(tmp_path / "a.log", InputError("clean.h5: is cut short; delete it"))
+    run.log(LogEvent.JOB_INFO, jobid=0, rule_name="reconstruct_0")
+    noise = (
+        "RuleException:\nCalledProcessError in file \"r.smk\", line 4:\nCommand 'x' returned non-zero exit status 1."
+    )
+    run.log(LogEvent.ERROR, noise, logging.ERROR, exception="RuleException")
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
+    run.log(None, "Exiting because a job execution failed. Look above for error messages", logging.ERROR)
+    ended(run)
+    assert run.lines()[-1] == (
+        f"Failed: reconstruct of images/0.nii.gz and 1 more: clean.h5: is cut short; delete it (log: {log})"
+    )
+    assert len(run.lines()) == 3
+
+
+def test_a_failure_is_told_at_once_if_others_go_on(tmp_path):
+    run = Run()
+    run.console.progress.began = 0.0
+    log = written(tmp_path / "a.log", InputError("broken; mend it"))
+    for number in (0, 1):
+        run.log(LogEvent.JOB_INFO, jobid=number, rule_name=f"reconstruct_{number}")
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
+    assert "broken; mend it" in run.lines()[-1]
+
+
+@pytest.mark.parametrize(
+    "error, reason",
+    [
+        (ValueError("two\nlines"), "unexpected ValueError: two lines; above is where"),
+        (MemoryError(), "not enough memory (no more could be had); run fewer jobs at a time, or a smaller grid"),
+    ],
+)
+def test_every_kind_of_failure_has_one_line(error, reason, tmp_path):
+    run = Run()
+    run.console.progress.began = 0.0
+    log = written(tmp_path / "a.log", error)
+    assert "Traceback" in log.read_text()
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
+    ended(run)
+    assert run.lines()[-1] == f"Failed: reconstruct of images/0.nii.gz and 1 more: {reason} (log: {log})"
+
+
+def test_a_job_that_gave_no_reason_is_told_in_snakemakes_words_too(tmp_path):
+    """Killed; the log is of an earlier run."""
+    run = Run()
+    log = written(tmp_path / "a.log", InputError("of another day"))
+    run.console.progress.began = log.stat().st_mtime + 1
+    killed = "RuleException:\nCalledProcessError\nCommand 'x' died with <Signals.SIGKILL: 9>."
+    run.log(LogEvent.ERROR, killed, logging.ERROR, exception="RuleException")
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
+    ended(run)
+    text = run.stream.getvalue()
+    assert "SIGKILL" in text and "Error in rule reconstruct_0:" in text
+    assert run.lines()[-1].startswith("Failed: reconstruct of images/0.nii.gz and 1 more: ended without a word")
+    assert run.lines()[-1].endswith(f"see {log}")
+
+
+def test_of_a_group_the_job_that_failed_is_named(tmp_path):
+    run = Run()
+    run.console.progress.began = 0.0
+    log = written(tmp_path / "b.log", InputError("broken; mend it"))
+    (tmp_path / "a.log").write_text("2026-01-01 00:00:00 INFO all is well\n")
+    jobs = [failed(run, 0, [tmp_path / "a.log"]), failed(run, 1, [log]), failed(run, 2, [tmp_path / "none.log"])]
+    run.log(LogEvent.GROUP_ERROR, "Error", logging.ERROR, groupid="g", aux_logs=["slurm.log"], job_error_info=jobs)
+    for one in jobs:
+        run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **one | {"indent": True})
+    ended(run)
+    assert [line for line in run.lines() if "Failed" in line] == [
+        f"Failed: reconstruct of images/1.nii.gz and 1 more: broken; mend it (log: {log})"
+    ]
+
+
+def test_acquisitions_are_named_by_level_and_seeds():
+    names = [f"r/images/sirt_150/{level}/seed{seed:02d}.nii.gz" for level in ("dose10", "double") for seed in range(3)]
+    job = {"rule_name": "reconstruct_0", "output": [*names, "r/images/sirt_150/half/seed07.nii.gz"]}
+    assert described(job) == (
+        "reconstruct of r/images/sirt_150/dose10/seed00 to seed02, r/images/sirt_150/double/seed00 to seed02, "
+        "r/images/sirt_150/half/seed07"
+    )
+    assert described({"rule_name": "plan", "output": []}) == "plan"
+    assert described({"rule_name": "pca", "output": ["a.csv"]}) == "pca of a.csv"
+
+
+def test_who_stops_a_run_is_told_of_no_failure():
+    run = Run()
+    run.log(LogEvent.JOB_INFO, jobid=0, rule_name="reconstruct_0")
+    run.log(None, "Terminating processes on user request, this might take some time.")
+    killed = "RuleException:\nCalledProcessError\nCommand 'x' died with <Signals.SIGINT: 2>."
+    run.log(LogEvent.ERROR, killed, logging.ERROR, exception="RuleException")
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run))
+    ended(run)
+    assert run.lines()[2:] == [
+        "Terminating processes on user request, this might take some time.",
+        "Stopped. What is done stays; the same command goes on from there.",
+    ]
+
+
+def test_other_messages_are_snakemakes():
+    run = Run()
+    run.log(None, "The lock is held", logging.WARNING)
+    run.log(LogEvent.ERROR, "MissingInputException: x", logging.ERROR, exception="MissingInputException")
+    ended(run)
+    assert run.lines()[1:3] == ["The lock is held", "MissingInputException: x"]
+    assert run.lines()[-1] == "At least one job did not complete successfully."
+
+
+def test_only_snakemakes_own_handler_is_replaced():
+    logger = logging.Logger("a run")
+    other = logging.StreamHandler(io.StringIO())
+    logger.addHandler(other)
+    take_over(logger, [], 1, dict, "logs")
+    assert logger.handlers == [other]
+    other.set_name("DefaultStreamHandler")
+    take_over(logger, [], 1, dict, "logs")
+    assert isinstance(logger.handlers[0], Console) and len(logger.handlers) == 1
+
+
+def test_durations_are_as_precise_as_one_plans():
+    assert [duration(s) for s in (3.4, 89, 91, 3600, 7200)] == ["3 s", "89 s", "2 min", "60 min", "2.0 h"]
