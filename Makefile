@@ -3,25 +3,28 @@
 # make tiny     the whole workflow in a minute or two
 # make docs     this documentation as a site, into site/
 # make report   the default study's report in one page, and one to flip through slices
+# make lock     the hashes of environment-pip.txt's packages, into environment-pip.lock; needs uv
 PYTHON ?= python3
 CORES ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
-# What pip must find installed before it builds pyradiomics.
-BUILD_FIRST = $(shell grep -E '^(setuptools|wheel|numpy)==' environment-pip.txt)
+UV ?= uv
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes
+# What pip must find installed before it builds pyradiomics; with its hashes, on the lines that follow.
+BUILD_FIRST := sed -nE '/^(setuptools|wheel|numpy)==/,/[^\]$$/p' environment-pip.lock
 
-.PHONY: study setup test tiny abdomen report docs clean
+.PHONY: study setup test tiny abdomen report docs lock clean
 
 study: setup
 	$(BIN)/snakemake --cores $(CORES)
 
 setup: $(VENV)/installed
 
-$(VENV)/installed: environment-pip.txt workflow/build/sitecustomize.py
+$(VENV)/installed: environment-pip.lock workflow/build/sitecustomize.py
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(BUILD_FIRST)
-	PYTHONPATH='$(CURDIR)/workflow/build' $(BIN)/python -m pip install --quiet --disable-pip-version-check \
-		--no-build-isolation -r environment-pip.txt
+	$(BUILD_FIRST) >$(VENV)/build-first.lock
+	$(PIP_INSTALL) -r $(VENV)/build-first.lock
+	PYTHONPATH='$(CURDIR)/workflow/build' $(PIP_INSTALL) --no-build-isolation -r environment-pip.lock
 	touch $@
 
 test: setup
@@ -38,6 +41,11 @@ report: setup
 
 docs: setup
 	$(BIN)/mkdocs build --strict
+
+# environment-pip.txt names all packages, so that nothing is to be resolved. Hashes of all platforms and Pythons.
+lock:
+	$(UV) pip compile environment-pip.txt --no-deps --universal --python-version 3.11 --generate-hashes --no-annotate \
+		--no-emit-index-url --custom-compile-command 'make lock' --quiet --output-file environment-pip.lock
 
 clean:
 	rm -rf site results results-tiny results-abdomen results-large results-paper .snakemake

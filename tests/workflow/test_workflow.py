@@ -289,18 +289,54 @@ def test_an_edited_mask_is_noticed(tmp_path):
     assert set(planned(tiny(folder, target, "-n", overlay=overlay))) == {"phantom"}
 
 
-def test_one_core_makes_the_same_features(study, tmp_path):
-    """features.csv byte for byte, with all that hangs on one geometry, both algorithms, made anew by one core."""
-    copy = tmp_path / "r"
+def without(study, copy, *protocols):
+    """A copy of the study without what hangs on one geometry and these protocols, and without the merged table."""
     shutil.copytree(study, copy)
     shutil.rmtree(copy / "projections" / "views150")
     for kind in ("images", "features"):
-        for algorithm in ("sirt", "fbp"):
-            shutil.rmtree(copy / kind / f"{algorithm}_150")
+        for protocol in protocols:
+            shutil.rmtree(copy / kind / protocol)
     (copy / "features.csv").unlink()
-    process = tiny(copy, copy / "features.csv", cores=1)
+    return copy
+
+
+def made_first(folder, *protocols):
+    """These protocols in the order in which their images were made."""
+    return sorted(protocols, key=lambda name: (folder / "images" / name / "dose10" / "seed00.nii.gz").stat().st_mtime)
+
+
+def test_one_core_and_another_order_make_the_same_features(study, tmp_path):
+    """features.csv byte for byte, with all that hangs on one geometry, both algorithms, made anew by one core.
+
+    What the study made last is made first.
+    """
+    protocols = ("sirt_150", "fbp_150")
+    copy = without(study, tmp_path / "r", *protocols)
+    order = made_first(study, *protocols)
+    process = tiny(copy, copy / "features.csv", "--prioritize", copy / first_table(order[-1]), cores=1)
     assert process.returncode == 0, process.stderr[-4000:]
+    assert made_first(copy, *protocols) == order[::-1]
     assert (copy / "features.csv").read_bytes() == (study / "features.csv").read_bytes()
+
+
+def first_table(protocol):
+    return f"features/{protocol}/dose10/seed00.csv"
+
+
+def test_four_cores_and_no_compiled_kernels_make_the_same_images_and_features(study, tmp_path):
+    """One protocol's images and tables byte for byte: two jobs of two threads at a time, all kernels compiled anew."""
+    copy, kernels = without(study, tmp_path / "r", "fbp_150"), tmp_path / "kernels"
+    shutil.rmtree(copy / "logs" / "kernels")
+    targets = [copy / "features" / "fbp_150" / noise / "seed00.csv" for noise in ("dose10", "dose10_plus12")]
+    environment = {"NUMBA_CACHE_DIR": str(kernels)}
+    process = tiny(copy, *targets, cores=4, overlay={"threads": 2}, beside=tmp_path, environment=environment)
+    assert process.returncode == 0, process.stderr[-4000:]
+    assert list(kernels.rglob("*.nbc"))
+    made = [copy / "projections" / "views150" / "clean.h5"]
+    made += [*copy.glob("images/fbp_150/*/*.nii.gz"), *copy.glob("features/fbp_150/*/*.csv")]
+    assert len(made) == 1 + 2 * 3 + 2 * 3
+    for path in made:
+        assert path.read_bytes() == (study / path.relative_to(copy)).read_bytes(), path
 
 
 @pytest.mark.parametrize(

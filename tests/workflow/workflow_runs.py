@@ -1,5 +1,6 @@
 """Running the workflow from tests."""
 
+import os
 import re
 import subprocess
 import sys
@@ -11,14 +12,19 @@ ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "config" / "tiny.yaml"
 
 
-def snakemake(*arguments, cores=2):
-    """Run snakemake in the repository; returns the finished process, output and errors as text."""
+def snakemake(*arguments, cores=2, environment=None, timeout=900):
+    """Run snakemake in the repository, with these variables besides its own; returns the finished process, output and
+    errors as text."""
     command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--nolock", *map(str, arguments)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=900)
+    environment = os.environ | (environment or {})
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=timeout)
 
 
-def tiny(folder, *targets, cores=2, overlay=None, beside=None):
-    """The tiny study into `folder`; `overlay` is a dict of config keys on top of it, written to `beside`."""
+def tiny(folder, *targets, cores=2, overlay=None, beside=None, **run):
+    """The tiny study into `folder`; `overlay` is a dict of config keys on top of it, written to `beside`.
+
+    run   further arguments of `snakemake`
+    """
     files = [TINY]
     if overlay is not None:
         beside = beside or folder.parent
@@ -26,7 +32,8 @@ def tiny(folder, *targets, cores=2, overlay=None, beside=None):
         files.append(beside / "overlay.yaml")
         files[-1].write_text(yaml.safe_dump(overlay))
     # Targets go first: --config and --configfile would swallow them.
-    return snakemake(*targets, "--configfile", *files, "--config", f"results_dir={folder}", cores=cores)
+    settings = ("--configfile", *files, "--config", f"results_dir={folder}")
+    return snakemake(*targets, *settings, cores=cores, **run)
 
 
 def planned(process):

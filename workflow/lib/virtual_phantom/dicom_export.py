@@ -21,12 +21,12 @@ from . import __version__
 from .errors import InputError
 from .files import replacing
 from .geometry import Grid
+from .units import whole_hu
 from .volumes import Volume
 
 NAME = "Virtual Phantom"
 DECIMALS = 5  # of mm: NIfTI keeps single precision, whose last digits mean nothing
 TEXT_LENGTH = 64  # of a DICOM long string
-INT16 = np.iinfo(np.int16)
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,10 @@ def series(image: Volume, phantom: Volume, scan: Scan) -> list[Dataset]:
     """
     if not image.grid.matches(phantom.grid):
         raise InputError(f"{scan.label}: is on another grid ({image.grid}) than the phantom ({phantom.grid})")
-    if not np.isfinite(image.array).all():
-        raise InputError(f"{scan.label}: holds values that are not finite; reconstruct it anew")
-    values = np.rint(image.array)
-    if values.min() < INT16.min or values.max() > INT16.max:
+    values, beyond = whole_hu(image.array, f"{scan.label}: holds values that are not finite; reconstruct it anew")
+    if beyond:
         raise InputError(f"{scan.label}: holds CT numbers beyond 16 bits, which DICOM CT images have")
-    pixels = lps(values.astype(np.int16))
+    pixels = lps(values)
     study, image_hash = _content(phantom), _content(image)
     shared = _shared(image.grid, scan, study, image_hash)
     slices = []

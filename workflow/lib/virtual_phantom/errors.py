@@ -23,15 +23,27 @@ def meant(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
 
 
 @contextlib.contextmanager
-def reading(source: object, kind: str) -> Iterator[None]:
-    """Turn whatever a reader raises on a broken file into an InputError that names the file and what it should be.
+def refusing(what: str, *kinds: type[Exception], advice: str = "", quoted: bool = True) -> Iterator[None]:
+    """Turn exceptions of these kinds into an InputError: `what` is wrong, the reason in brackets, and what to do.
 
-    What the reader says is left out: of a broken header it may quote all that follows, a patient's name too.
+    quoted   the reason is what the exception says; False: its type alone
+    An InputError passes as it is, though it is a ValueError: it says already what is wrong.
     """
     try:
         yield
     except InputError:
         raise
-    except Exception as error:  # readers of others' formats raise many types
-        reason = type(error).__name__
-        raise InputError(f"{source}: cannot be read as {kind} ({reason}); is the file complete?") from error
+    except kinds as error:
+        reason = " ".join(str(error).split()) if quoted else type(error).__name__
+        raise InputError(f"{what} ({reason})" + (f"; {advice}" if advice else "")) from error
+
+
+@contextlib.contextmanager
+def reading(source: object, kind: str) -> Iterator[None]:
+    """Turn whatever a reader raises on a broken file into an InputError that names the file and what it should be.
+
+    What the reader says is left out: of a broken header it may quote all that follows, a patient's name too.
+    """
+    # Readers of others' formats raise many types.
+    with refusing(f"{source}: cannot be read as {kind}", Exception, advice="is the file complete?", quoted=False):
+        yield

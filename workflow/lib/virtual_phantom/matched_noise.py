@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from .errors import InputError
+from .errors import refusing
 from .files import read_text, write_text
 
 
@@ -17,13 +17,10 @@ def write(level: dict, path: str | Path) -> None:
 
 def read(path: str | Path) -> dict:
     """A level that `write` wrote. Raises InputError if the file is missing, changed or broken."""
-    try:
+    kinds = (OSError, ValueError, KeyError, TypeError)
+    with refusing(f"{path}: is not a noise level", *kinds, advice="delete it and run again"):
         level = json.loads(read_text(path))
         level["A"] = float(level["A"])
-    except InputError:
-        raise
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is not a noise level ({error}); delete it and run again") from None
     return level
 
 

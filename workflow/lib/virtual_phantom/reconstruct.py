@@ -12,7 +12,7 @@ from .errors import InputError
 from .geometry import Grid, ScanGeometry, circular
 from .physics.image import with_effects
 from .projectors import projector
-from .units import attenuation_to_hu
+from .units import attenuation_to_hu, whole_hu
 from .volumes import Volume
 
 
@@ -37,21 +37,21 @@ def reconstruct(
     """
     hu = in_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
     hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]
-    return [Volume(_whole_hu(image), grid) for image in hu]
+    return [Volume(_stored(image), grid) for image in hu]
 
 
-def _whole_hu(image: np.ndarray) -> np.ndarray:
-    """HU as int16. InputError for what is no number, which int16 cannot say; a warning of what it cannot hold."""
-    if bad := np.count_nonzero(~np.isfinite(image)):
-        raise InputError(f"reconstruction: {bad} voxels are NaN or infinite; are the projections finite?")
-    limits = np.iinfo(np.int16)
-    whole = np.rint(image)
-    if beyond := np.count_nonzero((whole < limits.min) | (whole > limits.max)):
+def _stored(image: np.ndarray) -> np.ndarray:
+    """HU as int16. InputError for what is no number; a warning of what int16 cannot hold."""
+    whole, beyond = whole_hu(
+        image, "reconstruction: holds voxels that are NaN or infinite; are the projections finite?"
+    )
+    if beyond:
+        limits = np.iinfo(np.int16)
         warnings.warn(
             f"reconstruction: {beyond} voxels are beyond {limits.min} to {limits.max} HU and are set to that",
             stacklevel=3,
         )
-    return np.clip(whole, limits.min, limits.max).astype(np.int16)
+    return whole
 
 
 def in_hu(

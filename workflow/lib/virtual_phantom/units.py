@@ -6,6 +6,8 @@ HU = 1000 (mu - mu_water) / mu_water, so that water is 0 and vacuum (taken for a
 
 import numpy as np
 
+from .errors import InputError
+
 HU_AIR = -1000.0
 HU_WATER = 0.0
 HU_BODY = -500.0  # half-way from air to water: what is denser belongs to the object
@@ -21,6 +23,21 @@ def attenuation_to_hu(mu, mu_water_per_mm: float):
     """HU of any array of linear attenuation in 1/mm. Not clipped: noise may carry a voxel below air."""
     mu = _floating(mu)
     return (mu / mu.dtype.type(mu_water_per_mm) - 1) * mu.dtype.type(1000)
+
+
+def whole_hu(hu: np.ndarray, not_finite: str) -> tuple[np.ndarray, int]:
+    """HU as int16, which images are stored in: rounded half to even, and set to the bound beyond its range.
+
+    not_finite   message of the InputError where a voxel is NaN or infinite, which no int16 says
+    The second value is how many voxels were beyond. What that means is for the caller to say: a reconstruction warns of
+    them, as metal may rightly be there; an export for other programs refuses them; a page to look at shows the bound.
+    """
+    if not np.isfinite(hu).all():
+        raise InputError(not_finite)
+    limits = np.iinfo(np.int16)
+    whole = np.rint(hu)
+    beyond = np.count_nonzero((whole < limits.min) | (whole > limits.max))
+    return np.clip(whole, limits.min, limits.max).astype(np.int16), beyond
 
 
 def _floating(values):

@@ -14,7 +14,7 @@ from typing import BinaryIO
 import nibabel
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, refusing
 from .files import check_unchanged, replacing
 from .geometry import Grid
 
@@ -64,18 +64,14 @@ def _opened(path: Path, whole: bool = True) -> Iterator[nibabel.Nifti1Image]:
         raise InputError(f"{path}: no such file; give the path of a NIfTI image")
     if whole:
         check_unchanged(path)
-    try:
+    # nibabel raises many types on broken files.
+    with refusing(f"{path}: cannot be read as NIfTI", Exception, advice="is the file complete?"):
         with (gzip.open if path.name.endswith(".gz") else open)(path, "rb") as stream:
             image = _class_of(stream).from_stream(stream)
             _check_size(image, path)
             yield image
             while whole and stream.read(CHUNK):
                 pass
-    except InputError:
-        raise
-    except Exception as error:  # nibabel raises many types on broken files
-        reason = " ".join(str(error).split())
-        raise InputError(f"{path}: cannot be read as NIfTI ({reason}); is the file complete?") from error
 
 
 def _class_of(stream: BinaryIO) -> type:

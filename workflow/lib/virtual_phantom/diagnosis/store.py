@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ..errors import InputError
+from ..errors import refusing
 from ..files import read_text, replacing, write_text
 from .attribute import Trial
 from .fit import Fit
@@ -47,7 +47,8 @@ def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mappi
 
 def read_trial(path: str | Path) -> Trial:
     """Read what `write_trial` wrote. Raises InputError if it is missing or something else."""
-    try:
+    kinds = (OSError, ValueError, KeyError, TypeError)
+    with refusing(f"{path}: is no fit of a diagnosis", *kinds, advice="make it anew"):
         content = json.loads(read_text(path))
         fit = content["fit"]
         fit["effects"], fit["parts"] = tuple(fit["effects"]), tuple(fit["parts"])
@@ -55,7 +56,3 @@ def read_trial(path: str | Path) -> Trial:
         for name in PATTERNS:
             fit[name] = None if fit[name] is None else np.array(fit[name])
         return Trial(Fit(**fit), content["score"], content["p"])
-    except InputError:
-        raise
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path}: is no fit of a diagnosis ({' '.join(str(error).split())}); make it anew") from None

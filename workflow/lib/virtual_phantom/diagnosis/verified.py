@@ -7,7 +7,7 @@ import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, refusing
 from ..files import read_text
 from ..physics.effect import checked, load
 from .attribute import Choice, Trial, trial
@@ -35,7 +35,8 @@ class Physics:
     def read(cls, path: str | Path, needed: bool = True) -> Physics:
         """From a diagnosis.json. Raises InputError if it is missing or broken, or, where some is `needed`, found no
         physics to take."""
-        try:
+        kinds = (OSError, ValueError, KeyError, TypeError)
+        with refusing(f"{path}: is no diagnosis", *kinds, advice="make it anew"):
             content = json.loads(read_text(path))
             found = {one["name"]: one["parameters"] for one in content["effects"]}
             recording, scale = content["recording"], content["alignment"]["scale"]
@@ -43,10 +44,6 @@ class Physics:
             effects = checked({n: {k: v["value"] for k, v in values.items()} for n, values in taken.items()}, str(path))
             errors = {n: {k: _error(v) for k, v in values.items()} for n, values in taken.items()}
             density = (scale["value"], _error(scale)) if "spectrum" in effects else None
-        except InputError:
-            raise
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"{path}: is no diagnosis ({' '.join(str(error).split())}); make it anew") from None
         if needed and not effects:
             raise InputError(f"{path}: found no effect that another recording could be held against; drop physics_from")
         return cls(recording, effects, errors, density, tuple(sorted(set(found) - set(taken))))

@@ -17,12 +17,12 @@ from jinja2 import Environment, StrictUndefined
 from ..diagnosis.html import FOOT
 from ..errors import InputError
 from ..figures import axial, style
+from ..units import whole_hu
 from ..volumes import Volume
 from .viewer_parts import PAGE
 
 MOST_BYTES = 10_500_000  # of voxels; as text in a page, at worst, a third more: 14 MB
 MOST_ACROSS = 256  # larger slices are thinned before slices are left out
-INT16 = np.iinfo(np.int16)
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def page(
     return environment.from_string(PAGE + FOOT).render(
         content=content,
         subtitle=subtitle,
-        packed={name: pack(shown(whole_hu(volume, name), steps)) for name, volume in volumes.items()}
+        packed={name: pack(shown(hu_to_show(volume, name), steps)) for name, volume in volumes.items()}
         | {"rois": pack(shown(labels, steps))},
         thinned=steps if max(steps) > 1 else None,
     )
@@ -96,11 +96,10 @@ def thinning(shape: tuple[int, int, int], volumes: int) -> tuple[int, int, int]:
     return tuple(steps)
 
 
-def whole_hu(volume: Volume, name: str) -> np.ndarray:
-    """Rounded HU, int16. Raises InputError naming the volume if it is not finite."""
-    if not np.isfinite(volume.array).all():
-        raise InputError(f"viewer, {name}: holds values that are not finite; reconstruct it anew")
-    return np.rint(np.clip(volume.array, INT16.min, INT16.max)).astype("<i2")
+def hu_to_show(volume: Volume, name: str) -> np.ndarray:
+    """Whole HU, int16 with the low byte first. Raises InputError naming the volume if it is not finite."""
+    whole, _ = whole_hu(volume.array, f"viewer, {name}: holds values that are not finite; reconstruct it anew")
+    return whole.astype("<i2")
 
 
 def shown(array: np.ndarray, steps: tuple[int, int, int]) -> np.ndarray:

@@ -11,7 +11,7 @@ from pathlib import Path, PureWindowsPath
 import yaml
 
 from ..config import check_nesting, fill_defaults, validate
-from ..errors import InputError
+from ..errors import InputError, refusing
 from ..files import files_of, read_text
 
 FILE_NAME = "recording.yaml"
@@ -77,15 +77,12 @@ def read_document(folder: str | Path) -> Document:
 
 
 def _parse(path: Path) -> dict:
-    try:
-        content = yaml.safe_load(read_text(path, "make it anew"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; a recording is a folder with a {FILE_NAME} in it") from None
-    except InputError:
-        raise
     # Numbers and dates that are none, and nesting without end, are no YAMLErrors.
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from None
+    with refusing(f"{path}: cannot be read as YAML", OSError, ValueError, RecursionError, yaml.YAMLError):
+        try:
+            content = yaml.safe_load(read_text(path, "make it anew"))
+        except FileNotFoundError:
+            raise InputError(f"{path}: no such file; a recording is a folder with a {FILE_NAME} in it") from None
     if not isinstance(content, dict):
         raise InputError(f"{path}: is not a mapping of keys to values; see docs/recordings.md for an example")
     return content

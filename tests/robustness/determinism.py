@@ -1,0 +1,160 @@
+"""Make the tiny study again under other circumstances and compare every table, JSON, image and projection file.
+
+python tests/robustness/determinism.py                  one and four cores, another order of jobs, nothing compiled yet
+python tests/robustness/determinism.py --processor      with the instructions of a plain x86-64 processor alone
+python tests/robustness/determinism.py --target features/fbp_150/dose10/seed00.csv      part of the study
+
+Exit code 0: all files are byte-identical to those of two cores. With --processor: noise-free projections agree within
+1e-5 of the largest, and noise-free images within half a HU; the noise may be another draw, and what it does is printed.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from interrupt import ROOT, tables
+
+sys.path.insert(0, str(ROOT / "tests" / "workflow"))
+
+from workflow_runs import tiny  # noqa: E402
+
+from virtual_phantom import exchange, volumes  # noqa: E402
+from virtual_phantom.physics.noise import simulate_counts  # noqa: E402
+from virtual_phantom.reconstruct import in_hu  # noqa: E402
+
+CIRCUMSTANCES = ("one core", "four cores, four threads", "another order", "nothing compiled")
+# What the tiny study reconstructs with, for images without noise.
+ALGORITHMS = {"sirt": {"iterations": 100, "terms": 25}, "fbp": {}}
+MU_WATER_PER_MM, NOISE_LEVEL = 0.0193, 6e-6
+PROJECTIONS_WITHIN, IMAGES_WITHIN_HU = 1e-5, 0.5
+
+
+def plain_processor(kernels: Path) -> dict[str, str]:
+    """Variables that keep numba, NumPy and OpenBLAS from every instruction that some x86-64 processors lack."""
+    from numpy._core import _multiarray_umath
+
+    found = [one for one in _multiarray_umath.__cpu_dispatch__ if _multiarray_umath.__cpu_features__[one]]
+    return {
+        "NUMBA_CPU_NAME": "generic",
+        "NUMBA_CACHE_DIR": str(kernels),
+        "NPY_DISABLE_CPU_FEATURES": " ".join(found),
+        "OPENBLAS_CORETYPE": "Prescott",
+    }
+
+
+def make(folder: Path, targets: list[str], **circumstances) -> Path:
+    process = tiny(folder, *(folder / target for target in targets), timeout=None, **circumstances)
+    if process.returncode != 0:
+        sys.exit(f"Error: the run into {folder} failed\n{process.stderr[-4000:]}")
+    return folder
+
+
+def make_under(circumstance: str, folder: Path, targets: list[str], reference: Path) -> Path:
+    if circumstance == "one core":
+        return make(folder, targets, cores=1)
+    if circumstance == "four cores, four threads":
+        return make(folder, targets, cores=4, overlay={"threads": 4}, beside=folder.parent / "config")
+    if circumstance == "another order":
+        made = sorted(reference.glob("features/*/*/seed00.csv"), key=lambda path: -path.stat().st_mtime)
+        for path in made:  # what was made last, first
+            make(folder, [str(path.relative_to(reference))], cores=1)
+        return make(folder, targets, cores=1)
+    return make(folder, targets, environment={"NUMBA_CACHE_DIR": f"{folder}.kernels"})
+
+
+def compare(folder: Path, reference: Path) -> bool:
+    """Whether all files are the same; says which are not."""
+    expected, found = tables(reference), tables(folder)
+    differ = [name for name in sorted(expected | found) if expected.get(name) != found.get(name)]
+    print(f"{folder.name}: {len(expected)} files compared, {len(differ)} differ", *differ[:20], sep="\n", flush=True)
+    return bool(expected) and not differ
+
+
+def noise_free(clean: Path, image: Path, out: Path) -> None:
+    """Write what this processor makes of clean line integrals: images in HU, not rounded, and one draw of counts."""
+    lines, geometry = exchange.read_line_integrals(clean)
+    grid = volumes.read_nifti(image).grid
+    images = {
+        name: in_hu(lines[None], geometry, grid, name, settings, "cpu", MU_WATER_PER_MM)
+        for name, settings in ALGORITHMS.items()
+    }
+    counts = simulate_counts(lines, NOISE_LEVEL, "astra", np.random.SeedSequence(0)).data
+    np.savez(out, counts=counts, lines=lines, **images)
+
+
+def compare_processors(folder: Path, reference: Path, variables: dict[str, str]) -> bool:
+    """Whether all without noise agrees; says what differs, and by how much."""
+    made = []
+    for one, changed in ((reference, {}), (folder, variables)):
+        for number, clean in enumerate(sorted(one.glob("projections/*/clean.h5"))):
+            out = folder.parent / f"{one.name}-{number}.npz"
+            command = [sys.executable, __file__, "--noise-free", clean, one / "phantom" / "image.nii.gz", out]
+            subprocess.run(list(map(str, command)), check=True, env=os.environ | changed)
+            made.append(out)
+    agree, half = bool(made), len(made) // 2
+    for ours, theirs in zip(made[:half], made[half:], strict=True):
+        one, other = np.load(ours), np.load(theirs)
+        lines = np.abs(one["lines"] - other["lines"]).max() / one["lines"].max()
+        print(f"{ours.stem}, noise-free projections: they differ by up to {lines:.1e} of the largest")
+        agree &= bool(lines <= PROJECTIONS_WITHIN)
+        for name in ALGORITHMS:
+            largest = np.abs(one[name] - other[name]).max()
+            print(f"noise-free {name} image: up to {largest:.4f} HU")
+            agree &= bool(largest <= IMAGES_WITHIN_HU)
+        off = np.abs(one["counts"].astype(np.int64) - other["counts"])
+        print(f"counts: {100 * (off == 0).mean():.1f} % the same, {100 * (off > 1).mean():.1f} % off by more than one")
+    for path in sorted(reference.glob("images/*/*/seed00.nii.gz")):
+        print(f"{path.relative_to(reference).parent}: {_differences(path, folder / path.relative_to(reference))}")
+    for path in sorted(reference.glob("features/*/*/seed00.csv")):
+        here, there, repeat = (
+            pd.read_csv(one).select_dtypes(float).filter(like="original_")
+            for one in (path, folder / path.relative_to(reference), path.with_name("seed01.csv"))
+        )
+        size = (here.abs() + repeat.abs()) / 2
+        text = [np.nanmedian(((here - one).abs() / size).to_numpy()) for one in (there, repeat)]
+        print(
+            f"{path.relative_to(reference).parent}: features differ by {100 * text[0]:.3f} % (median), two repeats by "
+            f"{100 * text[1]:.3f} %"
+        )
+    return agree
+
+
+def _differences(path: Path, other: Path) -> str:
+    """Of an image and the other processor's, beside those of two repeats."""
+    here, there, repeat = (
+        volumes.read_nifti(one).array.astype(float) for one in (path, other, path.with_name("seed01.nii.gz"))
+    )
+    return (
+        f"{100 * (here == there).mean():.1f} % of voxels the same, up to {np.abs(here - there).max():.0f} HU, "
+        f"SD of the difference {np.std(here - there):.2f} HU; of two repeats {np.std(here - repeat):.2f} HU"
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--target", action="append", default=[], help="a file under results_dir; may be repeated")
+    parser.add_argument("--processor", action="store_true")
+    parser.add_argument("--folder", type=Path, help="where to work; by default a temporary folder")
+    parser.add_argument("--noise-free", type=Path, nargs=3, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.noise_free:
+        noise_free(*arguments.noise_free)
+        return 0
+    parent = arguments.folder or Path(tempfile.mkdtemp(prefix="determinism-"))
+    parent.mkdir(parents=True, exist_ok=True)
+    reference = make(parent / "two cores", arguments.target)
+    if arguments.processor:
+        variables = plain_processor(parent / "kernels")
+        folder = make(parent / "plain processor", arguments.target, environment=variables)
+        return int(not compare_processors(folder, reference, variables))
+    folders = [make_under(one, parent / one, arguments.target, reference) for one in CIRCUMSTANCES]
+    return int(not all([compare(folder, reference) for folder in folders]))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
