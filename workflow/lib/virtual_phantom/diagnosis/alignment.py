@@ -10,7 +10,7 @@ from ..physics.scene import Pose
 # Standard deviations that what is known may be off by at most: where much is left out, a Gaussian alone gives way.
 SURE = 5.0
 # Expected and standard deviation of numerical errors, over what a finer step changes (L. F. Richardson, Phil. Trans. R.
-# Soc. A 210, 307, 1911). Two more rays per direction are expected to change what further ones do. Voxels of edge h,
+# Soc. A 210, 307, 1911). Twice as many rays are expected to change what all further ones do. Voxels of edge h,
 # and lines between their middles, blur by a variance of h^2/4, those twice as large by 3/4 h^2 more; an object that is
 # finer by itself is blurred by less, down to 0 (0.33), one of voxels half as large by h^2/24 (0.28), one of just these
 # voxels, but with sharp edges, by h^2/12 (0.22).

@@ -20,7 +20,7 @@ from .alignment import POSES, pose_of
 # pixels off moves them by 10^5; errors left where they were are then taken for a focal spot, by 200.
 MOST_STRAY = 500.0
 KEPT = 4
-FLOOR_SAMPLES = 2  # more rays per pixel and direction than the model's: what these change is its error
+FINER = 2  # times as many rays per pixel and direction as the model has: what these change is its error
 
 
 def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tuple[Chain, Chain]:
@@ -32,7 +32,7 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
     fitted = scene if isinstance(scene, DiscScene) else PosedScene(scene, samples)
     return (
         Chain(fitted, geometry, samples=samples, **more),
-        Chain(scene, geometry, samples=samples + FLOOR_SAMPLES, **more),
+        Chain(scene, geometry, samples=FINER * samples, **more),
     )
 
 
