@@ -5,7 +5,7 @@
 Kinds: `single` (one effect, drawn evenly from all), `none`, `pair` (two effects), `missing` (one effect, which is taken
 out of the candidates). Strengths are drawn so that what the effect changes, beyond what the alignment takes up, stands
 5 to 50 standard deviations above the noise (log-uniform). The scan is small, 64 columns x 8 rows x 90 views with 4
-repeats.
+repeats, and is taken with twice as many rays per pixel and direction as the model has.
 
 `left` is what the diagnosis left of the concealed effects, without noise, in standard deviations of the data held out:
 under 5, no data of this noise could tell that what it names is not what was concealed. `seen` are the domains where
@@ -158,11 +158,11 @@ def left_over(given, physics, fit):
 
 
 def one(task):
-    kind, draw, only, accuracy = task
+    kind, draw, only, accuracy, samples = task
     random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=(len(kind), draw)))
     bare = scene()
-    chain = Chain(bare, GEOMETRY, PHOTONS, samples=4)
-    model, floor = model_and_floor(bare, GEOMETRY, 2, photons=PHOTONS)
+    chain = Chain(bare, GEOMETRY, PHOTONS, samples=2 * samples)
+    model, floor = model_and_floor(bare, GEOMETRY, samples, photons=PHOTONS)
     library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
     blank = prepared.prepare(scans(chain, {}, random), None, model, floor_chain=floor, nominal_photons=PHOTONS)
     count = {"none": 0, "pair": 2}.get(kind, 1)
@@ -250,12 +250,15 @@ def main():
         "--accuracy", type=float, help="diagnosis.model_accuracy of all effects; finite steps are exact then"
     )
     parser.add_argument("--only", nargs="+", help="these effects instead of all")
+    parser.add_argument(
+        "--samples", type=int, default=4, help="rays per pixel and direction; scanned with twice as many"
+    )
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--out", default="draws.csv")
     options = parser.parse_args()
     draws = range(options.first, options.first + options.draws)
     accuracy = ACCURACY if options.accuracy is None else {"default": options.accuracy}
-    tasks = [(options.kind, draw, options.only, accuracy) for draw in draws]
+    tasks = [(options.kind, draw, options.only, accuracy, options.samples) for draw in draws]
     rows = []
     with ProcessPoolExecutor(options.processes) as pool, open(options.out, "w", newline="") as file:
         writer = csv.DictWriter(file, FIELDS, restval="")

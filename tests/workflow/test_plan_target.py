@@ -7,8 +7,12 @@ from collections import Counter
 import pandas as pd
 import pytest
 import yaml
+from test_limits import RATES, plan_of
 from test_workflow import recorded
 from workflow_runs import ROOT, snakemake, tiny
+
+from virtual_phantom.costs.jobs import study_jobs
+from virtual_phantom.costs.limits import minutes
 
 
 def kinds(process):
@@ -83,6 +87,21 @@ def test_every_rule_that_is_not_local_says_what_it_needs():
                 assert f"{key}=" in resources[1] or "**FIGURE_RESOURCES" in resources[1], f"{path.name}: {rule}: {key}"
             told += 1
     assert told >= 40 and {"plan", "proof_seal", "recordings"} <= local
+
+
+def test_rules_ask_for_the_time_of_their_work(tmp_path):
+    """At the paper's scale, where it differs from rule to rule."""
+    process = snakemake("-n", "--configfile", "config/paper.yaml", "--config", "engine=cpu", f"results_dir={tmp_path}")
+    blocks = re.findall(r"^ +output: (.*)\n(?:.*\n)*? +resources: .*runtime=(\d+)", process.stdout, re.MULTILINE)
+    asked = {file: int(runtime) for files, runtime in blocks for file in files.split(", ")}
+    plan = plan_of(yaml.safe_load((ROOT / "config" / "paper.yaml").read_text()))
+    counted = Counter()
+    for job in study_jobs(plan, "cpu", rois=1):
+        if job.rule in ("phantom", "project", "reconstruct", "extract", "merge_features", "noise_calibration"):
+            counted[job.rule] += 1
+            for file in job.outputs:
+                assert asked[f"{tmp_path}/{file}"] == minutes(RATES, job.stage, job.work), (job.rule, file)
+    assert len(counted) == 6 and len(set(asked.values())) > 10
 
 
 def test_groups_of_the_profile_are_those_of_the_rules():

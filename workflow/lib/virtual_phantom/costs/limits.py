@@ -11,6 +11,8 @@ from .rates import estimate
 SAFETY = 4.0
 # Of any job: Python from a shared file system that is slow, kernels compiled anew for another processor.
 FLOOR_MINUTES = 10
+# Of features: rates count images, and regions as large as organs take many times what those of the measured study took.
+FLOORS = {"extract": 30}
 # Of a stage that nothing is known of: rates of one's own may leave out what one's study had no jobs of.
 UNKNOWN_MINUTES = 240
 # Stages that were not measured: which rates are taken, and how many times what they give.
@@ -25,10 +27,11 @@ STAND_INS = {
 
 
 def minutes(rates: dict, stage: str, work: Mapping[str, float]) -> int:
-    """Whole minutes that a job of this stage and work (jobs.Sizes) may take; never under FLOOR_MINUTES.
+    """Whole minutes that a job of this stage and work (jobs.Sizes) may take; never under its floor.
 
     Threads are not counted, as part of the work runs in one however many there are.
     """
     source, times = (stage, SAFETY) if stage in rates["seconds"] else STAND_INS.get(stage, (stage, SAFETY))
     seconds = estimate(rates, source, work)
-    return UNKNOWN_MINUTES if seconds is None else max(FLOOR_MINUTES, math.ceil(times * seconds / 60))
+    least = FLOORS.get(stage, FLOOR_MINUTES)
+    return UNKNOWN_MINUTES if seconds is None else max(least, math.ceil(times * seconds / 60))
