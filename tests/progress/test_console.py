@@ -2,6 +2,7 @@
 
 import io
 import logging
+import time
 
 import pytest
 from snakemake.logging import DefaultFormatter
@@ -9,21 +10,24 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.job import job
-from virtual_phantom.progress.console import Console, described, duration, take_over
+from virtual_phantom.progress import console, status
+from virtual_phantom.progress.console import Console, take_over
+from virtual_phantom.progress.failures import described
+from virtual_phantom.progress.status import duration
 from virtual_phantom.progress.time_left import Progress, Step
 
 
 class Run:
     """A run of so many jobs of one rule, at a time that the test says."""
 
-    def __init__(self, jobs=3, seconds=60.0):
+    def __init__(self, jobs=3, seconds=60.0, keep_going=False):
         self.now, self.stream = 1000.0, io.StringIO()
         inner = logging.StreamHandler(self.stream)
         inner.setFormatter(DefaultFormatter(quiet=set(), show_failed_logs=True))
         steps = [Step(i, f"reconstruct_{i}", (f"images/{i}.nii.gz",)) for i in range(jobs)]
         expected = {step.files[0]: seconds for step in steps}
         progress = Progress(steps, 1, lambda: expected, self.now)
-        self.console = Console(inner, progress, "results/logs", lambda: self.now)
+        self.console = Console(inner, progress, "results/logs", keep_going, lambda: self.now)
 
     def log(self, event, message="", level=logging.INFO, **more):
         record = logging.makeLogRecord({"msg": message, "levelno": level, "event": event, **more})
@@ -45,6 +49,11 @@ def ended(run):
     run.log(
         LogEvent.ERROR, "WorkflowError:\nAt least one job did not complete successfully.", exception="WorkflowError"
     )
+
+
+def exited_with_1(run):
+    said = "RuleException:\nCalledProcessError in file \"r.smk\", line 4:\nCommand 'x' returned non-zero exit status 1."
+    run.log(LogEvent.ERROR, said, logging.ERROR, exception="RuleException")
 
 
 class Script:
@@ -98,17 +107,15 @@ def test_the_last_line_says_what_failed_and_why(tmp_path):
     run.console.progress.began = 0.0
     log = written(tmp_path / "a.log", InputError("clean.h5: is cut short; delete it"))
     run.log(LogEvent.JOB_INFO, jobid=0, rule_name="reconstruct_0")
-    noise = (
-        "RuleException:\nCalledProcessError in file \"r.smk\", line 4:\nCommand 'x' returned non-zero exit status 1."
-    )
-    run.log(LogEvent.ERROR, noise, logging.ERROR, exception="RuleException")
+    exited_with_1(run)
     run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
     run.log(None, "Exiting because a job execution failed. Look above for error messages", logging.ERROR)
     ended(run)
     assert run.lines()[-1] == (
         f"Failed: reconstruct of images/0.nii.gz and 1 more: clean.h5: is cut short; delete it (log: {log})"
     )
-    assert len(run.lines()) == 3
+    assert run.lines()[1:3] == ["0 of 3 jobs done; now: reconstruct (0 of 3 done)", "0 of 3 jobs done, 1 failed"]
+    assert len(run.lines()) == 4
 
 
 def test_a_failure_is_told_at_once_if_others_go_on(tmp_path):
@@ -124,7 +131,7 @@ def test_a_failure_is_told_at_once_if_others_go_on(tmp_path):
 @pytest.mark.parametrize(
     "error, reason",
     [
-        (ValueError("two\nlines"), "unexpected ValueError: two lines; above is where"),
+        (ValueError("two\nlines"), "unexpected ValueError: two lines; the log says where"),
         (MemoryError(), "not enough memory (no more could be had); run fewer jobs at a time, or a smaller grid"),
     ],
 )
@@ -149,8 +156,147 @@ def test_a_job_that_gave_no_reason_is_told_in_snakemakes_words_too(tmp_path):
     ended(run)
     text = run.stream.getvalue()
     assert "SIGKILL" in text and "Error in rule reconstruct_0:" in text
-    assert run.lines()[-1].startswith("Failed: reconstruct of images/0.nii.gz and 1 more: ended without a word")
+    assert run.lines()[-1].startswith(
+        "Failed: reconstruct of images/0.nii.gz and 1 more: gave no reason in its log (killed, out"
+    )
     assert run.lines()[-1].endswith(f"see {log}")
+
+
+def test_a_script_that_fails_before_it_has_a_log_is_told_in_full(tmp_path):
+    run = Run()
+    exited_with_1(run)
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[tmp_path / "none.log"]))
+    ended(run)
+    text = run.stream.getvalue()
+    assert text.index("returned non-zero exit status 1.") < text.index("Error in rule reconstruct_0:")
+    assert run.lines()[-1].endswith(f"or failed before it began); see {tmp_path}/none.log")
+
+
+def test_an_exception_that_no_job_owns_is_not_lost():
+    run = Run()
+    exited_with_1(run)
+    ended(run)
+    assert "returned non-zero exit status 1." in run.stream.getvalue()
+
+
+def test_what_goes_wrong_in_here_does_not_end_the_run(capsys):
+    """No rates to be had is told once; a terminal that is full, each time."""
+    run = Run()
+
+    def none():
+        raise OSError("no rates to be had")
+
+    run.console.progress._expected = none
+    logger = logging.Logger("a run")
+    logger.addHandler(run.console)
+    for number in range(3):
+        logger.info("job", extra={"event": LogEvent.JOB_INFO, "jobid": number})
+        run.now += 60.0
+        logger.info("done", extra={"event": LogEvent.JOB_FINISHED, "job_id": number})
+    assert capsys.readouterr().err.count("OSError: no rates to be had") == 1
+    assert run.lines()[1:] == [
+        "0 of 3 jobs done; now: reconstruct (0 of 3 done)",
+        "2 of 3 jobs done, about 60 s left; now: reconstruct (2 of 3 done)",
+        "3 of 3 jobs done in 3 min",
+    ]
+    run.stream.close()
+    logger.info("done", extra={"event": LogEvent.JOB_FINISHED, "job_id": 2})
+    assert "I/O operation on closed file" in capsys.readouterr().err
+
+
+def test_a_job_that_is_tried_again_has_not_failed(tmp_path):
+    run = Run(2)
+    run.console.progress.began = 0.0
+    log = written(tmp_path / "a.log", InputError("broken; mend it"))
+    run.log(LogEvent.JOB_INFO, jobid=0)
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
+    assert "Failed" not in run.stream.getvalue()
+    run.log(None, "Trying to restart job 0.")
+    assert "broken; mend it" in run.lines()[-2] and run.lines()[-1] == "Trying to restart job 0."
+    run.now += 60.0
+    run.log(LogEvent.JOB_INFO, jobid=0)
+    assert run.lines()[-1] == "0 of 2 jobs done, about 2 min left; now: reconstruct (0 of 2 done)"
+    run.log(LogEvent.JOB_FINISHED, job_id=0)
+    run.log(LogEvent.JOB_INFO, jobid=1)
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, 1, logs=[tmp_path / "none.log"]))
+    ended(run)
+    last = run.lines()[-2:]
+    assert last[0] == "1 of 2 jobs done, 1 failed" and last[1].startswith("Failed: reconstruct of images/1.nii.gz")
+
+
+def test_after_a_failure_no_time_is_promised_for_jobs_that_are_not_started(tmp_path):
+    run = Run(3)
+    for number in (0, 1):
+        run.log(LogEvent.JOB_INFO, jobid=number)
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[tmp_path / "none.log"]))
+    run.now += 30.0
+    run.log("time_passed")
+    assert run.lines()[-1] == "0 of 3 jobs done, 1 failed; no more are started; now: reconstruct (0 of 3 done)"
+
+
+def test_who_keeps_going_is_told_at_once_and_of_the_time_for_the_others(tmp_path):
+    run = Run(3, keep_going=True)
+    run.console.progress.began = 0.0
+    log = written(tmp_path / "a.log", InputError("broken; mend it"))
+    run.log(LogEvent.JOB_INFO, jobid=0)
+    run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
+    assert "broken; mend it" in run.lines()[-1]
+    run.now += 60.0
+    run.log(LogEvent.JOB_INFO, jobid=1)
+    assert run.lines()[-1] == "0 of 3 jobs done, 1 failed, about 2 min left; now: reconstruct (0 of 3 done)"
+    for number in (1, 2):
+        run.log(LogEvent.JOB_FINISHED, job_id=number)
+    ended(run)
+    assert run.lines()[-2] == "2 of 3 jobs done, 1 failed"
+
+
+def test_of_many_failures_the_first_ten_end_the_run(tmp_path):
+    run = Run(13)
+    for number in range(13):
+        run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, number, logs=[tmp_path / "none.log"]))
+    ended(run)
+    assert run.lines()[-11] == "Failed: 3 more jobs than these, which were the first"
+    assert [line.split()[3] for line in run.lines()[-10:]] == [f"images/{number}.nii.gz" for number in range(10)]
+
+
+def test_a_job_past_its_expected_time_has_no_time_left():
+    run = Run(1)
+    run.log(LogEvent.JOB_INFO, jobid=0)
+    run.now += 100.0
+    run.log("time_passed")
+    assert run.lines()[-1] == "0 of 1 jobs done; now: reconstruct (0 of 1 done)"
+
+
+def test_a_job_that_leaves_files_out_has_failed_and_its_group_with_it():
+    """Snakemake sends the exception alone."""
+    run = Run(4, keep_going=True)
+    jobs = [type("Job", (), {"jobid": number})() for number in (0, 1)]
+    run.log(LogEvent.GROUP_INFO, jobs=jobs, group_id="g")
+    for number in range(3):
+        run.log(LogEvent.JOB_INFO, jobid=number)
+    text = "MissingOutputException in rule x in file r.smk, line 3:\nJob {}  completed successfully, but some output "
+    text += "files are missing. Missing files after 5 seconds:\nx (missing locally)"
+    run.log(LogEvent.ERROR, text.format(1), logging.ERROR, exception="MissingOutputException")
+    assert list(run.console.progress.under_way) == [2] and run.console.progress.failed == {0, 1}
+    run.log(LogEvent.ERROR, text.format(2), logging.ERROR, exception="MissingOutputException")
+    assert not run.console.progress.under_way
+    ended(run)
+    assert "Missing files after 5 seconds:" in run.stream.getvalue()
+    assert run.lines()[-2:] == [
+        f"Failed: reconstruct of images/{number}.nii.gz: ended well, but files are missing; Snakemake's message says "
+        "which"
+        for number in (1, 2)
+    ]
+
+
+def test_jobs_that_only_list_files_are_not_counted():
+    """Snakemake tells of `all` as of the others."""
+    run = Run(1)
+    run.log(LogEvent.JOB_INFO, jobid=0)
+    run.log(LogEvent.JOB_FINISHED, job_id=0)
+    run.log(LogEvent.JOB_INFO, jobid=99)
+    run.log(LogEvent.JOB_FINISHED, job_id=99)
+    assert run.lines()[2:] == ["1 of 1 jobs done in 0 s"]
 
 
 def test_of_a_group_the_job_that_failed_is_named(tmp_path):
@@ -193,6 +339,40 @@ def test_who_stops_a_run_is_told_of_no_failure():
     ]
 
 
+def test_what_goes_wrong_while_a_run_is_stopped_is_told():
+    run = Run()
+    run.log(LogEvent.JOB_INFO, jobid=0)
+    run.log(None, "Terminating processes on user request, this might take some time.")
+    refused = "WorkflowError:\nUnable to cancel jobs: scancel: permission denied"
+    run.log(LogEvent.ERROR, refused, logging.ERROR, exception="WorkflowError")
+    ended(run)
+    assert run.lines()[-2:] == [
+        "Unable to cancel jobs: scancel: permission denied",
+        "Stopped. What is done stays; the same command goes on from there.",
+    ]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_jobs_that_may_finish_after_sigterm_may_fail(fails, tmp_path):
+    run = Run()
+    run.console.progress.began = 0.0
+    for number in (0, 1):
+        run.log(LogEvent.JOB_INFO, jobid=number)
+    for _ in range(2):
+        run.log(None, "Will exit after finishing currently running jobs (scheduler).")
+    run.now += 60.0
+    run.log("time_passed")
+    assert run.lines()[2:] == [
+        "Will exit after finishing currently running jobs (scheduler).",
+        "0 of 3 jobs done; no more are started; now: reconstruct (0 of 3 done)",
+    ]
+    if fails:
+        log = written(tmp_path / "a.log", InputError("broken; mend it"))
+        run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
+    ended(run)
+    assert ("broken; mend it" if fails else "Stopped. What is done stays") in run.lines()[-1]
+
+
 def test_other_messages_are_snakemakes():
     run = Run()
     run.log(None, "The lock is held", logging.WARNING)
@@ -206,11 +386,35 @@ def test_only_snakemakes_own_handler_is_replaced():
     logger = logging.Logger("a run")
     other = logging.StreamHandler(io.StringIO())
     logger.addHandler(other)
-    take_over(logger, [], 1, dict, "logs")
+    take_over(logger, [], 1, dict, "logs", False)
     assert logger.handlers == [other]
     other.set_name("DefaultStreamHandler")
-    take_over(logger, [], 1, dict, "logs")
+    take_over(logger, [], 1, dict, "logs", False)
     assert isinstance(logger.handlers[0], Console) and len(logger.handlers) == 1
+
+
+def test_while_jobs_run_time_passes_until_the_end(monkeypatch):
+    monkeypatch.setattr(console, "SECONDS_BETWEEN_LOOKS", 0.01)
+    monkeypatch.setattr(status, "SECONDS_BETWEEN", 0.01)
+    stream, logger = io.StringIO(), logging.Logger("a run")
+    inner = logging.StreamHandler(stream)
+    inner.set_name("DefaultStreamHandler")
+    logger.addHandler(inner)
+    take_over(logger, [Step(0, "phantom", ("a",))], 1, lambda: {"a": 3000.0}, "logs", False)
+    logger.info("job", extra={"event": LogEvent.JOB_INFO, "jobid": 0})
+    deadline = time.monotonic() + 20
+    while stream.getvalue().count("0 of 1 jobs done") < 4 and time.monotonic() < deadline:
+        time.sleep(0.01)
+    # As Snakemake does it: with the handler's lock, which the thread may be waiting for.
+    (handler,) = logger.handlers
+    handler.acquire()
+    handler.close()
+    handler.release()
+    said = stream.getvalue()
+    handler._looking.join(20)
+    assert not handler._looking.is_alive()
+    assert "0 of 1 jobs done, about 50 min left; now: phantom (0 of 1 done)" in said
+    assert stream.getvalue() == said and said.count("0 of 1 jobs done") >= 4
 
 
 def test_durations_are_as_precise_as_one_plans():

@@ -77,4 +77,17 @@ def test_what_makes_no_file_takes_no_time_and_a_failed_job_is_not_done():
     progress.start(0, 0.0)
     assert progress.stages() == [("extract", 0, 2)]
     progress.fail(0)
-    assert progress.stages() == [] and progress.seconds_left(3.0) == (8.0, True)
+    assert progress.stages() == [] and len(progress.took) == 0
+    # It is not waited for, until it is started once more.
+    assert progress.seconds_left(3.0) == (4.0, True)
+    progress.start(0, 3.0)
+    assert progress.seconds_left(3.0) == (8.0, True) and not progress.failed
+
+
+def test_what_waits_for_a_failed_job_is_not_waited_for():
+    jobs = [Step(n, f"step_{n}", (f"step/{n}",), needs=needs) for n, needs in enumerate([(), (0,), (1,), (), (3, 7)])]
+    progress = Progress(jobs, 1, lambda: rates(*jobs, seconds=4.0), began=0.0)
+    assert progress.lost() == set() and progress.seconds_left(0.0) == (20.0, True)
+    progress.start(0, 0.0)
+    progress.fail(0)
+    assert progress.lost() == {0, 1, 2} and progress.seconds_left(0.0) == (8.0, True)

@@ -60,7 +60,7 @@ def job(snakemake) -> Iterator[logging.Logger]:
         sys.exit(1)
     except Exception as error:
         logger.error("%s", traceback.format_exc())
-        logger.error("unexpected %s: %s; above is where", type(error).__name__, " ".join(str(error).split()))
+        logger.error("unexpected %s: %s; the log says where", type(error).__name__, " ".join(str(error).split()))
         raise
     finally:
         for target in (logger, logging.getLogger("py.warnings")):

@@ -6,168 +6,199 @@ go on to Snakemake's log file as they are. Written for Snakemake 9: what it logs
 
 from __future__ import annotations
 
-import itertools
 import logging
-import os
 import re
+import threading
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from ..job import last_reason
-from .time_left import Progress, Step, stage_of
+from . import failures
+from .status import Status
+from .time_left import Progress, Step
 
-# Each line after the first comes this long after the one before it, or a thirtieth of the time since the start: the
-# longer a run, the rarer, so that hours have no more than hundreds of lines.
-SECONDS_BETWEEN = 10.0
-SHARE_BETWEEN = 1 / 30
-FAILURES_SHOWN = 10
-STOPPED_START = "Terminating processes on user request"
-ACQUISITION = re.compile(r"(.*/seed\d+)\.[a-z0-9.]+")
+SECONDS_BETWEEN_LOOKS = 1.0  # whether it is time for a line
 
-SILENT_EVENTS = {"progress", "job_started", "group_info", "shellcmd", "resources_info", "run_info"}
+# Ctrl-C ends what is under way; SIGTERM lets it finish, and is told of again each time that a job ends.
+CUT_SHORT_START = "Terminating processes on user request"
+LET_FINISH_START = "Will exit after finishing currently running jobs"
+AGAIN_START = "Trying to restart job "
+INCOMPLETE = "At least one job did not complete"
+FILES_MISSING = re.compile(r"Job (\d+)\s+completed successfully, but some output files are missing")
+
+SILENT_EVENTS = {"progress", "job_started", "shellcmd", "resources_info", "run_info"}
 SILENT_STARTS = ("Select jobs to execute...", "Removing temporary output ", "Exiting because a job execution failed.")
 
 
 class Console(logging.Handler):
     """Takes the place of Snakemake's own handler for the terminal.
 
-    inner     that handler, which gets what is not said here
-    progress  the run
-    logs      folder of the jobs' logs
-    clock     seconds since the epoch
+    inner       that handler, which gets what is not said here
+    progress    the run
+    logs        folder of the jobs' logs
+    keep_going  whether further jobs are started after one has failed
+    clock       seconds since the epoch
     """
 
     def __init__(
-        self, inner: logging.StreamHandler, progress: Progress, logs: str, clock: Callable[[], float] = time.time
+        self,
+        inner: logging.StreamHandler,
+        progress: Progress,
+        logs: str,
+        keep_going: bool = False,
+        clock: Callable[[], float] = time.time,
     ):
         super().__init__()
-        self.inner, self.progress, self.clock = inner, progress, clock
-        self.said: float | None = None
-        self.failures: list[str] = []
-        self.stopped = False
-        self._write(f"Jobs to do: {len(progress.steps)}. Their logs: {logs}")
+        self.inner, self.progress, self.keep_going, self.clock = inner, progress, keep_going, clock
+        self.status = Status(inner.stream, progress, clock)
+        self.failed: dict[int, str] = {}
+        self.untold: list[str] = []
+        self.exited_with_1: dict[int, logging.LogRecord] = {}
+        self.groups: dict[int, list[int]] = {}
+        self.cut_short = self.let_finish = False
+        self.closed = threading.Event()
+        self.status.write(f"Jobs to do: {len(progress.steps)}. Their logs: {logs}")
 
     def emit(self, record: logging.LogRecord) -> None:
-        event = str(getattr(record, "event", None))
-        act = getattr(self, f"_{event}", None)
-        self.stopped |= str(record.msg).startswith(STOPPED_START)
-        if act is not None:
-            act(record)
-        elif event not in SILENT_EVENTS and not str(record.msg).startswith(SILENT_STARTS):
-            self.inner.handle(record)
+        # What went wrong in here must not end the run: Snakemake would cancel its jobs.
+        try:
+            self._take(record)
+        except Exception:
+            self.handleError(record)
+
+    def look_on(self) -> None:
+        """Say how far it is while jobs run, too, from a thread that ends with `close` or with the program."""
+        self._looking = threading.Thread(target=self._look, name="progress", daemon=True)
+        self._looking.start()
 
     def close(self) -> None:
+        self.closed.set()
         self.inner.close()
         super().close()
 
+    def _look(self):
+        # As a record, so that the handler's lock keeps its lines apart from others.
+        while not self.closed.wait(SECONDS_BETWEEN_LOOKS):
+            self.handle(logging.makeLogRecord({"event": "time_passed", "msg": "progress"}))
+
+    def _take(self, record):
+        event, text = str(getattr(record, "event", None)), str(record.msg)
+        act = getattr(self, f"_{event}", None)
+        if act is not None:
+            act(record)
+            return
+        told_before = text.startswith(LET_FINISH_START) and self.let_finish
+        self.cut_short |= text.startswith(CUT_SHORT_START)
+        self.let_finish |= text.startswith(LET_FINISH_START)
+        if text.startswith(AGAIN_START):
+            self._tell()
+        if not told_before and event not in SILENT_EVENTS and not text.startswith(SILENT_STARTS):
+            self.inner.handle(record)
+
+    def _time_passed(self, record):
+        if self.progress.under_way and not self.closed.is_set():
+            self._say()
+
+    def _group_info(self, record):
+        numbers = [job.jobid for job in record.jobs]
+        self.groups |= dict.fromkeys(numbers, numbers)
+
     def _job_info(self, record):
+        if record.jobid not in self.progress.steps:
+            return
         self.progress.start(record.jobid, self.clock())
-        self._status()
+        self.failed.pop(record.jobid, None)
+        self._say()
 
     def _job_finished(self, record):
+        if record.job_id not in self.progress.steps:
+            return
         self.progress.finish(record.job_id, self.clock())
         # Between two jobs there is nothing to say: the next one is about to begin.
         if self.progress.under_way or len(self.progress.took) == len(self.progress.steps):
-            self._status()
+            self._say()
 
-    def _status(self):
-        """Say how far it is, if it has not just been said."""
-        progress, now = self.progress, self.clock()
-        done, jobs = len(progress.took), len(progress.steps)
-        between = max(SECONDS_BETWEEN, SHARE_BETWEEN * (now - progress.began))
-        if done == jobs:
-            self._write(f"{done} of {jobs} jobs done in {duration(now - progress.began)}", now)
-        elif self.said is None or now - self.said >= between:
-            left = "" if self.said is None else time_left(*progress.seconds_left(now))
-            stages = ", ".join(f"{stage} ({some} of {all_} done)" for stage, some, all_ in progress.stages())
-            self._write(f"{done} of {jobs} jobs done{left}{'; now: ' if stages else ''}{stages}", now)
-
-    def _write(self, text, now=None):
-        self.said = now
-        stamp = time.strftime("%H:%M:%S ", time.localtime(self.clock()))
-        self.inner.stream.write(f"{stamp}{text}\n")
-        self.inner.stream.flush()
+    def _say(self):
+        ending = self.cut_short or self.let_finish or (bool(self.failed) and not self.keep_going)
+        self.status.say(len(self.failed), ending)
 
     def _job_error(self, record):
         # Of a group, the group has been told of.
         if not getattr(record, "indent", False):
-            self._failed([vars(record)], [], record)
+            self._jobs_failed([vars(record)], [], record)
 
     def _group_error(self, record):
-        self._failed(record.job_error_info, record.aux_logs, record)
+        self._jobs_failed(record.job_error_info, record.aux_logs, record)
 
-    def _failed(self, jobs, more_logs, record):
-        """Remember why, and say so now if others go on. What gave no reason is told in Snakemake's words too."""
-        if self.stopped:
+    def _jobs_failed(self, jobs, more_logs, record):
+        """Remember why. What gave no reason is told in Snakemake's words too."""
+        exited_with_1 = self.exited_with_1.pop(record.thread, None)
+        if self.cut_short:
             return
-        told = []
         for job in jobs:
             self.progress.fail(job["jobid"])
-            if reason := next(filter(None, (last_reason(log, self.progress.began) for log in job["log"])), None):
-                told.append(f"Failed: {described(job)}: {reason} (log: {job['log'][0]})")
-        if not told:
-            self.inner.handle(record)
-            logs = ", ".join([*more_logs, *(log for job in jobs for log in job["log"])])
-            names = ", ".join(map(described, jobs))
-            told = [f"Failed: {names}: ended without a word, as jobs do that are killed; see {logs}"]
-        self.failures += told
-        if self.progress.under_way:
-            for line in told:
-                self._write(line, self.said)
+        lines = failures.from_logs(jobs, self.progress.began)
+        if not lines:
+            lines = failures.without_reason(jobs, more_logs)
+            for said in filter(None, (exited_with_1, record)):
+                self.inner.handle(said)
+        self._remember(lines)
+
+    def _remember(self, lines):
+        """Keep why jobs failed for the end, and say so now if others go on: otherwise the end is near."""
+        self.failed |= lines
+        self.untold += lines.values()
+        if self.progress.under_way or self.keep_going:
+            self._tell()
+
+    def _tell(self):
+        lines, self.untold = self.untold, []
+        for line in lines:
+            self.status.write(line)
 
     def _error(self, record):
-        """The end of a run with failures; an exception otherwise, unless all it says is that a script ended with 1."""
+        """The end of a run that is not complete, or an exception."""
         kind, text = getattr(record, "exception", ""), str(record.msg)
-        if self.stopped and not self.failures and kind in ("RuleException", "WorkflowError"):
-            if kind == "WorkflowError":
-                self._write("Stopped. What is done stays; the same command goes on from there.")
-        elif kind == "WorkflowError" and "At least one job did not complete" in text and self.failures:
-            left_out = len(self.failures) - FAILURES_SHOWN
-            if left_out > 0:
-                self.inner.stream.write(f"Failed: {left_out} more jobs than these\n")
-            self.inner.stream.write("".join(f"{line}\n" for line in self.failures[-FAILURES_SHOWN:]))
+        if kind == "WorkflowError" and INCOMPLETE in text:
+            self._ended(record)
+        elif kind == "RuleException" and self.cut_short:
+            pass  # how the jobs ended that were under way
+        elif kind == "RuleException" and "returned non-zero exit status 1." in text:
+            # What the same thread says next is that the job failed, and its log says why, if it got so far.
+            self.exited_with_1[record.thread] = record
+        else:
+            self.inner.handle(record)
+            missing = FILES_MISSING.search(text)
+            step = self.progress.steps.get(int(missing[1])) if missing else None
+            if step is not None:
+                # Snakemake gives up the whole group, and says no more of it.
+                for number in self.groups.get(step.number, [step.number]):
+                    self.progress.fail(number)
+                self._remember(failures.without_files(step))
+
+    def _ended(self, record):
+        for unexplained in self.exited_with_1.values():
+            self.inner.handle(unexplained)
+        if self.failed:
+            self.status.write(self.status.counts(len(self.failed)))
+            self.inner.stream.write("".join(f"{line}\n" for line in failures.at_end(list(self.failed.values()))))
             self.inner.stream.flush()
-        elif kind != "RuleException" or "returned non-zero exit status 1." not in text:
+        elif self.cut_short or self.let_finish:
+            self.status.write("Stopped. What is done stays; the same command goes on from there.")
+        else:
             self.inner.handle(record)
 
 
-def described(job: dict) -> str:
-    """A job by what it was to make: its acquisitions, or its first file."""
-    files = job["output"]
-    if not files:
-        return job["rule_name"]
-    found = [match[1] for match in map(ACQUISITION.fullmatch, files) if match]
-    if len(found) < len(files):
-        made = f"{files[0]} and {len(files) - 1} more" if len(files) > 1 else files[0]
-    else:
-        levels = [list(seeds) for _, seeds in itertools.groupby(found, os.path.dirname)]
-        made = ", ".join(
-            seeds[0] + (f" to {os.path.basename(seeds[-1])}" if len(seeds) > 1 else "") for seeds in levels
-        )
-    return f"{stage_of(job['rule_name'])} of {made}"
-
-
-def time_left(seconds: float, complete: bool) -> str:
-    """An estimate in words; nothing where there is none."""
-    if complete:
-        return f", about {duration(seconds)} left"
-    return f", more than {duration(seconds)} left" if seconds else ""
-
-
-def duration(seconds: float) -> str:
-    """Time to the precision that one needs to plan with."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 90 * 60 else f"{seconds / 3600:.1f} h"
-
-
-def take_over(logger: logging.Logger, steps: Iterable[Step], cores: int | None, expected, logs: str | Path) -> None:
+def take_over(
+    logger: logging.Logger, steps: Iterable[Step], cores: int | None, expected, logs: str | Path, keep_going: bool
+) -> None:
     """Say the rest of a run's messages in our words, where Snakemake writes to the terminal in its own.
 
     Another logger plugin, or another name of that handler in a later Snakemake, leaves all as it is.
     """
     for handler in list(logger.handlers):
         if handler.get_name() == "DefaultStreamHandler":
+            console = Console(handler, Progress(steps, cores, expected, time.time()), str(logs), keep_going)
             logger.removeHandler(handler)
-            logger.addHandler(Console(handler, Progress(steps, cores, expected, time.time()), str(logs)))
+            logger.addHandler(console)
+            console.look_on()

@@ -24,12 +24,14 @@ class Step:
     rule     its rule
     files    what it makes
     threads  cores that it takes
+    needs    numbers of the jobs that it waits for
     """
 
     number: int
     rule: str
     files: tuple[str, ...]
     threads: int = 1
+    needs: tuple[int, ...] = ()
 
     @property
     def stage(self) -> str:
@@ -52,13 +54,15 @@ class Progress:
         self.cores, self.began = cores, began
         self.under_way: dict[int, float] = {}
         self.took: dict[int, float] = {}
+        self.failed: set[int] = set()
         self._expected = expected
         self._rates: dict[str, float] | None = None
 
     def start(self, number: int, now: float) -> None:
-        """A job has been started."""
+        """A job has been started, for another time perhaps."""
         if number in self.steps:
             self.under_way[number] = now
+            self.failed.discard(number)
 
     def finish(self, number: int, now: float) -> None:
         """A job is done."""
@@ -68,6 +72,17 @@ class Progress:
     def fail(self, number: int) -> None:
         """A job is no longer under way, and not done."""
         self.under_way.pop(number, None)
+        if number in self.steps:
+            self.failed.add(number)
+
+    def lost(self) -> set[int]:
+        """Jobs that failed, and those that wait for them in vain."""
+        lost: set[int] = set()
+        found = set(self.failed)
+        while found:
+            lost |= found
+            found = {n for n, step in self.steps.items() if n not in lost and not lost.isdisjoint(step.needs)}
+        return lost
 
     def stages(self) -> list[tuple[str, int, int]]:
         """(stage, jobs done, jobs) of the stages that are under way, in the order in which they began."""
@@ -77,16 +92,16 @@ class Progress:
         return [(stage, done[stage], jobs[stage]) for stage in now]
 
     def seconds_left(self, now: float) -> tuple[float, bool]:
-        """Seconds until all is done, and whether all jobs are in them.
+        """Seconds until all is done that can be, and whether all jobs are in them.
 
         A job takes its expected time, times what the finished jobs of its stage took more than was expected of them;
         one that nothing is expected of takes their mean, and is left out where there are none. The rest is shared among
         the cores, and no job is split.
         """
-        ratios = self._ratios()
+        ratios, lost = self._ratios(), self.lost()
         seconds, longest, complete = 0.0, 0.0, True
         for number, step in self.steps.items():
-            if number in self.took or not step.files:
+            if number in self.took or number in lost or not step.files:
                 continue
             expected = self._seconds_expected(step)
             ratio = ratios.get((step.stage, expected is None), None if expected is None else 1.0)
@@ -101,6 +116,7 @@ class Progress:
 
     def _seconds_expected(self, step):
         if self._rates is None:
+            self._rates = {}  # if there are none to be had, that is said once
             self._rates = self._expected()
         return next((self._rates[file] for file in step.files if file in self._rates), None)
 
