@@ -47,6 +47,7 @@ from virtual_phantom.volumes import Volume  # noqa: E402
 PHOTONS, REPEATS = 1e5, 4
 WEAKEST, STRONGEST = 5.0, 50.0
 FAINTEST, LEAST_SHARE = 1e-3, 1e-5  # standard deviations, and of a range: as good as nothing
+EDGE_MM = 2.0
 SQUARES_SD = 3.5  # of sums of squares: one in some thousand passes it by chance
 LEFT_BINS = (WEAKEST, 10.0, 20.0, np.inf)
 LEFT_OPEN = ("unexplained", "mismatch partly explained")
@@ -64,7 +65,7 @@ FIELDS = (
 )
 
 
-def scene(edge_mm, threads=1):
+def scene(edge_mm=EDGE_MM, threads=1):
     """An elliptic body with bone, fat and a dense insert, off the axis; edges blurred by a Gaussian."""
     grid = Grid((48, 192, 192), (1.5, 1.5, 1.5))  # a third of a pixel at the isocentre, as for the proof
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
@@ -256,7 +257,7 @@ def main():
     parser.add_argument(
         "--samples", type=int, default=2, help="rays per pixel and direction; scanned with twice as many"
     )
-    parser.add_argument("--edge-mm", type=float, default=2.0, help="standard deviation by which edges are blurred")
+    parser.add_argument("--edge-mm", type=float, default=EDGE_MM, help="standard deviation by which edges are blurred")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--out", default="draws.csv")
     options = parser.parse_args()
