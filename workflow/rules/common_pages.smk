@@ -92,12 +92,6 @@ def shown_figure(path):
     }
 
 
-def flat(paths):
-    """Paths that may stand in lists of their own, one after another."""
-    for path in paths:
-        yield from [path] if isinstance(path, str) else path
-
-
 def table_name(path):
     return os.path.basename(path).removesuffix(".csv")
 

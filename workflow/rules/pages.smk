@@ -54,7 +54,7 @@ TABLES = {
 }
 
 
-REPORTED = [path for path in flat(targets()) if path.endswith(".png")]
+REPORTED = [path for path in targets() if path.endswith(".png")]
 
 
 REPORTED_TABLES = sorted((f"{table}.csv" for table in tables()), key=place)

@@ -30,9 +30,9 @@ def expected_seconds():
     """Seconds that each file of the study takes one core, of jobs with a measured rate."""
     # Regions count for what is written only.
     return {
-        f"{RESULTS}/{file}": seconds(job, RATES)
+        f"{RESULTS}/{file}": takes
         for job in study_jobs(PLAN, ENGINE, rois=0)
-        if seconds(job, RATES) is not None
+        if (takes := seconds(job, RATES)) is not None
         for file in job.outputs
     }
 
