@@ -7,7 +7,6 @@ from scipy import special
 from virtual_phantom import fbp, solvers
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, circular, helical
-from virtual_phantom.projectors.astra_cuda import AstraCudaProjector
 from virtual_phantom.projectors.cpu import CpuProjector
 
 MU = 0.02
@@ -200,37 +199,3 @@ def test_bad_arguments(call):
     geometry = circular(views=2, columns=4, rows=2, **SCANNER)
     with pytest.raises(InputError):
         call(CpuProjector(geometry, GRID), np.ones((1, 2, 2, 4), np.float32))
-
-
-def test_sirt_does_not_depend_on_the_layout_of_the_engine():
-    """An engine that keeps lanes first and rows before views, as ASTRA does, gives the same image."""
-    grid = Grid((4, 16, 16), (10.0, 16.0, 16.0))
-    geometry = circular(views=20, columns=24, rows=4, **(SCANNER | dict(column_pitch_mm=24.0, row_pitch_mm=20.0)))
-    scan = np.random.default_rng(4).random((2, 20, 4, 24)).astype(np.float32)
-    expected = solvers.sirt(CpuProjector(geometry, grid, 2), scan, iterations=20, backprojector="voxel")
-
-    class Engine:
-        views_per_block = 20
-        lanes = 2
-        one_lane = staticmethod(AstraCudaProjector.one_lane)
-        pack_projections = AstraCudaProjector.pack_projections
-        unpack_volume = AstraCudaProjector.unpack_volume
-        pack_volume = AstraCudaProjector.pack_volume
-        empty_volume = AstraCudaProjector.empty_volume
-
-        def __init__(self):
-            self.geometry, self.grid, self.cpu = geometry, grid, CpuProjector(geometry, grid, 2)
-
-        def forward(self, volume, views=slice(None)):
-            projections = self.cpu.unpack_projections(self.cpu.forward(self.cpu.pack_volume(volume), views))
-            return self.pack_projections(projections)
-
-        def back(self, projections, views=slice(None), out=None):
-            out += self.cpu.unpack_volume(
-                self.cpu.back(self.cpu.pack_projections(np.swapaxes(projections, 1, 2)), views)
-            )
-            return out
-
-    np.testing.assert_allclose(
-        solvers.sirt(Engine(), scan, iterations=20, backprojector="voxel"), expected, rtol=1e-4, atol=1e-7
-    )

@@ -1,28 +1,15 @@
-"""Choosing an engine, and the GPU engine where there is a GPU."""
+"""Choosing an engine."""
 
 import astra
-import numpy as np
 import pytest
 from scanner import SCANNER
 
 from virtual_phantom import projectors
 from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, helical
-from virtual_phantom.projectors.astra_cuda import cone_vectors
-from virtual_phantom.projectors.cpu import CpuProjector
+from virtual_phantom.geometry import Grid, circular
 
-needs_cuda = pytest.mark.skipif(not astra.use_cuda(), reason="ASTRA finds no CUDA device here")
-GEOMETRY = helical(
-    views=40,
-    volume_height_mm=48,
-    **SCANNER,
-    columns=60,
-    rows=16,
-    column_pitch_mm=6.0,
-    row_pitch_mm=6.0,
-    column_offset_px=1.5,
-    row_offset_px=-0.5,
-)
+GEOMETRY = circular(views=4, **SCANNER, columns=6, rows=2, column_pitch_mm=6.0, row_pitch_mm=6.0)
+GRID = Grid((2, 2, 2), (1.0, 1.0, 1.0))
 
 
 def test_unknown_engine():
@@ -43,6 +30,7 @@ def test_unknown_engine():
 )
 def test_engine_that_can_do_the_work_is_taken(monkeypatch, cuda, engine, backprojector, expected):
     monkeypatch.setattr(astra, "use_cuda", lambda: cuda)
+    monkeypatch.setattr(projectors, "cupy_installed", lambda: True)
     assert projectors.choose_engine(engine, backprojector) == expected
 
 
@@ -62,27 +50,16 @@ def test_where_the_device_is_not_looked_for_its_user_does(monkeypatch):
     with pytest.raises(InputError, match="no adjoint"):
         projectors.choose_engine("astra_cuda", "adjoint", look=False)
     with pytest.raises(InputError, match="needs a CUDA device"):
-        projectors.projector("astra_cuda", GEOMETRY, Grid((2, 2, 2), (1.0, 1.0, 1.0)))
+        projectors.projector("astra_cuda", GEOMETRY, GRID)
 
 
-def test_cone_vectors_describe_the_same_rays():
-    vectors = cone_vectors(GEOMETRY)
-    for view, row, column in ((0, 0, 0), (17, 15, 59), (39, 3, 40)):
-        source, pixel = GEOMETRY.ray(view, row, column)
-        theirs = vectors[view].reshape(4, 3)
-        along = theirs[1] + (column - 29.5) * theirs[2] + (row - 7.5) * theirs[3]
-        np.testing.assert_allclose(theirs[0], source, atol=1e-9)
-        np.testing.assert_allclose(along, pixel, atol=1e-9)
-
-
-@needs_cuda
-@pytest.mark.gpu
-def test_gpu_projects_as_the_cpu_does():
-    grid = Grid((24, 48, 48), (2.0, 4.0, 4.0))
-    z, y, x = grid.axes_mm()
-    ball = np.exp(-(x**2 + y[:, None] ** 2 + (2 * z[:, None, None]) ** 2) / 2000).astype(np.float32)
-    cpu = CpuProjector(GEOMETRY, grid)
-    gpu = projectors.projector("astra_cuda", GEOMETRY, grid)
-    ours = cpu.unpack_projections(cpu.forward(cpu.pack_volume(ball[None])))
-    theirs = gpu.unpack_projections(gpu.forward(gpu.pack_volume(ball[None])))
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.005 * ours.max()
+def test_a_device_without_cupy(monkeypatch):
+    """`auto` says why it does not take it, `astra_cuda` stops."""
+    monkeypatch.setattr(astra, "use_cuda", lambda: True)
+    monkeypatch.setattr(projectors, "cupy_installed", lambda: False)
+    with pytest.warns(UserWarning, match="pip install -r environment-gpu.txt"):
+        assert projectors.choose_engine("auto", "voxel") == "cpu"
+    with pytest.raises(InputError, match="needs CuPy, which is not installed: .*; or set engine: cpu"):
+        projectors.choose_engine("astra_cuda", "voxel")
+    with pytest.raises(InputError, match="needs CuPy"):
+        projectors.projector("astra_cuda", GEOMETRY, GRID)

@@ -43,7 +43,7 @@ def _fdk(projector, line_integrals):
     filtered = np.empty(line_integrals.shape, dtype=np.float32)
     for lane, stack in enumerate(line_integrals):
         filtered[lane] = ramp_filter(stack * cosine, geometry.column_pitch_mm / geometry.magnification)
-    volume = projector.back(projector.pack_projections(filtered), distance_weight=True)
+    volume = projector.back(projector.pack_projections(filtered))
     # Half of the integral over one turn of views: each ray is met twice.
     volume *= np.float32(np.pi / geometry.views)
     return projector.unpack_volume(volume)

@@ -67,7 +67,11 @@ def in_hu(
     """As `reconstruct`, [acquisition, z, y, x] in HU, not rounded and without effects on images."""
     count = len(line_integrals)
     if algorithm == "sirt":
-        attenuation = solvers.sirt(projector(engine, geometry, grid, count, threads), line_integrals, **settings)
+        # Lanes fill a processor's registers. A device has no use for them, and less memory.
+        at_once = count if engine == "cpu" else 1
+        made = projector(engine, geometry, grid, at_once, threads)
+        images = [solvers.sirt(made, line_integrals[i : i + at_once], **settings) for i in range(0, count, at_once)]
+        attenuation = images[0] if len(images) == 1 else np.concatenate(images)
     elif algorithm == "fbp":
         # One pass, and ASTRA's back-projection has a scale of its own: always on the CPU engine.
         attenuation = fbp.fbp(projector("cpu", geometry, grid, count, threads), line_integrals, **settings)

@@ -99,7 +99,8 @@ def _ones(projector, views):
 
 
 def _reciprocal(values, smallest):
-    return np.divide(1, values, out=np.zeros_like(values), where=values > smallest)
+    seen = values > smallest
+    return seen / np.where(seen, values, np.float32(1))
 
 
 def chebyshev_coefficients(iterations: int, terms: int) -> np.ndarray:
@@ -115,7 +116,7 @@ def _chebyshev(update, iterations, terms):
     before = update.projector.empty_volume()
     current = update(before)
     current *= np.float32(2)
-    total = coefficients[1].astype(np.float32) * current
+    total = current * np.float32(coefficients[1])
     for weight in coefficients[2:].astype(np.float32):
         following = update(current)
         following *= np.float32(4)

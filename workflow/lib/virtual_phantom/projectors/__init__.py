@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
+import warnings
+
 from ..errors import InputError
 from ..geometry import Grid, ScanGeometry
 
@@ -15,12 +18,21 @@ def cuda_available() -> bool:
     return bool(astra.use_cuda())
 
 
+def cupy_installed() -> bool:
+    """True if there is CuPy, which keeps the arrays of astra_cuda on the device."""
+    return importlib.util.find_spec("cupy") is not None
+
+
+NO_CUPY = "astra_cuda needs CuPy, which is not installed: pip install -r environment-gpu.txt"
+
+
 def choose_engine(name: str, backprojector: str, look: bool = True) -> str:
     """'cpu' or 'astra_cuda' for what the config says; 'auto' takes CUDA where there is any and it can do the work.
 
     backprojector   that of SIRT: ASTRA has no "adjoint"
     look            False: astra_cuda is believed, and looked for by what uses it (`projector`)
-    Raises InputError for an unknown engine, for astra_cuda where there is no CUDA device, or with "adjoint".
+    Warns if a device is left unused for want of CuPy. Raises InputError for an unknown engine, for astra_cuda where
+    there is no CUDA device or no CuPy, or with "adjoint".
     """
     if name not in ENGINES:
         raise InputError(f"engine '{name}' is unknown; use one of {', '.join(ENGINES)}")
@@ -29,7 +41,12 @@ def choose_engine(name: str, backprojector: str, look: bool = True) -> str:
     if backprojector == "adjoint":
         raise InputError("engine: astra_cuda has no adjoint; set reconstruction.sirt.backprojector: voxel")
     if name == "auto":
-        return "astra_cuda" if cuda_available() else "cpu"
+        if not cuda_available():
+            return "cpu"
+        if cupy_installed():
+            return "astra_cuda"
+        warnings.warn(f"engine: auto takes the CPU, though there is a CUDA device: {NO_CUPY}", stacklevel=2)
+        return "cpu"
     if look:
         _check_device()
     return "astra_cuda"
@@ -38,7 +55,7 @@ def choose_engine(name: str, backprojector: str, look: bool = True) -> str:
 def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, threads: int = 1):
     """The projector of an engine ("cpu" or "astra_cuda": see choose_engine) for `lanes` realisations at once.
 
-    Raises InputError for astra_cuda where there is no CUDA device.
+    Raises InputError for astra_cuda where there is no CUDA device or no CuPy.
     """
     if engine == "cpu":
         from .cpu import CpuProjector
@@ -53,3 +70,5 @@ def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, t
 def _check_device():
     if not cuda_available():
         raise InputError("engine: astra_cuda needs a CUDA device and ASTRA finds none; set engine: cpu or auto")
+    if not cupy_installed():
+        raise InputError(f"engine: {NO_CUPY}; or set engine: cpu")

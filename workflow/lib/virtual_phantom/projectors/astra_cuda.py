@@ -1,9 +1,17 @@
-"""The GPU engine: ASTRA's 3D cone-beam projectors (W. van Aarle et al., Opt. Express 24, 25129, 2016)."""
+"""The GPU engine: ASTRA's 3D cone-beam projectors (W. van Aarle et al., Opt. Express 24, 25129, 2016).
+
+Volumes and projections are CuPy arrays, which ASTRA reads and writes where they lie (DLPack). NumPy's functions, which
+`solvers` is made of, call CuPy's for them (NEP 13 and 18): what is iterated stays on the device.
+"""
 
 from __future__ import annotations
 
+import weakref
+from types import ModuleType
+
 import astra
 import numpy as np
+from astra import experimental
 
 from ..geometry import Grid, ScanGeometry
 
@@ -21,83 +29,85 @@ def cone_vectors(geometry: ScanGeometry, views: slice = slice(None)) -> np.ndarr
     return np.concatenate([source + height, centre + height, column, row], axis=1)
 
 
+def volume_geometry(grid: Grid) -> dict:
+    """ASTRA's description of a grid around the isocentre."""
+    depth, height, width = (extent / 2 for extent in grid.extent_mm)
+    nz, ny, nx = grid.shape
+    return astra.create_vol_geom(ny, nx, nz, -width, width, -height, height, -depth, depth)
+
+
+def projection_geometry(geometry: ScanGeometry, views: slice = slice(None)) -> dict:
+    """ASTRA's description of a scan."""
+    return astra.create_proj_geom("cone_vec", geometry.rows, geometry.columns, cone_vectors(geometry, views))
+
+
 class AstraCudaProjector:
     """The calls of cpu.CpuProjector on a CUDA device, one realisation after another.
 
-    Volumes are [lane, z, y, x] and projections [lane, row, view, column], as ASTRA keeps them. `back` is ASTRA's
-    voxel-driven back-projection, with ASTRA's own scale: good for SIRT, whose weights divide it out. FDK, which needs
-    one pass only, stays on the CPU engine.
+    arrays   the module whose arrays lie where ASTRA projects: CuPy, if None
+
+    Packed volumes are [lane, z, y, x] and packed projections [lane, row, view, column], float32, as ASTRA keeps them;
+    `pack_*` takes NumPy's arrays to the device, `unpack_*` takes them back. `back` is ASTRA's voxel-driven
+    back-projection, with ASTRA's own scale: good for SIRT, whose weights divide it out. FDK, which needs one pass only,
+    stays on the CPU engine.
     """
 
-    def __init__(self, geometry: ScanGeometry, grid: Grid, lanes: int = 1):
-        self.geometry, self.grid, self.lanes = geometry, grid, lanes
+    def __init__(self, geometry: ScanGeometry, grid: Grid, lanes: int = 1, arrays: ModuleType | None = None):
+        if arrays is None:
+            import cupy as arrays
+        self.geometry, self.grid, self.lanes, self._arrays = geometry, grid, lanes, arrays
         # A device call has a cost of its own: as few as possible.
         self.views_per_block = geometry.views
-        depth, height, width = grid.extent_mm
-        nz, ny, nx = grid.shape
-        self._volume_geometry = astra.create_vol_geom(
-            ny, nx, nz, -width / 2, width / 2, -height / 2, height / 2, -depth / 2, depth / 2
-        )
+        self._projectors: dict[tuple[int, int, int], int] = {}
 
-    def empty_volume(self) -> np.ndarray:
+    def empty_volume(self):
         """Zeros, [lane, z, y, x]."""
-        return np.zeros((self.lanes, *self.grid.shape), dtype=np.float32)
+        return self._arrays.zeros((self.lanes, *self.grid.shape), dtype=np.float32)
 
     @staticmethod
-    def one_lane(packed: np.ndarray) -> np.ndarray:
+    def one_lane(packed):
         """The first lane of packed volumes or projections, in a shape that broadcasts against all of them."""
         return packed[:1]
 
-    def pack_volume(self, stack: np.ndarray) -> np.ndarray:
-        """[lane, z, y, x], float32 and contiguous."""
-        return np.ascontiguousarray(stack, dtype=np.float32)
+    def pack_volume(self, stack: np.ndarray):
+        """[lane, z, y, x] to the device."""
+        return self._arrays.asarray(np.ascontiguousarray(stack, dtype=np.float32))
 
-    def unpack_volume(self, packed: np.ndarray) -> np.ndarray:
-        """[lane, z, y, x]."""
-        return packed
+    def unpack_volume(self, packed) -> np.ndarray:
+        """[lane, z, y, x] from the device."""
+        return self._arrays.asnumpy(packed)
 
-    def pack_projections(self, stack: np.ndarray) -> np.ndarray:
-        """[lane, view, row, column] to [lane, row, view, column]."""
-        return np.ascontiguousarray(np.swapaxes(stack, 1, 2), dtype=np.float32)
+    def pack_projections(self, stack: np.ndarray):
+        """[lane, view, row, column] to [lane, row, view, column] on the device."""
+        return self._arrays.asarray(np.ascontiguousarray(np.swapaxes(stack, 1, 2), dtype=np.float32))
 
-    def unpack_projections(self, packed: np.ndarray) -> np.ndarray:
-        """[lane, row, view, column] to [lane, view, row, column]."""
-        return np.ascontiguousarray(np.swapaxes(packed, 1, 2))
+    def unpack_projections(self, packed) -> np.ndarray:
+        """[lane, row, view, column] on the device to [lane, view, row, column]."""
+        return np.ascontiguousarray(np.swapaxes(self._arrays.asnumpy(packed), 1, 2))
 
-    def forward(self, volume: np.ndarray, views: slice = slice(None)) -> np.ndarray:
+    def forward(self, volume, views: slice = slice(None)):
         """Line integrals of every lane for the given views."""
-        geometry = self._projection_geometry(views)
         count = len(range(*views.indices(self.geometry.views)))
-        out = np.zeros((self.lanes, self.geometry.rows, count, self.geometry.columns), dtype=np.float32)
+        out = self._arrays.zeros((self.lanes, self.geometry.rows, count, self.geometry.columns), dtype=np.float32)
         for lane in range(self.lanes):
-            self._run("FP3D_CUDA", geometry, volume[lane], out[lane])
+            experimental.direct_FP3D(self._projector(views), volume[lane], out[lane])
         return out
 
-    def back(self, projections: np.ndarray, views: slice = slice(None), out: np.ndarray | None = None) -> np.ndarray:
+    def back(self, projections, views: slice = slice(None), out=None):
         """Back-projection of every lane, added to `out`."""
         out = self.empty_volume() if out is None else out
-        geometry = self._projection_geometry(views)
         for lane in range(self.lanes):
-            volume = np.zeros(self.grid.shape, dtype=np.float32)
-            self._run("BP3D_CUDA", geometry, volume, np.ascontiguousarray(projections[lane]))
+            volume = self._arrays.zeros(self.grid.shape, dtype=np.float32)
+            experimental.direct_BP3D(self._projector(views), volume, projections[lane])
             out[lane] += volume
         return out
 
-    def _projection_geometry(self, views):
-        return astra.create_proj_geom(
-            "cone_vec", self.geometry.rows, self.geometry.columns, cone_vectors(self.geometry, views)
-        )
-
-    def _run(self, algorithm, projection_geometry, volume, projections):
-        """Run one ASTRA algorithm on arrays that it reads and writes in place."""
-        volume_id = astra.data3d.link("-vol", self._volume_geometry, volume)
-        projection_id = astra.data3d.link("-sino", projection_geometry, projections)
-        settings = astra.astra_dict(algorithm)
-        settings["VolumeDataId"] = settings["ReconstructionDataId"] = volume_id
-        settings["ProjectionDataId"] = projection_id
-        algorithm_id = astra.algorithm.create(settings)
-        try:
-            astra.algorithm.run(algorithm_id)
-        finally:
-            astra.algorithm.delete(algorithm_id)
-            astra.data3d.delete([volume_id, projection_id])
+    def _projector(self, views):
+        """ASTRA's number of a projector for these views, made once."""
+        span = views.indices(self.geometry.views)
+        if span not in self._projectors:
+            rays = projection_geometry(self.geometry, slice(*span))
+            number = astra.create_projector("cuda3d", rays, volume_geometry(self.grid))
+            weakref.finalize(self, astra.projector3d.delete, number)
+            self._projectors[span] = number
+        return self._projectors[span]

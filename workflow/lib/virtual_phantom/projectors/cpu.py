@@ -107,11 +107,10 @@ class CpuProjector:
         projections: np.ndarray,
         views: slice = slice(None),
         out: np.ndarray | None = None,
-        distance_weight: bool = False,
     ) -> np.ndarray:
         """Voxel-driven back-projection of packed projections, added to `out` (a new volume if None).
 
-        distance_weight   True weighs each view by (source to isocentre / depth)^2, as FDK asks
+        Each view counts by (source to isocentre / depth)^2.
         """
         volume = self.empty_volume() if out is None else out
 
@@ -129,7 +128,6 @@ class CpuProjector:
                 self._cosine,
                 self._source_z,
                 self._geometry,
-                distance_weight,
                 self._lanes,
             )
 

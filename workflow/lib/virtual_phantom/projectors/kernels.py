@@ -230,12 +230,13 @@ def back_project(
     cosine,
     source_z,
     geometry,
-    distance_weight,
     lanes,
 ):
     """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
 
-    distance_weight   True multiplies by (source to isocentre / depth)^2, the weight of FDK
+    Each view counts by (source to isocentre / depth)^2: the weight of FDK, and how densely rays lie, which the
+    transpose of a forward projection has by itself. ASTRA's BP3D_CUDA does the same, but for a constant
+    (github.com/astra-toolbox/astra-toolbox/issues/594).
     """
     count = len(lanes)
     nz, ny, nx = shape
@@ -261,10 +262,9 @@ def back_project(
                         j = int(across)
                         weight = np.float32(across - j)
                         near = np.float32(1.0) - weight
-                        if distance_weight:
-                            scale = np.float32((radius / depth) ** 2)
-                            weight *= scale
-                            near *= scale
+                        scale = np.float32((radius / depth) ** 2)
+                        weight *= scale
+                        near *= scale
                         slope = np.float32(magnification * dz / row_pitch)
                         first = np.float32(
                             ((-(nz - 1) * 0.5 * dz - source_z[view]) * magnification - first_row) / row_pitch + 1.0

@@ -1,0 +1,180 @@
+"""The GPU engine: what of it needs no device, and parity with the CPU engine where there is one."""
+
+from types import SimpleNamespace
+
+import astra
+import numpy as np
+import pytest
+from scanner import SCANNER
+
+from virtual_phantom import projectors, solvers
+from virtual_phantom.geometry import Grid, helical
+from virtual_phantom.projectors import astra_cuda
+from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, cone_vectors
+from virtual_phantom.projectors.cpu import CpuProjector
+from virtual_phantom.reconstruct import in_hu
+
+needs_cuda = pytest.mark.skipif(
+    not (astra.use_cuda() and projectors.cupy_installed()), reason="ASTRA finds no CUDA device here, or no CuPy"
+)
+GEOMETRY = helical(
+    views=40,
+    volume_height_mm=48,
+    **SCANNER,
+    columns=60,
+    rows=16,
+    column_pitch_mm=6.0,
+    row_pitch_mm=6.0,
+    column_offset_px=1.5,
+    row_offset_px=-0.5,
+)
+GRID = Grid((24, 48, 48), (2.0, 4.0, 4.0))
+
+
+def test_cone_vectors_describe_the_same_rays():
+    vectors = cone_vectors(GEOMETRY)
+    for view, row, column in ((0, 0, 0), (17, 15, 59), (39, 3, 40)):
+        source, pixel = GEOMETRY.ray(view, row, column)
+        theirs = vectors[view].reshape(4, 3)
+        along = theirs[1] + (column - 29.5) * theirs[2] + (row - 7.5) * theirs[3]
+        np.testing.assert_allclose(theirs[0], source, atol=1e-9)
+        np.testing.assert_allclose(along, pixel, atol=1e-9)
+
+
+class OnDevice(np.lib.mixins.NDArrayOperatorsMixin):
+    """What CuPy's arrays let be done with them, and no more: never mixed with NumPy's arrays, nor turned into one
+    unasked."""
+
+    def __init__(self, held):
+        self.held = held
+
+    shape = property(lambda self: self.held.shape)
+
+    def __array__(self, *_, **__):
+        raise TypeError("leaves the device unasked")
+
+    def __array_ufunc__(self, ufunc, method, *inputs, out=(), **settings):
+        assert method == "__call__" and not settings, f"CuPy has no {ufunc.__name__} with {settings}"
+        result = ufunc(*map(_held, inputs), **({"out": tuple(map(_held, out))} if out else {}))
+        return out[0] if out else OnDevice(result)
+
+    def __array_function__(self, function, types, arguments, settings):
+        assert function is np.where and not settings, f"{function.__name__} is not known to be CuPy's too"
+        return OnDevice(function(*map(_held, arguments)))
+
+    def __getitem__(self, key):
+        return OnDevice(self.held[key])
+
+    def __setitem__(self, key, value):
+        self.held[key] = _held(value)
+
+    def max(self):
+        return OnDevice(self.held.max())
+
+    def __float__(self):
+        return float(self.held)
+
+
+def _held(value):
+    """What a device would compute with."""
+    if isinstance(value, OnDevice):
+        return value.held
+    assert isinstance(value, float | int | np.generic), f"{type(value)} is not on the device"
+    return value
+
+
+@pytest.fixture
+def device(monkeypatch):
+    """A module of arrays and ASTRA's two calls, which the CPU engine computes; `moved` counts what crosses over."""
+    moved = {"to": 0, "from": 0}
+
+    def asarray(array):
+        moved["to"] += 1
+        assert type(array) is np.ndarray and array.flags.c_contiguous and array.dtype == np.float32
+        return OnDevice(array.copy())
+
+    def asnumpy(array):
+        moved["from"] += 1
+        return array.held.copy()
+
+    def zeros(shape, dtype):
+        return OnDevice(np.zeros(shape, dtype))
+
+    cpu = CpuProjector(GEOMETRY, GRID)
+
+    def as_astra_takes(array, shape):
+        assert array.shape == shape and array.held.flags.c_contiguous and array.held.dtype == np.float32
+        return array.held
+
+    volume_shape, projections_shape = GRID.shape, (GEOMETRY.rows, GEOMETRY.views, GEOMETRY.columns)
+
+    def forward(_, volume, projections):
+        packed = cpu.forward(cpu.pack_volume(as_astra_takes(volume, volume_shape)[None]))
+        as_astra_takes(projections, projections_shape)[...] = np.swapaxes(cpu.unpack_projections(packed)[0], 0, 1)
+
+    def back(_, volume, projections):
+        taken = np.swapaxes(as_astra_takes(projections, projections_shape), 0, 1)
+        found = cpu.unpack_volume(cpu.back(cpu.pack_projections(taken[None])))[0]
+        as_astra_takes(volume, volume_shape)[...] = 1234.5 * found  # ASTRA's scale is its own
+
+    monkeypatch.setattr(astra_cuda, "experimental", SimpleNamespace(direct_FP3D=forward, direct_BP3D=back))
+    return SimpleNamespace(asarray=asarray, asnumpy=asnumpy, zeros=zeros, moved=moved)
+
+
+@pytest.mark.parametrize("solver", ["chebyshev", "plain"])
+def test_nothing_leaves_the_device_between_steps(device, solver):
+    """SIRT moves the data there and the image back, however many steps it makes, and gives the CPU's image."""
+    scan = np.random.default_rng(4).random((2, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
+    moved = []
+    for steps in (3, 9):
+        device.moved.update({"to": 0, "from": 0})
+        settings = {"iterations": 2 * steps, "terms": steps, "solver": solver, "backprojector": "voxel"}
+        found = solvers.sirt(AstraCudaProjector(GEOMETRY, GRID, 2, arrays=device), scan, **settings)
+        expected = solvers.sirt(CpuProjector(GEOMETRY, GRID, 2), scan, **settings)
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-6 * expected.max())
+        moved.append(dict(device.moved))
+    assert moved[0] == moved[1] == {"to": 3, "from": 1}  # data, a volume and projections of ones; the image
+
+
+def test_projectors_are_made_once_and_deleted(device, monkeypatch):
+    made, deleted = [], []
+    monkeypatch.setattr(astra, "create_projector", lambda kind, rays, volume: made.append(kind) or len(made))
+    monkeypatch.setattr(astra.projector3d, "delete", deleted.append)
+    projector = AstraCudaProjector(GEOMETRY, GRID, arrays=device)
+    lines = projector.forward(projector.empty_volume())
+    projector.back(lines)
+    projector.back(lines)
+    assert made == ["cuda3d"]
+    del projector
+    assert deleted == [1]
+
+
+@needs_cuda
+@pytest.mark.gpu
+def test_gpu_projects_as_the_cpu_does():
+    cpu = CpuProjector(GEOMETRY, GRID)
+    gpu = projectors.projector("astra_cuda", GEOMETRY, GRID)
+    ball = _ball()
+    ours = cpu.unpack_projections(cpu.forward(cpu.pack_volume(ball[None])))
+    theirs = gpu.unpack_projections(gpu.forward(gpu.pack_volume(ball[None])))
+    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.005 * ours.max()
+
+
+@needs_cuda
+@pytest.mark.gpu
+def test_gpu_reconstructs_as_the_cpu_does():
+    """Images apart by at most 1 % of the noise's standard deviation (rms)."""
+    cpu = CpuProjector(GEOMETRY, GRID)
+    lines = cpu.unpack_projections(cpu.forward(cpu.pack_volume(0.02 * _ball()[None])))
+    noise = np.random.default_rng(7).normal(0, 0.02, lines.shape).astype(np.float32)
+    settings = {"iterations": 500, "terms": 60, "backprojector": "voxel"}
+    quiet, ours, theirs = (
+        in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
+        for data, engine in ((lines, "cpu"), (lines + noise, "cpu"), (lines + noise, "astra_cuda"))
+    )
+    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.01 * (ours - quiet).std()
+
+
+def _ball():
+    z, y, x = GRID.axes_mm()
+    return np.exp(-(x**2 + y[:, None] ** 2 + (2 * z[:, None, None]) ** 2) / 2000).astype(np.float32)
