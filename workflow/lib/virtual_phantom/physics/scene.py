@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..geometry import Grid, ScanGeometry
-from ..projectors.cpu import CpuProjector
+from ..projectors.cpu import CpuProjector, lanes_at_once
 from ..volumes import Volume
 from .materials import Segmentation, attenuation_per_mm, energy_of
 from .rays import Rays, Voxels
@@ -49,7 +49,8 @@ class VoxelScene:
         middle = (low + high - np.array(grid.shape)) / 2 * grid.spacing
         self._centre = middle[::-1]
         self._fractions = fractions[:, *box]
-        self._packed = self._voxels = None
+        self._packed: dict[int, list[np.ndarray]] = {}
+        self._voxels = None
 
     @classmethod
     def of(cls, phantom: Volume, segmentation: Segmentation, mu_water_per_mm: float, threads: int = 1) -> VoxelScene:
@@ -109,10 +110,15 @@ class VoxelScene:
 
     def _project(self, geometry: ScanGeometry, shift: np.ndarray, size: float) -> np.ndarray:
         centre = tuple((size * self._centre + shift).tolist())
-        projector = CpuProjector(geometry, self._sized(size), len(self.materials), self.threads, centre)
-        if self._packed is None:
-            self._packed = projector.pack_volume(self._fractions)
-        return projector.unpack_projections(projector.forward(self._packed))
+        count, grid = len(self.materials), self._sized(size)
+        together = lanes_at_once(geometry, grid, count)
+        projector = CpuProjector(geometry, grid, together, self.threads, centre)
+        if together not in self._packed:
+            parts = [self._fractions[first : first + together] for first in range(0, count, together)]
+            self._packed[together] = [projector.pack_volume(part) for part in parts]
+        return np.concatenate(
+            [projector.unpack_projections(projector.forward(part)) for part in self._packed[together]]
+        )
 
 
 def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> tuple[ScanGeometry, np.ndarray]:

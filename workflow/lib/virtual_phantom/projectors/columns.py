@@ -19,8 +19,10 @@ FEATURES = get_host_cpu_features() if config.CPU_FEATURES is None else config.CP
 WIDE = "+avx512f" in FEATURES.split(",")
 # Steps along the line that is read, from one value to the next, so that sixteen read from no more than 32.
 STEEPEST = np.float32(30 / WIDTH)
-# Rows that may lie less than a cell away from one, and the least step from row to row for which they are no more.
-NEIGHBOURS, FLATTEST = 6, np.float32(0.6)
+# Steps from row to row along a line that is added to, and as many zeros as rows can lie less than a cell away from one.
+FLATTEST = np.float32(0.6)
+ONE_CELL, TWO_THIRDS = np.float32(1.0), np.float32(2 / 3)
+FOUR, THREE, TWO = (0,) * 4, (0,) * 3, (0,) * 2
 
 FLOAT, INT = ir.FloatType(), ir.IntType(32)
 FLOATS, INTS, FLAGS = (ir.VectorType(one, WIDTH) for one in (FLOAT, INT, ir.IntType(1)))
@@ -42,6 +44,11 @@ class _Sixteen:
         """start, start + 1, ..."""
         return self.builder.add(self.everywhere(self.narrow(start)), ir.Constant(INTS, list(range(WIDTH))))
 
+    def apart(self, start, step):
+        """start, start + step, ..."""
+        steps = self.multiply(self.everywhere(step), ir.Constant(FLOATS, [float(i) for i in range(WIDTH)]))
+        return self.add(self.everywhere(start), steps)
+
     def narrow(self, integer):
         return self.builder.trunc(integer, INT)
 
@@ -53,14 +60,8 @@ class _Sixteen:
         data = self.context.make_array(array_type)(self.context, self.builder, array).data
         return self.builder.bitcast(self.builder.gep(data, [offset]), FLOATS.as_pointer())
 
-    def line(self, height, slope, index):
-        """height + slope index"""
-        return self.add(
-            self.everywhere(height), self.multiply(self.everywhere(slope), self.builder.sitofp(index, FLOATS))
-        )
-
-    def load(self, pointer, mask):
-        """Zero where the mask is not set: nothing is read there. None: all."""
+    def load(self, pointer, mask=None):
+        """Zero where the mask is not set: nothing is read there. Without one: all, which is much faster."""
         if mask is None:
             value = self.builder.load(pointer)
             value.align = 4
@@ -88,6 +89,9 @@ class _Sixteen:
     def floor(self, values):
         return self.builder.call(self._declared("llvm.floor.v16f32", FLOATS, [FLOATS]), [values])
 
+    def larger(self, one, other):
+        return self.builder.select(self.builder.fcmp_ordered(">", one, other), one, other)
+
     def absolute(self, values):
         return self.builder.call(self._declared("llvm.fabs.v16f32", FLOATS, [FLOATS]), [values])
 
@@ -106,32 +110,29 @@ class _Sixteen:
 
 
 @intrinsic
-def _gather_sixteen(
-    typingctx, out, at, source, first, second, length, near, weight, height, slope, index, count, shares
-):
-    """Of gather_line the `count` values, at most sixteen (None: sixteen), from `index` on."""
+def _gather_sixteen(typingctx, out, at, source, first, second, near, weight, height, slope, index, count, shares):
+    """Of gather_line the `count` values, at most sixteen (None: sixteen), from `index` on. Reads 32 of both lines."""
     whole, real = types.intp, types.float32
-    signature = types.void(out, whole, source, whole, whole, whole, real, real, real, real, whole, count, shares)
+    signature = types.void(out, whole, source, *[whole] * 2, *[real] * 4, whole, count, shares)
 
     def generate(context, builder, signature, arguments):
-        out, at, source, first, second, length, near, weight, height, slope, index, count, given = arguments
+        out, at, source, first, second, near, weight, height, slope, index, count, given = arguments
         emit, of_all = _Sixteen(context, builder), signature.args[-2] == types.none
-        heights = emit.line(height, slope, emit.counted(index))
+        start = emit.add(height, emit.multiply(slope, builder.sitofp(index, FLOAT)))
+        lowest = builder.fptosi(start, INT)
+        # From the lowest cell that is read.
+        heights = emit.apart(emit.subtract(start, builder.sitofp(lowest, FLOAT)), slope)
         cells = builder.fptosi(heights, INTS)
         up = emit.subtract(heights, builder.sitofp(cells, FLOATS))
-        lowest = builder.extract_element(cells, INT(0))
-        left = builder.sub(emit.narrow(length), lowest)
         offset = builder.sext(lowest, first.type)
         halves = []
         for half in (0, WIDTH):
-            there = emit.below(builder.sub(left, INT(half)))
             parts = []
             for line, factor in ((first, near), (second, weight)):
                 place = builder.add(builder.add(line, offset), first.type(half))
-                values = emit.load(emit.pointer(signature.args[2], source, place), there)
+                values = emit.load(emit.pointer(signature.args[2], source, place))
                 parts.append(emit.multiply(emit.everywhere(factor), values))
             halves.append(emit.add(*parts))
-        cells = builder.sub(cells, emit.everywhere(lowest))
         below = emit.look_up(*halves, cells)
         above = emit.look_up(*halves, builder.add(cells, ir.Constant(INTS, [1] * WIDTH)))
         found = emit.add(below, emit.multiply(up, emit.subtract(above, below)))
@@ -145,24 +146,28 @@ def _gather_sixteen(
 
 
 @intrinsic
-def _scatter_sixteen(typingctx, out, first, second, source, at, start, stop, near, weight, height, slope, index, count):
-    """Of scatter_line what `count` cells, at most sixteen (None: sixteen), from `index` on receive.
+def _scatter_sixteen(
+    typingctx, out, first, second, source, at, start, stop, near, weight, height, slope, index, count, rows
+):
+    """Of scatter_line what `count` cells, at most sixteen (None: sixteen), from `index` on receive. Reads 32 values.
 
-    Each gathers from the values that may lie less than a cell away, so that no two are added to one place at once.
+    Each gathers from the values that may lie less than a cell away, so that no two are added to one place at once; as
+    many as `rows` is long.
     """
     whole, real = types.intp, types.float32
-    signature = types.void(out, whole, whole, source, whole, whole, whole, real, real, real, real, whole, count)
+    signature = types.void(out, *[whole] * 2, source, *[whole] * 3, *[real] * 4, whole, count, rows)
 
     def generate(context, builder, signature, arguments):
-        out, first, second, source, at, start, stop, near, weight, height, slope, index, count = arguments
-        emit, of_all = _Sixteen(context, builder), signature.args[-1] == types.none
+        out, first, second, source, at, start, stop, near, weight, height, slope, index, count, _ = arguments
+        emit, of_all = _Sixteen(context, builder), signature.args[-2] == types.none
         cells = builder.sitofp(emit.counted(index), FLOATS)
-        one = ir.Constant(FLOATS, [1.0] * WIDTH)
-        # The first row that may lie less than a cell away.
+        one, zero = (ir.Constant(FLOATS, [value] * WIDTH) for value in (1.0, 0.0))
+        # The first row less than a cell away.
         before = emit.subtract(emit.subtract(cells, one), emit.everywhere(height))
         inverse = builder.fdiv(FLOAT(1.0), slope)
-        rows = builder.fptosi(emit.floor(emit.multiply(before, emit.everywhere(inverse))), INTS)
-        earliest = builder.extract_element(rows, INT(0))
+        above = emit.add(emit.floor(emit.multiply(before, emit.everywhere(inverse))), one)
+        row = builder.fptosi(above, INTS)
+        earliest = builder.extract_element(row, INT(0))
         halves = []
         for half in (0, WIDTH):
             numbers = builder.add(emit.everywhere(earliest), ir.Constant(INTS, list(range(half, half + WIDTH))))
@@ -171,15 +176,14 @@ def _scatter_sixteen(typingctx, out, first, second, source, at, start, stop, nea
                 builder.icmp_signed("<", numbers, emit.everywhere(emit.narrow(stop))),
             )
             place = builder.add(builder.add(at, builder.sext(earliest, at.type)), at.type(half))
-            halves.append(emit.load(emit.pointer(signature.args[3], source, place), there))
-        total = ir.Constant(FLOATS, [0.0] * WIDTH)
-        for later in range(NEIGHBOURS):
-            here = builder.add(rows, ir.Constant(INTS, [later] * WIDTH))
-            off = emit.absolute(emit.subtract(emit.line(height, slope, here), cells))
-            near_enough = builder.fcmp_ordered("<", off, one)
-            share = builder.select(near_enough, emit.subtract(one, off), ir.Constant(FLOATS, [0.0] * WIDTH))
-            value = emit.look_up(*halves, builder.sub(here, emit.everywhere(earliest)))
-            total = emit.add(total, emit.multiply(share, value))
+            halves.append(builder.select(there, emit.load(emit.pointer(signature.args[3], source, place)), zero))
+        off = emit.subtract(emit.add(emit.multiply(emit.everywhere(slope), above), emit.everywhere(height)), cells)
+        place, total = builder.sub(row, emit.everywhere(earliest)), zero
+        for _ in range(len(rows)):
+            share = emit.larger(emit.subtract(one, emit.absolute(off)), zero)
+            total = emit.add(total, emit.multiply(share, emit.look_up(*halves, place)))
+            off = emit.add(off, emit.everywhere(slope))
+            place = builder.add(place, ir.Constant(INTS, [1] * WIDTH))
         wanted = None if of_all else emit.below(emit.narrow(count))
         for line, factor in ((first, near), (second, weight)):
             target = emit.pointer(signature.args[0], out, builder.add(line, index))
@@ -198,16 +202,13 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
     Heights must lie from 0 to under length - 1.
     """
     count = len(lanes)
-    if WIDE and count == 1 and slope <= STEEPEST:
+    # Sixteen at once read beyond the line, but must not read beyond the array.
+    if WIDE and count == 1 and slope <= STEEPEST and max(first, second) + length + 2 * WIDTH <= source.size:
         last = start + (stop - start) // WIDTH * WIDTH
         for i in range(start, last, WIDTH):
-            _gather_sixteen(
-                out, at, source, first, second, length, near, weight, height, slope, i, None, shares
-            )  # fmt: skip
+            _gather_sixteen(out, at, source, first, second, near, weight, height, slope, i, None, shares)
         if last < stop:
-            _gather_sixteen(
-                out, at, source, first, second, length, near, weight, height, slope, last, stop - last, shares
-            )  # fmt: skip
+            _gather_sixteen(out, at, source, first, second, near, weight, height, slope, last, stop - last, shares)
     else:
         for i in range(start, stop):
             h = height + slope * np.float32(i)
@@ -225,22 +226,20 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
 
 
 @njit(inline="always", **OPTIONS)
-def scatter_line(out, first, second, source, at, near, weight, height, slope, start, stop, lanes):
-    """The transpose of gather_line: add what source[at + i lanes] holds to two lines at the cell height + slope i."""
+def scatter_line(out, first, second, source, at, length, near, weight, height, slope, start, stop, lanes):
+    """The transpose of gather_line: add what source[at + i lanes] holds to two lines at the cell height + slope i.
+
+    The first and the last of the `length` cells are the border, of which a caller makes zeros: they may be left out.
+    """
     count = len(lanes)
-    if WIDE and count == 1 and FLATTEST <= slope:
-        if start < stop:
-            lowest = np.int64(height + slope * np.float32(start))
-            end = np.int64(height + slope * np.float32(stop - 1)) + 2
-            last = lowest + (end - lowest) // WIDTH * WIDTH
-            for k in range(lowest, last, WIDTH):
-                _scatter_sixteen(
-                    out, first, second, source, at, start, stop, near, weight, height, slope, k, None
-                )  # fmt: skip
-            if last < end:
-                _scatter_sixteen(
-                    out, first, second, source, at, start, stop, near, weight, height, slope, last, end - last
-                )  # fmt: skip
+    # Sixteen at once read beyond the values, but must not read beyond the array.
+    if WIDE and count == 1 and FLATTEST <= slope and at + stop + 2 * WIDTH <= source.size:
+        if slope >= ONE_CELL:
+            _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, TWO)
+        elif slope >= TWO_THIRDS:
+            _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, THREE)
+        else:
+            _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, FOUR)
     else:
         for i in range(start, stop):
             h = height + slope * np.float32(i)
@@ -251,4 +250,21 @@ def scatter_line(out, first, second, source, at, near, weight, height, slope, st
             scatter_bilinear(
                 out, first + cell, second + cell, source, at + i * count,
                 near * low, near * up, weight * low, weight * up, lanes,
+            )  # fmt: skip
+
+
+@njit(inline="always", **OPTIONS)
+def _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, rows):
+    """Of scatter_line, sixteen cells at a time."""
+    if start < stop:
+        lowest = max(np.int64(height + slope * np.float32(start)), 1)
+        end = min(np.int64(height + slope * np.float32(stop - 1)) + 2, length - 1)
+        last = lowest + (end - lowest) // WIDTH * WIDTH
+        for k in range(lowest, last, WIDTH):
+            _scatter_sixteen(
+                out, first, second, source, at, start, stop, near, weight, height, slope, k, None, rows
+            )  # fmt: skip
+        if last < end:
+            _scatter_sixteen(
+                out, first, second, source, at, start, stop, near, weight, height, slope, last, end - last, rows
             )  # fmt: skip

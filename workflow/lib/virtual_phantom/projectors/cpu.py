@@ -10,9 +10,11 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import Grid, ScanGeometry
 from . import kernels, parallel
+from .columns import FLATTEST, STEEPEST, WIDE, WIDTH
 from .lanes import aligned_zeros
 
 VIEWS_PER_BLOCK = 16
+FEW_LANES = 3
 
 
 class CpuProjector:
@@ -128,6 +130,7 @@ class CpuProjector:
                 self._cosine,
                 self._source_z,
                 self._geometry,
+                kernels.empty_lines(),
                 self._lanes,
             )
 
@@ -226,6 +229,7 @@ class CpuProjector:
             self._source_z,
             self._geometry,
             transpose,
+            kernels.empty_lines(),
             self._lanes,
         )
 
@@ -243,6 +247,14 @@ class CpuProjector:
 
     def _share_out(self, run, count):
         share_out(run, count, self.threads)
+
+
+def lanes_at_once(geometry: ScanGeometry, grid: Grid, lanes: int) -> int:
+    """How many of so many volumes are projected soonest together: all, but for a few with long lines, which are
+    projected one by one (columns.py)."""
+    step = geometry.row_pitch_mm * geometry.source_to_isocentre_mm / geometry.source_to_detector_mm / grid.spacing[0]
+    one_by_one = WIDE and FLATTEST <= step <= STEEPEST and min(geometry.rows, grid.shape[0]) >= WIDTH
+    return 1 if one_by_one and lanes <= FEW_LANES else lanes
 
 
 def share_out(run: Callable[[int, int], None], count: int, threads: int) -> None:

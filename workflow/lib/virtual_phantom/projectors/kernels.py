@@ -16,6 +16,7 @@ voxel-driven back is the pair of ASTRA's 3D algorithms (W. van Aarle et al., Ult
 """
 
 import math
+from collections import namedtuple
 
 import numpy as np
 from numba import njit
@@ -25,14 +26,24 @@ from .lanes import OPTIONS
 
 # The volume is walked through in tiles of this many voxel columns along x and y, all views of a call for each: at 16
 # lanes and 48 slices a tile is 0.8 MB, so it stays in the L2 cache instead of coming from memory once per view.
-# Few lanes have tiles of four times the width.
-TILE, FEW = 16, 4
+# FEW lanes and less have wider tiles.
+TILE, FEW, WIDER = 16, 4, 64
+
+# How a kernel takes one line of voxels or pixels after another (columns.py), entry by entry: which pair of lines, and
+# the shares of both; the first value's cell along them, and what is added from value to value; the values to take.
+Lines = namedtuple("Lines", "pair near weight height slope start stop")
+
+
+def empty_lines() -> Lines:
+    """Room for what a kernel works out at once, for each thread its own."""
+    pair, start, stop = np.empty((3, WIDER), np.intp)
+    return Lines(pair, *np.empty((4, WIDER), np.float32), start, stop)
 
 
 @njit(**OPTIONS)
 def tile_width(lanes):
     """In voxel columns."""
-    return TILE if len(lanes) > FEW else 4 * TILE
+    return TILE if len(lanes) > FEW else WIDER
 
 
 @njit(**OPTIONS)
@@ -59,14 +70,29 @@ def _crossings(start, direction, start_other, direction_other, n, spacing, n_oth
     return share, share_step, other, share_step * per_share
 
 
-@njit(**OPTIONS)
+@njit(inline="always", **OPTIONS)
 def span(first, slope, cells, n):
     """Indices i in [0, n) whose position first + slope i lies in [0, cells + 1): those that interpolation can reach."""
-    if first >= 0.0 and first + slope * (n - 1) < cells + 1.0:
-        return 0, n
-    start = max(0, int(math.ceil(-first / slope)))
-    stop = min(n, int(math.ceil((cells + 1.0 - first) / slope)))
+    inverse = 1.0 / slope
+    start = max(0, int(math.ceil(-first * inverse)))
+    stop = min(n, int(math.ceil((cells + 1.0 - first) * inverse)))
     return start, max(start, stop)
+
+
+@njit(inline="always", **OPTIONS)
+def _set_line(lines, k, position, share, height, slope, cells, n):
+    """Entry k: between the two lines around a padded position, n values from cells of which `cells` are not border.
+
+    Without branches, so that many are worked out at once.
+    """
+    below = math.floor(position)
+    weight = position - below
+    lines.pair[k] = int(below)
+    lines.near[k] = np.float32((1.0 - weight) * share)
+    lines.weight[k] = np.float32(weight * share)
+    lines.height[k] = np.float32(height)
+    lines.slope[k] = np.float32(slope)
+    lines.start[k], lines.stop[k] = span(lines.height[k], lines.slope[k], cells, n)
 
 
 @njit(**OPTIONS)
@@ -92,7 +118,7 @@ def _columns_of_tile(view, x0, x1, y0, y1, shape, spacing, columns, sine, cosine
 
 @njit(**OPTIONS)
 def trace(
-    volume, projections, first_view, shape, spacing, detector, sine, cosine, source_z, geometry, transpose, lanes
+    volume, projections, first_view, shape, spacing, detector, sine, cosine, source_z, geometry, transpose, lines, lanes
 ):
     """Joseph projection of every view from `first_view` on, or (transpose) its exact adjoint.
 
@@ -100,7 +126,7 @@ def trace(
     (source to isocentre, source to detector, first column, column pitch, first row, row pitch, x and y of the grid's
     centre) mm; source_z from the grid's centre, mm.
     Adds to `projections` what `path_lengths` must then scale; transpose adds to `volume` and needs scaled projections.
-    A sample belongs to the tile of the first of the voxel columns that it is interpolated from.
+    A sample belongs to the tile of the first of the voxel columns that it is interpolated from. `lines`: see Lines.
     """
     _, ny, nx = shape
     width = tile_width(lanes)
@@ -126,6 +152,7 @@ def trace(
                         source_z,
                         geometry,
                         transpose,
+                        lines,
                         lanes,
                     )
 
@@ -146,6 +173,7 @@ def _trace_ray(
     source_z,
     geometry,
     transpose,
+    lines,
     lanes,
 ):
     """The part of one detector column's rays, all rows, that lies in a tile."""
@@ -156,8 +184,9 @@ def _trace_ray(
     sx, sy, rx, ry = _ray(view, column, sine, cosine, geometry)
     pixel = ((i * (columns + 2) + column + 1) * (rows + 2) + 1) * count
     step_x, step_y = (nz + 2) * count, (nx + 2) * (nz + 2) * count
-    main_x = abs(rx) >= abs(ry)
-    if main_x:
+    # In slices.
+    row_pitch, first_row, middle = geometry[5] / dz, geometry[4] / dz, source_z[view] / dz + (nz - 1) * 0.5 + 1.0
+    if abs(rx) >= abs(ry):
         first_plane, last_plane, first_other, last_other = tile[0], tile[1], tile[2], tile[3]
         n, step, step_other = nx, step_x, step_y
         share0, share_step, other0, other_step = _crossings(sx, rx, sy, ry, nx, dx, ny, dy)
@@ -165,38 +194,32 @@ def _trace_ray(
         first_plane, last_plane, first_other, last_other = tile[2], tile[3], tile[0], tile[1]
         n, step, step_other = ny, step_y, step_x
         share0, share_step, other0, other_step = _crossings(sy, ry, sx, rx, ny, dy, nx, dx)
-    for plane in range(max(first_plane - 1, 0), min(last_plane - 1, n)):
-        share, other = share0 + share_step * plane, other0 + other_step * plane
-        j = int(math.floor(other))
-        if j < first_other or j >= last_other:
+    first_plane, last_plane = max(first_plane - 1, 0), min(last_plane - 1, n)
+    # Most planes that the ray meets in other tiles are left out here, one by one those that remain.
+    if abs(other_step) > 1e-6:
+        one, another = (first_other - other0) / other_step, (last_other - other0) / other_step
+        first_plane = max(first_plane, int(math.floor(min(one, another))))
+        last_plane = min(last_plane, int(math.ceil(max(one, another))) + 1)
+    for k in range(last_plane - first_plane):
+        plane = np.float64(first_plane + k)
+        share = share0 + share_step * plane
+        _set_line(
+            lines, k, other0 + other_step * plane, 1.0, middle + share * first_row, share * row_pitch, nz, rows
+        )  # fmt: skip
+    for k in range(last_plane - first_plane):
+        if lines.pair[k] < first_other or lines.pair[k] >= last_other:
             continue
-        weight = np.float32(other - j)
-        near = np.float32(1.0) - weight
-        slope = np.float32(share * geometry[5] / dz)
-        first = np.float32((source_z[view] + share * geometry[4]) / dz + (nz - 1) * 0.5 + 1.0)
-        start, stop = span(first, slope, nz, rows)
-        base = (plane + 1) * step + j * step_other
+        base = (first_plane + k + 1) * step + lines.pair[k] * step_other
         if transpose:
             scatter_line(
-                volume, base, base + step_other, projections, pixel, near, weight, first, slope, start, stop, lanes
-            )
+                volume, base, base + step_other, projections, pixel, nz + 2, lines.near[k], lines.weight[k],
+                lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], lanes,
+            )  # fmt: skip
         else:
             gather_line(
-                projections,
-                pixel,
-                volume,
-                base,
-                base + step_other,
-                nz + 2,
-                near,
-                weight,
-                first,
-                slope,
-                start,
-                stop,
-                None,
-                lanes,
-            )
+                projections, pixel, volume, base, base + step_other, nz + 2, lines.near[k], lines.weight[k],
+                lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, lanes,
+            )  # fmt: skip
 
 
 @njit(**OPTIONS)
@@ -230,6 +253,7 @@ def back_project(
     cosine,
     source_z,
     geometry,
+    lines,
     lanes,
 ):
     """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
@@ -244,47 +268,37 @@ def back_project(
     views, columns, rows = detector
     radius, distance, first_column, column_pitch, first_row, row_pitch, centre_x, centre_y = geometry
     step = (rows + 2) * count
+    # In pixels: what lies 1 mm off at a depth of 1 mm, and where the detector's zero is.
+    across_pitch, across_middle = distance / column_pitch, 1.0 - first_column / column_pitch
+    up_pitch, up_middle = distance / row_pitch, 1.0 - first_row / row_pitch
     width = tile_width(lanes)
     for y0 in range(first_y, last_y, width):
         for x0 in range(0, nx, width):
             for i in range(views):
                 view = first_view + i
                 s, c = sine[view], cosine[view]
+                lowest = -(nz - 1) * 0.5 * dz - source_z[view]
                 for y in range(y0, min(y0 + width, last_y)):
                     position_y = (y - (ny - 1) * 0.5) * dy + centre_y
-                    for x in range(x0, min(x0 + width, nx)):
-                        position_x = (x - (nx - 1) * 0.5) * dx + centre_x
-                        depth = radius + position_x * s - position_y * c
-                        magnification = distance / depth
-                        across = ((position_x * c + position_y * s) * magnification - first_column) / column_pitch + 1.0
-                        if across < 0.0 or across >= columns + 1.0:
+                    for k in range(min(width, nx - x0)):
+                        position_x = (x0 + k - (nx - 1) * 0.5) * dx + centre_x
+                        closer = 1.0 / (radius + position_x * s - position_y * c)
+                        _set_line(
+                            lines,
+                            k,
+                            (position_x * c + position_y * s) * closer * across_pitch + across_middle,
+                            (radius * closer) ** 2,
+                            lowest * closer * up_pitch + up_middle,
+                            dz * closer * up_pitch,
+                            rows,
+                            nz,
+                        )
+                    for k in range(min(width, nx - x0)):
+                        if lines.pair[k] < 0 or lines.pair[k] > columns:
                             continue
-                        j = int(across)
-                        weight = np.float32(across - j)
-                        near = np.float32(1.0) - weight
-                        scale = np.float32((radius / depth) ** 2)
-                        weight *= scale
-                        near *= scale
-                        slope = np.float32(magnification * dz / row_pitch)
-                        first = np.float32(
-                            ((-(nz - 1) * 0.5 * dz - source_z[view]) * magnification - first_row) / row_pitch + 1.0
-                        )
-                        start, stop = span(first, slope, rows, nz)
-                        voxel = (((y + 1) * (nx + 2) + x + 1) * (nz + 2) + 1) * count
-                        base = (i * (columns + 2) + j) * step
+                        voxel = (((y + 1) * (nx + 2) + x0 + k + 1) * (nz + 2) + 1) * count
+                        base = (i * (columns + 2) + lines.pair[k]) * step
                         gather_line(
-                            volume,
-                            voxel,
-                            projections,
-                            base,
-                            base + step,
-                            rows + 2,
-                            near,
-                            weight,
-                            first,
-                            slope,
-                            start,
-                            stop,
-                            None,
-                            lanes,
-                        )
+                            volume, voxel, projections, base, base + step, rows + 2, lines.near[k], lines.weight[k],
+                            lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, lanes,
+                        )  # fmt: skip
