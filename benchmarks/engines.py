@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from virtual_phantom.geometry import Grid, ScanGeometry, circular
+from virtual_phantom.geometry import Grid, ScanGeometry, circular, helical
 from virtual_phantom.projectors.cpu import CpuProjector
 
 # The default study's grid and detector; a circle, whose middle slice ASTRA's fan beam shares.
@@ -40,6 +40,11 @@ def geometry(views: int = VIEWS) -> ScanGeometry:
     return circular(views=views, **DETECTOR, **SCANNER)
 
 
+def helix() -> ScanGeometry:
+    """The default study's turns about the same grid: rays leave its ends, which cuts their lines short."""
+    return helical(views=3 * VIEWS, volume_height_mm=GRID.extent_mm[0], **DETECTOR, **SCANNER)
+
+
 def phantom(grid: Grid = GRID) -> np.ndarray:
     """An ellipsoid with a ball beside its middle, 1/mm, [z, y, x]."""
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
@@ -54,13 +59,14 @@ def ours(lanes: int, scan: ScanGeometry, grid: Grid = GRID, transpose: bool = Fa
     volume = projector.pack_volume(np.repeat(phantom(grid)[None], lanes, 0))
     projections, out = projector.forward(volume), projector.empty_volume()
     back = projector.adjoint if transpose else projector.back
+    circle = len(set(scan.source_z_mm)) == 1
     return Engine(
-        f"ours, {lanes} at once" + (", adjoint" if transpose else ""),
+        f"ours, {lanes} at once" + (", adjoint" if transpose else "") + ("" if circle else ", helix"),
         lambda: projector.forward(volume),
         lambda: back(projections, out=out),
         lanes * projections[:, 1:-1, 1:-1, 0].size,
         lanes * volume[1:-1, 1:-1, 1:-1, 0].size * scan.views,
-        projector.unpack_projections(projections)[0],
+        projector.unpack_projections(projections)[0] if circle else None,
     )
 
 

@@ -123,11 +123,12 @@ def main():
         sys.exit("ASTRA finds no CUDA device here; run this where there is one")
     if not cupy_installed():
         sys.exit("CuPy is not installed here: pip install -r environment-gpu.txt")
-    subprocess.run([sys.executable, "-m", "pytest", "-q", "-m", "gpu", "tests/projectors"], cwd=ROOT, check=True)
+    tests = subprocess.run([sys.executable, "-m", "pytest", "-q", "-m", "gpu", "tests/projectors"], cwd=ROOT)
     print(astra.get_gpu_info())
     config = settings()
     for projections in options.projections:
         compare(config, projections)
+    sys.exit(tests.returncode)
 
 
 if __name__ == "__main__":

@@ -44,12 +44,16 @@ def medians(actions, repeats):
 
 def projectors(repeats):
     """ns per ray forwards and per voxel and view back, and both over ours alone; how far projections are from ours."""
-    scan = engines.geometry()
+    scan, helix = engines.geometry(), engines.helix()
     contenders = [
         engines.ours(1, scan),
         engines.ours(16, scan),
         engines.ours(1, scan, transpose=True),
         engines.ours(16, scan, transpose=True),
+        engines.ours(1, helix),
+        engines.ours(16, helix),
+        engines.ours(1, helix, transpose=True),
+        engines.ours(16, helix, transpose=True),
         engines.rtk(scan),
         engines.rtk(scan, transpose=True),
         engines.astra_fan(scan),

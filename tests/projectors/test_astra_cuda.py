@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scanner import SCANNER
 
-from virtual_phantom import projectors, solvers
+from virtual_phantom import projectors, reconstruct, solvers
+from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, helical
 from virtual_phantom.projectors import astra_cuda
 from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, cone_vectors
 from virtual_phantom.projectors.cpu import CpuProjector
-from virtual_phantom.reconstruct import in_hu
 
 needs_cuda = pytest.mark.skipif(
     not (astra.use_cuda() and projectors.cupy_installed()), reason="ASTRA finds no CUDA device here, or no CuPy"
@@ -71,6 +71,9 @@ class OnDevice(np.lib.mixins.NDArrayOperatorsMixin):
     def max(self):
         return OnDevice(self.held.max())
 
+    def sum(self):
+        return OnDevice(self.held.sum())
+
     def __float__(self):
         return float(self.held)
 
@@ -100,6 +103,9 @@ def device(monkeypatch):
     def zeros(shape, dtype):
         return OnDevice(np.zeros(shape, dtype))
 
+    def full(shape, value, dtype):
+        return OnDevice(np.full(shape, value, dtype))
+
     cpu = CpuProjector(GEOMETRY, GRID)
 
     def as_astra_takes(array, shape):
@@ -118,7 +124,7 @@ def device(monkeypatch):
         as_astra_takes(volume, volume_shape)[...] = 1234.5 * found  # ASTRA's scale is its own
 
     monkeypatch.setattr(astra_cuda, "experimental", SimpleNamespace(direct_FP3D=forward, direct_BP3D=back))
-    return SimpleNamespace(asarray=asarray, asnumpy=asnumpy, zeros=zeros, moved=moved)
+    return SimpleNamespace(asarray=asarray, asnumpy=asnumpy, zeros=zeros, full=full, moved=moved)
 
 
 @pytest.mark.parametrize("solver", ["chebyshev", "plain"])
@@ -150,6 +156,37 @@ def test_projectors_are_made_once_and_deleted(device, monkeypatch):
     assert deleted == [1]
 
 
+def test_a_projection_that_fails_is_no_zero(device, monkeypatch):
+    """ASTRA's direct calls return as if nothing were, and leave what they were given as it is."""
+    projector = AstraCudaProjector(GEOMETRY, GRID, arrays=device)
+    volume = projector.empty_volume()
+    lines = projector.forward(volume)
+    silent = SimpleNamespace(direct_FP3D=lambda *_: None, direct_BP3D=lambda *_: None)
+    monkeypatch.setattr(astra_cuda, "experimental", silent)
+    for fails in (lambda: projector.forward(volume), lambda: projector.back(lines)):
+        with pytest.raises(InputError, match="ASTRA left .* unwritten, or not finite; is the device's memory full?"):
+            fails()
+
+
+def test_realisations_go_to_the_device_one_by_one(device, monkeypatch):
+    """Its memory need not hold more than one, and a processor's need not lack any."""
+    asked = []
+
+    def made(engine, geometry, grid, lanes, threads):
+        asked.append((engine, lanes))
+        cpu = engine == "cpu"
+        return CpuProjector(geometry, grid, lanes) if cpu else AstraCudaProjector(geometry, grid, lanes, device)
+
+    monkeypatch.setattr(reconstruct, "projector", made)
+    scan = np.random.default_rng(5).random((3, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
+    settings = {"iterations": 4, "backprojector": "voxel"}
+    ours, theirs = (
+        reconstruct.in_hu(scan, GEOMETRY, GRID, "sirt", settings, engine, 0.02) for engine in ("cpu", "astra_cuda")
+    )
+    assert asked == [("cpu", 3), ("astra_cuda", 1)]
+    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 1e-3 * ours.std()
+
+
 @needs_cuda
 @pytest.mark.gpu
 def test_gpu_projects_as_the_cpu_does():
@@ -170,7 +207,7 @@ def test_gpu_reconstructs_as_the_cpu_does():
     noise = np.random.default_rng(7).normal(0, 0.02, lines.shape).astype(np.float32)
     settings = {"iterations": 500, "terms": 60, "backprojector": "voxel"}
     quiet, ours, theirs = (
-        in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
+        reconstruct.in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
         for data, engine in ((lines, "cpu"), (lines + noise, "cpu"), (lines + noise, "astra_cuda"))
     )
     assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.01 * (ours - quiet).std()

@@ -1,6 +1,9 @@
 """The CPU engine against analytic line integrals, ASTRA's 2D projector, and its own transpose."""
 
 import math
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -166,6 +169,32 @@ def test_one_lane_does_what_many_do(row_pitch_mm, rows, slices, slice_mm):
     for alone, together in zip(*results, strict=True):
         assert together.any()
         np.testing.assert_allclose(alone, together, atol=3e-6 * together.max())
+
+
+@pytest.mark.parametrize("centre_mm", [(0.0, 0.0, 0.0), (3.1, -4.7, 1.2)])
+def test_tiles_of_any_width_take_every_sample(centre_mm):
+    """One and two lanes have wider tiles than five: none loses a sample at a border, along the axes or between them."""
+    grid = Grid((3, 130, 67), (4.0, 2.0, 3.0))
+    geometry = circular(views=8, columns=70, rows=5, column_pitch_mm=9.0, row_pitch_mm=8.0, **SCANNER)
+    volume = np.random.default_rng(6).random(grid.shape, np.float32)
+    found = []
+    for lanes in (1, 2, 5):
+        projector = CpuProjector(geometry, grid, lanes, centre_mm=centre_mm)
+        lines = projector.forward(projector.pack_volume(np.repeat(volume[None], lanes, 0)))
+        images = (projector.back(lines), projector.adjoint(lines))
+        found.append([projector.unpack_projections(lines)[-1], *(projector.unpack_volume(one)[-1] for one in images)])
+    for one, *others in zip(*found, strict=True):
+        assert one.any()
+        for other in others:
+            np.testing.assert_allclose(other, one, atol=1e-5 * one.max())
+
+
+def test_nothing_is_read_or_written_beyond_arrays():
+    """Sixteen values at once reach beyond a line. Every array stands between pages that may not be touched."""
+    script = Path(__file__).with_name("between_guards.py")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert int(done.stdout.split()[0]) >= 40
 
 
 def test_voxel_driven_back_projection_counts_rays_as_densely_as_they_lie():

@@ -59,7 +59,7 @@ def test_a_device_without_cupy(monkeypatch):
     monkeypatch.setattr(projectors, "cupy_installed", lambda: False)
     with pytest.warns(UserWarning, match="pip install -r environment-gpu.txt"):
         assert projectors.choose_engine("auto", "voxel") == "cpu"
-    with pytest.raises(InputError, match="needs CuPy, which is not installed: .*; or set engine: cpu"):
+    with pytest.raises(InputError, match="needs CuPy, which cannot be imported: .*; or set engine: cpu"):
         projectors.choose_engine("astra_cuda", "voxel")
     with pytest.raises(InputError, match="needs CuPy"):
         projectors.projector("astra_cuda", GEOMETRY, GRID)

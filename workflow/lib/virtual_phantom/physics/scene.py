@@ -49,7 +49,7 @@ class VoxelScene:
         middle = (low + high - np.array(grid.shape)) / 2 * grid.spacing
         self._centre = middle[::-1]
         self._fractions = fractions[:, *box]
-        self._packed: dict[int, list[np.ndarray]] = {}
+        self._packed: tuple[int, list[np.ndarray]] | None = None  # how many materials together, and these
         self._voxels = None
 
     @classmethod
@@ -110,15 +110,14 @@ class VoxelScene:
 
     def _project(self, geometry: ScanGeometry, shift: np.ndarray, size: float) -> np.ndarray:
         centre = tuple((size * self._centre + shift).tolist())
-        count, grid = len(self.materials), self._sized(size)
-        together = lanes_at_once(geometry, grid, count)
-        projector = CpuProjector(geometry, grid, together, self.threads, centre)
-        if together not in self._packed:
+        count = len(self.materials)
+        together = lanes_at_once(geometry, self.grid, count)
+        projector = CpuProjector(geometry, self._sized(size), together, self.threads, centre)
+        if self._packed is None or self._packed[0] != together:
             parts = [self._fractions[first : first + together] for first in range(0, count, together)]
-            self._packed[together] = [projector.pack_volume(part) for part in parts]
-        return np.concatenate(
-            [projector.unpack_projections(projector.forward(part)) for part in self._packed[together]]
-        )
+            self._packed = together, [projector.pack_volume(part) for part in parts]
+        paths = [projector.unpack_projections(projector.forward(part)) for part in self._packed[1]]
+        return paths[0] if together == count else np.concatenate(paths)
 
 
 def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> tuple[ScanGeometry, np.ndarray]:

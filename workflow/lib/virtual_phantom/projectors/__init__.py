@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import warnings
 
 from ..errors import InputError
@@ -19,11 +18,15 @@ def cuda_available() -> bool:
 
 
 def cupy_installed() -> bool:
-    """True if there is CuPy, which keeps the arrays of astra_cuda on the device."""
-    return importlib.util.find_spec("cupy") is not None
+    """True if there is a CuPy that works, which keeps the arrays of astra_cuda on the device."""
+    try:
+        import cupy  # noqa: F401
+    except ImportError:  # of its own libraries too
+        return False
+    return True
 
 
-NO_CUPY = "astra_cuda needs CuPy, which is not installed: pip install -r environment-gpu.txt"
+NO_CUPY = "astra_cuda needs CuPy, which cannot be imported: pip install -r environment-gpu.txt"
 
 
 def choose_engine(name: str, backprojector: str, look: bool = True) -> str:

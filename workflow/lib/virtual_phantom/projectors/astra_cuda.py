@@ -13,6 +13,7 @@ import astra
 import numpy as np
 from astra import experimental
 
+from ..errors import InputError
 from ..geometry import Grid, ScanGeometry
 
 
@@ -42,7 +43,7 @@ def projection_geometry(geometry: ScanGeometry, views: slice = slice(None)) -> d
 
 
 class AstraCudaProjector:
-    """The calls of cpu.CpuProjector on a CUDA device, one realisation after another.
+    """The calls of cpu.CpuProjector on a CUDA device, one realisation after another. InputError where ASTRA fails.
 
     arrays   the module whose arrays lie where ASTRA projects: CuPy, if None
 
@@ -88,17 +89,21 @@ class AstraCudaProjector:
     def forward(self, volume, views: slice = slice(None)):
         """Line integrals of every lane for the given views."""
         count = len(range(*views.indices(self.geometry.views)))
-        out = self._arrays.zeros((self.lanes, self.geometry.rows, count, self.geometry.columns), dtype=np.float32)
+        out = self._arrays.full(
+            (self.lanes, self.geometry.rows, count, self.geometry.columns), np.nan, dtype=np.float32
+        )
         for lane in range(self.lanes):
             experimental.direct_FP3D(self._projector(views), volume[lane], out[lane])
+            _check_written(out[lane], "projections")
         return out
 
     def back(self, projections, views: slice = slice(None), out=None):
         """Back-projection of every lane, added to `out`."""
         out = self.empty_volume() if out is None else out
         for lane in range(self.lanes):
-            volume = self._arrays.zeros(self.grid.shape, dtype=np.float32)
+            volume = self._arrays.full(self.grid.shape, np.nan, dtype=np.float32)
             experimental.direct_BP3D(self._projector(views), volume, projections[lane])
+            _check_written(volume, "a volume")
             out[lane] += volume
         return out
 
@@ -111,3 +116,12 @@ class AstraCudaProjector:
             weakref.finalize(self, astra.projector3d.delete, number)
             self._projectors[span] = number
         return self._projectors[span]
+
+
+def _check_written(array, what):
+    """ASTRA's direct calls say nothing of it when they fail."""
+    if not np.isfinite(float(array.sum())):
+        raise InputError(
+            f"engine: astra_cuda: ASTRA left {what} of {array.shape} unwritten, or not finite; is the device's memory "
+            "full? Free it, make the grid or the scan smaller, or set engine: cpu"
+        )

@@ -19,10 +19,11 @@ FEATURES = get_host_cpu_features() if config.CPU_FEATURES is None else config.CP
 WIDE = "+avx512f" in FEATURES.split(",")
 # Steps along the line that is read, from one value to the next, so that sixteen read from no more than 32.
 STEEPEST = np.float32(30 / WIDTH)
-# Steps from row to row along a line that is added to, and as many zeros as rows can lie less than a cell away from one.
-FLATTEST = np.float32(0.6)
-ONE_CELL, TWO_THIRDS = np.float32(1.0), np.float32(2 / 3)
-FOUR, THREE, TWO = (0,) * 4, (0,) * 3, (0,) * 2
+# At a step of s cells from row to row, at most 2 / s rows, rounded up, lie less than a cell away from one: two from
+# ONE_CELL on, three from TWO_THIRDS, four from FLATTEST, as many as the tuples are long. On flatter lines sixteen
+# cells would read more than 32 rows: there rows are added one by one.
+ONE_CELL, TWO_THIRDS, FLATTEST = np.float32(1.0), np.float32(2 / 3), np.float32(0.6)
+TWO, THREE, FOUR = (0,) * 2, (0,) * 3, (0,) * 4
 
 FLOAT, INT = ir.FloatType(), ir.IntType(32)
 FLOATS, INTS, FLAGS = (ir.VectorType(one, WIDTH) for one in (FLOAT, INT, ir.IntType(1)))
@@ -149,7 +150,8 @@ def _gather_sixteen(typingctx, out, at, source, first, second, near, weight, hei
 def _scatter_sixteen(
     typingctx, out, first, second, source, at, start, stop, near, weight, height, slope, index, count, rows
 ):
-    """Of scatter_line what `count` cells, at most sixteen (None: sixteen), from `index` on receive. Reads 32 values.
+    """Of scatter_line what `count` cells, at most sixteen (None: sixteen), from `index` on receive. Reads 32 values,
+    from three before `start` on.
 
     Each gathers from the values that may lie less than a cell away, so that no two are added to one place at once; as
     many as `rows` is long.
@@ -165,9 +167,9 @@ def _scatter_sixteen(
         # The first row less than a cell away.
         before = emit.subtract(emit.subtract(cells, one), emit.everywhere(height))
         inverse = builder.fdiv(FLOAT(1.0), slope)
-        above = emit.add(emit.floor(emit.multiply(before, emit.everywhere(inverse))), one)
-        row = builder.fptosi(above, INTS)
-        earliest = builder.extract_element(row, INT(0))
+        row = emit.add(emit.floor(emit.multiply(before, emit.everywhere(inverse))), one)
+        whole_row = builder.fptosi(row, INTS)
+        earliest = builder.extract_element(whole_row, INT(0))
         halves = []
         for half in (0, WIDTH):
             numbers = builder.add(emit.everywhere(earliest), ir.Constant(INTS, list(range(half, half + WIDTH))))
@@ -177,8 +179,8 @@ def _scatter_sixteen(
             )
             place = builder.add(builder.add(at, builder.sext(earliest, at.type)), at.type(half))
             halves.append(builder.select(there, emit.load(emit.pointer(signature.args[3], source, place)), zero))
-        off = emit.subtract(emit.add(emit.multiply(emit.everywhere(slope), above), emit.everywhere(height)), cells)
-        place, total = builder.sub(row, emit.everywhere(earliest)), zero
+        off = emit.subtract(emit.add(emit.multiply(emit.everywhere(slope), row), emit.everywhere(height)), cells)
+        place, total = builder.sub(whole_row, emit.everywhere(earliest)), zero
         for _ in range(len(rows)):
             share = emit.larger(emit.subtract(one, emit.absolute(off)), zero)
             total = emit.add(total, emit.multiply(share, emit.look_up(*halves, place)))

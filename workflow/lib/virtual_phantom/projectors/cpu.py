@@ -10,11 +10,12 @@ import numpy as np
 from ..errors import InputError
 from ..geometry import Grid, ScanGeometry
 from . import kernels, parallel
-from .columns import FLATTEST, STEEPEST, WIDE, WIDTH
+from .columns import STEEPEST, WIDE, WIDTH
 from .lanes import aligned_zeros
 
 VIEWS_PER_BLOCK = 16
-FEW_LANES = 3
+# Where lines have half a register's values, so many volumes are projected sooner one by one than together.
+ONE_BY_ONE_UP_TO = 7
 
 
 class CpuProjector:
@@ -250,11 +251,11 @@ class CpuProjector:
 
 
 def lanes_at_once(geometry: ScanGeometry, grid: Grid, lanes: int) -> int:
-    """How many of so many volumes are projected soonest together: all, but for a few with long lines, which are
-    projected one by one (columns.py)."""
+    """How many of so many volumes are projected forward soonest together: all, or 1 if one by one, where these fill no
+    register and sixteen values of a line do (columns.py)."""
     step = geometry.row_pitch_mm * geometry.source_to_isocentre_mm / geometry.source_to_detector_mm / grid.spacing[0]
-    one_by_one = WIDE and FLATTEST <= step <= STEEPEST and min(geometry.rows, grid.shape[0]) >= WIDTH
-    return 1 if one_by_one and lanes <= FEW_LANES else lanes
+    one_by_one = WIDE and step <= STEEPEST and min(geometry.rows, grid.shape[0]) >= WIDTH // 2
+    return 1 if one_by_one and lanes <= ONE_BY_ONE_UP_TO else lanes
 
 
 def share_out(run: Callable[[int, int], None], count: int, threads: int) -> None:

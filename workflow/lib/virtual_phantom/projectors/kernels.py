@@ -80,16 +80,17 @@ def span(first, slope, cells, n):
 
 
 @njit(inline="always", **OPTIONS)
-def _set_line(lines, k, position, share, height, slope, cells, n):
-    """Entry k: between the two lines around a padded position, n values from cells of which `cells` are not border.
+def _set_line(lines, k, position, scale, height, slope, cells, n):
+    """Entry k: between the two lines around a padded position, n values from cells of which `cells` are not border,
+    times `scale`.
 
     Without branches, so that many are worked out at once.
     """
     below = math.floor(position)
     weight = position - below
     lines.pair[k] = int(below)
-    lines.near[k] = np.float32((1.0 - weight) * share)
-    lines.weight[k] = np.float32(weight * share)
+    lines.near[k] = np.float32((1.0 - weight) * scale)
+    lines.weight[k] = np.float32(weight * scale)
     lines.height[k] = np.float32(height)
     lines.slope[k] = np.float32(slope)
     lines.start[k], lines.stop[k] = span(lines.height[k], lines.slope[k], cells, n)
