@@ -5,13 +5,20 @@ from types import SimpleNamespace
 import astra
 import numpy as np
 import pytest
+from astra import experimental
+from astra.log import AstraError
 from scanner import SCANNER
 
 from virtual_phantom import projectors, reconstruct, solvers
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, helical
 from virtual_phantom.projectors import astra_cuda
-from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, cone_vectors
+from virtual_phantom.projectors.astra_cuda import (
+    AstraCudaProjector,
+    cone_vectors,
+    projection_geometry,
+    volume_geometry,
+)
 from virtual_phantom.projectors.cpu import CpuProjector
 
 needs_cuda = pytest.mark.skipif(
@@ -71,9 +78,6 @@ class OnDevice(np.lib.mixins.NDArrayOperatorsMixin):
     def max(self):
         return OnDevice(self.held.max())
 
-    def sum(self):
-        return OnDevice(self.held.sum())
-
     def __float__(self):
         return float(self.held)
 
@@ -103,28 +107,34 @@ def device(monkeypatch):
     def zeros(shape, dtype):
         return OnDevice(np.zeros(shape, dtype))
 
-    def full(shape, value, dtype):
-        return OnDevice(np.full(shape, value, dtype))
-
     cpu = CpuProjector(GEOMETRY, GRID)
+    shapes = {"-vol": GRID.shape, "-sino": (GEOMETRY.rows, GEOMETRY.views, GEOMETRY.columns)}
+    linked = {}
 
-    def as_astra_takes(array, shape):
-        assert array.shape == shape and array.held.flags.c_contiguous and array.held.dtype == np.float32
-        return array.held
+    def link(kind, _, array):
+        assert array.shape == shapes[kind] and array.held.flags.c_contiguous and array.held.dtype == np.float32
+        linked[len(linked) + 1] = array.held
+        return len(linked)
 
-    volume_shape, projections_shape = GRID.shape, (GEOMETRY.rows, GEOMETRY.views, GEOMETRY.columns)
+    def delete(numbers):
+        for number in numbers:
+            del linked[number]
 
-    def forward(_, volume, projections):
-        packed = cpu.forward(cpu.pack_volume(as_astra_takes(volume, volume_shape)[None]))
-        as_astra_takes(projections, projections_shape)[...] = np.swapaxes(cpu.unpack_projections(packed)[0], 0, 1)
+    def forward(_, volumes, projections):
+        packed = cpu.forward(cpu.pack_volume(linked[volumes[0]][None]))
+        linked[projections[0]][...] = np.swapaxes(cpu.unpack_projections(packed)[0], 0, 1)
 
-    def back(_, volume, projections):
-        taken = np.swapaxes(as_astra_takes(projections, projections_shape), 0, 1)
+    def back(_, volumes, projections):
+        taken = np.swapaxes(linked[projections[0]], 0, 1)
         found = cpu.unpack_volume(cpu.back(cpu.pack_projections(taken[None])))[0]
-        as_astra_takes(volume, volume_shape)[...] = 1234.5 * found  # ASTRA's scale is its own
+        linked[volumes[0]][...] = 1234.5 * found  # ASTRA's scale is its own
 
-    monkeypatch.setattr(astra_cuda, "experimental", SimpleNamespace(direct_FP3D=forward, direct_BP3D=back))
-    return SimpleNamespace(asarray=asarray, asnumpy=asnumpy, zeros=zeros, full=full, moved=moved)
+    operations = SimpleNamespace(do_composite_FP=forward, do_composite_BP=back)
+    monkeypatch.setattr(astra_cuda, "experimental", operations)
+    monkeypatch.setattr(astra.data3d, "link", link)
+    monkeypatch.setattr(astra.data3d, "delete", delete)
+    yield SimpleNamespace(asarray=asarray, asnumpy=asnumpy, zeros=zeros, moved=moved)
+    assert not linked, "ASTRA still holds arrays"
 
 
 @pytest.mark.parametrize("solver", ["chebyshev", "plain"])
@@ -157,15 +167,33 @@ def test_projectors_are_made_once_and_deleted(device, monkeypatch):
 
 
 def test_a_projection_that_fails_is_no_zero(device, monkeypatch):
-    """ASTRA's direct calls return as if nothing were, and leave what they were given as it is."""
+    """ASTRA's direct calls would return as if nothing were."""
     projector = AstraCudaProjector(GEOMETRY, GRID, arrays=device)
     volume = projector.empty_volume()
     lines = projector.forward(volume)
-    silent = SimpleNamespace(direct_FP3D=lambda *_: None, direct_BP3D=lambda *_: None)
-    monkeypatch.setattr(astra_cuda, "experimental", silent)
+
+    def fail(*_):
+        raise AstraError("Failed to perform FP:\nout of memory")
+
+    monkeypatch.setattr(astra_cuda, "experimental", SimpleNamespace(do_composite_FP=fail, do_composite_BP=fail))
     for fails in (lambda: projector.forward(volume), lambda: projector.back(lines)):
-        with pytest.raises(InputError, match="ASTRA left .* unwritten, or not finite; is the device's memory full?"):
+        with pytest.raises(InputError, match="astra_cuda: Failed to perform FP: out of memory; if the device's memory"):
             fails()
+
+
+def test_what_is_called_of_astra_is_there():
+    """`experimental` may change from version to version."""
+    assert callable(experimental.do_composite_FP) and callable(experimental.do_composite_BP)
+    number = astra.create_projector("cuda3d", projection_geometry(GEOMETRY), volume_geometry(GRID))
+    astra.projector3d.delete(number)
+    arrays = [np.zeros(GRID.shape, np.float32), np.zeros((GEOMETRY.rows, GEOMETRY.views, GEOMETRY.columns), np.float32)]
+    linked = [
+        astra.data3d.link("-vol", volume_geometry(GRID), arrays[0]),
+        astra.data3d.link("-sino", projection_geometry(GEOMETRY), arrays[1]),
+    ]
+    arrays[1][3, 7, 5] = 2.5
+    assert astra.data3d.get(linked[1])[3, 7, 5] == 2.5
+    astra.data3d.delete(linked)
 
 
 def test_realisations_go_to_the_device_one_by_one(device, monkeypatch):

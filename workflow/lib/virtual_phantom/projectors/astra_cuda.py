@@ -12,6 +12,7 @@ from types import ModuleType
 import astra
 import numpy as np
 from astra import experimental
+from astra.log import AstraError
 
 from ..errors import InputError
 from ..geometry import Grid, ScanGeometry
@@ -89,39 +90,41 @@ class AstraCudaProjector:
     def forward(self, volume, views: slice = slice(None)):
         """Line integrals of every lane for the given views."""
         count = len(range(*views.indices(self.geometry.views)))
-        out = self._arrays.full(
-            (self.lanes, self.geometry.rows, count, self.geometry.columns), np.nan, dtype=np.float32
-        )
+        out = self._arrays.zeros((self.lanes, self.geometry.rows, count, self.geometry.columns), dtype=np.float32)
         for lane in range(self.lanes):
-            experimental.direct_FP3D(self._projector(views), volume[lane], out[lane])
-            _check_written(out[lane], "projections")
+            self._run(experimental.do_composite_FP, views, volume[lane], out[lane])
         return out
 
     def back(self, projections, views: slice = slice(None), out=None):
         """Back-projection of every lane, added to `out`."""
         out = self.empty_volume() if out is None else out
         for lane in range(self.lanes):
-            volume = self._arrays.full(self.grid.shape, np.nan, dtype=np.float32)
-            experimental.direct_BP3D(self._projector(views), volume, projections[lane])
-            _check_written(volume, "a volume")
+            volume = self._arrays.zeros(self.grid.shape, dtype=np.float32)
+            self._run(experimental.do_composite_BP, views, volume, projections[lane])
             out[lane] += volume
         return out
 
-    def _projector(self, views):
+    def _run(self, operation, views, volume, projections):
+        """One of ASTRA's operations, on arrays where they lie. (Its `direct_...` calls say nothing when they fail.)"""
+        there, rays = volume_geometry(self.grid), projection_geometry(self.geometry, views)
+        linked = []
+        try:
+            linked.append(astra.data3d.link("-vol", there, volume))
+            linked.append(astra.data3d.link("-sino", rays, projections))
+            operation(self._projector(views, rays, there), linked[:1], linked[1:])
+        except AstraError as error:
+            raise InputError(
+                f"engine: astra_cuda: {' '.join(str(error).split())}; if the device's memory is full, free it, make "
+                "the grid or the scan smaller, or set engine: cpu"
+            ) from error
+        finally:
+            astra.data3d.delete(linked)
+
+    def _projector(self, views, rays, there):
         """ASTRA's number of a projector for these views, made once."""
         span = views.indices(self.geometry.views)
         if span not in self._projectors:
-            rays = projection_geometry(self.geometry, slice(*span))
-            number = astra.create_projector("cuda3d", rays, volume_geometry(self.grid))
+            number = astra.create_projector("cuda3d", rays, there)
             weakref.finalize(self, astra.projector3d.delete, number)
             self._projectors[span] = number
         return self._projectors[span]
-
-
-def _check_written(array, what):
-    """ASTRA's direct calls say nothing of it when they fail."""
-    if not np.isfinite(float(array.sum())):
-        raise InputError(
-            f"engine: astra_cuda: ASTRA left {what} of {array.shape} unwritten, or not finite; is the device's memory "
-            "full? Free it, make the grid or the scan smaller, or set engine: cpu"
-        )
