@@ -19,6 +19,9 @@ Not permissive among them: astra-toolbox is under the GPL 3, so that who distrib
 distribute that under the GPL; certifi, hypothesis, pathspec and tqdm are under the MPL 2, which binds changes of their
 own files. NVIDIA's libraries are proprietary, and used only where there is a CUDA device.
 
+Not in the table, as they are not installed by default: `environment-slurm.txt` brings two plugins (MIT),
+`environment-gpu.txt` CuPy (MIT), cuda-pathfinder (Apache 2.0) and more of NVIDIA's libraries.
+
 | package | version | licence |
 |---|---|---|
 """
