@@ -59,7 +59,7 @@ def ours(lanes: int, scan: ScanGeometry, grid: Grid = GRID, transpose: bool = Fa
     volume = projector.pack_volume(np.repeat(phantom(grid)[None], lanes, 0))
     projections, out = projector.forward(volume), projector.empty_volume()
     back = projector.adjoint if transpose else projector.back
-    circle = len(set(scan.source_z_mm)) == 1
+    circle = scan.feed_per_rotation_mm == 0
     return Engine(
         f"ours, {lanes} at once" + (", adjoint" if transpose else "") + ("" if circle else ", helix"),
         lambda: projector.forward(volume),

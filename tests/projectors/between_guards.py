@@ -11,14 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "workflow" / "lib"))
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "workflow" / "lib"), str(ROOT / "tests")]
+
+from scanner import SCANNER  # noqa: E402
 
 from virtual_phantom.geometry import Grid, circular, helical  # noqa: E402
 from virtual_phantom.parallel_rays import ParallelRays  # noqa: E402
 from virtual_phantom.projectors import cpu  # noqa: E402
 
 PAGE, NO_ACCESS = mmap.PAGESIZE, 0
-SCANNER = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0)
 libc = ctypes.CDLL(None, use_errno=True)
 libc.mprotect.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
 kept = []  # guards must stay guards while another array is in use

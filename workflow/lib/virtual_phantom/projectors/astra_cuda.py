@@ -60,7 +60,8 @@ class AstraCudaProjector:
         self.geometry, self.grid, self.lanes, self._arrays = geometry, grid, lanes, arrays
         # A device call has a cost of its own: as few as possible.
         self.views_per_block = geometry.views
-        self._projectors: dict[tuple[int, int, int], int] = {}
+        self._volume_geometry = volume_geometry(grid)
+        self._made: dict[tuple[int, int, int], tuple[dict, int]] = {}
 
     def empty_volume(self):
         """Zeros, [lane, z, y, x]."""
@@ -106,12 +107,12 @@ class AstraCudaProjector:
 
     def _run(self, operation, views, volume, projections):
         """One of ASTRA's operations, on arrays where they lie. (Its `direct_...` calls say nothing when they fail.)"""
-        there, rays = volume_geometry(self.grid), projection_geometry(self.geometry, views)
+        rays, projector = self._rays_and_projector(views)
         linked = []
         try:
-            linked.append(astra.data3d.link("-vol", there, volume))
+            linked.append(astra.data3d.link("-vol", self._volume_geometry, volume))
             linked.append(astra.data3d.link("-sino", rays, projections))
-            operation(self._projector(views, rays, there), linked[:1], linked[1:])
+            operation(projector, linked[:1], linked[1:])
         except AstraError as error:
             raise InputError(
                 f"engine: astra_cuda: {' '.join(str(error).split())}; if the device's memory is full, free it, make "
@@ -120,11 +121,12 @@ class AstraCudaProjector:
         finally:
             astra.data3d.delete(linked)
 
-    def _projector(self, views, rays, there):
-        """ASTRA's number of a projector for these views, made once."""
+    def _rays_and_projector(self, views):
+        """ASTRA's description of these views and its number of a projector for them, made once."""
         span = views.indices(self.geometry.views)
-        if span not in self._projectors:
-            number = astra.create_projector("cuda3d", rays, there)
+        if span not in self._made:
+            rays = projection_geometry(self.geometry, views)
+            number = astra.create_projector("cuda3d", rays, self._volume_geometry)
             weakref.finalize(self, astra.projector3d.delete, number)
-            self._projectors[span] = number
-        return self._projectors[span]
+            self._made[span] = rays, number
+        return self._made[span]

@@ -253,7 +253,7 @@ class CpuProjector:
 def lanes_at_once(geometry: ScanGeometry, grid: Grid, lanes: int) -> int:
     """How many of so many volumes are projected forward soonest together: all, or 1 if one by one, where these fill no
     register and sixteen values of a line do (columns.py)."""
-    step = geometry.row_pitch_mm * geometry.source_to_isocentre_mm / geometry.source_to_detector_mm / grid.spacing[0]
+    step = geometry.row_pitch_mm / geometry.magnification / grid.spacing[0]
     one_by_one = WIDE and step <= STEEPEST and min(geometry.rows, grid.shape[0]) >= WIDTH // 2
     return 1 if one_by_one and lanes <= ONE_BY_ONE_UP_TO else lanes
 
