@@ -43,7 +43,8 @@ def medians(actions, repeats):
 
 
 def projectors(repeats):
-    """ns per ray forwards and per voxel and view back, and both over ours alone; how far projections are from ours."""
+    """ns per ray forwards and per voxel and view back, and both over ours in a full batch with voxel-driven back (on a
+    helix, there); how far projections are from ours."""
     scan, helix = engines.geometry(), engines.helix()
     contenders = [
         engines.ours(1, scan),
@@ -68,10 +69,19 @@ def projectors(repeats):
         if one.projected is not None:
             row["difference"] = float(np.sqrt(np.mean((one.projected - ours) ** 2)) / ours.max())
         rows.append(row)
+    for row in rows:
+        batch = "ours, 16 at once, helix" if row["engine"].endswith("helix") else "ours, 16 at once"
+        row["both_over_full_batch"] = of_a_view(row) / of_a_view(next(one for one in rows if one["engine"] == batch))
     rows.append(
         {"engine": "XCIST, distance-driven", "forward_ns_per_ray": engines.xcist_ns_per_ray(scan, engines.GRID)}
     )
     return rows
+
+
+def of_a_view(row):
+    """ns of a view of the benchmark's scan, forwards and back."""
+    rays, voxels = engines.DETECTOR["columns"] * engines.DETECTOR["rows"], np.prod(engines.GRID.shape)
+    return float(rays * row["forward_ns_per_ray"] + voxels * row["back_ns_per_voxel_and_view"])
 
 
 # Cache lines of sixteen lanes that a sample cannot do without: two of what is read (its neighbours along the line were
