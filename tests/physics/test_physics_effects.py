@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from simulated_scans import body, noisy_lines
 
+from virtual_phantom.diagnosis.observed import Scans, observe
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain, State, displaced, lagged, quadrature, shared
@@ -306,6 +307,29 @@ def test_simulated_noise_follows_the_law_of_the_model(chain, name):
         assert found == pytest.approx(right, abs=5 / math.sqrt(40 * both.sum()) + 0.01 * (right > 0)), axis
 
 
+@pytest.mark.parametrize("name", ["optical_crosstalk", "afterglow"])
+def test_electronic_noise_dilutes_correlations(chain, name):
+    """Over the whole scan, weighted as `observe` weights it: where few photons arrive, most of the noise is white."""
+    physics = {name: load(name).values({}), "electronic_noise": {"photons": 200.0}}
+    state, scans = noise_of(chain, physics)
+    reference = state.variance() * np.linspace(0.5, 2, GEOMETRY.columns)
+    usable = np.ones(reference.shape, bool)
+    found = observe(Scans(scans.astype(np.float32), None, usable), reference)
+    undiluted = chain.state({name: physics[name]}).correlations()
+    for place, right in enumerate(state.correlations(1 / reference)):
+        assert abs(found.correlation[place] - right) < 4 * found.correlation_error[place] + 0.02 * right
+        if undiluted[place] > 0:
+            assert undiluted[place] - found.correlation[place] > 10 * found.correlation_error[place]
+
+
+def test_dark_signal_drifts_from_the_middle_of_the_scan(chain):
+    """Each view in the middle of its interval, so that the mean over the scan is the level."""
+    state = chain.state({"dark_signal": {"level": 0.01, "drift": 0.024}})
+    added = (state.measured - chain.state({}).measured)[:, 0, 0]
+    views = GEOMETRY.views
+    np.testing.assert_allclose(added, 0.01 + 0.024 * ((np.arange(views) + 0.5) / views - 0.5), atol=1e-12)
+
+
 def test_fluence_and_gain(chain):
     bowtie = chain.state({"bowtie": {"edge_mm": 10.0}})
     assert -math.log(bowtie.air[0, 0, 0]) == pytest.approx(10 * attenuation_per_mm("aluminium", [60.0])[0], rel=1e-6)
@@ -348,7 +372,8 @@ def test_geometry_errors_move_the_shadow_of_a_disc():
     right = [1010 * t / (505 - depth) for t, depth in ((10, 20), (20, -10), (-10, -20), (-20, 10))]
     far = {"source_distance": {"isocentre_mm": 5.0, "detector_mm": 10.0}}
     np.testing.assert_allclose(centres(far, Pose(10, 20)), right, atol=0.02)
-    drift = np.linspace(-0.5, 0.5, 4) * 6
+    # each of four views in the middle of its quarter of the scan
+    drift = np.array([-3 / 8, -1 / 8, 1 / 8, 3 / 8]) * 6
     right = [
         1000 * t / (500 - d)
         for t, d in ((10 + drift[0], 20), (20, -10 - drift[1]), (-10 - drift[2], -20), (-20, 10 + drift[3]))

@@ -131,6 +131,12 @@ class ScanGeometry:
         return self.angles_rad.size
 
     @property
+    def scan_fractions(self) -> np.ndarray:
+        """When each view is taken, (views,), from -1/2 at the scan's begin to 1/2 at its end: view i of N is exposed in
+        the middle of its interval, at (i + 1/2) / N - 1/2."""
+        return (np.arange(self.views) + 0.5) / self.views - 0.5
+
+    @property
     def shape(self) -> tuple[int, int, int]:
         """Of its projections: views, rows, columns."""
         return self.views, self.rows, self.columns

@@ -161,12 +161,11 @@ class Model:
         lines = state.line_integrals()
         mean = place["scale"] * lines + place["offset"] + self.distortion(place, anchor) + above
         ratio = np.where(data.usable, variance / data.reference, 0)
+        correlation = np.array(state.correlations(np.where(data.usable, 1 / data.reference, 0)))
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(data.blocks.sum(ratio) / data.blocks.sum(data.usable))
         white = None if data.white is None else white_shape(state.measured_air[0])
-        return Prediction(
-            mean, log_variance, np.array(state.correlations()), white, state, (lines, np.ones(lines.shape))
-        )
+        return Prediction(mean, log_variance, correlation, white, state, (lines, np.ones(lines.shape)))
 
 
 def stacked(data: Observed, prediction: Prediction) -> list[np.ndarray]:

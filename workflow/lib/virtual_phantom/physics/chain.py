@@ -135,14 +135,22 @@ class State:
         read = read if self.gain is None else read * self.gain
         return read if self.dark is None else read + self.dark * self.photons
 
-    def correlations(self) -> tuple[float, float, float]:
-        """Of the quantum noise of neighbouring columns, rows and views, uniform signal."""
+    def correlations(self, weight: np.ndarray | float = 1.0) -> tuple[float, float, float]:
+        """Of the noise that is read, between neighbouring columns, rows and views.
+
+        weight   [view, row, column] of the rays' variances and covariances, or one for all
+        That of the quantum noise of a uniform signal, times the share of quantum noise in the variance: electronic
+        noise arises after neighbours and views have shared their signal, and is white.
+        """
+        quantum, electronic = (weight * part for part in self._noise_parts())
+        total = float(np.sum(quantum + electronic))
+        coloured = float(np.sum(quantum)) / total if total else 0.0
         tap = [2 * c * (1 - 2 * c) / ((1 - 2 * c) ** 2 + 2 * c**2) for c in self.neighbours]
         share, memory, _ = self.lag
         # Of weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
         glow = share**2 * (1 - memory) / (1 + memory)
         view = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
-        return tap[0], tap[1], view
+        return coloured * tap[0], coloured * tap[1], coloured * view
 
 
 def shared(array: np.ndarray, neighbours: tuple[float, float], squared: bool = False) -> np.ndarray:

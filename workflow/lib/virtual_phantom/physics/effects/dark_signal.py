@@ -1,14 +1,11 @@
 """Dark signal that was not subtracted, and its drift."""
 
-import numpy as np
-
 from ..chain import State
 from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    views = state.geometry.views
-    time = (np.arange(views) / max(views - 1, 1) - 0.5)[:, None, None]
+    time = state.geometry.scan_fractions[:, None, None]
     state.dark, state.dark_air = values["level"] + values["drift"] * time, values["level"]
 
 
@@ -16,7 +13,8 @@ EFFECT = Effect(
     name="dark_signal",
     physics="The detector reads a signal without radiation that differs from the one subtracted, and that drifts as it "
     "warms up.",
-    equation="S' = S + d + r (t - 1/2), S_air' = S_air + d, in units of the signal in air, t from 0 to 1 over the scan",
+    equation="S_i' = S_i + d + r ((i + 1/2) / N - 1/2), S_air' = S_air + d, in units of the signal in air; "
+    "view i of N is exposed in the middle of its interval",
     source="J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624 (1999)",
     stage="readout",
     signature="line integrals too low where little is transmitted, alike in all columns; with a drift, more from view "

@@ -1,22 +1,19 @@
 """Rigid motion of the object during the scan."""
 
-import numpy as np
-
 from ..chain import State
 from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
     # About the middle of the scan, so that the mean place stays.
-    time = np.linspace(-0.5, 0.5, state.geometry.views)
-    moved = time[:, None] * [values["x_mm"], values["y_mm"], values["z_mm"]]
+    moved = state.geometry.scan_fractions[:, None] * [values["x_mm"], values["y_mm"], values["z_mm"]]
     state.motion_mm = moved if state.motion_mm is None else state.motion_mm + moved
 
 
 EFFECT = Effect(
     name="motion",
     physics="The object drifts steadily while it is scanned.",
-    equation="place(t) = place + (t - 1/2) d, t from 0 to 1 over the scan",
+    equation="place_i = place + ((i + 1/2) / N - 1/2) d: view i of N is exposed in the middle of its interval",
     source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), section on patient motion",
     stage="motion",
     signature="residuals at edges that grow towards the first and last views, with opposite signs",
