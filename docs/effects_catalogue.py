@@ -26,9 +26,10 @@ protocols:
 
 A protocol's `physics` replaces the common one: `sirt_300` has no scatter here.
 
-With none, projections are those of the study without this chain, bit for bit. Reconstruction always goes by the stated
-geometry. A voxel is divided among two materials by its HU (`materials`); at the monochromatic energy, where water
-attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from
+With none, the study's projections are made without this chain, by one path length in one material; the chain at its
+baseline agrees with them to 2e-5, the rounding of its path lengths in single precision. Reconstruction always goes by
+the stated geometry. A voxel is divided among two materials by its HU (`materials`); at the monochromatic energy, where
+water attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from
 SpekPy.
 
 Effects act in this order: STAGES. `snakemake diagnosis` tries each

@@ -18,8 +18,8 @@ from .materials import attenuation_per_mm
 from .scene import IN_PLACE, Pose, VoxelScene
 from .spectra import TUNGSTEN, Anode
 
-# A fit varies one parameter at a time, and most leave earlier steps alone.
-PATHS_KEPT, TRANSMISSIONS_KEPT = 12, 24
+# A fit varies one parameter at a time, and most leave earlier steps alone. A focal spot takes nine.
+PATHS_KEPT, TRANSMISSIONS_KEPT = 20, 24
 EVEN, SOLID_ANGLE = "even", "solid_angle"
 LEAST_SIGNAL = 1e-6  # of the signal in air: a logarithm of less is none
 MOST_NOISE = 0.2  # variance of line integrals up to which moments of the logarithm follow their series

@@ -12,8 +12,8 @@ from .scene import IN_PLACE, Pose, VoxelScene
 # Square of how far any ray may lie from the one that was traced, over the voxel's size, mm: the error grows with the
 # square of the one and falls with the other. Here it is under 1 % of the noise of 1e5 photons per pixel.
 TOLERANCE_MM = 3e-4
-# Of scans that were traced, all rays of a pixel; a focal spot takes five.
-MEMORY_BYTES, LEAST_KEPT, MOST_KEPT = 4e8, 6, 32
+# Of scans that were traced, all rays of a pixel; a focal spot takes nine.
+MEMORY_BYTES, LEAST_KEPT, MOST_KEPT = 4e8, 10, 32
 
 
 class Traced:
