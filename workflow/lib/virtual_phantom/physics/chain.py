@@ -15,6 +15,7 @@ from ..geometry import ScanGeometry
 from ..kept import Kept
 from .effect import STAGES, load
 from .materials import attenuation_per_mm
+from .poisson import poisson_counts
 from .scene import IN_PLACE, Pose, VoxelScene
 from .spectra import TUNGSTEN, Anode
 
@@ -126,12 +127,17 @@ class State:
         return self.read(self.signal / self.photons, squared=True) * over, (self.electronic / self.photons) ** 2 * over
 
     def counts(self, random: np.random.Generator) -> np.ndarray:
-        """One noisy scan in photons, float64 [view, row, column]: Poisson, shared by neighbours, electronic noise."""
+        """One noisy scan in photons, float64 [view, row, column]: Poisson, shared by neighbours, electronic noise.
+
+        `random` gives one number per pixel for the photons. What was before the scan and electronic noise have streams
+        of their own, spawned from it, so that photons are the same with and without them.
+        """
+        earlier, electronic = random.spawn(2)
         mean = self.signal[0] * self.photons
-        before = self.drawn_before(mean, mean, random)
-        read = self.read(random.poisson(self.signal * self.photons).astype(np.float64), first=before)
+        before = self.drawn_before(mean, mean, earlier)
+        read = self.read(poisson_counts(self.signal * self.photons, random).astype(np.float64), first=before)
         if self.electronic:
-            read += self.electronic * random.normal(size=read.shape)
+            read += self.electronic * electronic.normal(size=read.shape)
         read = read if self.gain is None else read * self.gain
         return read if self.dark is None else read + self.dark * self.photons
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
+from .poisson import poisson_counts
 
 if TYPE_CHECKING:
     from .chain import State
@@ -59,7 +60,7 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
         raise InputError("the projections are empty: the phantom attenuates no ray; check the phantom and the grid")
     white = 1 / noise_level
     expected = white * np.exp(-line_integrals.astype(np.float64) / scale)
-    counts = np.random.Generator(np.random.PCG64(seed)).poisson(expected)
+    counts = poisson_counts(expected, np.random.Generator(np.random.PCG64(seed)))
     kind = np.uint16 if counts.max(initial=0) < 2**16 else np.uint32
     return Counts(counts.astype(kind), white, scale)
 
