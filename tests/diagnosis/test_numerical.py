@@ -143,10 +143,11 @@ def test_a_solid_angle_that_nobody_told_of_shows_in_the_white_field(known):
     assert "white field" in [place["domain"] for place in found["unexplained"]]
 
 
-def test_a_grid_of_odd_sides_stays_where_it_was(tmp_path):
+@pytest.mark.parametrize("centre_mm", [(0.0, 0.0, 0.0), (12.0, -150.0, 640.0)])
+def test_a_grid_of_odd_sides_stays_where_it_was(tmp_path, centre_mm):
     array = np.full((5, 9, 11), -1000, np.float32)
     array[2:4, 4:6, 6:8] = 0  # one block of eight voxels
-    volume = Volume(array, Grid(array.shape, (4.0, 6.0, 6.0)))
+    volume = Volume(array, Grid(array.shape, (4.0, 6.0, 6.0), centre_mm))
     path = tmp_path / "odd.nii.gz"
     write_nifti(volume, path)
     found, expected = (scene.path_lengths(GEOMETRY) for scene in (coarse_scene(path, MU, MATERIALS), scene_of(volume)))

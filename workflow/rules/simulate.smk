@@ -25,6 +25,7 @@ rule project:
     """Noise-free line integrals of one geometry, shared by all its noise levels, seeds and algorithms."""
     input:
         phantom=rules.phantom.output.fine,
+        image=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
         kernels=f"{RESULTS}/logs/kernels/1.txt",
@@ -52,7 +53,6 @@ rule project:
         * minutes(RATES, *SIZES.projection(wildcards.geometry)),
     params:
         geometry=lambda wildcards: PLAN.geometry_settings(wildcards.geometry),
-        grid=PLAN.config["grid"],
         mu_water_per_mm=PLAN.config["mu_water_per_mm"],
         materials=PLAN.config["materials"],
     script:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from virtual_phantom.geometry import Grid
+from virtual_phantom.geometry import grid_of
 from virtual_phantom.job import job
 from virtual_phantom.phantom import ct, layout, save, synthetic
 
@@ -12,7 +12,7 @@ PHANTOM_STREAM = 0  # the phantom's own branch of the study's seed
 
 with job(snakemake) as log:
     settings, sampling = snakemake.params.phantom, snakemake.params.grid
-    grid = Grid(shape=sampling["shape"], spacing=sampling["spacing_mm"])
+    grid = grid_of(sampling)
     oversampling = sampling["oversampling"]
     if settings["source"] == "synthetic":
         seed = np.random.SeedSequence(snakemake.params.seed, spawn_key=(PHANTOM_STREAM,))

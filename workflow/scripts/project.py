@@ -4,14 +4,14 @@ from virtual_phantom.job import job
 
 with job(snakemake) as log:
     from virtual_phantom.exchange import write_line_integrals
-    from virtual_phantom.geometry import grid_of, scan_geometry
+    from virtual_phantom.geometry import scan_geometry
     from virtual_phantom.phantom import read_masks
-    from virtual_phantom.simulate import check_rois_seen, clean_line_integrals
+    from virtual_phantom.simulate import check_rois_seen, check_scannable, clean_line_integrals
     from virtual_phantom.volumes import read_nifti
 
     params = snakemake.params
     phantom = read_nifti(snakemake.input.phantom)
-    grid = grid_of(params.grid)
+    grid = read_nifti(snakemake.input.image).grid  # the phantom's own: it alone knows where in the world that lies
     geometry = scan_geometry(params.geometry["scan"], params.geometry["projections"], grid)
     log.info(
         "%d views, %.3f turns, feed %.1f mm per turn",
@@ -21,15 +21,17 @@ with job(snakemake) as log:
     )
     _, masks = read_masks(snakemake.input.rois, grid)
     check_rois_seen(geometry, grid, masks)
-    line_integrals = clean_line_integrals(phantom, geometry, params.mu_water_per_mm, snakemake.threads)
     state = None
     if physics := params.geometry["physics"]:
         from virtual_phantom.physics.chain import Chain
         from virtual_phantom.physics.materials import Segmentation
         from virtual_phantom.physics.scene import VoxelScene
 
+        check_scannable(phantom, geometry)
         scene = VoxelScene.of(phantom, Segmentation(**params.materials), params.mu_water_per_mm, snakemake.threads)
         state = Chain(scene, geometry, photons=1.0).state(physics)
         line_integrals = state.line_integrals()
         log.info("effects: %s", physics)
+    else:
+        line_integrals = clean_line_integrals(phantom, geometry, params.mu_water_per_mm, snakemake.threads)
     write_line_integrals(snakemake.output[0], line_integrals, geometry, state)

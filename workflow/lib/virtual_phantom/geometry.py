@@ -232,7 +232,10 @@ def helical(
 
 
 def grid_of(settings: dict) -> Grid:
-    """The reconstruction grid of the configuration's `grid` section, its centre at the isocentre."""
+    """The grid of the configuration's `grid` section, centred at 0: what the phantom is made on.
+
+    A CT puts it where it lies in the world itself, so that from then on the grid is that of the phantom's image.
+    """
     return Grid(tuple(settings["shape"]), tuple(settings["spacing_mm"]))
 
 

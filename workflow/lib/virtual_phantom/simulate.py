@@ -18,14 +18,19 @@ def clean_line_integrals(
     """Monochromatic line integrals [view, row, column] of a phantom in HU, whatever its sampling.
 
     One pass over a fine grid takes seconds, so it runs on the CPU engine whatever the study reconstructs with. Raises
-    InputError if the phantom holds no number, or reaches out of the cylinder that every view sees.
+    InputError as check_scannable.
     """
-    if not np.isfinite(phantom.array).all():
-        raise InputError("phantom image: holds NaN or infinite voxels; repair the CT that it was made from")
-    _refuse_truncation(phantom, geometry)
+    check_scannable(phantom, geometry)
     projector = CpuProjector(geometry, phantom.grid, threads=threads)
     volume = projector.pack_volume(hu_to_attenuation(phantom.array, mu_water_per_mm)[None])
     return projector.unpack_projections(projector.forward(volume))[0]
+
+
+def check_scannable(phantom: Volume, geometry: ScanGeometry) -> None:
+    """Raise InputError if the phantom (HU) holds no number, or reaches out of the cylinder that every view sees."""
+    if not np.isfinite(phantom.array).all():
+        raise InputError("phantom image: holds NaN or infinite voxels; repair the CT that it was made from")
+    _refuse_truncation(phantom, geometry)
 
 
 def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndarray]) -> None:
