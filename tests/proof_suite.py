@@ -33,7 +33,9 @@ def truth(case, category, effects=(), strength=None, where=(), kind="projections
 
 
 def diagnosis(case, verdict, effects=(), ambiguous=None, ruled_out=None, removed=None, p=0.0, gain=500.0, **named):
-    """effects: {name: {parameter: (value, low, high)}}, the first chosen first; p: of the location in columns."""
+    """What is scored of a diagnosis.json.
+
+    effects: {name: {parameter: (value, low, high)}}, the first chosen first; p: of the location in columns."""
     return {
         "recording": case,
         "verdict": verdict,
@@ -57,6 +59,7 @@ def diagnosis(case, verdict, effects=(), ambiguous=None, ruled_out=None, removed
         "ambiguous_with": {name: (ambiguous or {}).get(name, []) for name in dict(effects)},
         "ruled_out": ruled_out or {},
         "excess_removed": removed,
+        "remainder_sd": named.get("remainder", 0.0),
     }
 
 
@@ -110,10 +113,11 @@ DIAGNOSES = [
         {"heel": {"slope": (0.2, 0.1, 0.3)}},
         {"heel": ["bowtie"]},
         removed=0.5,
+        remainder=6.0,
         sentence="left <b>over</b> & more",
     ),
     diagnosis("case_08", "mismatch partly explained", {"veiling_glare": {}}, ruled_out={"scatter": 40.0}, removed=0.7),
-    diagnosis("case_09", "mismatch explained", {"focal_spot": {}}, removed=0.6),
+    diagnosis("case_09", "mismatch explained", {"focal_spot": {}}, removed=0.6, remainder=2.0),
 ]
 OTHERS = {
     "case_01": {

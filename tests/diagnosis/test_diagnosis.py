@@ -85,6 +85,7 @@ def diagnosed(scene, physics, library=LIBRARY, **options):
 def test_nothing_left_out_is_a_match(scene):
     given, found = diagnosed(scene, {})
     assert found.content["verdict"] == "match" and found.content["effects"] == []
+    assert found.content["remainder_sd"] < 3
     assert given.photons == pytest.approx(PHOTONS, rel=0.02)
     held_out = found.content["held_out"]
     assert held_out["chi_square_mean"]["before"] == pytest.approx(1, abs=0.05)
@@ -128,6 +129,7 @@ def test_what_the_library_lacks_is_not_explained_away(scene):
     library = ("electronic_noise", "optical_crosstalk", "gain_pattern", "photon_flux")
     _, found = diagnosed(scene, {"scatter": {"amount": 0.05, "width_mm": 60.0}}, library)
     assert found.content["verdict"] in ("unexplained", "mismatch partly explained")
+    assert found.content["remainder_sd"] > 10
     assert {"path length", "projections"} & {place["domain"] for place in found.content["unexplained"]}
     assert found.content["next_measurement"]
 

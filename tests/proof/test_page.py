@@ -4,6 +4,7 @@ import base64
 import io
 import json
 import runpy
+from html import unescape
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,11 +17,13 @@ from virtual_phantom.dependencies import files_behind
 from virtual_phantom.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
 from virtual_phantom.proof.case import Case, collect
+from virtual_phantom.proof.catalogue import REPEATED, XCIST
 from virtual_phantom.proof.example import example, in_words, residual_maps
 from virtual_phantom.proof.page import page, percent
 from virtual_phantom.proof.real import minutes, row
 from virtual_phantom.proof.score import score
 from virtual_phantom.proof.suite import check_recordings
+from virtual_phantom.proof_record import pooled, read
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -36,11 +39,12 @@ def made(tmp_path_factory):
     """The script's outputs for the suite of nine."""
     folder = tmp_path_factory.mktemp("suite")
     given = Given(write_suite(folder), maps=[folder / "diagnosis" / one["case"] / "maps" for one in TRUTHS])
-    given |= {"real": [], "real_maps": [], "times": []}
+    given |= {"real": [], "real_maps": [], "times": [], "record": ROOT / "resources" / "proof_record.yaml"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
     output = Given({name: folder / name.replace("_", ".") for name in names})
     output |= {"score": folder / "score.json", "page": folder / "index.html"}
-    snakemake = SimpleNamespace(input=given, output=Given(output), params={}, log=[folder / "log"], threads=1)
+    params = Given(suite={"seed": 4711})
+    snakemake = SimpleNamespace(input=given, output=Given(output), params=params, log=[folder / "log"], threads=1)
     runpy.run_path(str(ROOT / "workflow/scripts/score_proof.py"), {"snakemake": snakemake})
     return output
 
@@ -51,6 +55,18 @@ def test_the_job_writes_everything(made):
         assert made[name].read_bytes().startswith(b"\x89PNG")
     for name in ("confusion_pdf", "example_pdf"):
         assert made[name].read_bytes().startswith(b"%PDF")
+
+
+def test_the_page_shows_all_seeds_and_whose_models_they_are(made):
+    text = made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ")
+    entries = read(ROOT / "resources" / "proof_record.yaml")
+    count, n = pooled(entries)["intervals"]
+    assert f"{count} of {n} (" in text and "What had to be reached, seed 4711" in text
+    for entry in entries:
+        assert f"Seed {entry.seed} (" in text
+    assert "never is slice thickness" in text and "shares no physics" not in text
+    assert REPEATED in unescape(text) and XCIST in unescape(text)
+    assert "tenth percentile" in text and "53 %" in text  # of wrong names
 
 
 def test_the_page_has_every_case_with_its_pictures_and_report(made):

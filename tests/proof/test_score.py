@@ -8,7 +8,9 @@ import pytest
 from proof_suite import DIAGNOSES, OTHERS, TRUTHS, diagnosis, metric, truth, write_suite
 
 from virtual_phantom.errors import InputError
+from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.case import Case, checked, collect
+from virtual_phantom.proof.catalogue import MODELS, OTHER, REPEATED, XCIST
 from virtual_phantom.proof.intervals import share
 from virtual_phantom.proof.score import score
 
@@ -87,6 +89,32 @@ def test_excess_removed_counts_nothing_named_as_nothing_removed(found):
     assert removed["n"] == 5 and removed["counted_as_0"] == 1
     assert removed["median"] == pytest.approx(0.9) and removed["median_where_named"] == pytest.approx(0.94)
     assert found["excess_removed"]["lacking"]["median"] == pytest.approx(0.65)
+
+
+def test_what_is_removed_and_left_by_right_and_by_wrong_names(found):
+    removed = found["excess_removed"]
+    assert removed["in_library"]["tenth_percentile"] == pytest.approx(
+        0.2
+    )  # 0, 0.5, 0.9, 0.98, 1: 0.4 of the way to 0.5
+    right, wrong = removed["right"], removed["wrong"]
+    assert right["n"] == 2 and right["median"] == pytest.approx(0.99)  # cases 1 and 6
+    assert wrong["n"] == 4 and wrong["median"] == pytest.approx(0.65)  # cases 2, 5, 8 and 9: 0.9, 0.5, 0.7, 0.6
+    assert wrong["tenth_percentile"] == pytest.approx(0.53)
+    assert wrong["remainder_sd"] == {"median": 0, "ninetieth_percentile": pytest.approx(1.4), "most": 2}
+    assert removed["in_library"]["remainder_sd"]["most"] == 6 and right["remainder_sd"]["most"] == 0
+
+
+def test_effects_are_counted_from_the_catalogue(found):
+    effects = found["effects"]
+    assert effects["library"] == len(names()) and effects["never_concealed"] == ["slice_thickness"]
+    assert effects["can_be_concealed"] == len(names()) - 1
+    assert effects["models"] == {
+        XCIST: {"concealed": ["bowtie", "electronic_noise", "focal_spot", "scatter"], "lacking": []},
+        OTHER: {"concealed": ["heel"], "lacking": ["off_focal_radiation"]},
+        REPEATED: {"concealed": [], "lacking": []},
+    }
+    assert [counted(found["accuracy"]["first"]["by_model"][model]) for model in MODELS] == [(1, 2), (0, 1), (0, 0)]
+    assert counted(found["parameters"]["by_model"][XCIST]["covered"]) == (1, 2)
 
 
 def test_parameters(found):

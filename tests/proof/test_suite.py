@@ -13,7 +13,7 @@ from virtual_phantom.dependencies import files_behind
 from virtual_phantom.errors import InputError
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.proof import seal
-from virtual_phantom.proof.catalogue import CATALOGUE
+from virtual_phantom.proof.catalogue import CATALOGUE, MODELS, XCIST
 from virtual_phantom.proof.generate import scan_of, write, write_images
 from virtual_phantom.proof.objects import OBJECTS
 from virtual_phantom.proof.suite import (
@@ -120,6 +120,22 @@ def test_an_unknown_effect_is_refused():
         check_tried(SETTINGS | {"images": SETTINGS["images"] | {"tried": [KERNEL, "hu_calibration", "motion"]}})
     with pytest.raises(InputError, match=r"proof.scan.rows: 4 rows see too few slices"):
         cases(SETTINGS | {"scan": {"views": 72, "rows": 4}})
+
+
+OF_ITS_OWN = ("readout", "generate")
+
+
+def test_whose_models_are_whose():
+    """XCIST's own are the effects of which no callback and no readout of the proof reads a setting."""
+    assert sorted(name for made in MODELS.values() for name in made) == sorted(CATALOGUE)
+    ours = set()
+    for path in [*(LIBRARY / "proof/hooks").glob("*.py"), *(LIBRARY / f"proof/{one}.py" for one in OF_ITS_OWN)]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            ours |= {node.attr} if isinstance(node, ast.Attribute) else set()
+            ours |= {node.value} if isinstance(node, ast.Constant) and isinstance(node.value, str) else set()
+    for name, one in CATALOGUE.items():
+        settings, _ = one.draw("strong", np.random.default_rng(1))
+        assert bool(ours & set(settings)) == (name not in MODELS[XCIST]), (name, settings)
 
 
 def test_recordings_differ_in_readings_alone(tmp_path):

@@ -122,6 +122,7 @@ FOUND = {
     "fit": {},
     "held_out": {},
     "excess_removed": 0.875,
+    "remainder_sd": 0.5,
     "unexplained": [],
     "next_measurement": "",
 }

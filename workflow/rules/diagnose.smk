@@ -5,6 +5,8 @@ from virtual_phantom.diagnosis.candidates import (
     check_kinds,
 )
 
+# How often the intervals that a diagnosis states held the truth in the proof.
+PROOF_RECORD = "resources/proof_record.yaml"
 DIAGNOSED = PLAN.config["diagnosis"]["recordings"]
 # What every fit of a recording depends on: another list of effects redoes none.
 MODELLED = {
@@ -81,6 +83,7 @@ rule diagnose:
             for effect in CANDIDATES[wildcards.recording]
         ],
         effects=lambda wildcards: effect_code(*CANDIDATES[wildcards.recording]),
+        record=PROOF_RECORD,
         code=code("diagnose.py"),
     output:
         diagnosis=f"{RESULTS}/diagnosis/{{recording}}/diagnosis.json",

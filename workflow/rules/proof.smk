@@ -213,6 +213,7 @@ rule proof_score:
         real_maps=expand(
             f"{RESULTS}/diagnosis/{{recording}}/maps", recording=PROOF["recordings"]
         ),
+        record=PROOF_RECORD,
         code=code("score_proof.py"),
     output:
         score=f"{RESULTS}/proof/score.json",
@@ -230,6 +231,8 @@ rule proof_score:
     resources:
         mem_mb=2000,
         runtime=20,
+    params:
+        suite=PROOF,
     script:
         "../scripts/score_proof.py"
 

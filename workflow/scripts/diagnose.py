@@ -12,6 +12,7 @@ from virtual_phantom.diagnosis.store import RESIDUAL_MAPS, read_trial, write_dia
 from virtual_phantom.diagnosis.verdict import diagnose
 from virtual_phantom.diagnosis.verified import Physics, stated, verified
 from virtual_phantom.job import job
+from virtual_phantom.proof_record import read, with_coverage
 
 AGREEMENT_STREAM = 3  # of the study's seed: noise of the images for the table of agreement
 
@@ -34,6 +35,8 @@ with job(snakemake) as log:
     else:
         choice = choose(prepared.fitter, baseline, singles, snakemake.threads, params.accuracy)
         found = diagnose(recording.name, prepared, choice)
+    if "record" in given.keys():
+        found = replace(found, content=with_coverage(found.content, read(given.record)))
     scanned = None
     if "phantom" in given.keys():
         scanned = Scanned.read(given.phantom, given.image, given.rois)

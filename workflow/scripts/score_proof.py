@@ -12,12 +12,13 @@ from virtual_phantom.proof.example import example, in_words, residual_maps
 from virtual_phantom.proof.page import page
 from virtual_phantom.proof.real import minutes, row
 from virtual_phantom.proof.score import score
+from virtual_phantom.proof_record import read
 
 with job(snakemake) as log:
     given, output = snakemake.input, snakemake.output
     cases = collect(given.sealed, given.seals, given.verdicts, given.diagnoses, given.others)
     real = [row(path) for path in given.real]
-    found = score(cases, minutes(given.times), real)
+    found = score(cases, minutes(given.times), real, snakemake.params.suite, read(given.record))
     maps = {Path(folder).parent.name: residual_maps(folder) for folder in [*given.maps, *given.real_maps]}
     reports = {
         Path(path).parent.name: Path(os.path.relpath(Path(path).with_name("report.html"), Path(output.page).parent))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Mapping
 
 import numpy as np
 from jinja2 import Environment
@@ -38,7 +39,9 @@ PARAMETERS = """<table><tr><th>parameter</th><th>value</th><th>95 % interval</th
 {% for name, p in e.parameters.items() %}<tr><td>{{ name }}</td><td class="n">{{ p.value|within(p.ci95) }}</td>
 <td>{{ p.ci95[0]|within(p.ci95) }} to {{ p.ci95[1]|within(p.ci95) }}</td><td>{{ p.unit -}}
 {% if p.tried %}, tried {{ p.tried[0]|number }} to {{ p.tried[1]|number }}{% endif %}</td></tr>
-{% endfor %}</table>"""
+{% endfor %}</table>
+{% for p in e.parameters.values() %}{% if loop.first and p.ci95_held %}
+<p class="note">{{ p.ci95_held|coverage }}</p>{% endif %}{% endfor %}"""
 AGREEMENT = """<h2>Agreement</h2>
 <table><tr><th>on data not fitted</th><th>before</th><th>after</th><th>noise alone</th></tr>
 {% for name, m in d.held_out.items() if 'floor' in m %}<tr><td>{{ name.replace('_', ' ') }}</td>
@@ -56,10 +59,10 @@ def render(body: str, content: dict, **values) -> str:
     """A report: the head with the verdict, then a template of what follows.
 
     content   of diagnosis.json, `d` in the template
-    values    what else the template names; it has the filters number, within (an interval) and chance
+    values    what else the template names; it has the filters number, within (an interval), chance and coverage
     """
     environment = Environment(autoescape=True)
-    environment.filters |= {"number": number, "within": _within, "chance": _chance}
+    environment.filters |= {"number": number, "within": _within, "chance": _chance, "coverage": _coverage}
     colour = COLOURS.get(content["verdict"], OTHER_COLOUR)
     return environment.from_string(HEAD + body + FOOT).render(d=content, colour=colour, **values)
 
@@ -79,6 +82,18 @@ def _within(value: float, interval: list[float]) -> str:
 
 def _chance(p: float) -> str:
     return "under 1e-300" if p == 0 else number(p)
+
+
+def _coverage(held: Mapping) -> str:
+    """How often such intervals held the truth (proof_record.with_coverage), in a sentence."""
+    every = "{count} of {n}".format(**held["all"])
+    if held["n"]:
+        own = " and ".join(style.label(name) for name in held["effects"])
+        every = f"{held['count']} of {held['n']} (parameters of {own}), of all effects in {every}"
+    return (
+        "The interval is that of the noise, if the model is right. On scans by another simulator (docs/proof.md) such "
+        f"intervals held the truth in {every}."
+    )
 
 
 def picture(figure: Figure) -> str:

@@ -75,6 +75,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "excess_rms_removed": excess_rms_removed(**metrics["held_out"][f"rms_{prepared.look.unit}"])
         if effects
         else None,
+        "remainder_sd": remainder_sd(prepared, choice.chosen),
         "unexplained": [_location(place) for place in left],
         "next_measurement": next_measurements(choice, bool(left)),
         "held_out_data": prepared.held,
@@ -97,9 +98,8 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
     gained = 2 * (chosen.score - baseline.score)
     if not gained > 0:
         return None
-    fitter, locate = prepared.fitter, prepared.look.places
-    fitted = Half(fitter.residuals(chosen.fit, held_out=False), fitter.weights, prepared.data)
-    held = Half(fitter.residuals(chosen.fit), fitter.held_weights, prepared.held_out)
+    locate = prepared.look.places
+    fitted, held = _halves(prepared, chosen)
     sums = []
     if domains := {place.domain for place in standing} - set(NO_SIGNED_MAP):
         maps = [
@@ -114,6 +114,25 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
     sums.append((common.products, sum(float(one.sum()) for one in common.numerical)))
     left = [float(one.sum()) - error for one, error in sums if one.sum() - error > LEFT_SD * np.sqrt((one**2).sum())]
     return gained / (gained + max(left, default=0.0))
+
+
+def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
+    """What a fit leaves in common on fitted and held-out data, over all rays or voxels, in standard deviations of what
+    noise alone gives, at least 0; beyond what the model's own numerical errors put into both. None where the halves
+    share no ray.
+
+    `excess_removed` is a share of what was there: beside a large difference it hides a remainder that this shows.
+    """
+    fitted, held = _halves(prepared, chosen)
+    common = held.in_common(fitted)
+    return common.z() if common.there.any() else None
+
+
+def _halves(prepared: Prepared, one: Trial) -> tuple[Half, Half]:
+    """What a fit leaves of the data fitted and of those held out."""
+    fitter = prepared.fitter
+    fitted = Half(fitter.residuals(one.fit, held_out=False), fitter.weights, prepared.data)
+    return fitted, Half(fitter.residuals(one.fit), fitter.held_weights, prepared.held_out)
 
 
 def excess_rms_removed(before: float, after: float, floor: float) -> float | None:

@@ -190,6 +190,7 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
         "ambiguous_with",
         "ruled_out",
         "excess_removed",
+        "remainder_sd",
     )
     missing = [key for key in needed if key not in diagnosis]
     if missing or diagnosis["verdict"] not in VERDICTS:

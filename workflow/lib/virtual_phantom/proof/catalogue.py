@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..physics.effect import names
+
 STRENGTHS = ("weak", "medium", "strong")
 MEAN = ("projections", "columns", "views", "rows", "path length", "edges")
 NOISE = ("noise variance", "noise level")
@@ -199,3 +201,40 @@ CATALOGUE: dict[str, Concealable] = {
         False, _ranges((0.1, 0.2), (0.4, 0.6), (1.0, 1.5)), lambda size, _: ({"wobble_mm": size}, {}), MEAN
     ),
 }
+
+# Whose model of an effect makes the recordings.
+XCIST = "XCIST's own"
+OTHER = "an equation of the proof's own, which is not the library's"
+REPEATED = "the library's equation, written again"
+MODELS: dict[str, tuple[str, ...]] = {
+    XCIST: (
+        "spectrum",
+        "scatter",
+        "focal_spot",
+        "xray_crosstalk",
+        "optical_crosstalk",
+        "afterglow",
+        "electronic_noise",
+        "photon_flux",
+        "bowtie",
+        "source_distance",
+        "view_blur",
+        "focal_spot_wobble",
+    ),
+    OTHER: ("veiling_glare", "heel", "off_focal_radiation", "detector_saturation"),
+    REPEATED: (
+        "dark_signal",
+        "current_modulation",
+        "gain_pattern",
+        "centre_of_rotation",
+        "detector_offset",
+        "motion",
+        "reconstruction_kernel",
+        "hu_calibration",
+    ),
+}
+
+
+def never_concealed() -> list[str]:
+    """Effects of the library that cannot be concealed, so that the proof says nothing of them."""
+    return [name for name in names() if name not in CATALOGUE]

@@ -1,4 +1,4 @@
-"""Shares with their intervals, and medians."""
+"""Shares with their intervals, medians and other quantiles."""
 
 from __future__ import annotations
 
@@ -14,7 +14,11 @@ def share(flags: Iterable[bool]) -> dict:
     ci95   Wilson's score interval (J. Am. Stat. Assoc. 22, 209, 1927), 95 %
     """
     flags = [bool(flag) for flag in flags]
-    count, n = sum(flags), len(flags)
+    return share_of(sum(flags), len(flags))
+
+
+def share_of(count: int, n: int) -> dict:
+    """As `share`, of so many that are true."""
     if not n:
         return {"count": 0, "n": 0, "share": None, "ci95": None}
     interval = binomtest(count, n).proportion_ci(0.95, method="wilson")
@@ -23,5 +27,10 @@ def share(flags: Iterable[bool]) -> dict:
 
 def median(values: Iterable[float | None]) -> float | None:
     """Of the values that are known; None if there are none."""
+    return quantile(values, 0.5)
+
+
+def quantile(values: Iterable[float | None], share: float) -> float | None:
+    """Of the values that are known, linear between neighbours; None if there are none."""
     known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None
+    return float(np.quantile(known, share)) if known else None

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..figures import confusion, style
 from ..figures.before_after import thumbnail
 from ..figures.diagnosis import MAP_LIMIT
-from .page_parts import ACCURACY, AGREEMENT, CALIBRATION, GALLERY, HEADLINE, MISSED, PARAMETERS, REAL
+from .page_parts import ACCURACY, AGREEMENT, CALIBRATION, GALLERY, HEADLINE, MISSED, MODELS, PARAMETERS, REAL, RECORD
 
 HEAD = (
     """<!doctype html>
@@ -33,12 +33,14 @@ th.n { text-align: right; } .reached, .missed, .open { white-space: nowrap; }
 .two { display: flex; flex-wrap: wrap; gap: 0 3rem; }
 </style></head><body>
 <h1>Proof on concealed effects</h1>
-<p>{{ s.counts.cases }} recordings were made by a simulator that shares no physics with this library. What each conceals
-was sealed, and the seal's SHA-256 published, before it was made; every verdict was fixed by its own before the seal was
-opened. All cases count.</p>
+<p>{{ s.counts.cases }} recordings were made by another simulator, XCIST/CatSim: projector, cross-sections, detection
+and noise are its own. What each conceals was sealed, and the seal's SHA-256 published, before it was made; every
+verdict was fixed by its own before the seal was opened. All cases count.</p>
 """
 )
-PAGE = HEAD + HEADLINE + ACCURACY + AGREEMENT + PARAMETERS + CALIBRATION + MISSED + REAL + GALLERY + FOOT
+PAGE = (
+    HEAD + RECORD + HEADLINE + MODELS + ACCURACY + AGREEMENT + PARAMETERS + CALIBRATION + MISSED + REAL + GALLERY + FOOT
+)
 
 
 def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], reports: Mapping[str, str]) -> str:

@@ -1,6 +1,18 @@
 """Templates of the page's parts. `s` is the score; filters are those of proof.page."""
 
-HEADLINE = """<h2>What had to be reached</h2>
+RECORD = """{% if s.record.seeds %}{% set r = s.record %}<h2>All seeds that were looked at</h2>
+<table><tr><th></th>{% for one in r.seeds if one.counts %}<th class="n">seed {{ one.seed }}</th>{% endfor %}
+<th>unseen seeds, pooled</th></tr>
+{% for name, what in r.quantities.items() %}<tr><td>{{ what }}</td>
+{% for one in r.seeds if one.counts %}<td class="n">{{ one.counts[name]|join(' of ') }}</td>{% endfor %}
+<td>{{ r.pooled[name]|tally }}</td></tr>
+{% endfor %}</table>
+<p class="note">{{ r.meaning }}</p>
+<ul class="note">{% for one in r.seeds %}<li>Seed {{ one.seed }} ({{ 'unseen' if one.unseen else 'not unseen' }}
+{%- if one.counts %}, code {{ one.state }}{% endif %}): {{ one.note }}</li>{% endfor %}</ul>{% endif %}
+"""
+
+HEADLINE = """<h2>What had to be reached{% if s.suite.seed is defined %}, seed {{ s.suite.seed }}{% endif %}</h2>
 <table><tr><th></th><th class="n">found</th><th class="n">95 % interval</th><th class="n">target</th>
 <th class="n">cases</th><th></th></tr>
 {% for t in s.targets %}{% set cls, word = t|reached %}<tr><td>{{ t.what }}</td>
@@ -15,6 +27,20 @@ HEADLINE = """<h2>What had to be reached</h2>
 <p class="note">{{ s.confusion.meaning }}
 {% if s.confusion.pairs_left_out %}Cases with two effects ({{ s.confusion.pairs_left_out }}) are counted in the
 table below.{% endif %}</p>
+"""
+
+MODELS = """{% set e = s.effects %}<h2>Whose models they are</h2>
+<p>{{ e.can_be_concealed }} of the library's {{ e.library }} effects can be concealed
+{%- if e.never_concealed %}; never is {{ e.never_concealed|map('label')|join(', ') }}, of which the proof says
+nothing{% endif %}.</p>
+<table><tr><th>made by</th><th>effects of the library, concealed here</th><th>named first</th>
+<th>95 % intervals that hold the truth</th><th>effects that the library lacks</th></tr>
+{% for model, made in e.models.items() %}<tr><td>{{ model }}</td>
+<td>{{ made.concealed|map('label')|join(', ') or '–' }}</td><td>{{ s.accuracy.first.by_model[model]|tally }}</td>
+<td>{{ s.parameters.by_model[model].covered|tally }}</td>
+<td>{{ made.lacking|map('label')|join(', ') or '–' }}</td></tr>
+{% endfor %}</table>
+<p class="note">{{ e.meaning }}</p>
 """
 
 ACCURACY = """{% set a = s.accuracy %}<h2>How often it is right</h2>
@@ -34,11 +60,19 @@ ACCURACY = """{% set a = s.accuracy %}<h2>How often it is right</h2>
 <tr><td>an effect that the library lacks: unexplained or partly explained</td><td>{{ a.unknown|tally }}</td></tr>
 <tr><td>precisely the concealed effects named</td><td>{{ a.exact.all|tally }}</td></tr>
 <tr><td>a difference found in a domain where it should show</td><td>{{ a.located|tally }}</td></tr>
-{% set x = s.excess_removed %}<tr><td>held-out excess removed, median</td>
-<td>{{ x.in_library.median|percent }} of {{ x.in_library.n }} cases{% if x.in_library.counted_as_0 %}, of which
-{{ x.in_library.counted_as_0 }} without a value counted as 0{% endif %};
-{{ x.in_library.median_where_named|percent }} where effects were named</td></tr></table>
-<p class="note">{{ x.meaning }}
+</table>
+{% set x = s.excess_removed %}<table><tr><th>what is removed, and what is left</th><th class="n">cases</th>
+<th class="n">excess removed, median</th><th class="n">tenth percentile</th>
+<th class="n">left, standard deviations: median</th><th class="n">ninetieth percentile</th><th class="n">most</th></tr>
+{% for key, what in (('in_library', 'one or two effects of the library'), ('right', 'precisely these named'),
+('wrong', 'something named that was not concealed'), ('lacking', 'an effect that the library lacks')) %}
+{% set one = x[key] %}<tr><td>{{ what }}{% if one.counted_as_0 %} ({{ one.counted_as_0 }} without a value counted as 0)
+{%- endif %}</td><td class="n">{{ one.n }}</td><td class="n">{{ one.median|percent }}</td>
+<td class="n">{{ one.tenth_percentile|percent }}</td>
+{% for part in ('median', 'ninetieth_percentile', 'most') %}<td class="n">
+{{- '–' if one.remainder_sd[part] is none else one.remainder_sd[part]|number }}</td>{% endfor %}</tr>
+{% endfor %}</table>
+<p class="note">{{ x.meaning }} {{ x.meaning_of_remainder }}
 {% if a.domains_never_tested %}<strong>Domains that no diagnosis tested:
 {{ a.domains_never_tested|join(', ') }}.</strong>{% endif %}</p>
 """

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from ..physics.effect import load
 from .case import Case
+from .catalogue import MODELS
 from .intervals import median, share
 
 MEANING = (
@@ -49,13 +50,14 @@ def errors(case: Case) -> list[dict]:
 
 
 def summary(cases: Sequence[Case]) -> dict:
-    """Medians of the absolute errors, coverage in all and by effect, and every parameter."""
+    """Medians of the absolute errors, coverage in all, by effect and by whose model it is, and every parameter."""
     rows = [row for case in cases for row in errors(case)]
     effects = sorted({row["effect"] for row in rows})
     return {
         "meaning": MEANING,
         "all": _of(rows),
         "by_effect": {name: _of([row for row in rows if row["effect"] == name]) for name in effects},
+        "by_model": {model: _of([row for row in rows if row["effect"] in made]) for model, made in MODELS.items()},
         "parameters": rows,
     }
 

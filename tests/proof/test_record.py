@@ -1,0 +1,184 @@
+"""The record of the proof: seeds pooled, scores added, intervals' worth told."""
+
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from proof_suite import diagnosis, write_suite
+
+from virtual_phantom.diagnosis.html import PARAMETERS, render
+from virtual_phantom.errors import InputError
+from virtual_phantom.figures.style import label
+from virtual_phantom.physics.effect import names
+from virtual_phantom.proof import seal
+from virtual_phantom.proof.case import collect
+from virtual_phantom.proof.catalogue import MODELS, never_concealed
+from virtual_phantom.proof.page import percent
+from virtual_phantom.proof.record import add, coverage_table, summary
+from virtual_phantom.proof.score import score
+from virtual_phantom.proof_record import Held, held, pooled, read, with_coverage
+
+ROOT = Path(__file__).resolve().parents[2]
+RECORD = ROOT / "resources" / "proof_record.yaml"
+COUNTS = {
+    "first_medium_or_strong": [3, 4],
+    "first_weak": [1, 2],
+    "pairs": [2, 4],
+    "false_alarms": [0, 3],
+    "unknown": [1, 3],
+    "exact": [5, 9],
+    "intervals": [6, 10],
+}
+
+
+def entry(seed, unseen=True, coverage=(), **changed):
+    found = {"seed": seed, "unseen": unseen, "state": "a", "note": "n", "cases": 9, "counts": COUNTS | changed}
+    return found | {"coverage": [{"effects": list(effects), "held": list(pair)} for effects, pair in coverage]}
+
+
+@pytest.fixture
+def record(tmp_path):
+    """Writes entries."""
+
+    def written(*entries):
+        (tmp_path / "record.yaml").write_text("# seeds\n" + yaml.safe_dump(list(entries)))
+        return tmp_path / "record.yaml"
+
+    return written
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    return score(collect(**write_suite(tmp_path_factory.mktemp("suite"))), suite={"seed": 14})
+
+
+def test_unseen_seeds_are_pooled(record):
+    seeds = read(record(entry(1, unseen=False), entry(2), entry(3, pairs=[4, 4])))
+    assert pooled(seeds)["pairs"] == (6, 8) and pooled(seeds)["intervals"] == (12, 20)
+    share = summary(seeds)["pooled"]["intervals"]
+    # Wilson: centre (12 + 1.92) / (20 + 3.84), half 1.96 / 23.84 * sqrt(12 * 8 / 20 + 0.96)
+    assert share["ci95"] == pytest.approx([0.3866, 0.7812], abs=2e-4)
+    assert summary(seeds)["pooled_seeds"] == [2, 3] and len(summary(seeds)["seeds"]) == 3
+
+
+def test_the_shipped_record_is_what_issue_and_docs_say_of_three_seeds():
+    entries = [one for one in read(RECORD) if one.seed in (11, 12, 13)]
+    assert pooled(entries) == {
+        "first_medium_or_strong": (109, 114),
+        "first_weak": (42, 57),
+        "pairs": (28, 36),
+        "false_alarms": (1, 24),
+        "unknown": (18, 24),
+        "exact": (185, 231),
+        "intervals": (121, 224),
+    }
+    assert {one.seed for one in read(RECORD) if not one.unseen} >= {1, 2022}
+
+
+def test_coverage_is_that_of_the_effect_or_of_the_smallest_group(record):
+    both = (("motion", "scatter"), (3, 4))
+    path = record(
+        entry(1, unseen=False, coverage=[(("scatter",), (9, 9))]),
+        entry(2, coverage=[both, (("heel",), (0, 1))]),
+        entry(3, coverage=[both, (("scatter",), (1, 2))]),
+    )
+    assert held(read(path), "scatter") == Held(("motion", "scatter"), 4, 6)
+    assert held(read(path), "heel") == Held(("heel",), 0, 1) and held(read(path), "bowtie") is None
+
+
+def test_a_diagnosis_tells_beside_each_interval_how_often_such_held(record):
+    entries = read(record(entry(2, coverage=[(("scatter",), (1, 4))])))
+    values = {"scatter": {"amount": (0.1, 0.0, 0.2)}, "motion": {"x_mm": (1.0, 0.9, 1.1)}}
+    said = with_coverage(diagnosis("a", "mismatch explained", values), entries)
+    first, second = (one["parameters"] for one in said["effects"])
+    whole = {"count": 6, "n": 10}
+    assert first["amount"]["ci95_held"] == {"count": 1, "n": 4, "effects": ["scatter"], "all": whole}
+    assert first["amount"]["ci95"] == [0.0, 0.2] and second["x_mm"]["ci95_held"]["count"] is None
+    texts = [render(PARAMETERS, said, e=one) for one in said["effects"]]
+    assert "held the truth in 1 of 4 (parameters of scatter), of all effects in 6 of 10." in texts[0]
+    assert "held the truth in 6 of 10." in texts[1]
+    plain = diagnosis("a", "mismatch explained", values)["effects"][0]
+    assert "held the truth" not in render(PARAMETERS, said, e=plain)
+
+
+def test_a_score_is_added_once_below_what_is_there(record, found):
+    path = record(entry(11))
+    before = path.read_text()
+    add(path, found, "abc1234", "after a change")
+    assert path.read_text().startswith(before)
+    first, second = read(path)
+    assert (second.seed, second.cases, second.unseen, second.state) == (14, 9, True, "abc1234")
+    assert second.counts["exact"] == (3, 7) and second.counts["intervals"] == (1, 2)
+    assert held([second], "scatter") == Held(("scatter",), 1, 2)
+    assert pooled([first, second])["first_medium_or_strong"] == (4, 6)
+    with pytest.raises(InputError, match="record.yaml: has seed 14 already"):
+        add(path, found, "abc1235", "again")
+    with pytest.raises(InputError, match="is none that the record could keep"):
+        add(path, {"counts": {}}, "abc1235", "again")
+
+
+def test_from_the_command_line(record, found, tmp_path, capsys, monkeypatch):
+    path = record(entry(11))
+    seal.write(found, tmp_path / "score.json")
+
+    def run(*words):
+        monkeypatch.setattr(sys, "argv", ["proof_record.py", "--record", str(path), *map(str, words)])
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_path(str(ROOT / "workflow/scripts/proof_record.py"), run_name="__main__")
+        return ended.value.code, capsys.readouterr()
+
+    code, said = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
+    assert (
+        code == 0 and "seeds 11, 14" in said.out and "two effects: both named: 3 of 6" in said.out.replace("\xa0", " ")
+    )
+    code, said = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
+    assert code == 1 and said.err.startswith("Error: ") and said.err.count("\n") == 1
+    code, said = run("coverage", tmp_path / "score.json", tmp_path / "score.json")
+    assert code == 0 and "seed 14" in said.out
+
+
+def test_coverage_of_two_scores_side_by_side(found):
+    other = score([], suite={"seed": 13})
+    lines = [line.split() for line in coverage_table(found, other)]
+    assert lines[0][-4:] == ["seed", "14", "seed", "13"]
+    assert ["scatter", "1", "of", "2", "-"] in lines and ["all", "1", "of", "2", "-"] in lines
+
+
+@pytest.mark.parametrize(
+    ("entries", "message"),
+    [
+        ([entry(1), entry(1)], "has seed 1 twice"),
+        ([entry(1, pairs=[3, 2])], "are not so many of so many"),
+        ([entry(1) | {"counts": {"pairs": [1, 2]}}], "seed 1 needs the counts"),
+        ([entry(1) | {"unseen": "perhaps"}], "neither true nor false"),
+        ([{"seed": 1}], "is no record of the proof"),
+    ],
+)
+def test_a_broken_record_is_one_line(record, entries, message):
+    with pytest.raises(InputError, match=f"record.yaml: .*{message}"):
+        read(record(*entries))
+
+
+def test_readme_and_docs_have_the_pooled_counts():
+    """Of the shipped record: after a seed is added, both follow."""
+    readme, page = ((ROOT / name).read_text() for name in ("README.md", "docs/proof.md"))
+    shown = summary(read(RECORD))
+    for name, share in shown["pooled"].items():
+        line = f"{share['count']} of {share['n']} "
+        assert f"| {line}({percent(share['share'])}; " in page, name
+        assert name == "exact" or f"| {line}| " in readme, name
+    for one in shown["seeds"]:
+        assert f"seed {one['seed']}" in page
+    known, all_ = len(names()) - len(never_concealed()), len(names())
+    assert f"{known} of the {all_} effects" in " ".join(readme.split())
+    assert f"{known} of the library's {all_} effects: slice thickness never is" in " ".join(page.split())
+
+
+def test_docs_say_whose_equations_they_are():
+    text = (ROOT / "docs/proof.md").read_text()
+    for model, made in MODELS.items():
+        ours, lacking = ([label(one) for one in made if (one in names()) == known] for known in (True, False))
+        row = ", ".join(ours) + (f"; of those that the library lacks: {', '.join(lacking)}" if lacking else "")
+        assert f"| {model} | {row} |" in text
