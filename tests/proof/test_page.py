@@ -13,7 +13,6 @@ import pytest
 from PIL import Image
 from proof_suite import DIAGNOSES, TRUTHS, diagnosis, truth, write_suite
 
-from virtual_phantom.dependencies import files_behind
 from virtual_phantom.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
 from virtual_phantom.proof.case import Case, collect
@@ -150,14 +149,6 @@ def test_the_example_is_the_median_of_the_strongest():
 )
 def test_percent(value, text):
     assert percent(value) == text
-
-
-def test_the_diagnosis_has_no_path_to_the_proof():
-    library = ROOT / "workflow/lib/virtual_phantom"
-    scripts = list((ROOT / "workflow/scripts").glob("diagnose*.py"))
-    files = {path for one in (*scripts, *library.glob("diagnosis/**/*.py")) for path in files_behind(one)}
-    assert library / "diagnosis/verdict.py" in files and library / "physics/chain.py" in files
-    assert not [path for path in files if library / "proof" in path.parents]
 
 
 def test_real_recordings_stand_beside_the_cases_and_are_not_scored(tmp_path):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import yaml
 
-from virtual_phantom.dependencies import files_behind
 from virtual_phantom.errors import InputError
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.proof import seal
@@ -172,21 +171,3 @@ def test_images_tell_nothing_but_their_voxels(tmp_path):
         said.append((tmp_path / name / "recording.yaml").read_text())
         headers.append([path.read_bytes()[:NIFTI_HEADER] for path in sorted((tmp_path / name).glob("*.nii"))])
     assert said[0] == said[1] and headers[0] == headers[1] and len(headers[0]) == 2
-
-
-def test_what_makes_recordings_shares_no_physics_with_the_library():
-    behind = files_behind(LIBRARY.parents[1] / "scripts" / "conceal.py")
-    behind += [file for hook in (LIBRARY / "proof" / "hooks").glob("*.py") for file in files_behind(hook)]
-    ours = {path.relative_to(LIBRARY).as_posix() for path in behind if LIBRARY in path.parents}
-    forbidden = ("physics/", "projectors/", "diagnosis/", "solvers", "fbp", "reconstruct", "simulate")
-    allowed = {"physics/__init__.py", "physics/effect.py"}  # the list of effects, which checks of configurations read
-    assert {path for path in ours - allowed if path.startswith(forbidden)} == set()
-
-
-def test_the_diagnosis_has_no_path_to_the_truth():
-    """Neither its code nor its inputs: no import of the proof, and no word of it in the rule that diagnoses."""
-    for script in ("diagnose.py", "diagnose_candidate.py", "agreement_elsewhere.py"):
-        for path in files_behind(LIBRARY.parents[1] / "scripts" / script):
-            for node in ast.walk(ast.parse(path.read_text())):
-                if isinstance(node, ast.ImportFrom):
-                    assert "proof" not in (node.module or "").split("."), path

@@ -1,0 +1,51 @@
+"""Which modules of the library a script loads: seen in a process of its own, after all imports behind it."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+LIBRARY = ROOT / "workflow" / "lib"
+# Runs the imports of a file, then those of every module of the library that came in, those in functions too, until no
+# more come in. What is imported by name (effects, callbacks) is told beside it.
+PROBE = """
+import ast, importlib, json, sys
+from pathlib import Path
+library, files, named = json.loads(sys.argv[1])
+sys.path.insert(0, library)
+def load(path, package):
+    for node in ast.walk(ast.parse(Path(path).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            statement = ast.Module([node], [])
+            try:
+                exec(compile(statement, str(path), "exec"), {"__name__": "probe", "__package__": package})
+            except ImportError as error:
+                if (error.name or "").split(".")[0] == "virtual_phantom":
+                    raise
+for name in named:
+    importlib.import_module(name)
+for path in files:
+    load(path, None)
+done = set()
+while waiting := {one for one in sys.modules if one.split(".")[0] == "virtual_phantom"} - done:
+    for name in waiting:
+        load(sys.modules[name].__file__, sys.modules[name].__spec__.parent)
+    done |= waiting
+print(json.dumps(sorted(done)))
+"""
+
+
+def loaded(*files: Path, named=(), library: Path = LIBRARY) -> set[str]:
+    """Names of the library's modules that are loaded, below virtual_phantom, by the imports of these files.
+
+    named     modules that are imported by name beside them
+    library   the folder that holds virtual_phantom
+    Packages of others that are not installed are left out.
+    """
+    given = json.dumps([str(library), [str(file) for file in files], list(named)])
+    environment = os.environ | {"PYTHONPATH": ""}
+    run = subprocess.run([sys.executable, "-c", PROBE, given], capture_output=True, text=True, env=environment)
+    assert run.returncode == 0, run.stderr[-4000:]
+    return {name.partition(".")[2] for name in json.loads(run.stdout)} - {""}

@@ -1,0 +1,67 @@
+"""Generator and diagnosis are apart: by what is loaded, however it is imported."""
+
+import pytest
+from loaded import LIBRARY, ROOT, loaded
+
+SCRIPTS = ROOT / "workflow/scripts"
+# Nothing here knows how photons go: files, grids and layouts of phantoms, and the list of the library's effects.
+MAY_BE_LOADED = {
+    *("config", "errors", "feature_names", "files", "geometry", "hdf5", "job", "measured", "units", "volumes"),
+    *("phantom", "phantom.layout", "phantom.rois", "phantom.shapes", "phantom.synthetic", "phantom.texture"),
+    *("physics", "physics.effect", "recordings", "recordings.document", "statistics"),
+}
+
+
+def modules(folder):
+    """Names of the modules in a folder of the library."""
+    files = (LIBRARY / "virtual_phantom" / folder).glob("**/*.py")
+    return [".".join(path.relative_to(LIBRARY).with_suffix("").parts) for path in files if path.stem != "__init__"]
+
+
+def of_the_proof(names):
+    return {name for name in names if name.split(".")[0] == "proof"}
+
+
+def test_what_makes_recordings_loads_no_physics_of_the_library():
+    found = loaded(SCRIPTS / "conceal.py", named=modules("proof/hooks"))
+    assert {"proof.xcist", "proof.readout", "proof.hooks.flux"} <= found
+    assert found - of_the_proof(found) <= MAY_BE_LOADED
+
+
+def test_what_diagnoses_loads_nothing_of_the_proof():
+    scripts = [*SCRIPTS.glob("diagnose*.py"), SCRIPTS / "agreement_elsewhere.py"]
+    found = loaded(*scripts, named=[*modules("diagnosis"), *modules("physics/effects")])
+    assert {"diagnosis.verdict", "physics.chain", "physics.effects.scatter"} <= found
+    assert of_the_proof(found) == set()
+
+
+@pytest.mark.parametrize(
+    ("statement", "caught"),
+    [
+        ("import virtual_phantom.proof.seal", {"proof", "proof.seal"}),
+        ("from virtual_phantom import proof", {"proof"}),
+        ("from .. import proof", {"proof"}),
+        ("from ..proof.seal import read", {"proof", "proof.seal"}),
+        ("def later():\n    if True:\n        from .. import proof", {"proof"}),
+        ("from . import other", {"proof", "proof.seal"}),
+        ("import numpy", set()),
+        ("import not_installed_here", set()),
+    ],
+)
+def test_every_way_to_import_is_seen(tmp_path, statement, caught):
+    files = {
+        "__init__.py": "",
+        "diagnosis/__init__.py": "",
+        "diagnosis/verdict.py": statement if "not_installed" not in statement else f"def later():\n    {statement}",
+        "diagnosis/other.py": "def later():\n    from virtual_phantom.proof import seal",
+        "proof/__init__.py": "",
+        "proof/seal.py": "read = open",
+    }
+    for name, text in files.items():
+        path = tmp_path / "virtual_phantom" / name
+        path.parent.mkdir(exist_ok=True, parents=True)
+        path.write_text(text + "\n")
+    script = tmp_path / "diagnose.py"
+    script.write_text("from virtual_phantom.diagnosis import verdict\n")
+    found = loaded(script, library=tmp_path)
+    assert "diagnosis.verdict" in found and of_the_proof(found) == caught
