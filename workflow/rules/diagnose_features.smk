@@ -1,4 +1,6 @@
 # Where features of a recording and of the simulation differ, and which property of the images explains it.
+from virtual_phantom.physics.effect import image_effects
+
 DIAGNOSED_COMPARISONS = PLAN.config["diagnosis"]["comparisons"]
 
 
@@ -9,9 +11,7 @@ rule diagnose_properties:
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
         recorded=recorded_features,
-        effects=effect_code(
-            "photon_flux", "reconstruction_kernel", "slice_thickness", "hu_calibration"
-        ),
+        effects=effect_code("photon_flux", *image_effects()),
         code=code("diagnose_properties.py"),
     output:
         f"{RESULTS}/diagnosis/{{comparison}}/properties.csv",

@@ -67,6 +67,8 @@ class Effect:
     settled_by   the further recording that shows it alone
     apply        (state, values by name): changes in place a chain.State, or at stage "image" an image.ImageState
     pattern      True if one unknown per detector pixel is fitted beside the parameters (rings)
+    rank         of image effects, which act in the order of their ranks, and of their names where these are equal:
+                 0 for sharpness, 1 for the numbers
     """
 
     name: str
@@ -79,6 +81,7 @@ class Effect:
     parameters: tuple[Parameter, ...]
     apply: Callable
     pattern: bool = False
+    rank: int = 0
 
     def values(self, given: Mapping[str, float], source: str = "physics") -> dict[str, float]:
         """All parameters: those given, the others at their typical value.
@@ -121,6 +124,12 @@ def load(name: str, source: str = "physics") -> Effect:
 def acts_on_images(name: str) -> bool:
     """Whether an effect acts after the reconstruction, not on projections."""
     return load(name).stage == "image"
+
+
+def image_effects() -> tuple[str, ...]:
+    """Effects of the library that act on reconstructed images, in the order in which they act."""
+    effects = [load(name) for name in names() if acts_on_images(name)]
+    return tuple(effect.name for effect in sorted(effects, key=lambda effect: (effect.rank, effect.name)))
 
 
 def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "physics") -> dict[str, dict[str, float]]:

@@ -7,10 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .effect import load
-
-# Sharpness first, then the numbers.
-ORDER = ("reconstruction_kernel", "slice_thickness", "hu_calibration")
+from .effect import image_effects, load
 
 
 @dataclass
@@ -26,6 +23,6 @@ def with_effects(hu: np.ndarray, spacing_mm: tuple[float, float, float], physics
     if not physics:
         return hu
     state = ImageState(np.asarray(hu, np.float32), spacing_mm)
-    for name in sorted(physics, key=ORDER.index):
+    for name in sorted(physics, key=image_effects().index):
         load(name).apply(state, physics[name])
     return state.hu

@@ -21,4 +21,5 @@ EFFECT = Effect(
         Parameter("offset_hu", "HU", "added to HU", -100.0, 100.0, 0.0, 5.0),
     ),
     apply=apply,
+    rank=1,
 )
