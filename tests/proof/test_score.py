@@ -96,6 +96,8 @@ def test_what_is_removed_and_left_by_right_and_by_wrong_names(found):
     assert removed["in_library"]["tenth_percentile"] == pytest.approx(
         0.2
     )  # 0, 0.5, 0.9, 0.98, 1: 0.4 of the way to 0.5
+    assert removed["images"]["n"] == 1 and removed["images"]["median"] == pytest.approx(0.9)
+    assert removed["projections"]["n"] == 4 and removed["projections"]["median"] == pytest.approx(0.74)
     right, wrong = removed["right"], removed["wrong"]
     assert right["n"] == 2 and right["median"] == pytest.approx(0.99)  # cases 1 and 6
     assert wrong["n"] == 4 and wrong["median"] == pytest.approx(0.65)  # cases 2, 5, 8 and 9: 0.9, 0.5, 0.7, 0.6

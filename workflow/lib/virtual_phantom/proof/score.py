@@ -135,13 +135,15 @@ def accuracy(cases: Sequence[Case]) -> dict:
 def excess_removed(cases: Sequence[Case]) -> dict:
     """How much the named effects remove and what they leave, by group of cases.
 
-    in_library   one or two effects of the library
+    in_library   one or two effects of the library; projections and images are the same by kind
     lacking      an effect that the library lacks
     right        something concealed, precisely that named
     wrong        something named that was not concealed, whatever the case
     """
+    known = [case for case in cases if case.category in ("single", "pair")]
     groups = {
-        "in_library": [case for case in cases if case.category in ("single", "pair")],
+        "in_library": known,
+        **{kind: [case for case in known if case.kind == kind] for kind in KINDS},
         "lacking": _of(cases, "unknown"),
         "right": [case for case in cases if case.concealed and case.exact],
         "wrong": [case for case in cases if set(case.named) - set(case.concealed)],
