@@ -65,7 +65,8 @@ ACCURACY = """{% set a = s.accuracy %}<h2>How often it is right</h2>
 <th class="n">excess removed, median</th><th class="n">tenth percentile</th>
 <th class="n">left, standard deviations: median</th><th class="n">ninetieth percentile</th><th class="n">most</th></tr>
 {% for key, what in (('in_library', 'one or two effects of the library'),
-('projections', 'of these, projections'), ('images', 'of these, images'), ('right', 'something concealed, precisely that named'),
+('projections', 'of these, projections'), ('images', 'of these, images'),
+('right', 'something concealed, precisely that named'),
 ('wrong', 'something named that was not concealed'), ('lacking', 'an effect that the library lacks')) %}
 {% set one = x[key] %}<tr><td>{{ what }}{% if one.counted_as_0 %} ({{ one.counted_as_0 }} without a value counted as 0)
 {%- endif %}</td><td class="n">{{ one.n }}</td><td class="n">{{ one.median|percent }}</td>
