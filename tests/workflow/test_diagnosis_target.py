@@ -58,9 +58,11 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     for name, key in (("scatter", "amount"), ("electronic_noise", "photons")):
         low, high = effects[name][key]["ci95"]
         assert low - (high - low) / 2 < CONCEALED[name][key] < high + (high - low) / 2
+    assert effects["electronic_noise"]["photons"]["ci95_held"]["all"]["n"] > 0
     assert found["excess_removed"] > 0.9
     report = (folder / "report.html").read_text()
     assert report.startswith("<!doctype html>") and found["sentence"] in report
+    assert "such intervals held the truth in" in report
     for place in found["locations"]:
         assert (folder / "maps" / place["map"]).stat().st_size > 0
     before, after = (np.load(folder / "maps" / f"residuals {name}.npy") for name in ("before", "after"))
