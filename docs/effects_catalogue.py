@@ -30,7 +30,10 @@ With none, the study's projections are made without this chain, by one path leng
 baseline agrees with them to 2e-5, the rounding of its path lengths in single precision. Reconstruction always goes by
 the stated geometry. A voxel is divided among two materials by its HU (`materials`); at the monochromatic energy, where
 water attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from
-SpekPy.
+SpekPy. What the detector's sensor makes of a spectrum (`sensor` of the configuration, `nominal.sensor` of a recording)
+is in `physics/sensors.py`: photons are weighed by the energy that they leave in its layer, K escape and Compton
+scattering in it, or counted, and their noise with them. A pixel's photons, 1/A, are noise-equivalent quanta: 1 over the
+relative quantum variance in air.
 
 Effects act in this order: STAGES. `snakemake diagnosis` tries each
 of them but the last on recordings of projections (the photon flux only if `nominal_photons` is given;

@@ -75,5 +75,5 @@ def test_a_corrected_recording_is_said():
     """A monochromatic recording of a tube at 120 kV, thick enough that its hardening would show."""
     lines = said(scans(chain()), chain(), ("spectrum",), tube_kvp=120.0)
     assert any("corrected for it already" in line for line in lines)
-    hardened = scans(chain(), {"spectrum": {"kvp": 120.0, "filtration_mm": 6.0}})
+    hardened = scans(chain(), {"spectrum": {"kvp": 120.0, "filtration_mm": 6.0, "sensor_mm": 0.6}})
     assert not any("corrected" in line for line in said(hardened, chain(), ("spectrum",), tube_kvp=120.0))

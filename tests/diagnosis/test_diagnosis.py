@@ -268,7 +268,7 @@ def test_a_disc_needs_no_image():
         row_pitch_mm=0.9,
     )
     scene = DiscScene(70.0, "pmma")
-    physics = {"spectrum": {"kvp": 90.0, "filtration_mm": 3.0}}
+    physics = {"spectrum": {"kvp": 90.0, "filtration_mm": 3.0, "sensor_mm": 0.6}}
     taken = scans(scene, physics, 4, geometry=geometry)
     given = prepared.prepare(
         taken, None, Chain(scene, geometry, PHOTONS), tube_kvp=90.0, known={"scale": 0.3, "size": 0.01}

@@ -155,7 +155,7 @@ def test_intervals_of_a_value_reach_as_far_as_those_of_its_square(number, error)
         (("afterglow",), {"source_distance": {"isocentre_mm": 1.45, "detector_mm": 0.0}}),
         ((), {"detector_offset": {"columns_px": 0.01}}),
         # It cannot be faint, and beside it the scale is another number.
-        (("photon_flux",), {"spectrum": {"kvp": 100.0, "filtration_mm": 8.0}}),
+        (("photon_flux",), {"spectrum": {"kvp": 100.0, "filtration_mm": 8.0, "sensor_mm": 0.6}}),
     ],
 )
 def test_matched_filters_say_what_a_fit_gains(chosen, left):

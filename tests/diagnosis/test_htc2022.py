@@ -28,7 +28,7 @@ pytestmark = [
 PHOTONS = 36000.0  # per pixel in air, from differences of neighbouring views
 EVERY = 36  # of the views; of those half are held out
 FOUND = {
-    "spectrum": {"kvp": 40.0, "filtration_mm": 2.357},
+    "spectrum": {"kvp": 40.0, "filtration_mm": 2.357, "sensor_mm": 0.6},
     "dark_signal": {"level": 0.0503, "drift": 0.0049},
 }
 DENSITY = (0.964, 0.011)

@@ -35,7 +35,10 @@ GEOMETRY = circular(
     column_pitch_mm=1.1,
     row_pitch_mm=1.1,
 )
-TRUTH = {"spectrum": {"kvp": 90.0, "filtration_mm": 3.0}, "scatter": {"amount": 0.1, "width_mm": 40.0}}
+TRUTH = {
+    "spectrum": {"kvp": 90.0, "filtration_mm": 3.0, "sensor_mm": 0.6},
+    "scatter": {"amount": 0.1, "width_mm": 40.0},
+}
 
 
 def mask_of(path, inside, size=160, spacing=0.5):

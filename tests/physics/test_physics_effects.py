@@ -107,14 +107,15 @@ def test_settings_are_checked():
 
 
 def test_a_spectrum_hardens_as_its_energies_say():
-    energies, shares = weighted_spectrum(120.0, 6.0)
+    spectrum = weighted_spectrum(120.0, 6.0)
+    energies, shares = spectrum.energies_kev, spectrum.signal
     assert shares.sum() == pytest.approx(1) and 10 < energies[0] < energies[-1] <= 120
     scene = DiscScene(160.0, "water")
     chain = Chain(scene, GEOMETRY)
     path = scene.path_lengths(GEOMETRY)[0].astype(float)
     mu = attenuation_per_mm("water", energies)
     right = -np.log((shares * np.exp(-path[..., None] * mu)).sum(axis=-1))
-    found = chain.state({"spectrum": {"kvp": 120.0, "filtration_mm": 6.0}}).line_integrals()
+    found = chain.state({"spectrum": {"kvp": 120.0, "filtration_mm": 6.0, "sensor_mm": 0.6}}).line_integrals()
     np.testing.assert_allclose(found, right, atol=1e-5)
     thick, thin = path > 150, (path > 5) & (path < 90)
     assert (found[thick] / path[thick]).max() < (found[thin] / path[thin]).min() < (shares * mu).sum()

@@ -149,6 +149,16 @@ def test_electronic_noise_adds_its_variance(plain):
     assert more == pytest.approx(150.0**2, rel=0.1)
 
 
+def test_electronic_noise_counts_in_noise_equivalent_quanta():
+    """Of many energies: over the reading in air it is sigma / N, whatever one quantum reads, and in dark pixels alone
+    there is nothing else."""
+    taken = scan(repeats=40, electronic_photons=2000.0, kvp=120.0, aluminium_mm=3.0)
+    relative = (taken.readings / taken.air).std(axis=0, ddof=1)[:, 1:3, 18:22]
+    quantum = np.sqrt((taken.readings.mean(axis=0) / taken.air)[:, 1:3, 18:22] / PHOTONS)
+    found = np.sqrt((relative**2 - quantum**2).mean())
+    assert found == pytest.approx(2000.0 / PHOTONS, rel=4 * np.sqrt(0.5 / 39 / relative.size))
+
+
 def test_modulated_current_changes_the_noise_and_not_the_mean(plain):
     taken = scan(repeats=12, modulation=(0.6, 0.0))
     assert np.abs(taken.readings.mean(axis=(0, 2, 3)) / plain.readings.mean(axis=(0, 2, 3)) - 1).max() < 0.01

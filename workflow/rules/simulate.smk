@@ -55,6 +55,7 @@ rule project:
         geometry=lambda wildcards: PLAN.geometry_settings(wildcards.geometry),
         mu_water_per_mm=PLAN.config["mu_water_per_mm"],
         materials=PLAN.config["materials"],
+        sensor=PLAN.config["sensor"],
     script:
         "../scripts/project.py"
 

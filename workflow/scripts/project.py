@@ -26,10 +26,11 @@ with job(snakemake) as log:
         from virtual_phantom.physics.chain import Chain
         from virtual_phantom.physics.materials import Segmentation
         from virtual_phantom.physics.scene import VoxelScene
+        from virtual_phantom.physics.sensors import Sensor
 
         check_scannable(phantom, geometry)
         scene = VoxelScene.of(phantom, Segmentation(**params.materials), params.mu_water_per_mm, snakemake.threads)
-        state = Chain(scene, geometry, photons=1.0).state(physics)
+        state = Chain(scene, geometry, photons=1.0, sensor=Sensor(**params.sensor)).state(physics)
         line_integrals = state.line_integrals()
         log.info("effects: %s", physics)
     else:

@@ -26,7 +26,7 @@ from .physics.noise import Counts
 if TYPE_CHECKING:
     from .physics.chain import State
 
-STATE_ARRAYS = ("signal", "air", "gain", "dark")
+STATE_ARRAYS = ("signal", "noise", "air", "gain", "dark")
 STATE_NUMBERS = ("photons", "electronic", "neighbours", "lag", "dark_air")
 _SCALARS = [f.name for f in fields(ScanGeometry) if f.name not in ("angles_rad", "source_z_mm")]
 # Cheap and lossless: the bytes of noise do not compress, the zeros above them do.
@@ -47,7 +47,7 @@ def write_line_integrals(
         if state is not None:
             group = file.create_group("physics")
             for name in STATE_ARRAYS:
-                if (array := getattr(state, name)) is not None:
+                if (array := getattr(state, name)) is not None and (name != "noise" or array is not state.signal):
                     group.create_dataset(name, data=np.asarray(array, np.float32), **_COMPRESSION)
             for name in STATE_NUMBERS:
                 group.attrs[name] = getattr(state, name)

@@ -17,6 +17,7 @@ from .steps import NORMAL_95
 
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
+SENSOR_RANGE = 10.0  # of a sensor's thickness over the expected one, either way
 STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin whose start may be no good
 
 
@@ -76,6 +77,7 @@ class Prediction:
 class Model:
     """Predictions for effects' parameters and the alignment.
 
+    chain      with the detector's sensor, whose thickness is held by what the chain knows of it
     anode      of the tube
     tube_kvp   as the label on the scanner says, taken to be known to TUBE_KVP_SD; None: not known
     fixed      effects whose parameters are known from elsewhere and not fitted
@@ -124,6 +126,10 @@ class Model:
                 if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
                     expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
                     low, high = max(low, expected - SURE * sd), min(high, expected + SURE * sd)
+                if (name, one.name) == ("spectrum", "sensor_mm"):
+                    sensor = self.chain.sensor
+                    expected, sd, starts = sensor.thickness_mm, sensor.thickness_sd_mm, (sensor.thickness_mm,)
+                    low, high = max(low, expected / SENSOR_RANGE), min(high, expected * SENSOR_RANGE)
                 neutral, starts = None if one.neutral is None else one.number(one.neutral), tuple(dict.fromkeys(starts))
                 found.append(Unknown(name, one.name, low, high, starts, neutral, expected, sd, one.power))
         return found

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..physics.chain import EVEN, Chain
+from ..physics.sensors import stated as stated_sensor
 from ..physics.spectra import KVP, TUNGSTEN, Anode
 from ..recordings.reading import load as read
 from .caveats import check_scans
@@ -48,6 +49,7 @@ def ready(
         raise InputError(
             f"{recording.document.path}: no spectrum is known of nominal.anode {target} at {tube_kvp} kV, only {ranges}"
         )
+    sensor = stated_sensor(**nominal.get("sensor", {}))
     stated = {
         "anode": anode,
         "tube_kvp": tube_kvp,
@@ -57,14 +59,15 @@ def ready(
     samples = settings["samples"]
     if recording.kind == "images":
         setting = Protocol(**protocol)
-        chains = model_and_floor(scene, setting.geometry, samples)
+        chains = model_and_floor(scene, setting.geometry, samples, sensor=sensor)
         return recording, ready_images(recording, setting, chains, mu_water_per_mm, seed, threads, stated)
     illumination = recording.document.content["scan"].get("illumination", EVEN)
-    model, floor = model_and_floor(scene, recording.geometry, samples, illumination=illumination)
+    known = {"illumination": illumination, "sensor": sensor}
+    model, floor = model_and_floor(scene, recording.geometry, samples, **known)
     coarse = None
     if not {"disc", "object"} & set(settings):
         voxels = coarse_scene(phantom, mu_water_per_mm, materials, threads)
-        coarse = Chain(voxels, recording.geometry, samples=samples, illumination=illumination)
+        coarse = Chain(voxels, recording.geometry, samples=samples, **known)
     further = scans(recording.held_out) if len(recording.held_out) else None
     taken = scans(recording.repeats)
     check_scans(taken.every(settings["view_step"]), str(recording.document.path))

@@ -17,7 +17,8 @@ from .effect import STAGES, load
 from .materials import attenuation_per_mm
 from .poisson import poisson_counts
 from .scene import IN_PLACE, Pose, VoxelScene
-from .spectra import TUNGSTEN, Anode
+from .sensors import Sensor
+from .spectra import SENSOR, TUNGSTEN, Anode, Spectrum
 
 # A fit varies one parameter at a time, and most leave earlier steps alone. A focal spot takes nine.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 20, 24
@@ -33,15 +34,19 @@ class State:
 
     geometry           of the scan as it really is
     motion_mm          (view, 3) displacement of the object, or None
-    anode              of the tube
-    spectrum           (energies in keV, shares of the signal) or None for the monochromatic beam
+    anode, sensor      of the tube and of the detector
+    spectrum           what is read out of the beam without an object; None for the monochromatic beam
     sources            displacements of points of the focal spot along the columns, the rows and the central ray, away
                        from the isocentre, mm, and their weights
     fluence            photons that leave the tube towards each pixel, relative, broadcastable to [view, row, column]
-    signal, air        mean signal with the object and without, [view, row, column] (air may have one view), relative to
-                       the photons of a pixel in air at fluence 1
-    photons            per pixel in air at fluence 1: 1/A
-    electronic         standard deviation of electronic noise, photons
+    signal, air        mean signal with the object and without, [view, row, column] (air may have one view), over the
+                       signal of a pixel in air at fluence 1
+    noise              quantum variance of the signal, [view, row, column], times `photons`: the signal itself where all
+                       photons count alike
+    photons            noise-equivalent quanta of a pixel in air at fluence 1, that is 1 over its relative quantum
+                       variance: 1/A. Where all photons count alike, their number. What widens all deposits alike (the
+                       light's part of Swank's factor) lowers it and stands nowhere else
+    electronic         standard deviation of electronic noise, in photons: of each, the signal in air over `photons`
     neighbours         (column, row): share of the signal that goes to the next pixel on either side, after the quantum
                        noise is in it
     lag                (share, memory, before): share of a view's signal that glows on, what of the glow each further
@@ -56,17 +61,23 @@ class State:
     photons: float = 1e5
     motion_mm: np.ndarray | None = None
     anode: Anode = TUNGSTEN
-    spectrum: tuple[np.ndarray, np.ndarray] | None = None
+    sensor: Sensor = SENSOR
+    spectrum: Spectrum | None = None
     sources: tuple[tuple[float, float, float, float], ...] = ((0.0, 0.0, 0.0, 1.0),)
     fluence: np.ndarray = field(default_factory=lambda: np.ones((1, 1, 1)))
     signal: np.ndarray | None = None
     air: np.ndarray | None = None
+    noise: np.ndarray | None = None
     electronic: float = 0.0
     neighbours: tuple[float, float] = (0.0, 0.0)
     lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
     gain: np.ndarray | None = None
     dark: np.ndarray | None = None
     dark_air: float = 0.0
+
+    def __post_init__(self):
+        if self.noise is None:
+            self.noise = self.signal
 
     @property
     def measured(self) -> np.ndarray:
@@ -124,18 +135,21 @@ class State:
             over = 1 / self.read(self.signal) ** 2
         else:
             over = (1.0 if self.gain is None else self.gain) ** 2 / self.measured**2
-        return self.read(self.signal / self.photons, squared=True) * over, (self.electronic / self.photons) ** 2 * over
+        return self.read(self.noise / self.photons, squared=True) * over, (self.electronic / self.photons) ** 2 * over
 
     def counts(self, random: np.random.Generator) -> np.ndarray:
-        """One noisy scan in photons, float64 [view, row, column]: Poisson, shared by neighbours, electronic noise.
+        """One noisy scan in photons, float64 [view, row, column]: quantum noise, shared by neighbours, electronic
+        noise.
 
-        `random` gives one number per pixel for the photons. What was before the scan and electronic noise have streams
-        of their own, spawned from it, so that photons are the same with and without them.
+        Quantum noise is drawn as so many Poisson counts of so much signal each that mean and variance are right. The
+        third moment is then that of `log_noise`. `random` gives one number per pixel for the counts. What was before
+        the scan and electronic noise have streams of their own, spawned from it, so that counts are the same with and
+        without them.
         """
         earlier, electronic = random.spawn(2)
-        mean = self.signal[0] * self.photons
-        before = self.drawn_before(mean, mean, earlier)
-        read = self.read(poisson_counts(self.signal * self.photons, random).astype(np.float64), first=before)
+        each = np.divide(self.noise, self.signal, out=np.ones_like(self.signal), where=self.signal > 0)
+        before = self.drawn_before(self.signal[0] * self.photons, self.noise[0] * self.photons, earlier)
+        read = self.read(poisson_counts(self.signal / each * self.photons, random) * each, first=before)
         if self.electronic:
             read += self.electronic * electronic.normal(size=read.shape)
         read = read if self.gain is None else read * self.gain
@@ -221,20 +235,23 @@ class Chain:
         photons: float = 1e5,
         samples: int = 1,
         illumination: str = EVEN,
+        sensor: Sensor = SENSOR,
     ):
         """
         samples        rays per pixel and direction, whose signals are averaged (`quadrature`); 1 is the baseline's ray
                        to its centre
         illumination   EVEN: all pixels get the same photons in air; SOLID_ANGLE: as the source sees them
+        sensor         of the detector, which a spectrum is weighed by
         """
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
-        self.illumination = illumination
+        self.illumination, self.sensor = illumination, sensor
         rays = len(quadrature(samples, geometry.rows > 1))
         self._paths, self._transmissions = Kept(PATHS_KEPT * rays), Kept(TRANSMISSIONS_KEPT)
 
     def copy(self, geometry: ScanGeometry | None = None, samples: int | None = None) -> Chain:
         """The same, of another geometry or number of rays if one is given, with nothing kept."""
-        return Chain(self.scene, geometry or self.geometry, self.photons, samples or self.samples, self.illumination)
+        given = self.photons, samples or self.samples, self.illumination, self.sensor
+        return Chain(self.scene, geometry or self.geometry, *given)
 
     def state(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, photons: float | None = None, **extra
@@ -244,7 +261,7 @@ class Chain:
         physics   {effect: {parameter: value}}; none gives the baseline
         extra     fields of the State to begin with
         """
-        state = State(self.geometry, photons or self.photons, **extra)
+        state = State(self.geometry, photons or self.photons, sensor=self.sensor, **extra)
         if self.illumination == SOLID_ANGLE:
             state.fluence = self.geometry.solid_angles()[None]
         effects = sorted((load(name) for name in physics), key=lambda effect: STAGES.index(effect.stage))
@@ -261,19 +278,22 @@ class Chain:
         for *place_mm, weight in state.sources:
             geometry = displaced(state.geometry, *place_mm)
             total = total + weight * self.transmission(geometry, pose, state.motion_mm, state.spectrum)
-        state.air = np.broadcast_to(state.fluence, (state.fluence.shape[0], *total.shape[1:])).copy()
-        state.signal = total * state.fluence
+        state.air = np.broadcast_to(state.fluence, (state.fluence.shape[0], *total.shape[2:])).copy()
+        state.signal = state.noise = total[0] * state.fluence
+        if len(total) > 1:
+            state.noise = total[1] * state.fluence
 
     def transmission(self, geometry: ScanGeometry, pose: Pose, motion_mm=None, spectrum=None) -> np.ndarray:
-        """Share of the signal in air, float64 [view, row, column]."""
+        """Shares of the signal in air, and of its quantum variance where these are others: float64
+        [1 or 2, view, row, column]."""
         rays = (geometry.key, pose, None if motion_mm is None else motion_mm.tobytes())
-        beam = None if spectrum is None else (spectrum[0].tobytes(), spectrum[1].tobytes())
+        beam = None if spectrum is None else spectrum.key
         return self._transmissions.get(
             (rays, beam), lambda: self._transmission(rays, geometry, pose, motion_mm, spectrum)
         )
 
     def _transmission(self, rays, geometry, pose, motion_mm, spectrum) -> np.ndarray:
-        total = np.zeros(geometry.shape)
+        total = 0.0
         for place, weight in quadrature(self.samples, geometry.rows > 1):
             beside = replace(
                 geometry,
@@ -283,31 +303,35 @@ class Chain:
             paths = self._paths.get(
                 (rays, place), lambda beside=beside: self.scene.path_lengths(beside, pose, motion_mm)
             )
-            total += weight * self._through(paths, spectrum)
+            total = total + weight * self._through(paths, spectrum)
         return total
 
-    def _through(self, paths: np.ndarray, spectrum) -> np.ndarray:
+    def _through(self, paths: np.ndarray, spectrum: Spectrum | None) -> np.ndarray:
         if spectrum is None:
-            return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))
-        energies, shares = spectrum
-        table = np.stack([attenuation_per_mm(material, energies) for material in self.scene.materials])
-        return transmitted(paths, table, shares)
+            return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))[None]
+        table = np.stack([attenuation_per_mm(material, spectrum.energies_kev) for material in self.scene.materials])
+        return transmitted(paths, table, np.stack([spectrum.signal, spectrum.noise]))
 
 
 def transmitted(paths: np.ndarray, attenuation_per_mm: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Share of the signal that many energies leave of path lengths [material, ...], float64.
+    """Shares of the signal and of its variance that many energies leave of path lengths [material, ...], float64
+    [share, ...].
 
     attenuation_per_mm   [material, energy]
-    shares               (energy,) of the signal in air
+    shares               [share, energy] in air
     One material's transmission is a function of the path length alone and is taken from a table.
     """
+    total = np.zeros((len(shares), *paths.shape[1:]))
     if len(paths) == 1:
         nodes = np.linspace(0, max(float(paths.max()), 1e-6), NODES)
-        logarithm = np.log(np.exp(-np.outer(nodes, attenuation_per_mm[0])) @ shares)
-        return np.exp(np.interp(paths[0], nodes, logarithm))
-    total = np.zeros(paths.shape[1:])
-    for column, share in zip(attenuation_per_mm.T.astype(np.float32), shares, strict=True):
-        total += share * np.exp(-np.tensordot(column, paths, 1))
+        logarithms = np.log(np.exp(-np.outer(nodes, attenuation_per_mm[0])) @ shares.T).T
+        for one, logarithm in zip(total, logarithms, strict=True):
+            one[...] = np.exp(np.interp(paths[0], nodes, logarithm))
+        return total
+    for column, weights in zip(attenuation_per_mm.T.astype(np.float32), shares.T, strict=True):
+        left = np.exp(-np.tensordot(column, paths, 1))
+        for one, weight in zip(total, weights, strict=True):
+            one += weight * left
     return total
 
 

@@ -27,7 +27,7 @@ COMPOUNDS = {
     "polyethylene": ("Polyethylene", None),
     "air": ("Air, Dry (near sea level)", None),
 }
-ELEMENTS = {"aluminium": (13, 2.699), "copper": (29, 8.96), "iodine": (53, 4.93), "caesium_iodide": (None, 4.51)}
+ELEMENTS = {"aluminium": (13, 2.699), "copper": (29, 8.96), "iodine": (53, 4.93)}
 ENERGIES_KEV = (10.0, 160.0)  # between which the energy of a monochromatic beam is looked for
 
 
@@ -42,9 +42,6 @@ def _attenuation(material: str, energies_kev: tuple[float, ...]) -> np.ndarray:
         compound, density = COMPOUNDS[material]
         density = density or xraylib.GetCompoundDataNISTByName(compound)["density"]
         values = [xraylib.CS_Total_CP(compound, energy) for energy in energies_kev]
-    elif material == "caesium_iodide":
-        density = ELEMENTS[material][1]
-        values = [xraylib.CS_Total_CP("CsI", energy) for energy in energies_kev]
     elif material in ELEMENTS:
         number, density = ELEMENTS[material]
         values = [xraylib.CS_Total(number, energy) for energy in energies_kev]

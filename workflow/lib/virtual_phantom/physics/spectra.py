@@ -1,7 +1,7 @@
 """Tube spectra as the detector weighs them.
 
 SpekPy (G. Poludniowski et al., Med. Phys. 48, 3630, 2021) makes the tube's spectrum; filters attenuate it by xraylib's
-cross-sections, so that their thickness can be varied continuously.
+cross-sections, so that their thickness can be varied continuously; `sensors` says what is detected of it.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import numpy as np
 from ..errors import InputError
 from ..files import check_unchanged, replacing
 from .materials import attenuation_per_mm
+from .sensors import Sensor, response
 
 BINS = 24
 STEP_KEV = 0.5
 KVP = {"W": (30.0, 150.0), "Mo": (20.0, 50.0), "Rh": (20.0, 50.0)}  # what SpekPy's tables cover
-SCINTILLATOR_MM = 0.6  # of caesium iodide: nearly all photons of 20 to 100 keV
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,28 @@ class Anode:
     angle_deg: float = 12.0
 
 
-TUNGSTEN = Anode()
+TUNGSTEN, SENSOR = Anode(), Sensor()
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """What is read out of a beam without an object, energy by energy, (energy,) each.
+
+    energies_kev   of the photons
+    signal         share of each in the mean signal; the sum is 1
+    noise          share of each in the signal's quantum variance; the sum is 1. Photons whose deposits have the mean e1
+                   and the mean square e2 have signals in proportion to e1 and variances to e2 (B. R. Whiting et al.,
+                   Med. Phys. 33, 3290, 2006)
+    """
+
+    energies_kev: np.ndarray
+    signal: np.ndarray
+    noise: np.ndarray
+
+    @property
+    def key(self) -> tuple:
+        """Equal for equal spectra, and hashable."""
+        return tuple(one.tobytes() for one in (self.energies_kev, self.signal, self.noise))
 
 
 def cache_folder() -> Path:
@@ -89,23 +110,24 @@ def weighted_spectrum(
     kvp: float,
     filtration_mm: float,
     anode: Anode = TUNGSTEN,
+    sensor: Sensor = SENSOR,
+    sensor_mm: float = SENSOR.thickness_mm,
     filter_material: str = "aluminium",
-    integrating: bool = True,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Energies in keV (BINS,) and the share of the detector's signal in air that each contributes, summing to 1.
+) -> Spectrum:
+    """What a sensor of this thickness reads of a filtered tube, in BINS energies.
 
-    integrating   the detector weighs photons by their energy (scintillator and photodiode), not by one each
     Bins hold equal shares of the signal, at their mean energies.
+    Raises InputError as tube_spectrum.
     """
     energies, fluence = tube_spectrum(kvp, anode)
-    weight = fluence * np.exp(-attenuation_per_mm(filter_material, energies) * filtration_mm)
-    weight = weight * (1 - np.exp(-attenuation_per_mm("caesium_iodide", energies) * SCINTILLATOR_MM))
-    if integrating:
-        weight = weight * energies
-    weight = weight / weight.sum()
+    detected, first, second = response(sensor.material, sensor_mm, energies, sensor.reads)
+    photons = fluence * np.exp(-attenuation_per_mm(filter_material, energies) * filtration_mm) * detected
+    signal, noise = (photons * moment / (photons * moment).sum() for moment in (first, second))
     # Equal shares: edges in the cumulative signal, so that few bins follow a spectrum of any shape smoothly.
-    cumulative = np.concatenate([[0], np.cumsum(weight)])
-    first = np.concatenate([[0], np.cumsum(weight * energies)])
     edges = np.linspace(0, 1, BINS + 1)
-    moments = np.diff(np.interp(edges, cumulative, first))
-    return moments * BINS, np.full(BINS, 1 / BINS)
+    cumulative = np.concatenate([[0], np.cumsum(signal)])
+    moments, shares = (
+        np.diff(np.interp(edges, cumulative, np.concatenate([[0], np.cumsum(values)])))
+        for values in (signal * energies, noise)
+    )
+    return Spectrum(moments * BINS, np.full(BINS, 1 / BINS), shares)

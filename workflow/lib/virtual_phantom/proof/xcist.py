@@ -136,11 +136,13 @@ def _simulate(scan, materials, repeats, seed):
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
         path = materials.write(Path(folder))
         cfg = _air(_configured(scan, path))
-        # XCIST's quanta grow with the tube current.
-        current = scan.photons * scan.settings.get("flux_factor", 1.0) / central(cfg.hooks.quanta, scan)
+        # XCIST's quanta grow with the tube current; each stands for so much of the reading.
+        quanta = central(cfg.hooks.quanta, scan)
+        current = scan.photons * scan.settings.get("flux_factor", 1.0) / quanta
+        quantum_kev = central(cfg.hooks.views[0][0].T, scan) / quanta
         cfg = _air(_configured(scan, path, current))
         air = cfg.hooks.views[0][0]
-        cfg = _configured(scan, path, current)
+        cfg = _configured(scan, path, current, quantum_kev)
         cfg.hooks.repeats = repeats
         cfg.hooks.lag = [None] * repeats
         _seed(cfg, seed.spawn(1)[0])
@@ -175,7 +177,7 @@ def _seed(cfg, seed):
     np.random.seed(third)  # noqa: NPY002
 
 
-def _configured(scan: Scan, path: Path, current: float = 1.0):
+def _configured(scan: Scan, path: Path, current: float = 1.0, quantum_kev: float = 0.0):
     from gecatsim import CFG
 
     cfg = CFG()
@@ -238,7 +240,7 @@ def _configured(scan: Scan, path: Path, current: float = 1.0):
         physics.lag_taus = [np.float32(settings["lag_views"] * view_ms), np.float32(1.0)]
         physics.lag_alphas = [settings["lag_share"], 0.0]
     physics.enableElectronicNoise = int("electronic_photons" in settings)
-    scanner.eNoise = settings.get("electronic_photons", 0.0) * scan.kev
+    scanner.eNoise = settings.get("electronic_photons", 0.0) * quantum_kev
     cfg.hooks = SimpleNamespace(
         **settings, cells_divided=CELLS_DIVIDED, views=[], lag=[None], current=1.0, repeats=1, quanta=None, photons=None
     )

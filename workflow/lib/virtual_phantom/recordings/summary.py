@@ -17,7 +17,7 @@ COLUMNS = ("recording", "kind", "repeats", "held_out", "content", "known", "miss
 # What a comparison with a simulation asks for, beyond the geometry.
 WANTED = {
     "images": ("tube_kvp", "dose_mgy", "kernel", "slice_thickness_mm"),
-    "projections": ("tube_kvp", "anode", "filtration"),
+    "projections": ("tube_kvp", "anode", "filtration", "sensor"),
     "features": (),
 }
 

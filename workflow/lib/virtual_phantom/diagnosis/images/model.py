@@ -108,7 +108,7 @@ def noise_lines(state: State, count: int, seed: np.random.SeedSequence) -> np.nd
     signal = state.read(state.signal) if state.dark is None else state.measured
     lines = np.empty((count, *signal.shape), np.float32)
     for one in lines:
-        variance = state.signal / state.photons
+        variance = state.noise / state.photons
         before = state.drawn_before(np.zeros(signal.shape[1:]), variance[0], random)
         read = state.read(random.standard_normal(signal.shape) * np.sqrt(variance), first=before)
         read += random.standard_normal(signal.shape) * (state.electronic / state.photons)

@@ -11,7 +11,14 @@ def apply(state: State, values: dict[str, float]) -> None:
     transmission = state.signal / state.air
     # What leaves the primary beam: most where about 1/e of it is left.
     source = -transmission * np.log(np.clip(transmission, 1e-12, 1)) * state.air
-    state.signal = state.signal + values["amount"] * spread(source, state.geometry, values["width_mm"])
+    if state.noise is state.signal:  # photons that all count alike
+        state.signal = state.noise = state.signal + values["amount"] * spread(
+            source, state.geometry, values["width_mm"]
+        )
+        return
+    noise = np.divide(source * state.noise, state.signal, out=np.zeros_like(source), where=state.signal > 0)
+    more = values["amount"] * spread(np.stack([source, noise]), state.geometry, values["width_mm"])
+    state.signal, state.noise = state.signal + more[0], state.noise + more[1]
 
 
 EFFECT = Effect(

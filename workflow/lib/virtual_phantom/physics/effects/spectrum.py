@@ -6,22 +6,28 @@ from ..spectra import weighted_spectrum
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    state.spectrum = weighted_spectrum(values["kvp"], values["filtration_mm"], state.anode)
+    state.spectrum = weighted_spectrum(
+        values["kvp"], values["filtration_mm"], state.anode, state.sensor, values["sensor_mm"]
+    )
 
 
 EFFECT = Effect(
     name="spectrum",
     physics="The beam holds many energies; soft ones are absorbed first, so attenuation per mm falls with depth (beam "
     "hardening).",
-    equation="T = sum_E s(E) exp(-sum_m mu_m(E) l_m), s(E) the share of the detector's signal in air",
-    source="R. A. Brooks and G. Di Chiro, Phys. Med. Biol. 21, 390 (1976); spectra: G. Poludniowski et al., Med. "
-    "Phys. 48, 3630 (2021)",
+    equation="T = sum_E s(E) exp(-sum_m mu_m(E) l_m), s(E) = n e1 / sum n e1; variance of the signal: "
+    "sum_E q(E) exp(-sum_m mu_m(E) l_m) / I0, q(E) = n e2 / sum n e2; n(E) photons detected in air, e1 and e2 mean and "
+    "mean square of what one adds to the signal",
+    source="R. A. Brooks and G. Di Chiro, Phys. Med. Biol. 21, 390 (1976); noise: B. R. Whiting et al., Med. Phys. 33, "
+    "3290 (2006); spectra: G. Poludniowski et al., Med. Phys. 48, 3630 (2021); deposits: R. K. Swank, J. Appl. Phys. "
+    "44, 4199 (1973)",
     stage="spectrum",
     signature="line integrals bend down with path length, alike in all views, columns and rows; more so behind bone",
     settled_by="the same object behind a plate of aluminium or copper: hardening shrinks, scatter grows",
     parameters=(
         Parameter("kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None),
         Parameter("filtration_mm", "mm Al", "filtration, as aluminium", 0.2, 40.0, 6.0, 6.0, None),
+        Parameter("sensor_mm", "mm", "thickness of the detector's sensor", 0.01, 100.0, 0.6, 0.6, None),
     ),
     apply=apply,
 )

@@ -11,6 +11,8 @@ def apply(state: State, values: dict[str, float]) -> None:
     def veiled(signal):
         return (1 - share) * signal + share * spread(signal, state.geometry, values["width_mm"])
 
+    # Of light that spreads over thousands of pixels, none adds to the noise of any.
+    state.noise = (1 - share) ** 2 * state.noise
     state.signal, state.air = veiled(state.signal), veiled(state.air)
 
 
@@ -18,7 +20,8 @@ EFFECT = Effect(
     name="veiling_glare",
     physics="Light and fluorescence spread far within the detector, so that every pixel shows a little of its wide "
     "surroundings, in the air scan too.",
-    equation="S' = (1 - g) S + g G_w * S, for the scan and for the air scan, G_w a Gaussian of standard deviation w",
+    equation="S' = (1 - g) S + g G_w * S, for the scan and for the air scan, G_w a Gaussian of standard deviation w; "
+    "variance (1 - g)^2 of what it was",
     source="J. A. Seibert, O. Nalcioglu and W. W. Roeck, Med. Phys. 11, 172 (1984), with one Gaussian",
     stage="crosstalk",
     signature="the shadow is too bright and the air beside it too dark: line integrals rise above 0 there; the white "

@@ -6,7 +6,9 @@ from ..effect import Effect, Parameter
 
 def apply(state: State, values: dict[str, float]) -> None:
     neighbours = (values["column"], values["row"])
+    alike = state.noise is state.signal
     state.signal, state.air = shared(state.signal, neighbours), shared(state.air, neighbours)
+    state.noise = state.signal if alike else shared(state.noise, neighbours)
 
 
 EFFECT = Effect(
