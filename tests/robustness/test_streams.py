@@ -1,18 +1,21 @@
-"""The noise of no two acquisitions is related, and that of each is its own whatever else is drawn."""
+"""The noise of no two acquisitions is related but where a study asks for it, and depends on nothing else drawn."""
 
 import itertools
 
 import numpy as np
+import pytest
 
-from virtual_phantom.physics.noise import acquire, acquisition_seed
+from virtual_phantom.geometry import circular
+from virtual_phantom.physics.chain import State
+from virtual_phantom.physics.noise import acquire, acquisition_seed, common_seed
 
 LINES = np.full((10, 20, 50), 1.0)
 LABELS = list(itertools.product(("views150", "views300"), ("dose10", "double"), range(10)))
 
 
-def counts(geometry, noise, seed):
+def counts(geometry, noise, seed, lines=LINES, level=1e-4, **options):
     labels = dict(geometry=geometry, noise=noise, seed=seed)
-    return acquire(LINES, **labels, noise_level=1e-4, model="physical", study_seed=2022).data
+    return acquire(lines, **labels, noise_level=level, model="physical", study_seed=2022, **options).data
 
 
 def test_streams_are_uncorrelated():
@@ -36,3 +39,50 @@ def test_no_two_of_many_acquisitions_have_one_stream():
     labels = itertools.product((f"views{n}" for n in range(100, 120)), ("a", "b", "ab"), range(100))
     states = {tuple(acquisition_seed(1, *one).generate_state(4)) for one in labels}
     assert len(states) == 20 * 3 * 100
+
+
+def test_common_draws_are_the_same_quantiles():
+    """Levels and physics of one repeat: standardised counts agree but for their steps, and the draw is the repeat's."""
+    base = counts("views150", "dose10", 0, draws="common").astype(float)
+    np.testing.assert_array_equal(base, counts("views300", "double", 0, draws="common"))
+    brighter = counts("views150", "half", 0, LINES - 0.1, 0.5e-4, draws="common").astype(float)
+    means = 1e4 * np.exp(-1), 2e4 * np.exp(-0.9)
+    deviates = [(one - mean) / np.sqrt(mean) for one, mean in zip((base, brighter), means, strict=True)]
+    # The skewness of counts, 1/sqrt(mean), moves their quantiles by (w^2 - 1) / (6 sqrt(mean)).
+    bound = np.sqrt(1 / 12 / means[0] + 1 / 12 / means[1] + (means[0] ** -0.5 - means[1] ** -0.5) ** 2 / 18)
+    assert np.std(deviates[0] - deviates[1]) == pytest.approx(bound, rel=0.05)
+    other = counts("views150", "dose10", 1, draws="common").astype(float)
+    assert abs(np.corrcoef(base.ravel(), other.ravel())[0, 1]) < 4.5 / np.sqrt(LINES.size)
+    alone = counts("views150", "dose10", 0).astype(float)
+    assert abs(np.corrcoef(base.ravel(), alone.ravel())[0, 1]) < 4.5 / np.sqrt(LINES.size)
+
+
+def test_photons_are_drawn_whatever_else_is():
+    """With electronic noise or afterglow, and in a chain without effects as in the study without a chain."""
+    geometry = circular(
+        views=10,
+        source_to_isocentre_mm=500.0,
+        source_to_detector_mm=1000.0,
+        columns=50,
+        rows=20,
+        column_pitch_mm=2.0,
+        row_pitch_mm=2.0,
+    )
+    plain = State(geometry, photons=1.0, signal=np.exp(-LINES), air=np.ones((1, 20, 50)))
+    photons = counts("a", "b", 0, draws="common")
+    np.testing.assert_array_equal(counts("a", "b", 0, draws="common", state=plain), photons)
+    noisy, glowing = (
+        counts("a", "b", 0, draws="common", state=State(geometry, 1.0, signal=plain.signal, air=plain.air, **extra))
+        for extra in ({"electronic": 5.0}, {"lag": (0.1, 0.5, 1.0)})
+    )
+    assert np.std(noisy - photons) == pytest.approx(5, rel=0.03)
+    mean = 1e4 * np.exp(-1)
+    both = np.corrcoef((glowing - mean).ravel(), (photons - mean).ravel())[0, 1]
+    # Of a view's own photons 0.9 + 0.1 times what nothing older holds: 0.9 over the root of the squares' sum.
+    assert both == pytest.approx(0.9 / np.sqrt(0.9**2 + 0.1**2 * 0.5 / 1.5), abs=0.01)
+
+
+def test_unknown_draws_are_refused():
+    with pytest.raises(ValueError, match="draws 'shared': use independent or common"):
+        counts("a", "b", 0, draws="shared")
+    assert common_seed(1, 0).generate_state(4).tolist() != common_seed(1, 1).generate_state(4).tolist()

@@ -1,5 +1,9 @@
 # What all acquisitions share.
-NOISE = {"model": PLAN.config["noise"]["model"], "study_seed": PLAN.config["seed"]}
+NOISE = {
+    "model": PLAN.config["noise"]["model"],
+    "draws": PLAN.config["noise"]["draws"],
+    "study_seed": PLAN.config["seed"],
+}
 
 
 rule compile_kernels:

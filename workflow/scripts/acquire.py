@@ -14,6 +14,7 @@ with job(snakemake) as log:
         clean,
         geometry=snakemake.wildcards.geometry,
         model=params.model,
+        draws=params.draws,
         study_seed=params.study_seed,
         state=read_state(snakemake.input.clean),
         **acquisition,

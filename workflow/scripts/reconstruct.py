@@ -21,6 +21,7 @@ with job(snakemake) as log:
             clean,
             geometry=params.geometry,
             model=params.model,
+            draws=params.draws,
             study_seed=params.study_seed,
             state=state,
             **acquisition,

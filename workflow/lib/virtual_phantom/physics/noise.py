@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .chain import State
 
 MODELS = ("astra", "physical")
+INDEPENDENT, COMMON = "independent", "common"
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,11 @@ def acquisition_seed(study_seed: int, geometry: str, noise: str, seed: int) -> n
     return np.random.SeedSequence(study_seed, spawn_key=(1, *words(geometry), *words(noise), seed))
 
 
+def common_seed(study_seed: int, seed: int) -> np.random.SeedSequence:
+    """The random stream that all geometries, noise levels and physics have in common in one repeat."""
+    return np.random.SeedSequence(study_seed, spawn_key=(1, seed))
+
+
 def acquire(
     line_integrals: np.ndarray,
     *,
@@ -83,13 +89,20 @@ def acquire(
     seed: int,
     model: str,
     study_seed: int,
+    draws: str = INDEPENDENT,
     state: State | None = None,
 ) -> Counts:
     """The noisy acquisition of a study that these labels name: `simulate_counts` with its own random stream.
 
+    draws   "independent": its stream is that of the labels; "common": that of the seed alone, so that pixels of one
+            place in scans of one shape have the same uniform number, and counts of the same quantile
     state   what the acquisition chain made of the scene, its photons being those per pixel over 1/A; None: baseline
+
+    Raises InputError as `simulate_counts`, and ValueError for other `draws`.
     """
-    stream = acquisition_seed(study_seed, geometry, noise, seed)
+    if draws not in (INDEPENDENT, COMMON):
+        raise ValueError(f"draws '{draws}': use {INDEPENDENT} or {COMMON}")
+    stream = common_seed(study_seed, seed) if draws == COMMON else acquisition_seed(study_seed, geometry, noise, seed)
     if state is None:
         return simulate_counts(line_integrals, noise_level, model, stream)
     lit = replace(state, photons=state.photons / noise_level)

@@ -1,0 +1,114 @@
+"""How many fewer repeats show what a study changes, when scans have their draws in common (noise.draws: common).
+
+    python benchmarks/common_draws.py
+
+The tiny study's phantom, one scan of 150 views at A = 6e-6 (the "physical" model) with FBP, beside the same with one
+thing changed. The mean change of a feature over n pairs has the variance Var(difference of a pair) / n. With
+independent draws that variance is the sum of both scans'. Their ratio is the share of repeats that shows the change as
+well. Prints its median and quartiles over features and ROIs, and how far counts and images are apart.
+"""
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ[name] = "1"
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+
+import numpy as np  # noqa: E402
+import pandas as pd  # noqa: E402
+import yaml  # noqa: E402
+
+from virtual_phantom.config import SCHEMA, check  # noqa: E402
+from virtual_phantom.feature_names import FEATURES  # noqa: E402
+from virtual_phantom.geometry import grid_of, scan_geometry  # noqa: E402
+from virtual_phantom.phantom import layout, synthetic  # noqa: E402
+from virtual_phantom.physics.chain import Chain  # noqa: E402
+from virtual_phantom.physics.effect import load  # noqa: E402
+from virtual_phantom.physics.materials import Segmentation  # noqa: E402
+from virtual_phantom.physics.noise import acquire  # noqa: E402
+from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
+from virtual_phantom.radiomics import MINIMUM_VOXELS, extract  # noqa: E402
+from virtual_phantom.reconstruct import reconstruct  # noqa: E402
+
+VIEWS, LEVEL = 150, 6e-6
+# The first two: what another processor's last digits come to (docs/promises.md).
+CHANGES = {
+    "line integrals times 1 + 1e-6": {"times": 1 + 1e-6},
+    "line integrals times 1 + 1e-7": {"times": 1 + 1e-7},
+    "scatter, amount 0.05": {"physics": {"scatter": {"amount": 0.05}}},
+    "afterglow, typical": {"physics": {"afterglow": {}}},
+    "optical_crosstalk, typical": {"physics": {"optical_crosstalk": {}}},
+    "focal_spot, typical": {"physics": {"focal_spot": {}}},
+    "A = 6.7e-6 (dose10_plus12)": {"level": 6.7e-6},
+    "A = 12e-6 (double)": {"level": 12e-6},
+    "200 views": {"views": 200},
+}
+
+
+class Study:
+    def __init__(self, repeats):
+        config = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
+        tiny = yaml.safe_load((ROOT / "config" / "tiny.yaml").read_text(encoding="utf-8"))
+        for key in ("grid", "scan"):
+            config[key] = config[key] | tiny[key]
+        self.config, self.repeats = check(config, SCHEMA), repeats
+        self.grid = grid_of(self.config["grid"])
+        seed = np.random.SeedSequence(self.config["seed"], spawn_key=(0,))
+        described = layout.read_layout(ROOT / self.config["phantom"]["layout"])
+        self.phantom = synthetic.build(described, self.grid, self.config["grid"]["oversampling"], seed)
+        self.masks = {roi.name: roi.mask for roi in self.phantom.rois if roi.mask.sum() >= MINIMUM_VOXELS}
+        self.scene = VoxelScene.of(
+            self.phantom.fine, Segmentation(**self.config["materials"]), self.config["mu_water_per_mm"], 1
+        )
+
+    def made(self, physics=None, level=LEVEL, views=VIEWS, times=1.0):
+        """Counts of the first repeat, images [repeat, z, y, x] and features [repeat, ROI, feature], common draws."""
+        geometry = scan_geometry(self.config["scan"], views, self.grid)
+        values = {name: load(name).values(given) for name, given in (physics or {}).items()}
+        state = Chain(self.scene, geometry, photons=1.0).state(values)
+        clean = times * state.line_integrals()
+        labels = dict(geometry="", noise="", noise_level=level, model="physical", study_seed=self.config["seed"])
+        taken = [
+            acquire(clean, seed=seed, draws="common", state=state if physics else None, **labels)
+            for seed in range(self.repeats)
+        ]
+        lines = np.stack([one.line_integrals(0.5) for one in taken])
+        mu_water = self.config["mu_water_per_mm"]
+        images = reconstruct(lines, geometry, self.grid, "fbp", {}, engine="cpu", mu_water_per_mm=mu_water)
+        tables = [extract(image, self.masks)[list(FEATURES)].to_numpy(float) for image in images]
+        return taken[0].data.astype(float), np.stack([image.array for image in images]).astype(float), np.stack(tables)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=16)
+    study = Study(parser.parse_args().repeats)
+    counts, images, features = study.made()
+    rows = []
+    for name, changed in CHANGES.items():
+        counts_there, images_there, there = study.made(**changed)
+        apart = features.var(axis=0, ddof=1) + there.var(axis=0, ddof=1)
+        paired = (there - features).var(axis=0, ddof=1)
+        share = np.divide(paired, apart, out=np.full(apart.shape, np.nan), where=apart > 0)
+        low, middle, high = np.nanquantile(share, (0.25, 0.5, 0.75))
+        noise = [one - one.mean(axis=0) for one in (images, images_there)]
+        rows.append(
+            {
+                "changed": name,
+                "share of repeats": middle,
+                "quartiles": f"{low:.4f} to {high:.4f}",
+                "repeats fewer by": 1 / middle,
+                "correlation of images' noise": np.corrcoef(*(one.ravel() for one in noise))[0, 1],
+            }
+        )
+        if counts.shape == counts_there.shape:
+            rows[-1]["counts the same, %"] = 100 * (counts == counts_there).mean()
+        print(pd.DataFrame(rows[-1:]).to_string(index=False, float_format="%.4f"), flush=True)
+
+
+if __name__ == "__main__":
+    main()
