@@ -40,8 +40,7 @@ of them but the last on recordings of projections (the photon flux only if `nomi
 [diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.
 
 Those of the stage image act after the reconstruction. Not in the chain yet: scatter grids, off-focal
-radiation, detector non-linearity. Scatter has one kernel and does not know of depth; a bowtie's
-thickness does not harden the beam.
+radiation, detector non-linearity. Scatter has one kernel and does not know of depth.
 """
 
 

@@ -110,7 +110,7 @@ DIAGNOSES = [
     diagnosis(
         "case_07",
         "mismatch partly explained",
-        {"heel": {"slope": (0.2, 0.1, 0.3)}},
+        {"heel": {"depth_um": (5.0, 3.0, 7.0)}},
         {"heel": ["bowtie"]},
         removed=0.5,
         remainder=6.0,

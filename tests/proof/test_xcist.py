@@ -5,6 +5,11 @@ import pytest
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import circular
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.materials import attenuation_per_mm as attenuation
+from virtual_phantom.physics.scene import DiscScene
+from virtual_phantom.physics.spectra import Anode
+from virtual_phantom.proof.catalogue import CATALOGUE
 from virtual_phantom.proof.generate import NOMINAL
 from virtual_phantom.proof.xcist import Materials, Scan, _configured, attenuation_per_mm, energy_of_water, simulate
 
@@ -202,6 +207,19 @@ def test_the_heel_is_tungsten_that_slanted_rays_pass(plain):
     slope = np.polyfit(slanted, found, 1)[0]
     assert -slope / depth == pytest.approx(21.5, rel=0.05)
     assert np.ptp(found) > 0.05
+
+
+def test_the_library_has_the_heel_that_the_catalogue_says_it_has(plain):
+    """Of either sign: the white field along the rows, by the library's own equation and cross-sections."""
+    for random in (np.random.default_rng(seed) for seed in (0, 1)):
+        settings, comparable = CATALOGUE["heel"].make(0.01, random)
+        taken = scan(**settings)
+        found = np.log((taken.air / plain.air)[:, 15:25].mean(axis=1))
+        chain = Chain(DiscScene(10.0, "water", attenuation("water", [KEV])[0]), circular(views=VIEWS, **DETECTOR))
+        anode = Anode(NOMINAL["anode"], NOMINAL["anode_angle_deg"])
+        expected = np.log(chain.state({"heel": comparable}, anode=anode).air[0, :, 20])
+        np.testing.assert_allclose(found, expected, rtol=0.05, atol=2e-3)
+        assert np.sign(found[0]) == -np.sign(settings["heel_depth_mm"]) and np.ptp(found) > 0.05
 
 
 def test_off_focal_radiation_comes_from_beside_the_spot(plain):

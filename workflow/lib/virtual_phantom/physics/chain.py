@@ -18,7 +18,7 @@ from .materials import attenuation_per_mm
 from .poisson import poisson_counts
 from .scene import IN_PLACE, Pose, VoxelScene
 from .sensors import Sensor
-from .spectra import SENSOR, TUNGSTEN, Anode, Spectrum
+from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum, passing
 
 # A fit varies one parameter at a time, and most leave earlier steps alone. A focal spot takes nine.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 20, 24
@@ -38,6 +38,8 @@ class State:
     spectrum           what is read out of the beam without an object; None for the monochromatic beam
     sources            displacements of points of the focal spot along the columns, the rows and the central ray, away
                        from the isocentre, mm, and their weights
+    filters            materials that the beam passes before the object, and their thickness in mm, broadcastable to
+                       [row, column]; over that of the central ray where this is in the spectrum already
     fluence            photons that leave the tube towards each pixel, relative, broadcastable to [view, row, column]
     signal, air        mean signal with the object and without, [view, row, column] (air may have one view), over the
                        signal of a pixel in air at fluence 1
@@ -64,6 +66,7 @@ class State:
     sensor: Sensor = SENSOR
     spectrum: Spectrum | None = None
     sources: tuple[tuple[float, float, float, float], ...] = ((0.0, 0.0, 0.0, 1.0),)
+    filters: Filters = ()
     fluence: np.ndarray = field(default_factory=lambda: np.ones((1, 1, 1)))
     signal: np.ndarray | None = None
     air: np.ndarray | None = None
@@ -274,25 +277,41 @@ class Chain:
         return state
 
     def _transmit(self, state: State, pose: Pose) -> None:
+        beam, air = self._beam(state)
         total = 0.0
         for *place_mm, weight in state.sources:
             geometry = displaced(state.geometry, *place_mm)
-            total = total + weight * self.transmission(geometry, pose, state.motion_mm, state.spectrum)
-        state.air = np.broadcast_to(state.fluence, (state.fluence.shape[0], *total.shape[2:])).copy()
+            total = total + weight * self.transmission(geometry, pose, state.motion_mm, beam)
+        if beam is None:  # one energy: filters thin the beam and no more
+            total = total * air
+        state.air = np.broadcast_to(air * state.fluence, (state.fluence.shape[0], *total.shape[2:])).copy()
         state.signal = state.noise = total[0] * state.fluence
         if len(total) > 1:
             state.noise = total[1] * state.fluence
 
-    def transmission(self, geometry: ScanGeometry, pose: Pose, motion_mm=None, spectrum=None) -> np.ndarray:
-        """Shares of the signal in air, and of its quantum variance where these are others: float64
-        [1 or 2, view, row, column]."""
-        rays = (geometry.key, pose, None if motion_mm is None else motion_mm.tobytes())
-        beam = None if spectrum is None else spectrum.key
-        return self._transmissions.get(
-            (rays, beam), lambda: self._transmission(rays, geometry, pose, motion_mm, spectrum)
-        )
+    def _beam(self, state: State) -> tuple[Spectrum | None, np.ndarray]:
+        """The spectrum behind the filters, if there is one, and the signal of it without an object, broadcastable to
+        [row, column]."""
+        if not state.filters:
+            return state.spectrum, np.ones((1, 1))
+        if state.spectrum is None:
+            return None, passing(state.filters, [self.scene.energy_kev])[0]
+        beam = state.spectrum.behind(state.filters)
+        return beam, beam.signal.sum(axis=0)
 
-    def _transmission(self, rays, geometry, pose, motion_mm, spectrum) -> np.ndarray:
+    def transmission(
+        self, geometry: ScanGeometry, pose: Pose, motion_mm=None, beam: Spectrum | None = None
+    ) -> np.ndarray:
+        """Signal, and its quantum variance where these are other shares, over those in air without filters: float64
+        [1 or 2, view, row, column].
+
+        beam   its shares may be of every row and column, [energy, row, column]
+        """
+        rays = (geometry.key, pose, None if motion_mm is None else motion_mm.tobytes())
+        key = None if beam is None else beam.key
+        return self._transmissions.get((rays, key), lambda: self._transmission(rays, geometry, pose, motion_mm, beam))
+
+    def _transmission(self, rays, geometry, pose, motion_mm, beam) -> np.ndarray:
         total = 0.0
         for place, weight in quadrature(self.samples, geometry.rows > 1):
             beside = replace(
@@ -303,14 +322,14 @@ class Chain:
             paths = self._paths.get(
                 (rays, place), lambda beside=beside: self.scene.path_lengths(beside, pose, motion_mm)
             )
-            total = total + weight * self._through(paths, spectrum)
+            total = total + weight * self._through(paths, beam)
         return total
 
-    def _through(self, paths: np.ndarray, spectrum: Spectrum | None) -> np.ndarray:
-        if spectrum is None:
+    def _through(self, paths: np.ndarray, beam: Spectrum | None) -> np.ndarray:
+        if beam is None:
             return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))[None]
-        table = np.stack([attenuation_per_mm(material, spectrum.energies_kev) for material in self.scene.materials])
-        return transmitted(paths, table, np.stack([spectrum.signal, spectrum.noise]))
+        table = np.stack([attenuation_per_mm(material, beam.energies_kev) for material in self.scene.materials])
+        return transmitted(paths, table, np.stack([beam.signal, beam.noise]))
 
 
 def transmitted(paths: np.ndarray, attenuation_per_mm: np.ndarray, shares: np.ndarray) -> np.ndarray:
@@ -318,17 +337,18 @@ def transmitted(paths: np.ndarray, attenuation_per_mm: np.ndarray, shares: np.nd
     [share, ...].
 
     attenuation_per_mm   [material, energy]
-    shares               [share, energy] in air
-    One material's transmission is a function of the path length alone and is taken from a table.
+    shares               in air, [share, energy], or of every pixel, [share, energy, row, column]
+    One material's transmission is a function of the path length alone, if pixels share a beam, and is taken from a
+    table.
     """
     total = np.zeros((len(shares), *paths.shape[1:]))
-    if len(paths) == 1:
+    if len(paths) == 1 and shares.ndim == 2:
         nodes = np.linspace(0, max(float(paths.max()), 1e-6), NODES)
         logarithms = np.log(np.exp(-np.outer(nodes, attenuation_per_mm[0])) @ shares.T).T
         for one, logarithm in zip(total, logarithms, strict=True):
             one[...] = np.exp(np.interp(paths[0], nodes, logarithm))
         return total
-    for column, weights in zip(attenuation_per_mm.T.astype(np.float32), shares.T, strict=True):
+    for column, weights in zip(attenuation_per_mm.T.astype(np.float32), shares.swapaxes(0, 1), strict=True):
         left = np.exp(-np.tensordot(column, paths, 1))
         for one, weight in zip(total, weights, strict=True):
             one += weight * left

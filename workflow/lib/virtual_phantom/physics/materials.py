@@ -27,7 +27,14 @@ COMPOUNDS = {
     "polyethylene": ("Polyethylene", None),
     "air": ("Air, Dry (near sea level)", None),
 }
-ELEMENTS = {"aluminium": (13, 2.699), "copper": (29, 8.96), "iodine": (53, 4.93)}
+ELEMENTS = {
+    "aluminium": (13, 2.699),
+    "copper": (29, 8.96),
+    "iodine": (53, 4.93),
+    "tungsten": (74, 19.3),
+    "molybdenum": (42, 10.22),
+    "rhodium": (45, 12.41),
+}
 ENERGIES_KEV = (10.0, 160.0)  # between which the energy of a monochromatic beam is looked for
 
 

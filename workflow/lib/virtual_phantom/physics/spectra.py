@@ -41,25 +41,47 @@ class Anode:
 TUNGSTEN, SENSOR = Anode(), Sensor()
 
 
+Filters = tuple[tuple[str, np.ndarray], ...]
+
+
 @dataclass(frozen=True)
 class Spectrum:
-    """What is read out of a beam without an object, energy by energy, (energy,) each.
+    """What is read out of a beam without an object, energy by energy, (energy,) each; of a beam behind filters,
+    [energy, row, column] as far as these differ.
 
     energies_kev   of the photons
-    signal         share of each in the mean signal; the sum is 1
-    noise          share of each in the signal's quantum variance; the sum is 1. Photons whose deposits have the mean e1
-                   and the mean square e2 have signals in proportion to e1 and variances to e2 (B. R. Whiting et al.,
-                   Med. Phys. 33, 3290, 2006)
+    signal         share of each in the mean signal; before filters their sum is 1
+    noise          share of each in the signal's quantum variance; before filters their sum is 1. Photons whose deposits
+                   have the mean e1 and the mean square e2 have signals in proportion to e1 and variances to e2 (B. R.
+                   Whiting et al., Med. Phys. 33, 3290, 2006)
+    finer          more energies in keV, (finer,), and what of signal and noise each of them has, [energy, finer]; None:
+                   there are none
     """
 
     energies_kev: np.ndarray
     signal: np.ndarray
     noise: np.ndarray
+    finer: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
 
     @property
     def key(self) -> tuple:
         """Equal for equal spectra, and hashable."""
-        return tuple(one.tobytes() for one in (self.energies_kev, self.signal, self.noise))
+        return tuple((one.shape, one.tobytes()) for one in (self.energies_kev, self.signal, self.noise))
+
+    def behind(self, filters: Filters) -> Spectrum:
+        """What filters leave of it, by its finer energies where there are any: edges of absorption lie within few."""
+        energies, *parts = self.finer or (self.energies_kev, np.diag(self.signal), np.diag(self.noise))
+        left = passing(filters, energies)
+        return Spectrum(self.energies_kev, *(np.tensordot(one, left, 1) for one in parts))
+
+
+def passing(filters: Filters, energies_kev: np.ndarray) -> np.ndarray:
+    """Share of the photons of each energy that pass filters, [energy, row, column], of at least one filter.
+
+    filters   materials and thicknesses in mm, broadcastable to [row, column]
+    """
+    depths = [np.multiply.outer(attenuation_per_mm(material, energies_kev), mm) for material, mm in filters]
+    return np.exp(-sum(depths))
 
 
 def cache_folder() -> Path:
@@ -124,10 +146,9 @@ def weighted_spectrum(
     photons = fluence * np.exp(-attenuation_per_mm(filter_material, energies) * filtration_mm) * detected
     signal, noise = (photons * moment / (photons * moment).sum() for moment in (first, second))
     # Equal shares: edges in the cumulative signal, so that few bins follow a spectrum of any shape smoothly.
-    edges = np.linspace(0, 1, BINS + 1)
-    cumulative = np.concatenate([[0], np.cumsum(signal)])
-    moments, shares = (
-        np.diff(np.interp(edges, cumulative, np.concatenate([[0], np.cumsum(values)])))
-        for values in (signal * energies, noise)
-    )
-    return Spectrum(moments * BINS, np.full(BINS, 1 / BINS), shares)
+    edges, ends = np.linspace(0, 1, BINS + 1)[:, None], np.cumsum(signal)
+    within = np.clip(np.minimum(ends, edges[1:]) - np.maximum(ends - signal, edges[:-1]), 0, None)
+    within = np.divide(within, signal, out=np.zeros_like(within), where=signal > 0)  # share of each energy in each bin
+    finer = energies, within * signal, within * noise
+    shares, noises = (one.sum(axis=1) for one in finer[1:])
+    return Spectrum(finer[1] @ energies / shares, shares, noises, finer)

@@ -96,7 +96,9 @@ def _modulation(size, random):
 
 
 def _heel(size, random):
-    return {"heel_depth_mm": size * _sign(random)}, {}
+    depth_mm = size * _sign(random)
+    # The library's anode is on the side that its angle says; the simulator's positive depth has it on the other.
+    return {"heel_depth_mm": depth_mm}, {"depth_um": -1000 * depth_mm}
 
 
 def _afterglow(size, random):

@@ -1,23 +1,45 @@
 """Heel effect of the anode."""
 
+import numpy as np
+
 from ..chain import State
 from ..effect import Effect, Parameter
 
+MATERIALS = {"W": "tungsten", "Mo": "molybdenum", "Rh": "rhodium"}
+LEAST_ANGLE_DEG = 1.0  # of a ray to the anode's surface: flatter ones are taken to leave as these, all but absorbed
+
 
 def apply(state: State, values: dict[str, float]) -> None:
-    position = state.geometry.row_positions_mm()
-    reach = abs(position).max() or 1.0
-    state.fluence = state.fluence * (1 + values["slope"] * position / reach)[None, :, None]
+    geometry, depth_mm = state.geometry, values["depth_um"] / 1000
+    cone = np.arctan2(geometry.row_positions_mm(), geometry.source_to_detector_mm)
+    anode = abs(np.deg2rad(state.anode.angle_deg))
+    # The end of the focal spot that is nearer to the isocentre is the anode's: rays to that side leave at a flat angle.
+    leaving = anode - np.sign(depth_mm * state.anode.angle_deg) * cone
+    longer = 1 / np.sin(np.maximum(leaving, np.deg2rad(LEAST_ANGLE_DEG))) - 1 / np.sin(anode)
+    state.filters = (*state.filters, (MATERIALS[state.anode.target], (abs(depth_mm) * longer)[:, None]))
 
 
 EFFECT = Effect(
     name="heel",
-    physics="The anode absorbs part of its own beam: fluence falls towards its side, along the rows.",
-    equation="fluence(v) = 1 + h v / v_max",
+    physics="The anode absorbs part of its own beam: fluence falls towards its side, along the rows, and hardens there "
+    "where a spectrum is switched on.",
+    equation="fluence(v, E) = exp(-mu(E) d (1 / sin(a - c) - 1 / sin a)), tan c = v / D; a: inclination of the anode, "
+    "which the spectrum holds for the central ray; without a spectrum at the one energy",
     source="J. Beutel, H. L. Kundel and R. L. Van Metter, Handbook of Medical Imaging 1, SPIE (2000), chapter 1",
     stage="fluence",
-    signature="white field and noise change steadily from row to row; the mean of the line integrals stays",
+    signature="white field and noise change steadily from row to row; the mean of the line integrals stays, or falls "
+    "towards the anode's side with a spectrum",
     settled_by="the white field",
-    parameters=(Parameter("slope", "1", "relative change from the middle to the edge row", -0.6, 0.6, 0.1, 0.2),),
+    parameters=(
+        Parameter(
+            "depth_um",
+            "um",
+            "depth in the target from which photons come; negative: the anode is on the other side than its angle says",
+            -40.0,
+            40.0,
+            5.0,
+            5.0,
+        ),
+    ),
     apply=apply,
 )
