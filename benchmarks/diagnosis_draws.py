@@ -31,7 +31,7 @@ from scipy.optimize import brentq
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
 
 from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
-from virtual_phantom.diagnosis.attribute import ACCURACY, choose, trial  # noqa: E402
+from virtual_phantom.diagnosis.attribute import choose, trial  # noqa: E402
 from virtual_phantom.diagnosis.locate import EDGE_SHARE, Half, aligned  # noqa: E402
 from virtual_phantom.diagnosis.model import stacked  # noqa: E402
 from virtual_phantom.diagnosis.numerical import Anchor, model_and_floor  # noqa: E402
@@ -262,7 +262,7 @@ def main():
     parser.add_argument("--out", default="draws.csv")
     options = parser.parse_args()
     draws = range(options.first, options.first + options.draws)
-    accuracy = ACCURACY if options.accuracy is None else {"default": options.accuracy}
+    accuracy = None if options.accuracy is None else {"default": options.accuracy}
     tasks = [(options.kind, draw, options.only, accuracy, options.samples, options.edge_mm) for draw in draws]
     rows = []
     with ProcessPoolExecutor(options.processes) as pool, open(options.out, "w", newline="") as file:

@@ -10,13 +10,15 @@ from pathlib import Path
 import engines
 import numpy as np
 
+from virtual_phantom.config import defaults_of
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.solvers import sirt
 
 GRID = Grid((24, 64, 64), (4.0, 4.7, 4.7))
 SCAN = circular(views=75, columns=80, rows=24, column_pitch_mm=8.0, row_pitch_mm=8.0, **engines.SCANNER)
-ITERATIONS, TERMS = 500, 60
+SETTINGS = defaults_of("reconstruction", "sirt")
+ITERATIONS = SETTINGS["iterations"]
 LANES = 16
 FEW, MORE = 2, 6  # iterations of RTK, whose difference is timed
 OF_ASTRA = 50
@@ -34,7 +36,7 @@ def compared(medians):
         noisy = lines + noise.astype(np.float32)
 
         def solve(solver, projector=projector, noisy=noisy, lanes=lanes):
-            images[lanes, solver] = sirt(projector, noisy, iterations=ITERATIONS, terms=TERMS, solver=solver)
+            images[lanes, solver] = sirt(projector, noisy, **(SETTINGS | {"solver": solver}))
 
         for solver in ("chebyshev", "plain"):
             (seconds,) = medians([lambda solver=solver, solve=solve: solve(solver)], 1)
@@ -100,11 +102,11 @@ def _memory():
     projector = CpuProjector(engines.geometry(64), engines.GRID, LANES)
     small = CpuProjector(engines.geometry(64), Grid((4, 16, 16), (2.0, 2.0, 2.0)), LANES)
     shape = (LANES, 64, engines.DETECTOR["rows"], engines.DETECTOR["columns"])
-    sirt(small, np.zeros((LANES, 64, *shape[2:]), np.float32), iterations=2, terms=2)  # compiled
+    sirt(small, np.zeros((LANES, 64, *shape[2:]), np.float32), **(SETTINGS | {"iterations": 2, "terms": 2}))  # compiled
     Path("/proc/self/clear_refs").write_text("5")  # the peak begins anew
     before = _peak()
     lines = np.ones(shape, np.float32)
-    sirt(projector, lines, iterations=ITERATIONS, terms=3)
+    sirt(projector, lines, **(SETTINGS | {"terms": 3}))
     after = _peak()
     volume, block = projector.empty_volume().nbytes, projector.views_per_block
     packed = projector.pack_projections(lines).nbytes

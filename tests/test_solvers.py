@@ -5,11 +5,13 @@ import pytest
 from scipy import special
 
 from virtual_phantom import fbp, solvers
+from virtual_phantom.config import defaults_of
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, circular, helical
 from virtual_phantom.projectors.cpu import CpuProjector
 
 MU = 0.02
+SIRT = defaults_of("reconstruction", "sirt")
 SCANNER = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0, column_pitch_mm=8.0, row_pitch_mm=8.0)
 GRID = Grid((12, 64, 64), (4.0, 4.4, 4.4))
 GEOMETRIES = {
@@ -65,7 +67,9 @@ def test_water_is_zero_and_inserts_are_right(scan, algorithm):
     """Water within 3 HU, inserts within 1 % of their attenuation, away from edges and from the end slices."""
     _, geometry, line_integrals = scan
     projector = CpuProjector(geometry, GRID)
-    image = fbp.fbp(projector, line_integrals) if algorithm == "fdk" else solvers.sirt(projector, line_integrals)
+    image = (
+        fbp.fbp(projector, line_integrals) if algorithm == "fdk" else solvers.sirt(projector, line_integrals, **SIRT)
+    )
     check_cylinder(image[0])
 
 
@@ -110,8 +114,9 @@ def test_chebyshev_is_plain_sirt(backprojector):
         random = np.random.default_rng(3)
         noisy = np.stack([clean, *(clean + random.normal(0, 0.02, clean.shape) for _ in range(3))]).astype(np.float32)
         projector = CpuProjector(geometry, grid, lanes=4)
-        plain = solvers.sirt(projector, noisy, solver="plain", iterations=500, backprojector=backprojector)
-        fast = solvers.sirt(projector, noisy, solver="chebyshev", iterations=500, terms=60, backprojector=backprojector)
+        settings = SIRT | {"backprojector": backprojector}
+        plain = solvers.sirt(projector, noisy, **(settings | {"solver": "plain"}))
+        fast = solvers.sirt(projector, noisy, **settings)
         noise = (plain[1:] - plain[0]).std()
         assert np.sqrt(np.mean((fast - plain) ** 2)) < 0.005 * noise
 
@@ -142,7 +147,7 @@ def test_adjoint_keeps_noise_even_along_a_helix():
     grid = Grid((12, 32, 32), (4.0, 8.8, 8.8))
     noise = np.random.default_rng(8).normal(0, 0.01, (6, 150, 6, 36)).astype(np.float32)
     spread = {
-        name: solvers.sirt(CpuProjector(geometry, grid, 6), noise, backprojector=name).std(0)
+        name: solvers.sirt(CpuProjector(geometry, grid, 6), noise, **(SIRT | {"backprojector": name})).std(0)
         for name in ("adjoint", "voxel")
     }
     ends = {name: sd[1].mean() / sd[6].mean() for name, sd in spread.items()}
@@ -180,7 +185,7 @@ def test_unseen_voxels_stay_at_air():
     """Two detector rows light up the middle slices only; the rest has no data and stays at zero attenuation."""
     geometry = circular(views=30, columns=72, rows=2, **SCANNER)
     projector = CpuProjector(geometry, GRID)
-    image = solvers.sirt(projector, project(geometry, finer=1), iterations=20)
+    image = solvers.sirt(projector, project(geometry, finer=1), **(SIRT | {"iterations": 20}))
     assert np.isfinite(image).all()
     assert np.all(image[0, 0] == 0) and image[0, 6, 32, 32] > MU / 2
 
@@ -188,10 +193,10 @@ def test_unseen_voxels_stay_at_air():
 @pytest.mark.parametrize(
     "call",
     [
-        lambda p, b: solvers.sirt(p, b, solver="cg"),
-        lambda p, b: solvers.sirt(p, b, iterations=0),
-        lambda p, b: solvers.sirt(p, b, terms=0),
-        lambda p, b: solvers.sirt(p, b, backprojector="ray"),
+        lambda p, b: solvers.sirt(p, b, **(SIRT | {"solver": "cg"})),
+        lambda p, b: solvers.sirt(p, b, **(SIRT | {"iterations": 0})),
+        lambda p, b: solvers.sirt(p, b, **(SIRT | {"terms": 0})),
+        lambda p, b: solvers.sirt(p, b, **(SIRT | {"backprojector": "ray"})),
         lambda p, b: fbp.fbp(p, b, normalise="mean"),
     ],
 )

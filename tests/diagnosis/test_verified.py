@@ -261,11 +261,15 @@ def test_what_may_be_there_beside_is_undecided_and_not_ruled_out(scored):
     assert choice.undecided == {"motion": 200} and choice.ruled_out == {}
 
 
-def test_the_configuration_and_the_library_hold_models_equally_exact():
+def test_models_are_held_as_exact_as_the_configuration_has_it_by_default(scored):
+    singles = {name: scored((name,)) for name in SINGLES[::2]}
     root = Path(__file__).resolve().parents[2]
     default = yaml.safe_load((root / "config/config.yaml").read_text())
-    config = check(default, root / "workflow/schemas/config.schema.yaml")
-    assert config["diagnosis"]["model_accuracy"] == attribute.ACCURACY
+    stated = check(default, root / "workflow/schemas/config.schema.yaml")["diagnosis"]["model_accuracy"]
+    assert set(stated) > {"default", "numerical"} and stated["default"] > 0
+    given, taken = (attribute.choose(None, scored(()), singles, **one) for one in ({"accuracy": stated}, {}))
+    assert (given.undecided, given.ruled_out, given.blur) == (taken.undecided, taken.ruled_out, taken.blur)
+    assert taken.blur > attribute.choose(None, scored(()), singles, accuracy={"default": 0.0}).blur
 
 
 def test_what_has_no_template_is_fitted(scored, monkeypatch):

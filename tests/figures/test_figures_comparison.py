@@ -102,30 +102,12 @@ def test_another_margin_moves_the_steps(table):
 
 def test_pages_hold_their_text(table):
     summary = comparison.summary(table)
-    page, strips = figures.draw(table, summary), figures.draw_families(summary, 1.0, 2.0, "title")
+    page = figures.draw(table, summary)
     one = table[(table["roi"] == "cyst_1") & table["feature"].isin(FEATURES[:2])]
     little = comparison.summary(one)
-    for figure in (page, strips, figures.draw(one, little), figures.draw_families(little, 1.0, 2.0)):
+    for figure in (page, figures.draw(one, little)):
         assert_text_fits(figure)
     assert page.get_figheight() * 25.4 < 260  # A4 has 297 mm
-
-
-def test_strips_show_every_feature_and_count_the_right_ones(table):
-    summary = comparison.summary(table)
-    figure = figures.draw_families(summary, 1.0, 2.0)
-    for axes, column, good in zip(
-        figure.axes,
-        ("median_abs_shift_sd", "median_sd_ratio", "kendall_tau"),
-        ("mean_right", "sd_right", "rank_right"),
-        strict=True,
-    ):
-        drawn = np.concatenate([np.asarray(c.get_offsets())[:, 0] for c in axes.findobj(PathCollection)])
-        known = summary[column].dropna()
-        low, high = min(drawn), max(drawn)
-        assert sorted(drawn) == pytest.approx(sorted(known.clip(low, high)))
-        counts = [text.get_text() for text in axes.texts if "/" in text.get_text()]
-        right = summary.groupby("family")[good].agg(["sum", "size"])
-        assert sorted(counts) == sorted(f"{int(row['sum'])}/{row['size']}" for _, row in right.iterrows())
 
 
 def test_refusals(table):
@@ -139,5 +121,3 @@ def test_refusals(table):
     ):
         with pytest.raises(InputError, match=message):
             figures.draw(wrong, ranks)
-    with pytest.raises(InputError, match="lacks the column sd_right"):
-        figures.draw_families(comparison.summary(table).drop(columns="sd_right"), 1.0, 2.0)

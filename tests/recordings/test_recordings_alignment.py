@@ -19,7 +19,7 @@ from virtual_phantom.physics.noise import acquisition_seed, simulate_counts
 from virtual_phantom.projectors import projector
 from virtual_phantom.recordings.alignment import align_recording, carried_rois, check_same_phantom
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.registration import align, describe, euler
+from virtual_phantom.recordings.registration import Search, describe, euler
 from virtual_phantom.simulate import clean_line_integrals
 from virtual_phantom.units import attenuation_to_hu
 from virtual_phantom.volumes import Volume
@@ -75,6 +75,11 @@ def placed(rotation_deg, shift_mm):
 TURNED = placed((0, 2, -9), (-15, 14, -6))
 
 
+def align(image, phantom, name):
+    search = Search(image, phantom, name)
+    return search.result(search.finish(search.place(None)))
+
+
 @pytest.fixture(scope="module")
 def aligned(phantom):
     """An image of the phantom at TURNED, and the alignment found."""
@@ -122,11 +127,6 @@ def test_the_same_image_gives_the_same_numbers(phantom, aligned):
         assert align(image, phantom, name="a") == first
     finally:
         sitk.ProcessObject.SetGlobalDefaultNumberOfThreads(threads)
-
-
-def test_mutual_information_finds_it_too(phantom, aligned):
-    shift, angle = errors(align(aligned[0], phantom, name="a", metric="mutual_information"), TURNED)
-    assert np.abs(shift).max() < 0.5 and angle < 0.3
 
 
 def other_object(points):

@@ -12,6 +12,7 @@ from jsonschema import Draft202012Validator, validators
 from jsonschema.exceptions import best_match
 
 from .errors import InputError, meant
+from .physics.effect import acts_on_images, checked
 from .statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 
 SCHEMA = Path(__file__).resolve().parents[2] / "schemas" / "config.schema.yaml"
@@ -33,10 +34,10 @@ BOUNDS = {"minimum": "at least", "exclusiveMinimum": "more than", "maximum": "at
 def check(config: dict, schema_path: str | Path) -> dict:
     """A complete configuration from the user's.
 
-    Keys set to null in `protocols` and in each protocol, `noise.levels`, `scans`, `recordings`, `analyses` or
-    `analyses.pca` are dropped, which lets an overlay take away what the file under it has. Raises InputError, naming
-    the key, for anything that the schema refuses, for names that point nowhere or to what does not fit, and for
-    sections that contradict one another.
+    Keys set to null in `protocols` and in each protocol, `noise.levels`, `scans`, `recordings`, `analyses`,
+    `analyses.pca` or `analyses.comparison` are dropped, which lets an overlay take away what the file under it has.
+    Raises InputError, naming the key, for anything that the schema refuses, for names that point nowhere or to what
+    does not fit, and for sections that contradict one another.
     """
     schema = _read_schema(Path(schema_path))
     check_nesting(config, "config")
@@ -82,6 +83,13 @@ def schema_of(*section: str) -> dict:
     for key in section:
         part = part["properties"][key]
     return {**part, "$defs": whole["$defs"]}
+
+
+def defaults_of(*section: str) -> dict:
+    """What the schema has by default in a section of the configuration, given by its keys."""
+    document: dict = {}
+    fill_defaults(document, schema_of(*section))
+    return document
 
 
 def fill_defaults(document: dict, schema: dict) -> None:
@@ -320,11 +328,6 @@ def _check_physics(config):
             settings["physics"] = config["physics"]
         if not settings.get("physics"):
             continue
-        from .physics.effect import (
-            acts_on_images,
-            checked,
-        )  # loads spectra and cross-sections, which most studies do not need
-
         if config["noise"]["model"] != "physical":
             raise InputError(
                 f"config: protocols.{name}.physics needs noise.model: physical; the astra model has no photons"
@@ -344,7 +347,7 @@ def _check_measured(config):
                     "set fit_on: simulated"
                 )
     elif config["phantom"]["source"] == "ct":
-        # Here, because they take seconds to load and every job of the workflow reads the configuration.
+        # Here, because they take a second to load, and every start of the workflow reads the configuration.
         from .measured import TISSUE_CLASSES
         from .phantom.rois import read_entries
 

@@ -95,7 +95,6 @@ def compile_kernels(lanes: Sequence[int]) -> None:
     for count in lanes:
         scan = np.ones((count, 4, 2, 4), dtype=np.float32)
         for backprojector in ("adjoint", "voxel"):
-            solvers.sirt(
-                projector("cpu", geometry, grid, count), scan, iterations=1, terms=1, backprojector=backprojector
-            )
+            settings = {"iterations": 1, "solver": "chebyshev", "terms": 1, "backprojector": backprojector}
+            solvers.sirt(projector("cpu", geometry, grid, count), scan, **settings)
         fbp.fbp(projector("cpu", geometry, grid, count), scan)

@@ -15,10 +15,10 @@ def sirt(
     projector,
     line_integrals: np.ndarray,
     *,
-    iterations: int = 500,
-    solver: str = "chebyshev",
-    terms: int = 60,
-    backprojector: str = "adjoint",
+    iterations: int,
+    solver: str,
+    terms: int,
+    backprojector: str,
 ) -> np.ndarray:
     """Linear attenuation in 1/mm [lane, z, y, x] from line integrals [lane, view, row, column].
 

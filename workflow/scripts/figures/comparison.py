@@ -1,4 +1,4 @@
-"""Figures of one comparison with a recording: every feature and ROI, and the families."""
+"""Figure of one comparison with a recording: every feature and ROI."""
 
 from virtual_phantom import files
 from virtual_phantom.figures import comparison, style

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
+from ..config import defaults_of
 from ..physics.effect import load
 from . import pattern as patterns
 from .fit import Fit, Fitter
@@ -16,8 +17,6 @@ from .screening import Screened, screened
 
 ALPHA = 0.001  # of an effect's likelihood ratio, over all candidates
 LEAST_GAIN = 4.0  # log score on held-out data that an effect must add
-# Of effects' models, as the configuration has it by default: what they left over of another simulator's scans.
-ACCURACY = {"default": 0.02, "spectrum": 0.005, "veiling_glare": 0.15, "reconstruction_kernel": 0.1, "numerical": 0.12}
 AS_GOOD = 3.0  # log score by which an effect may be worse and still stand for another: a factor of 20 in odds
 RULED_OUT = 10.0
 MOST_EFFECTS = 4
@@ -127,7 +126,7 @@ def choose(
     baseline: Trial,
     singles: Mapping[str, Trial],
     processes: int = 1,
-    accuracy: Mapping[str, float] = ACCURACY,
+    accuracy: Mapping[str, float] | None = None,
 ) -> Choice:
     """Add effects while held-out data gain by them; drop those that are no longer needed; swap those that are worse,
     beside the others, than what could stand in.
@@ -135,8 +134,11 @@ def choose(
     baseline, singles   from `trial`: alignment alone, and every candidate alone
     accuracy            {effect: share of its own change of the data by which its model may be wrong}, `default` that of
                         the others, `numerical` that of the corrections for finite steps: what that leaves over is no
-                        evidence for another effect, and none against one that could stand in
+                        evidence for another effect, and none against one that could stand in. None: what the
+                        configuration has by default
     """
+    if accuracy is None:
+        accuracy = defaults_of("diagnosis", "model_accuracy")
     current, tried, found = baseline, dict(singles), {}
     worth: dict[str, float] = {}  # log score that each effect gained when it was taken
     steps = accuracy.get("numerical", 0.0) ** 2 * baseline.fit.corrected / 2

@@ -1,4 +1,4 @@
-"""Simulated against recorded features: every feature and ROI on one page, and the families side by side."""
+"""Simulated against recorded features: every feature and ROI on one page."""
 
 import matplotlib
 import numpy as np
@@ -22,7 +22,6 @@ RATIO_STEPS = (1, 2, 3)  # of the logarithm of the SD ratio over that of the mar
 SHIFT_COLOURS, RATIO_COLOURS = "RdBu_r", "PuOr_r"
 NEUTRAL, MISSING, IN_ORDER = "#FFFFFF", "#BBBBBB", "#AAD4BF"
 DOT, RING = 1.5, 3.2  # across, points
-CLIP_SHIFT, LEAST_SHIFT, CLIP_RATIO = 300.0, 0.03, 32.0  # of the strips' axes
 
 
 @style.styled()
@@ -132,76 +131,6 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
         Line2D([], [], linestyle="none", marker="s", color=IN_ORDER, label=f"τ ≥ {RANK_RIGHT:g}: ROIs in order"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    if title:
-        figure.suptitle(title, fontsize=style.FONT_POINTS + 1)
-    return figure
-
-
-@style.styled()
-def draw_families(summary: pandas.DataFrame, margin_sd: float, sd_factor: float, title: str | None = None) -> Figure:
-    """Strips of one point per feature by family: median |shift|, median SD ratio, and Kendall's tau of the ROIs.
-
-    summary   from `statistics.comparison.summary`
-    The ranges that count as right are grey; beside each strip stands how many of the family's features are right in
-    it, and a black bar is the median. Values beyond the axes lie at their ends.
-    Raises InputError if columns or rows lack.
-    """
-    columns = {
-        "median_abs_shift_sd": ("mean_right", "median |shift| over ROIs (repeat SDs)"),
-        "median_sd_ratio": ("sd_right", "median SD ratio, simulated / recorded"),
-        "kendall_tau": ("rank_right", "order of the ROIs: Kendall's τ"),
-    }
-    right = [name for name, _ in columns.values()]
-    tables.check_table(summary, "summary of the comparison", text=["feature", "family", *columns, *right])
-    families = sorted(set(summary["family"]), key=lambda family: _order(summary["family"])[family])
-    colours, markers = style.assign(families, style.ON_WHITE), style.assign(families, style.MARKERS)
-    figure = style.figure(style.DOUBLE_COLUMN_MM, 22 + 9 * len(families) + (5 if title else 0))
-    panels = figure.subplots(1, 3, sharey=True)
-    limits = ((LEAST_SHIFT, CLIP_SHIFT), (1 / CLIP_RATIO, CLIP_RATIO), (-1.0, 1.0))
-    spans = ((LEAST_SHIFT / 2, margin_sd), (1 / sd_factor, sd_factor), (RANK_RIGHT, 1.05))
-    for index, (axes, (column, (good, text)), (low, high), span) in enumerate(
-        zip(panels, columns.items(), limits, spans, strict=True)
-    ):
-        axes.axvspan(*span, color="#E4E4E4", linewidth=0, zorder=0)
-        for place, family in enumerate(families):
-            rows = summary[summary["family"] == family]
-            values = rows[column].to_numpy(dtype=float)
-            known = values[~np.isnan(values)]
-            spread = 0.28 * (2 * ((np.arange(len(known)) * 0.618) % 1) - 1)
-            axes.scatter(
-                np.clip(known, low, high),
-                place + spread,
-                marker=markers[family],
-                s=style.marker_area(markers[family], 3),
-                color=colours[family],
-                edgecolors="white",
-                linewidths=0.3,
-                zorder=2,
-            )
-            if len(known):
-                median = np.clip(np.median(known), low, high)
-                axes.plot([median] * 2, [place - 0.36, place + 0.36], color="black", linewidth=1.4, zorder=3)
-            axes.annotate(
-                f"{int(rows[good].sum())}/{len(rows)}",
-                (1, place),
-                xycoords=("axes fraction", "data"),
-                xytext=(3, 0),
-                textcoords="offset points",
-                va="center",
-            )
-        if index < 2:
-            axes.set_xscale("log")
-            axes.xaxis.set_major_formatter(lambda value, _: style.number(value))
-            axes.minorticks_off()
-        room = (high - low) * 0.04 if index == 2 else 1.25
-        axes.set_xlim(*((low - room, high + room) if index == 2 else (low / room, high * room)))
-        axes.set_xlabel(text)
-        axes.annotate("right", (1, 1), xycoords="axes fraction", xytext=(3, 4), textcoords="offset points")
-        style.letter_panel(axes, index)
-        axes.grid(axis="y", visible=False)
-    panels[1].set_xticks([1 / 32, 1 / 8, 1 / 2, 2, 8, 32], ["1/32", "1/8", "1/2", "2", "8", "32"])
-    panels[0].set_yticks(range(len(families)), [_family(family) for family in families])
-    panels[0].set_ylim(len(families) - 0.5, -0.5)
     if title:
         figure.suptitle(title, fontsize=style.FONT_POINTS + 1)
     return figure

@@ -36,19 +36,18 @@ class RepeatShift:
     farthest_mm: float
 
 
-def align_recording(
-    recording: ImagesRecording, phantom: Volume, metric: str = "correlation"
-) -> tuple[Alignment, Volume, tuple[RepeatShift, ...]]:
+def align_recording(recording: ImagesRecording, phantom: Volume) -> tuple[Alignment, Volume, tuple[RepeatShift, ...]]:
     """Align a recording's mean image: the fit, the mean (HU, float32, on the recording's grid), every repeat's shift.
 
     Each repeat is aligned by itself first, all at the same resolution, so that what the phantom's model lacks drops out
     of the shifts.
 
-    Raises InputError as `align` does, and for a repeat that moved by more than a voxel against the first.
+    Raises InputError as `registration.Search` and its result do, and for a repeat that moved by more than a voxel
+    against the first.
     """
     total, first, start, shifts = None, None, None, []
     for path, image in zip(recording.repeats.paths, recording.repeats, strict=True):
-        search = Search(image, phantom, recording.name, metric)
+        search = Search(image, phantom, recording.name)
         if total is None:
             total = image.array.astype(np.float64)
             start = search.place(recording.isocentre_mm)
@@ -56,7 +55,7 @@ def align_recording(
                 return search.result(search.finish(start)), image, ()
         else:
             total += image.array
-        own = refine(search.middle, start, metric)
+        own = refine(search.middle, start)
         first = own if first is None else first
         shift = shift_of(recording.document.relative(path), first, own, search)
         if shift.farthest_mm > (voxel := max(recording.grid.spacing)):
@@ -66,7 +65,7 @@ def align_recording(
             )
         shifts.append(shift)
     mean = Volume((total / len(recording.repeats)).astype(np.float32), recording.grid)
-    search = Search(mean, phantom, recording.name, metric)
+    search = Search(mean, phantom, recording.name)
     return search.result(search.finish(start)), mean, tuple(shifts)
 
 

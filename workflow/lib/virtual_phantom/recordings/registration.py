@@ -27,7 +27,6 @@ from ..volumes import Volume
 from .cross_correlation import LEAST_COVERED, masked_cross_correlation
 from .levels import Level, clipped, coarser_mask, correlation, edges, level_of, seen_of
 
-METRICS = ("correlation", "mutual_information")
 COARSE_VOXELS = 40  # across the body's width in the coarsest level; each further level has half its voxel
 TURNS_DEG = (-14.0, -7.0, 0.0, 7.0, 14.0)  # about z; the optimiser covers half of a step and other axes' few degrees
 KEPT_STARTS = 2
@@ -55,7 +54,7 @@ def body_of(phantom: Volume) -> np.ndarray:
 
 
 def refine(
-    level: Level, start: sitk.Euler3DTransform, metric: str, relaxation: float = 0.8, last: bool = False
+    level: Level, start: sitk.Euler3DTransform, relaxation: float = 0.8, last: bool = False
 ) -> sitk.Euler3DTransform:
     """Descend from a start; steps shrink by `relaxation` at each turn: 0.5 stops early, some tenths of a degree off.
 
@@ -66,10 +65,7 @@ def refine(
     # sums over threads depend on their number in the last digits
     method.SetNumberOfThreads(1)
     method.SetNumberOfWorkUnits(1)
-    if metric == "correlation":
-        method.SetMetricAsCorrelation()
-    else:
-        method.SetMetricAsMattesMutualInformation(50)
+    method.SetMetricAsCorrelation()
     method.SetMetricSamplingStrategy(method.NONE)
     method.SetMetricFixedMask(level.region)
     method.SetMetricMovingMask(level.seen)
@@ -113,7 +109,6 @@ class Alignment:
     translation_mm: tuple[float, float, float]
     rotation_deg: tuple[float, float, float]
     centre_mm: tuple[float, float, float]
-    metric: str
     correlation: float
     correlation_inside: float
     rms_hu: float
@@ -158,40 +153,20 @@ def centre_of(mask: np.ndarray, grid: Grid) -> tuple[float, float, float]:
     return tuple((grid.affine[:3, :3] @ index + grid.affine[:3, 3]).tolist())
 
 
-def align(
-    image: Volume,
-    phantom: Volume,
-    *,
-    name: str,
-    isocentre_mm: Sequence[float] | None = None,
-    metric: str = "correlation",
-) -> Alignment:
-    """Find the phantom in an image.
+class Search:
+    """One registration: both images at three resolutions, made when first used, and what is compared.
 
     image, phantom   HU, each on its own grid; any difference of voxels and of the boxes around them
     name             of the recording, for messages
-    isocentre_mm     phantom world point (x, y, z) that lay at the middle of the recording's volume; None: the middle of
-                     the phantom's volume. One start among several
-    metric           "correlation", or "mutual_information" where HU do not correspond linearly (another modality)
 
     Compared are voxels of the phantom's body and a rim of half a coarse voxel around it (1/80 of its width), less as
     much at the first and last slices. In the last refinement what lies beside the body in the recording alone (a table,
     arms) is left out. The same input gives the same numbers, whatever the number of threads.
-
-    Raises InputError, naming the recording, if it holds nothing, or if the fit is worse than LEAST_CORRELATION,
-    LEAST_CORRELATION_INSIDE or LEAST_COVERED, or better with sides swapped; and for an unknown metric.
+    Raises InputError, naming the recording, if either holds nothing.
     """
-    search = Search(image, phantom, name, metric)
-    return search.result(search.run(isocentre_mm))
 
-
-class Search:
-    """One registration: both images at three resolutions, made when first used, and what is compared."""
-
-    def __init__(self, image: Volume, phantom: Volume, name: str, metric: str):
-        if metric not in METRICS:
-            raise InputError(f"alignment metric '{metric}' is unknown; use one of {', '.join(METRICS)}")
-        self.name, self.metric = name, metric
+    def __init__(self, image: Volume, phantom: Volume, name: str):
+        self.name = name
         self.body = body_of(phantom)
         if not self.body.any():
             raise InputError(f"phantom image: nothing in it is denser than {HU_BODY:g} HU; is it in HU?")
@@ -228,23 +203,23 @@ class Search:
     def finest(self) -> Level:
         return level_of(self.phantom, self.region, self.image, self.seen, self.coarse / 4)
 
-    def run(self, isocentre_mm: Sequence[float] | None) -> sitk.Euler3DTransform:
-        """The whole search."""
-        return self.finish(self.place(isocentre_mm))
-
     def place(self, isocentre_mm: Sequence[float] | None) -> sitk.Euler3DTransform:
-        """The search from nothing, right to a voxel."""
+        """The search from nothing, right to a voxel.
+
+        isocentre_mm   phantom world point (x, y, z) that lay at the middle of the recording's volume; None: the middle
+                       of the phantom's volume. One start among several
+        """
         coarse, middle = self.coarsest, self.middle
         starts = self.starts(coarse, isocentre_mm)
-        fits = [refine(coarse, start, self.metric, 0.5) for start in starts]
+        fits = [refine(coarse, start, 0.5) for start in starts]
         fits.sort(key=lambda fit: -coarse.score(fit))
-        fits = [refine(middle, fit, self.metric) for fit in fits[:KEPT_STARTS]]
+        fits = [refine(middle, fit) for fit in fits[:KEPT_STARTS]]
         return max(fits, key=middle.score)
 
     def finish(self, start: sitk.Euler3DTransform) -> sitk.Euler3DTransform:
         """The last refinement, from a transform that is right to a voxel; twice, as the first places the table."""
-        once = refine(self.without_table(self.finest, start), start, self.metric)
-        return refine(self.without_table(self.finest, once), once, self.metric, last=True)
+        once = refine(self.without_table(self.finest, start), start)
+        return refine(self.without_table(self.finest, once), once, last=True)
 
     def without_table(self, level: Level, transform: sitk.Transform) -> Level:
         """The level without those parts of the rim where the recording holds matter that is not the body's: matter that
@@ -328,7 +303,6 @@ class Search:
             translation_mm=tuple(transform.GetTranslation()),
             rotation_deg=angles_deg(transform),
             centre_mm=self.centre,
-            metric=self.metric,
             correlation=score,
             correlation_inside=middle.inside(transform, inside),
             rms_hu=float(np.sqrt(np.mean((array[both] - image[both]) ** 2))) if both.any() else math.inf,
@@ -357,12 +331,16 @@ class Search:
                 score, shift = self.best_shift(level, turn)
                 fits.append((score, turn, shift))
             score, turn, shift = max(fits, key=lambda fit: fit[0])
-            fit = refine(level, euler(self.centre, (0, 0, turn), shift), self.metric, 0.5)
+            fit = refine(level, euler(self.centre, (0, 0, turn), shift), 0.5)
             found[flip] = level.inside(fit, np.flip(inside, axes))
         return found
 
     def result(self, transform: sitk.Euler3DTransform) -> Alignment:
-        """The measured fit; InputError if it is a bad one, or the phantom with sides swapped fits better."""
+        """The measured fit.
+
+        Raises InputError if it is worse than LEAST_CORRELATION, LEAST_CORRELATION_INSIDE or LEAST_COVERED, or better
+        with sides swapped.
+        """
         result = self.measure(transform)
         sides = self.other_sides()
         upright = max(sides.pop((0, 0, 0)), result.correlation_inside)
