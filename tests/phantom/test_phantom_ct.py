@@ -470,10 +470,12 @@ def test_roi_that_ends_with_the_ct_is_not_cut_by_the_grid(nifti, tmp_path):
 
 
 @pytest.mark.real
-def test_clinical_abdomen_loads_as_configured(monkeypatch):
+def test_clinical_abdomen_loads_as_configured(monkeypatch, tmp_path):
     if not (ROOT / "../shared/real/abdomen_ct").exists():
         pytest.skip("needs abdomen_ct among the real measurements")
-    monkeypatch.chdir(ROOT)
+    (tmp_path / "downloads").mkdir()
+    (tmp_path / "downloads" / "abdomen_ct").symlink_to(ROOT / "../shared/real/abdomen_ct")
+    monkeypatch.chdir(tmp_path)
     config = yaml.safe_load((ROOT / "config/abdomen.yaml").read_text())
     grid = Grid(config["grid"]["shape"], config["grid"]["spacing_mm"])
     phantom = ct.load(config["phantom"]["ct"], grid, 1)

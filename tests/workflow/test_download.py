@@ -1,19 +1,28 @@
-"""Fetching published recordings: from a server of this machine, and one line where there is none."""
+"""Fetching published measurements: from a server of this machine, and one line where there is none."""
 
+import contextlib
 import functools
 import http.server
+import os
 import threading
 
 import pytest
-from workflow_runs import ROOT, tiny
+import yaml
+from published_files import copy_with_bytes, put
+from workflow_runs import ROOT, snakemake, tiny
+
+from virtual_phantom.files import sha256
+from virtual_phantom.published import read_published
 
 SINOGRAMS = ROOT / "../shared/real/htc2022"
+ABDOMEN_CT = ROOT / "../shared/real/abdomen_ct"
+NOWHERE = "http://localhost:9"
 
 
-@pytest.fixture
-def server():
-    """Serves the real sinograms as Zenodo does."""
-    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(SINOGRAMS))
+@contextlib.contextmanager
+def served(folder):
+    """Serves a folder as the web does."""
+    handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=str(folder))
     with http.server.ThreadingHTTPServer(("localhost", 0), handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://localhost:{server.server_address[1]}"
@@ -22,16 +31,68 @@ def server():
 
 @pytest.mark.real
 @pytest.mark.skipif(not SINOGRAMS.exists(), reason="the real sinograms are not beside this checkout")
-def test_a_sinogram_is_fetched_and_becomes_a_recording(server, tmp_path):
+def test_a_sinogram_is_fetched_and_becomes_a_recording(tmp_path):
     folder = tmp_path / "r" / "downloads" / "htc2022_ta"
-    process = tiny(tmp_path / "r", folder, overlay={"downloads": {"htc2022": server}})
+    with served(SINOGRAMS) as server:
+        process = tiny(tmp_path / "r", folder, overlay={"downloads": {"htc2022": server}})
     assert process.returncode == 0, process.stderr[-3000:]
     assert (folder / "recording.yaml").exists() and (folder / "projections.h5").exists()
 
 
 def test_without_a_server_there_is_one_line(tmp_path):
     folder = tmp_path / "r" / "downloads" / "htc2022_ta"
-    process = tiny(tmp_path / "r", folder, overlay={"downloads": {"htc2022": "http://localhost:9"}})
+    process = tiny(tmp_path / "r", folder, overlay={"downloads": {"htc2022": NOWHERE}})
     errors = [line for line in (process.stdout + process.stderr).splitlines() if line.startswith("Error:")]
     assert process.returncode == 1 and "Traceback" not in process.stderr
     assert len(errors) == 1 and "htc2022_ta_full.mat cannot be fetched (no connection)" in errors[0]
+
+
+@pytest.mark.real
+@pytest.mark.skipif(not ABDOMEN_CT.exists(), reason="the real CT is not beside this checkout")
+def test_the_files_of_the_clinical_ct_are_those_listed():
+    files = read_published(ROOT / "resources" / "abdomen_ct.csv")
+    assert len(files) == 21
+    for file in files:
+        assert sha256(ABDOMEN_CT / file.path.removeprefix("downloads/abdomen_ct/")) == file.sha256, file.path
+
+
+def phantom(project, server, *arguments):
+    """`snakemake` of the clinical CT's phantom: what it says, and its errors."""
+    (project / "mirror.yaml").write_text(yaml.safe_dump({"downloads": {"abdomen_ct": server}}))
+    settings = ("--configfile", "config/abdomen.yaml", "mirror.yaml")
+    process = snakemake(*arguments, *settings, project=project)
+    said = process.stdout + process.stderr
+    assert "Traceback" not in said, said[-3000:]
+    return process.returncode, said, [line for line in said.splitlines() if line.startswith("Error:")]
+
+
+def test_the_clinical_ct_is_fetched_where_it_is_not_here(tmp_path):
+    project, web = tmp_path / "project", tmp_path / "web"
+    published, places = copy_with_bytes(project)
+    first, *others = places
+    image = "results-abdomen/phantom/image.nii.gz"
+    code, _, errors = phantom(project, NOWHERE, "-n", image)
+    assert code == 1 and len(errors) == 1
+    assert "cannot be fetched (no connection)" in errors[0] and "downloads/abdomen_ct/labels.nii.gz" in errors[0]
+
+    put(web, published | {places[others[-1]]: b"another version of it"})
+    with served(web) as server:
+        code, _, errors = phantom(project, server, others[-1])
+        assert code == 1 and len(errors) == 1 and "is not the file that resources/abdomen_ct.csv lists" in errors[0]
+        assert not [path for path in places if (project / path).exists()]
+
+        put(web, published)
+        put(project, {first: published[places[first]]})
+        os.utime(project / first, (1e9, 1e9))
+        code, said, _ = phantom(project, server, others[-1])
+        assert code == 0, said[-3000:]
+    assert (project / first).stat().st_mtime == 1e9  # taken as it was
+    assert {path: (project / path).read_bytes() for path in places} == {
+        path: published[source] for path, source in places.items()
+    }
+
+    code, said, _ = phantom(project, NOWHERE, "-n", image)  # the web is not asked again
+    assert code == 0 and "rule phantom:" in said and "download_abdomen_ct" not in said, said[-3000:]
+    (project / others[-1]).write_bytes(b"drawn by somebody else")
+    code, _, errors = phantom(project, NOWHERE, "-n", image)
+    assert code == 1 and len(errors) == 1 and errors[0].startswith(f"Error: {others[-1]}: is not the file that")

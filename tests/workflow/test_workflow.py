@@ -13,6 +13,7 @@ import pytest
 import SimpleITK as sitk
 import yaml
 from browser import outside_resources
+from published_files import with_its_ct
 from workflow_runs import ROOT, planned, snakemake, tiny
 
 from virtual_phantom import exchange, volumes
@@ -67,7 +68,9 @@ def test_every_shipped_config_plans(config, tmp_path):
         named = IMPORTED[config]
         overlay["recordings"] = {name: str(recorded(tmp_path / name, kind)) for name, kind in named.items()}
     (tmp_path / "overlay.yaml").write_text(yaml.safe_dump(overlay))
-    process = snakemake("-n", "-q", "rules", "--configfile", f"config/{config}", tmp_path / "overlay.yaml")
+    project = with_its_ct(tmp_path / "project") if config == "abdomen.yaml" else ROOT
+    settings = ("--configfile", f"config/{config}", tmp_path / "overlay.yaml")
+    process = snakemake("-n", "-q", "rules", *settings, project=project)
     assert process.returncode == 0, process.stderr[-2000:]
     assert "figure_stability_discrimination" in process.stdout
 

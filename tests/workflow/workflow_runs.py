@@ -12,12 +12,12 @@ ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "config" / "tiny.yaml"
 
 
-def snakemake(*arguments, cores=2, environment=None, timeout=900):
-    """Run snakemake in the repository, with these variables besides its own; returns the finished process, output and
-    errors as text."""
+def snakemake(*arguments, cores=2, environment=None, timeout=900, project=ROOT):
+    """Run snakemake in the repository, or a copy of it, with these variables besides its own; returns the finished
+    process, output and errors as text."""
     command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--nolock", *map(str, arguments)]
     environment = os.environ | (environment or {})
-    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=timeout)
+    return subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, timeout=timeout)
 
 
 def tiny(folder, *targets, cores=2, overlay=None, beside=None, **run):

@@ -138,6 +138,7 @@ def targets():
     return wanted
 
 
+include: "common_downloads.smk"
 include: "common_study.smk"
 include: "common_recordings.smk"
 include: "common_proof.smk"

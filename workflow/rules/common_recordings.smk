@@ -136,18 +136,3 @@ def diagnosis_model(wildcards):
         "seed": PLAN.config["seed"],
         "protocol": diagnosis_protocol(wildcards),
     }
-
-
-def published(name, url):
-    """A file on the web as an input; where it cannot be had, one line instead of the plugin's traceback."""
-    import requests
-
-    try:
-        requests.head(url, timeout=20, allow_redirects=True).raise_for_status()
-    except requests.RequestException as error:
-        reason = "no connection" if error.response is None else error.response.reason
-        sys.exit(
-            f"Error: {url} cannot be fetched ({reason}); where there is a network, download it there and run "
-            f"python workflow/scripts/import_recording.py htc2022 {os.path.basename(url)} {name}"
-        )
-    return storage.published(url)

@@ -14,13 +14,9 @@ def present(*paths):
 
 
 def phantom_sources():
-    """Every file that the phantom is made from."""
-    settings = PLAN.config["phantom"]
-    if settings["source"] == "synthetic":
-        return present(settings["layout"])
-    ct = settings["ct"]
-    regions = [ct.get("labels"), *(roi.get("file") for roi in ct["rois"])]
-    return present(ct["image"], *dict.fromkeys(regions))
+    """Every file that the phantom is made from; of those that a rule fetches, what is not here yet too."""
+    fetched = [file.path for file in PUBLISHED]
+    return [*dict.fromkeys(fetched + present(*phantom_files()))]
 
 
 def acquisition(noise, seed):

@@ -1,0 +1,44 @@
+"""A copy of the project whose clinical CT is a few bytes, listed as the real one is."""
+
+import csv
+import hashlib
+
+from pages import copy_project
+from workflow_runs import ROOT
+
+from virtual_phantom.published import FOLDER
+
+TABLE = "resources/abdomen_ct.csv"
+
+
+def copy_with_bytes(project):
+    """Copy the project; its table lists the first two slices and the regions, of other bytes.
+
+    Returns the files as a web folder would hold them, {source: bytes}, and where they belong, {path: source}.
+    """
+    copy_project(ROOT, project)
+    with open(ROOT / TABLE, newline="") as file:
+        rows = list(csv.DictReader(file))
+    rows = [*rows[:2], rows[-1]]
+    published = {row["source"]: f"bytes of {row['source']}".encode() for row in rows}
+    for row in rows:
+        row["sha256"] = hashlib.sha256(published[row["source"]]).hexdigest()
+    with open(project / TABLE, "w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return published, {f"{FOLDER}/{row['file']}": row["source"] for row in rows}
+
+
+def put(folder, files):
+    """Write {path: bytes} below a folder."""
+    for path, content in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        (folder / path).write_bytes(content)
+
+
+def with_its_ct(project):
+    """A copy of the project with the files in their place."""
+    published, places = copy_with_bytes(project)
+    put(project, {path: published[source] for path, source in places.items()})
+    return project

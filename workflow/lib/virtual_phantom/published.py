@@ -1,0 +1,43 @@
+"""Files of others that a shipped configuration names: which they are, and whether they are those.
+
+A table lists them: `file`, where each lies below FOLDER; `source`, where below a web folder it comes from; `sha256`.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from .errors import InputError
+from .files import read_text, sha256
+
+FOLDER = "downloads"  # in the project's folder; git ignores it
+
+
+@dataclass(frozen=True)
+class PublishedFile:
+    """One file: its path here, its path below the web folder, the SHA-256 of its bytes (hexadecimal)."""
+
+    path: str
+    source: str
+    sha256: str
+
+
+def read_published(table: str | Path) -> tuple[PublishedFile, ...]:
+    """The files of a table, a CSV."""
+    rows = csv.DictReader(read_text(table).splitlines())
+    return tuple(PublishedFile(f"{FOLDER}/{row['file']}", row["source"], row["sha256"]) for row in rows)
+
+
+def named_by(paths: Iterable[str], files: Iterable[PublishedFile]) -> list[PublishedFile]:
+    """Those files that are one of these paths or lie in one of these folders, in their own order."""
+    named = {Path(path) for path in paths}
+    return [file for file in files if named & {Path(file.path), *Path(file.path).parents}]
+
+
+def check_listed(path: str | Path, digest: str, table: str | Path, advice: str) -> None:
+    """Raise InputError, with `advice`, unless the file's SHA-256 is the one that `table` lists."""
+    if (found := sha256(path)) != digest:
+        raise InputError(f"{path}: is not the file that {table} lists (SHA-256 {found}, not {digest}); {advice}")
