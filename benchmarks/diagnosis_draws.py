@@ -59,6 +59,7 @@ GEOMETRY = circular(
     rows=8,
     column_pitch_mm=8.0,
     row_pitch_mm=8.0,
+    view_interval_ms=10.0,
 )
 FIELDS = (
     "draw kind truth chosen stand_ins verdict seconds excess_removed left seen worst parameter value low high".split()
@@ -89,8 +90,9 @@ def strengths(name, wanted, random, given):
     """Parameters of an effect so that what it changes stands `wanted` standard deviations out of the noise, beyond what
     the alignment takes up; or as far as its plausible range reaches."""
     effect = load(name)
-    typical = {parameter.name: parameter.typical for parameter in effect.parameters}
-    parameters = varied(name)
+    every = given.fitter.model.parameters(name)
+    typical = {parameter.name: parameter.typical for parameter in every}
+    parameters = varied(every)
     if effect.pattern:
         pixels = GEOMETRY.rows * GEOMETRY.columns
         noise = np.sqrt(1 / given.fitter.weights[0].reshape(given.data.mean.shape).sum(axis=0)).mean()

@@ -25,7 +25,7 @@ from virtual_phantom.diagnosis.numerical import model_and_floor  # noqa: E402
 from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
 from virtual_phantom.geometry import circular  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
-from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
+from virtual_phantom.physics.effect import acts_on_images, names  # noqa: E402
 
 STRENGTH = 0.5
 GEOMETRY = circular(
@@ -36,14 +36,15 @@ GEOMETRY = circular(
     rows=16,
     column_pitch_mm=4.0,
     row_pitch_mm=4.0,
+    view_interval_ms=5.0,
 )
 
 
-def weaker(name):
+def weaker(chain, name):
     """Parameters with a neutral value at STRENGTH of the way to the typical one."""
     return {
         one.name: one.typical if one.neutral is None else one.neutral + STRENGTH * (one.typical - one.neutral)
-        for one in load(name).parameters
+        for one in chain.parameters(name)
     }
 
 
@@ -55,7 +56,7 @@ def main():
     options = parser.parse_args()
     random = np.random.default_rng(np.random.SeedSequence(20261121))
     exact = Chain(scene(), GEOMETRY, PHOTONS, samples=options.samples + 2)
-    taken = scans(exact, {options.effect: weaker(options.effect)}, random)
+    taken = scans(exact, {options.effect: weaker(exact, options.effect)}, random)
     marks, began = {}, time.perf_counter()
 
     def mark(name):

@@ -14,6 +14,7 @@ sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 from virtual_phantom import config  # noqa: E402
 from virtual_phantom.diagnosis import separability  # noqa: E402
 from virtual_phantom.diagnosis.fit import Fit  # noqa: E402
+from virtual_phantom.diagnosis.model import Model  # noqa: E402
 from virtual_phantom.diagnosis.observed import scans  # noqa: E402
 from virtual_phantom.diagnosis.prepared import Prepared, prepare  # noqa: E402
 from virtual_phantom.diagnosis.separability import Template  # noqa: E402
@@ -23,7 +24,7 @@ from virtual_phantom.figures.style import label, number, save  # noqa: E402
 from virtual_phantom.geometry import grid_of, scan_geometry  # noqa: E402
 from virtual_phantom.phantom import layout, synthetic  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
-from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
+from virtual_phantom.physics.effect import acts_on_images, names  # noqa: E402
 from virtual_phantom.physics.materials import Segmentation  # noqa: E402
 from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
 from virtual_phantom.recordings.projections import Projections  # noqa: E402
@@ -73,7 +74,7 @@ def labels(found: list[Template]) -> list[str]:
 
 def bare(parameter: str) -> str:
     """A parameter's name without its unit."""
-    return re.sub("_(mm|px|deg)$", "", parameter)
+    return re.sub("_(mm|px|deg|units|mm_per_s|units_per_s)$", "", parameter)
 
 
 def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:
@@ -118,7 +119,7 @@ def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
         alike = np.where(effects == one.effect, 0, np.nan_to_num(correlation[place]))
         other = int(np.argmax(np.abs(alike)))
         beside = size * np.sqrt(max(0.0, 1 - alike[other] ** 2))
-        cells = [called[place], at(one)]
+        cells = [called[place], at(one, prepared.fitter.model)]
         cells += [percent(share) for share in separability.shares(prepared.fitter, one.whole).values()]
         cells += [percent(one.taken_up), percent(in_range[place]), number(size)]
         cells += [called[other], f"{alike[other]:.3f}", number(beside)]
@@ -126,11 +127,11 @@ def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
     return "\n".join(lines)
 
 
-def at(one: Template) -> str:
+def at(one: Template, model: Model) -> str:
     """The strength of a template, with its unit."""
-    parameters = [p for p in load(one.effect).parameters if one.parameter in (None, p.name) and p.unit != "number"]
+    parameters = [p for p in model.parameters(one.effect) if one.parameter in (None, p.name) and p.unit != "number"]
     values = [(strength(p) if p.neutral is not None else p.typical, p.unit) for p in parameters]
-    return ", ".join(f"{value:g}" + ("" if unit == "1" else f" {unit}") for value, unit in values)
+    return ", ".join(f"{value:.3g}" + ("" if unit == "1" else f" {unit}") for value, unit in values)
 
 
 def with_table(page: str, content: str) -> str:

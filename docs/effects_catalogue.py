@@ -1,12 +1,21 @@
 """Write docs/physics.md, the catalogue of effects, from the library."""
 
+import math
 import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 
-from virtual_phantom.physics.effect import STAGES, load, names  # noqa: E402
+from virtual_phantom.physics.effect import (  # noqa: E402
+    OF_AIR,
+    OF_AIR_PER_SCAN,
+    PER_SCAN,
+    PER_VIEW,
+    STAGES,
+    load,
+    names,
+)
 
 TARGET = ROOT / "docs" / "physics.md"
 
@@ -35,6 +44,12 @@ is in `physics/sensors.py`: photons are weighed by the energy that they leave in
 scattering in it, or counted, and their noise with them. A pixel's photons, 1/A, are noise-equivalent quanta: 1 over the
 relative quantum variance in air.
 
+Parameters are in units that carry over: two scans of one scanner at another speed, dose or collimation have the same
+ones (but for the amount of scatter, which falls with the height of the beam). View i of N is exposed in the middle of
+its interval dt, at t_i = (i + 1/2 - N/2) dt from the middle of the scan; dt is `scan.rotation_time_ms` over the views
+of a turn. A dark signal is in readout units: in a study, and in recordings of it, photons per pixel; of line integrals
+and images, which have none, the mean signal in air takes their place.
+
 Effects act in this order: STAGES. `snakemake diagnosis` tries each
 of them but the last on recordings of projections (the photon flux only if `nominal_photons` is given;
 [diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.
@@ -44,6 +59,14 @@ radiation, detector non-linearity. Scatter has one kernel and does not know of d
 """
 
 
+WORDS = {
+    PER_VIEW: "times the time from view to view",
+    PER_SCAN: "mm over the scan",
+    OF_AIR: "times the reading in air",
+    OF_AIR_PER_SCAN: "times the reading in air over the scan",
+}
+
+
 def section(name: str) -> str:
     effect = load(name)
     lines = [f"## {name.replace('_', ' ').capitalize()}", "", effect.physics, ""]
@@ -51,12 +74,21 @@ def section(name: str) -> str:
     lines += [f"* equation: {effect.equation}", f"* source: {effect.source}"]
     lines += [f"* told apart by: {effect.signature}", f"* settled by: {effect.settled_by}", ""]
     lines += ["| parameter | meaning | unit | typical | plausible | off at |", "|---|---|---|---|---|---|"]
+    reaches = []
     for one in effect.parameters:
         off = "never" if one.neutral is None else f"{one.neutral:g}"
         lines.append(
-            f"| `{one.name}` | {one.meaning} | {one.unit} | {one.typical:g} | {one.low:g} to {one.high:g} | {off} |"
+            f"| `{one.name}` | {one.meaning} | {one.unit} | {one.typical:g} | {_range(one.low, one.high)} | {off} |"
         )
+        if one.reach is not None:
+            reaches.append(f"`{one.name}` from {_range(one.reach.low, one.reach.high)} {WORDS[one.reach.of]}")
+    if reaches:
+        lines += ["", f"A fit of one scan keeps to {', '.join(reaches)}."]
     return "\n".join(lines)
+
+
+def _range(low: float, high: float) -> str:
+    return "any" if math.isinf(high) else f"{low:g} to {high:g}"
 
 
 def page() -> str:

@@ -34,6 +34,7 @@ GEOMETRY = circular(
     rows=4,
     column_pitch_mm=12.0,
     row_pitch_mm=12.0,
+    view_interval_ms=10.0,
 )
 LIBRARY = (
     "scatter",
@@ -50,7 +51,7 @@ CONCEALED = {
     "electronic_noise": {"photons": 40.0},
     "optical_crosstalk": {"column": 0.03, "row": 0.03},
     "gain_pattern": {"rms": 0.004, "detector": 3.0},
-    "motion": {"x_mm": 1.0, "y_mm": 0.0, "z_mm": 0.0},
+    "motion": {"x_mm_per_s": 1 / 0.6, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0},
     "photon_flux": {"factor": 0.8},
 }
 

@@ -16,6 +16,7 @@ from virtual_phantom.diagnosis.screening import amounts, explained, screened
 from virtual_phantom.diagnosis.steps import NORMAL_95, bounded_step, standard_errors
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.scene import VoxelScene
@@ -98,6 +99,7 @@ def fitted_to(truth):
         rows=4,
         column_pitch_mm=8.0,
         row_pitch_mm=8.0,
+        view_interval_ms=10.0,
     )
     chain = Chain(PosedScene(scene, 2), geometry, 1e5, samples=2)
     state = chain.state(truth)
@@ -159,7 +161,7 @@ def test_intervals_of_a_value_reach_as_far_as_those_of_its_square(number, error)
     ],
 )
 def test_matched_filters_say_what_a_fit_gains(chosen, left):
-    physics = {"afterglow": {"share": 0.02, "memory": 0.0, "before": 1.0}, "photon_flux": {"factor": 0.8}}
+    physics = {"afterglow": {"share": 0.05, "time_constant_ms": 10.0, "before": 1.0}, "photon_flux": {"factor": 0.8}}
     fitter = fitted_to({name: physics[name] for name in chosen} | left)
     without = fitter.fit(chosen, fitter.fit(()))
     ((name, _),) = left.items()
@@ -170,11 +172,11 @@ def test_matched_filters_say_what_a_fit_gains(chosen, left):
 
 def test_there_is_no_negative_scatter():
     """What only less than nothing of an effect would explain speaks for another one."""
-    least, most = amounts("scatter")
+    least, most = amounts(load("scatter").parameters)
     assert least.tolist() == [0.0] and most[0] > 1
-    least, most = amounts("photon_flux")
+    least, most = amounts(load("photon_flux").parameters)
     assert least[0] < 0 < most[0]
-    least, most = amounts("spectrum")
+    least, most = amounts(load("spectrum").parameters)
     assert least[0] > 0
 
 

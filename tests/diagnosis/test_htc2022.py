@@ -14,7 +14,7 @@ from virtual_phantom.diagnosis.observed import observe, scans
 from virtual_phantom.diagnosis.scanned import mask_scene
 from virtual_phantom.diagnosis.verdict import excess_rms_removed
 from virtual_phantom.diagnosis.verified import Physics, verified
-from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.chain import AIR, Chain
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.spectra import Anode
 from virtual_phantom.recordings.importers.htc2022 import OBJECT, import_htc2022
@@ -29,7 +29,7 @@ PHOTONS = 36000.0  # per pixel in air, from differences of neighbouring views
 EVERY = 36  # of the views; of those half are held out
 FOUND = {
     "spectrum": {"kvp": 40.0, "filtration_mm": 2.357, "sensor_mm": 0.6},
-    "dark_signal": {"level": 0.0503, "drift": 0.0049},
+    "dark_signal": {"level_units": 0.0503, "drift_units_per_s": 0.0049 / (721 * 1.2)},  # of air; 1.2 s per view
 }
 DENSITY = (0.964, 0.011)
 
@@ -38,22 +38,24 @@ def test_physics_of_the_solid_disc_holds_for_one_with_holes(tmp_path):
     name = "htc2022_ta_full"
     recording = import_htc2022(REAL / f"{name}.mat", tmp_path / "ta", segmentation=REAL / f"{name}_recon_fbp_seg.mat")
     geometry, taken, kept = recording.geometry, scans(recording.repeats), slice(0, 720, EVERY)
+    geometry = geometry.every(EVERY)  # the last view looks as the first one
     geometry = replace(
         geometry,
-        angles_rad=geometry.angles_rad[kept],
-        source_z_mm=geometry.source_z_mm[kept],
-        views_per_rotation=geometry.views_per_rotation / EVERY,
+        angles_rad=geometry.angles_rad[:-1],
+        source_z_mm=geometry.source_z_mm[:-1],
+        view_times=geometry.view_times[:-1],
     )
     taken = replace(taken, repeats=taken.repeats[:, kept], usable=taken.usable[kept])
-    chain = Chain(PosedScene(mask_scene(tmp_path / "ta" / OBJECT, "pmma")), geometry)
+    chain = Chain(PosedScene(mask_scene(tmp_path / "ta" / OBJECT, "pmma")), geometry, readout=AIR)
     variance = np.exp(taken.repeats[0].astype(float)) / PHOTONS
     odd = (np.arange(geometry.views) % 2 == 1)[:, None, None]
     data, held_out = (observe(replace(taken, usable=taken.usable & part), variance) for part in (~odd, odd))
     aligned = nuisances(np.log(PHOTONS), 0.02, {"scale": 1.0, "size": 0.01, "offset": 0.02})
     fitter = Fitter(Model(chain, aligned, Anode("Mo"), 45.0), data, held_out, variance, np.zeros_like(variance))
     errors = {effect: dict.fromkeys(values, 0.0) for effect, values in FOUND.items()}
+    units = {effect: {} for effect in FOUND}
     baseline = trial(fitter, ())
-    choice = verified(fitter, baseline, Physics("solid_disc", FOUND, errors, DENSITY, ()), same_material=True)
+    choice = verified(fitter, baseline, Physics("solid_disc", FOUND, errors, units, DENSITY, ()), same_material=True)
     used = fitter.held_weights[0] > 0
     before, after = (
         float(np.sqrt((fitter.residuals(one.fit)[0][used] ** 2).mean())) for one in (baseline, choice.chosen)

@@ -35,6 +35,7 @@ GEOMETRY = circular(
     rows=4,
     column_pitch_mm=8.0,
     row_pitch_mm=8.0,
+    view_interval_ms=10.0,
 )
 
 

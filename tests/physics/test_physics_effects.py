@@ -30,6 +30,7 @@ GEOMETRY = circular(
     rows=6,
     column_pitch_mm=6.0,
     row_pitch_mm=6.0,
+    view_interval_ms=20.0,
 )
 
 
@@ -344,15 +345,16 @@ def test_a_glow_fades_by_its_memory():
 
 
 def test_a_lasting_glow_has_the_variance_and_correlation_of_its_weights(chain):
-    state = chain.state({"afterglow": {"share": 0.3, "memory": 0.5, "before": 1.0}})
-    weights = np.array([0.7, *(0.3 * 0.5 * 0.5**j for j in range(60))])
+    state = chain.state({"afterglow": {"share": 0.3, "time_constant_ms": 30.0, "before": 1.0}})
+    share, memory, _ = state.lag
+    weights = np.array([1 - share, *(share * (1 - memory) * memory**j for j in range(60))])
     whole = lagged(np.ones((200, 1, 1)), state.lag, squared=True)[-1, 0, 0]
     assert whole == pytest.approx((weights**2).sum())
     assert state.correlations()[2] == pytest.approx((weights[1:] * weights[:-1]).sum() / (weights**2).sum())
 
 
 def test_the_glow_of_views_before_the_scan_is_as_noisy_as_theirs(chain):
-    state = chain.state({"afterglow": {"share": 0.3, "memory": 0.9, "before": 1.0}})
+    state = chain.state({"afterglow": {"share": 0.3, "time_constant_ms": 200.0, "before": 1.0}})
     scans = noisy_lines(state, 60, np.random.default_rng(8))
     ratio = (scans.var(axis=0, ddof=1) / state.variance()).mean(axis=(1, 2))
     pixels = state.signal[0].size
@@ -393,10 +395,16 @@ def test_simulated_noise_follows_the_law_of_the_model(chain, name):
         assert found == pytest.approx(right, abs=5 / math.sqrt(40 * both.sum()) + 0.01 * (right > 0)), axis
 
 
-@pytest.mark.parametrize("name", ["optical_crosstalk", "afterglow"])
-def test_electronic_noise_dilutes_correlations(chain, name):
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("optical_crosstalk", {"column": 0.03, "row": 0.03}),
+        ("afterglow", {"share": 0.3, "time_constant_ms": 20.0, "before": 1.0}),
+    ],
+)
+def test_electronic_noise_dilutes_correlations(chain, name, values):
     """Over the whole scan, weighted as `observe` weights it: where few photons arrive, most of the noise is white."""
-    physics = {name: load(name).values({}), "electronic_noise": {"photons": 200.0}}
+    physics = {name: values, "electronic_noise": {"photons": 200.0}}
     state, scans = noise_of(chain, physics)
     reference = state.variance() * np.linspace(0.5, 2, GEOMETRY.columns)
     usable = np.ones(reference.shape, bool)
@@ -409,11 +417,11 @@ def test_electronic_noise_dilutes_correlations(chain, name):
 
 
 def test_dark_signal_drifts_from_the_middle_of_the_scan(chain):
-    """Each view in the middle of its interval, so that the mean over the scan is the level."""
-    state = chain.state({"dark_signal": {"level": 0.01, "drift": 0.024}})
+    """Each view in the middle of its interval, so that the mean over the scan is the level: 2 % of 200 000 photons."""
+    state = chain.state({"dark_signal": {"level_units": 4000.0, "drift_units_per_s": 10000.0}})
     added = (state.measured - chain.state({}).measured)[:, 0, 0]
     views = GEOMETRY.views
-    np.testing.assert_allclose(added, 0.01 + 0.024 * ((np.arange(views) + 0.5) / views - 0.5), atol=1e-12)
+    np.testing.assert_allclose(added * 2e5, 4000 + 10000 * (np.arange(views) + 0.5 - views / 2) * 0.02, atol=1e-6)
 
 
 def test_fluence_and_gain(chain):
@@ -435,6 +443,7 @@ def test_geometry_errors_move_the_shadow_of_a_disc():
         rows=1,
         column_pitch_mm=0.25,
         row_pitch_mm=1.0,
+        view_interval_ms=500.0,
     )
     chain = Chain(DiscScene(3.0, "water"), geometry)
     u = geometry.column_positions_mm()
@@ -460,7 +469,7 @@ def test_geometry_errors_move_the_shadow_of_a_disc():
         1000 * t / (500 - d)
         for t, d in ((10 + drift[0], 20), (20, -10 - drift[1]), (-10 - drift[2], -20), (-20, 10 + drift[3]))
     ]
-    moved = {"motion": {"x_mm": 6.0, "y_mm": 0.0, "z_mm": 0.0}}
+    moved = {"motion": {"x_mm_per_s": 3.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0}}
     np.testing.assert_allclose(centres(moved, Pose(10, 20)), right, atol=0.02)
 
 
@@ -516,7 +525,10 @@ def test_a_dark_signal_is_read_out_without_noise_of_its_own():
     """It shifts the readings, and only makes the same noise a smaller part of them."""
     photons, level = 2e4, 0.05
     chain = Chain(DiscScene(160.0, "water"), GEOMETRY, photons)
-    plain, dark = chain.state({}), chain.state({"dark_signal": {"level": level, "drift": 0.0}})
+    plain, dark = (
+        chain.state({}),
+        chain.state({"dark_signal": {"level_units": level * photons, "drift_units_per_s": 0.0}}),
+    )
     first, second = (state.counts(np.random.default_rng(1)) for state in (plain, dark))
     np.testing.assert_allclose(second - first, level * photons, rtol=1e-9)
     np.testing.assert_allclose(dark.variance(), plain.variance() * (plain.measured / dark.measured) ** 2)

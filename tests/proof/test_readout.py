@@ -17,7 +17,7 @@ def taken():
 
 
 def read(taken, **settings):
-    return read_out(taken, settings, PITCH, np.random.default_rng(2))
+    return read_out(taken, settings, PITCH, 2.0, np.random.default_rng(2))
 
 
 def test_nothing_asked_changes_nothing(taken):
@@ -26,10 +26,11 @@ def test_nothing_asked_changes_nothing(taken):
 
 
 def test_dark_signal_is_added_to_both_and_drifts(taken):
-    found = read(taken, dark_level=0.01, dark_drift=0.02)
+    """In photons, of 60 keV each, and per second of a turn of 2 s."""
+    found = read(taken, dark_photons=0.2, dark_photons_per_s=0.1)
     added = (found.readings - taken.readings).mean(axis=(0, 2, 3))
-    assert added == pytest.approx(10 + 20 * (np.arange(5) + 0.5 - 2.5) / 5, rel=1e-3)
-    assert found.air == pytest.approx(1010.0)
+    assert added == pytest.approx(12 + 6 * (np.arange(5) + 0.5 - 2.5) * 2 / 5, rel=1e-3)
+    assert found.air == pytest.approx(1012.0)
 
 
 def test_saturation_takes_most_where_most_arrives(taken):

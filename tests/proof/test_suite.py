@@ -143,11 +143,12 @@ def test_recordings_differ_in_readings_alone(tmp_path):
     random = np.random.default_rng(1)
     for name, concealed in (("plain", {}), ("other", {"scatter_scale": 4.0, "kvp": 80, "aluminium_mm": 3})):
         settings = {"columns": 40, "rows": 4}
-        scan = scan_of(OBJECTS["quality_assurance"], settings, 30, 1e5, 70.0, concealed)
+        scan = scan_of(OBJECTS["quality_assurance"], settings, 30, 1e5, 800.0, 70.0, concealed)
         readings = random.uniform(1, 2, (2, 30, 4, 40)).astype(np.float32)
         write(tmp_path / name, "case_01", scan, Acquired(readings, np.full((4, 40), 2, np.float32)))
         recording = read(tmp_path / name)
         assert len(recording.repeats) == 2 and recording.geometry.views == 30
+        assert recording.geometry.duration_s == pytest.approx(0.8) and recording.geometry.exposure_ms == 0
         said.append(yaml.safe_load((tmp_path / name / "recording.yaml").read_text()))
         sizes.append([path.stat().st_size for path in sorted((tmp_path / name).glob("*.h5"))])
         with h5py.File(tmp_path / name / "scan01.h5") as file:
@@ -161,7 +162,7 @@ def test_images_tell_nothing_but_their_voxels(tmp_path):
     said, headers = [], []
     one, random = OBJECTS["quality_assurance"], np.random.default_rng(1)
     for name, concealed in (("plain", {}), ("other", {"kernel_pixels": 1.0, "hu_scale": 1.1, "hu_offset": 20.0})):
-        scan = scan_of(one, {"columns": 60, "rows": 6}, 24, 1e5, 70.0, concealed)
+        scan = scan_of(one, {"columns": 60, "rows": 6}, 24, 1e5, 800.0, 70.0, concealed)
         readings = random.uniform(1, 2, (2, 24, 6, 60)).astype(np.float32)
         readings[0, 0, 0, 0] = 0  # no count has no logarithm
         write_images(tmp_path / name, "case_01", one, scan, Acquired(readings, np.full((6, 60), 2, np.float32)), 0.0193)

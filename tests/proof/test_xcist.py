@@ -139,7 +139,7 @@ def test_an_axis_beside_the_central_ray_displaces_the_object_along_the_columns(p
 
 def test_drift_ends_where_it_should(plain):
     drift = np.array([6.0, -4.0, 1.0])
-    changed = lines(scan(repeats=12, drift_mm=tuple(drift))).mean(axis=0) - lines(plain).mean(axis=0)
+    changed = lines(scan(repeats=12, velocity_mm_per_s=tuple(drift))).mean(axis=0) - lines(plain).mean(axis=0)
     mu = attenuation_per_mm("water", KEV)
     for view in (0, VIEWS - 1):
         at = CENTRE + ((view + 0.5) / VIEWS - 0.5) * drift
@@ -191,7 +191,7 @@ def test_many_energies_harden(plain):
 
 
 def test_lag_leaves_some_of_the_last_view(plain):
-    changed = lines(scan(repeats=12, lag_share=0.3, lag_views=0.7)).mean(axis=0)[1:] - lines(plain).mean(axis=0)[1:]
+    changed = lines(scan(repeats=12, lag_share=0.3, lag_ms=29.0)).mean(axis=0)[1:] - lines(plain).mean(axis=0)[1:]
     before = np.diff(np.exp(-lines(plain).mean(axis=0)), axis=0)  # signal that the view has more than the last
     assert np.polyfit(before.ravel(), changed.ravel(), 1)[0] > 0.02
 

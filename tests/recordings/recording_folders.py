@@ -27,6 +27,7 @@ SCAN = {
     "views_per_rotation": 24,
     "start_angle_deg": 30,
     "direction": -1,
+    "rotation_time_ms": 480,
 }
 WHITE, DARK = 1000.0, 50.0
 

@@ -1,5 +1,6 @@
 """recording.yaml: keys, names of files, and lengths that are not millimetres."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,7 +8,7 @@ from recording_folders import SCAN, changed, features_folder, projections_folder
 
 from virtual_phantom.errors import InputError
 from virtual_phantom.recordings.document import read_document
-from virtual_phantom.recordings.scan import scan_geometry
+from virtual_phantom.recordings.scan import assumed, scan_geometry, timed
 
 
 @pytest.fixture
@@ -116,6 +117,45 @@ def read_like(scan):
 
     validate({"name": "a", "kind": "projections", "repeats": ["a"], "scan": scan}, _schema(), "a/recording.yaml")
     scan_geometry(scan, "a/recording.yaml")
+
+
+@pytest.mark.parametrize(
+    ("stated", "interval_ms", "exposure_ms", "words"),
+    [
+        ({"rotation_time_ms": 480}, 20, None, None),
+        ({"view_interval_ms": 20, "exposure_ms": 5}, 20, 5, None),
+        ({"rotation_time_ms": 480, "view_interval_ms": 20.1, "exposure_ms": 0}, 20, 0, None),
+        ({"exposure_ms": 1200}, 1200, 1200, "without a pause, every 1200 ms"),
+        ({"exposure_ms": 0}, None, 0, "cannot be looked for"),
+        ({}, None, None, "cannot be looked for"),
+    ],
+)
+def test_times_are_as_stated_or_said_to_be_taken_for_granted(stated, interval_ms, exposure_ms, words):
+    scan = {key: value for key, value in SCAN.items() if key != "rotation_time_ms"} | stated
+    geometry = scan_geometry(scan, "a")
+    assert (geometry.view_interval_ms, geometry.exposure_ms) == (interval_ms, exposure_ms)
+    assert words is None and assumed(scan) is None or words in assumed(scan)
+    assert timed({"kind": "projections", "scan": scan}) == (interval_ms is not None)
+    if interval_ms is None:
+        with pytest.raises(InputError, match="the time from view to view is not known"):
+            geometry.times_s  # noqa: B018
+    else:
+        # 24 views, each in the middle of its interval
+        assert geometry.times_s * 1000 == pytest.approx((np.arange(24) - 11.5) * interval_ms)
+        assert geometry.duration_s == pytest.approx(0.024 * interval_ms)
+        assert geometry.every(5).times_s == pytest.approx(geometry.times_s[::5])
+
+
+@pytest.mark.parametrize(
+    ("stated", "message"),
+    [
+        ({"view_interval_ms": 25}, "scan.view_interval_ms 25 is not rotation_time_ms over views_per_rotation, 20"),
+        ({"exposure_ms": 30}, "scan.exposure_ms 30 is longer than a view's interval, 20 ms"),
+    ],
+)
+def test_times_that_contradict_each_other_are_refused(stated, message):
+    with pytest.raises(InputError, match=message):
+        scan_geometry(SCAN | stated, "a")
 
 
 def test_geometry_of_circle_and_helix():

@@ -53,7 +53,13 @@ def proof_model(folder, protocol):
             "materials": one.stated,
             "seed": PLAN.config["seed"],
             "protocol": (
-                one.protocol(scan["columns"], scan["rows"], views, "cpu")
+                one.protocol(
+                    scan["columns"],
+                    scan["rows"],
+                    views,
+                    PROOF[protocol]["rotation_time_ms"],
+                    "cpu",
+                )
                 if kind == "images"
                 else None
             ),

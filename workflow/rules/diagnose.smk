@@ -4,6 +4,7 @@ from virtual_phantom.diagnosis.candidates import (
     check_accuracy,
     check_kinds,
 )
+from virtual_phantom.recordings.scan import timed
 
 # How often the intervals that a diagnosis states held the truth in the proof.
 PROOF_RECORD = "resources/proof_record.yaml"
@@ -24,7 +25,11 @@ try:
         name: (
             []
             if "physics_from" in settings
-            else candidates(settings, RECORDINGS[name].content["kind"])
+            else candidates(
+                settings,
+                RECORDINGS[name].content["kind"],
+                timed(RECORDINGS[name].content),
+            )
         )
         for name, settings in DIAGNOSED.items()
     }

@@ -17,8 +17,10 @@ with job(snakemake) as log:
     seeds = scan_seed(params.settings["seed"], truth["number"]).spawn(2)
     concealed, many = concealed_settings(truth), views_of(truth["kind"], params.settings)
     for folder, protocol, views, seed in zip(snakemake.output, PROTOCOLS, many, seeds, strict=True):
-        photons, repeats = (params.settings[protocol][key] for key in ("photons", "repeats"))
-        scan = scan_of(one, params.settings["scan"], views, photons, kev, concealed)
+        photons, rotation_ms, repeats = (
+            params.settings[protocol][key] for key in ("photons", "rotation_time_ms", "repeats")
+        )
+        scan = scan_of(one, params.settings["scan"], views, photons, rotation_ms, kev, concealed)
         taken = acquire(scan, one, fine, params.mu_water_per_mm, repeats, seed)
         if truth["kind"] == "images":
             write_images(folder, case, one, scan, taken, params.mu_water_per_mm)

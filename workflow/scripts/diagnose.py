@@ -46,7 +46,8 @@ with job(snakemake) as log:
         recording, prepared, found.choice, params.model, AGREEMENT_STREAM, scanned, snakemake.threads
     )
     found.content["agreement"] = table
-    overlay = {"physics": found.choice.chosen.fit.physics, "noise": {"model": "physical"}}
+    fit = found.choice.chosen.fit
+    overlay = {"physics": prepared.fitter.model.of_study(fit.physics, fit.place), "noise": {"model": "physical"}}
     shown = residual_maps(found, prepared)
     maps = {place.domain: place.map for place in found.before} | dict(zip(RESIDUAL_MAPS, shown, strict=True))
     write_diagnosis(output, found.content, overlay, page(found, prepared, ALPHA, shown), maps)

@@ -12,7 +12,7 @@ from jsonschema import Draft202012Validator, validators
 from jsonschema.exceptions import best_match
 
 from .errors import InputError, meant
-from .physics.effect import acts_on_images, checked
+from .physics.effect import acts_on_images, check_readings, checked
 from .statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 
 SCHEMA = Path(__file__).resolve().parents[2] / "schemas" / "config.schema.yaml"
@@ -333,6 +333,9 @@ def _check_physics(config):
                 f"config: protocols.{name}.physics needs noise.model: physical; the astra model has no photons"
             )
         physics = checked(settings["physics"], f"config: protocols.{name}.physics")
+        for label, level in config["noise"]["levels"].items():
+            if "A" in level:
+                check_readings(physics, 1 / level["A"], f"config: protocols.{name}.physics", f"noise level {label}")
         settings["physics"] = {key: values for key, values in physics.items() if not acts_on_images(key)}
         settings["image_physics"] = {key: values for key, values in physics.items() if acts_on_images(key)}
 

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 STATE_ARRAYS = ("signal", "noise", "air", "gain", "dark")
 STATE_NUMBERS = ("photons", "electronic", "neighbours", "lag", "dark_air")
-_SCALARS = [f.name for f in fields(ScanGeometry) if f.name not in ("angles_rad", "source_z_mm")]
+_ARRAYS = ("angles_rad", "source_z_mm", "view_times")  # the last of all views that follow each other: not stored
+_SCALARS = [f.name for f in fields(ScanGeometry) if f.name not in _ARRAYS]
 # Cheap and lossless: the bytes of noise do not compress, the zeros above them do.
 _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
 
@@ -109,13 +110,14 @@ def _write(file, data, geometry):
     # Degrees do not read back to the same radians; the reconstruction should see the very angles that were simulated.
     acquisition.create_dataset("angles_rad", data=geometry.angles_rad)
     for name in _SCALARS:
-        acquisition.attrs[name] = getattr(geometry, name)
+        if (value := getattr(geometry, name)) is not None:
+            acquisition.attrs[name] = value
     return dataset
 
 
 def _geometry(file):
     acquisition = file["acquisition"]
-    scalars = {name: acquisition.attrs[name].item() for name in _SCALARS}
+    scalars = {name: acquisition.attrs[name].item() for name in _SCALARS if name in acquisition.attrs}
     return ScanGeometry(
         angles_rad=acquisition["angles_rad"][...], source_z_mm=acquisition["source_z_mm"][...], **scalars
     )

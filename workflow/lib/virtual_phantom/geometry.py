@@ -94,6 +94,11 @@ class ScanGeometry:
     source_z_mm    source height in every view, mm, (views,); constant for a circular scan
     column_offset_px, row_offset_px   shift of the detector's centre along its columns and rows, in pixels
     views_per_rotation  how many views make one turn; weights of FDK need it
+    view_interval_ms  from the middle of one view to that of the next; None: not known
+    exposure_ms    how long the beam is on in every view's interval, in its middle, while the detector integrates over
+                   all of it; None: throughout
+    view_times     middle of each view, in intervals from the middle of the scan, (views,); None: one after another,
+                   view i of N at i + 1/2 - N/2
     """
 
     source_to_isocentre_mm: float
@@ -107,14 +112,29 @@ class ScanGeometry:
     views_per_rotation: float
     column_offset_px: float = 0.0
     row_offset_px: float = 0.0
+    view_interval_ms: float | None = None
+    exposure_ms: float | None = None
+    view_times: np.ndarray | None = None
 
     def __post_init__(self):
-        for name in ("angles_rad", "source_z_mm"):
+        if self.view_times is None:
+            views = np.size(self.angles_rad)
+            object.__setattr__(self, "view_times", np.arange(views) + 0.5 - views / 2)
+        for name in ("angles_rad", "source_z_mm", "view_times"):
             values = np.array(getattr(self, name), dtype=np.float64)
             values.setflags(write=False)
             object.__setattr__(self, name, values)
         if self.angles_rad.ndim != 1 or self.angles_rad.size < 1 or self.angles_rad.shape != self.source_z_mm.shape:
             raise InputError("scan geometry: need at least one view, and one source height for every view angle")
+        if self.view_times.shape != self.angles_rad.shape:
+            raise InputError("scan geometry: need one time for every view angle")
+        interval = self.view_interval_ms
+        if interval is not None and not 0 < interval < math.inf:
+            raise InputError(f"scan geometry: view_interval_ms {interval} must be positive")
+        if self.exposure_ms is not None and not 0 <= self.exposure_ms <= (interval or math.inf):
+            raise InputError(
+                f"scan geometry: exposure_ms {self.exposure_ms} must be from 0 to view_interval_ms {interval}"
+            )
         if self.columns < 1 or self.rows < 1 or min(self.column_pitch_mm, self.row_pitch_mm) <= 0:
             raise InputError(
                 f"detector of {self.columns} columns x {self.rows} rows, {self.column_pitch_mm} x {self.row_pitch_mm} "
@@ -131,10 +151,41 @@ class ScanGeometry:
         return self.angles_rad.size
 
     @property
-    def scan_fractions(self) -> np.ndarray:
-        """When each view is taken, (views,), from -1/2 at the scan's begin to 1/2 at its end: view i of N is exposed in
-        the middle of its interval, at (i + 1/2) / N - 1/2."""
-        return (np.arange(self.views) + 0.5) / self.views - 0.5
+    def times_s(self) -> np.ndarray:
+        """When each view is exposed, in the middle of its interval, seconds from the middle of the scan, (views,).
+
+        Raises InputError if the scan's times are not known."""
+        return self.view_times * self.known_interval_ms / 1000
+
+    @property
+    def duration_s(self) -> float:
+        """From the begin of the first view's interval to the end of the last one's. Raises InputError as times_s."""
+        return (self.view_times[-1] - self.view_times[0] + self.views_apart) * self.known_interval_ms / 1000
+
+    @property
+    def known_interval_ms(self) -> float:
+        """view_interval_ms. Raises InputError if it is not known."""
+        if self.view_interval_ms is None:
+            raise InputError(
+                "scan: the time from view to view is not known, by which afterglow, motion and the drift of a dark "
+                "signal go; state scan.view_interval_ms or scan.rotation_time_ms"
+            )
+        return self.view_interval_ms
+
+    @property
+    def views_apart(self) -> int:
+        """How many of the scanner's views lie from one view to the next: 1, unless only some are kept (`every`)."""
+        return 1 if self.views < 2 else round(self.view_times[1] - self.view_times[0])
+
+    def every(self, step: int) -> ScanGeometry:
+        """One view of so many, each at its time."""
+        return replace(
+            self,
+            angles_rad=self.angles_rad[::step],
+            source_z_mm=self.source_z_mm[::step],
+            view_times=self.view_times[::step],
+            views_per_rotation=self.views_per_rotation / step,
+        )
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -256,12 +307,14 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> ScanGeometry:
     }
     start = math.radians(scan["start_angle_deg"])
     if scan["trajectory"] == "circular":
-        return circular(views=projections, turns=scan["turns"] or 1.0, start_angle_rad=start, **detector)
-    return helical(
-        views=projections,
-        volume_height_mm=grid.extent_mm[0],
-        pitch=scan["pitch"],
-        turns=scan["turns"],
-        start_angle_rad=start,
-        **detector,
-    )
+        geometry = circular(views=projections, turns=scan["turns"] or 1.0, start_angle_rad=start, **detector)
+    else:
+        geometry = helical(
+            views=projections,
+            volume_height_mm=grid.extent_mm[0],
+            pitch=scan["pitch"],
+            turns=scan["turns"],
+            start_angle_rad=start,
+            **detector,
+        )
+    return replace(geometry, view_interval_ms=scan["rotation_time_ms"] / geometry.views_per_rotation)

@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ..errors import InputError
-from ..physics.effect import acts_on_images, load, names, require
+from ..physics.effect import acts_on_images, load, names, needs_times, require
 
 
-def candidates(settings: dict, kind: str = "projections") -> list[str]:
+def candidates(settings: dict, kind: str = "projections", timed: bool = True) -> list[str]:
     """The effects that a recording of a kind is tried against.
+
+    timed   whether the times of its views are known
 
     Raises InputError for one that the library does not have, that the kind does not show, or that needs a statement
     which is missing.
@@ -20,11 +22,16 @@ def candidates(settings: dict, kind: str = "projections") -> list[str]:
     hidden = _hidden(kind)
     if settings.get("nominal_photons") is None:
         hidden["photon_flux"] = "needs nominal_photons, which it could differ from and which are not stated"
+    if not timed:
+        words = "goes by the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
+        hidden |= {name: words for name in names() if needs_times(name)}
     chosen = settings.get("effects") or [name for name in names() if name not in hidden]
     for name in chosen:
         require(name, "diagnosis.effects")
         if name in hidden:
-            raise InputError(f"diagnosis.effects: {name} {hidden[name]}; take it out")
+            raise InputError(
+                f"diagnosis.effects: {name} {hidden[name]}{'; take it out' if ';' not in hidden[name] else ''}"
+            )
     return chosen
 
 

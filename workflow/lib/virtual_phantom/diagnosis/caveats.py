@@ -42,6 +42,8 @@ def caveats(prepared: Prepared, choice: Choice, tube_kvp: float | None = None) -
                 f"{100 * lost:.2g} % of the rays measured nothing, or stood at the detector's saturation, in "
                 "some repeat; they were left out."
             )
+    if prepared.lacking:
+        found.append(f"In recording.yaml {prepared.lacking}.")
     alike = likeness(prepared, choice)
     if alike < ALIKE:
         found.append(

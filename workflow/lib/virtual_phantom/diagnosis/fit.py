@@ -237,7 +237,7 @@ class Problem:
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Effects' parameters and the alignment of a point, by name."""
-        physics = {name: dict(self.model.fixed.get(name, {})) for name in self.effects}
+        physics = {name: self.model.known(name) for name in self.effects}
         for one, value in zip(self.unknowns, point, strict=False):
             physics[one.effect][one.name] = float(one.value(value))
         aligned = point[len(self.unknowns) :]
@@ -297,7 +297,7 @@ class Problem:
         return [(here - there) / step for here, there in zip(residuals, self.residuals(moved, pattern), strict=True)]
 
     def result(self, point, errors, residuals, total, pattern) -> Fit:
-        physics = {name: dict(self.model.fixed.get(name, {})) for name in self.effects}
+        physics = {name: self.model.known(name) for name in self.effects}
         spread: dict[str, dict[str, float]] = {name: {} for name in self.effects}
         for one, number, error in zip(self.unknowns, point, errors, strict=False):
             physics[one.effect][one.name] = float(one.value(number))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..physics.chain import Chain, State
-from ..physics.effect import acts_on_images, load
+from ..physics.effect import LOGARITHM, READOUT_UNITS, Parameter, acts_on_images, load
 from ..physics.spectra import KVP, TUNGSTEN, Anode
 from .alignment import SURE, Nuisance, pose_of
 from .numerical import BASE, Anchor, Numerical
@@ -23,8 +24,8 @@ STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number of an effect, as fits vary it: a parameter to its power. Its plausible range, where a fit may begin, the
-    one that changes nothing, if there is one, and the Gaussian that it is held by.
+    """A number of an effect, as fits vary it: a parameter to its power, or its logarithm. Its plausible range, where
+    a fit may begin, the one that changes nothing, if there is one, and the Gaussian that it is held by.
 
     Without further knowledge that is as wide as the range: against runaways.
     """
@@ -41,17 +42,21 @@ class Unknown:
 
     def of(self, value: float) -> float:
         """The number of a parameter's value."""
-        return value**self.power
+        return math.log(value) if self.power == LOGARITHM else value**self.power
 
     def value(self, number: float) -> float:
         """The parameter's value."""
-        return number ** (1 / self.power)
+        return math.exp(number) if self.power == LOGARITHM else number ** (1 / self.power)
 
     def value_error(self, number: float, error: float) -> float:
         """Of the value, from that of the number: so that the 95 % interval reaches at least as far."""
         if self.power == 1 or not np.isfinite(error):
             return error
-        ends = [self.value(max(0.0, number + side * NORMAL_95 * error)) for side in (-1, 1)]
+        if self.power == LOGARITHM:
+            error = min(error, self.high - self.low)  # farther than the whole range, and beyond numbers
+            ends = [self.value(number + side * NORMAL_95 * error) for side in (-1, 1)]
+        else:
+            ends = [self.value(max(0.0, number + side * NORMAL_95 * error)) for side in (-1, 1)]
         return max(abs(end - self.value(number)) for end in ends) / NORMAL_95
 
     @property
@@ -109,12 +114,37 @@ class Model:
             replace(one, expected=value, sd=min(one.sd, sd)) if one.name == "scale" else one for one in self.aligned
         )
 
+    def parameters(self, name: str) -> tuple[Parameter, ...]:
+        """An effect's parameters as the recorded scan shows them."""
+        return self.chain.parameters(name)
+
+    def known(self, name: str) -> dict[str, float]:
+        """Parameters of an effect that are not fitted."""
+        return self.chain.held(name) | dict(self.fixed.get(name, {}))
+
+    def of_study(self, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float]) -> dict:
+        """Settings of effects as a study takes them, whose readout units are photons.
+
+        place   the alignment, whose photons per pixel they are
+        """
+        photons = float(np.exp(place["log_photons"]))
+        state = self.chain.state(
+            {name: values for name, values in physics.items() if not acts_on_images(name)},
+            photons=photons,
+            anode=self.anode,
+        )
+        counted = {one.name for name in physics for one in load(name).parameters if READOUT_UNITS in one.unit}
+        return {
+            name: {key: value * photons / state.unit if key in counted else value for key, value in values.items()}
+            for name, values in physics.items()
+        }
+
     def unknowns(self, effects: tuple[str, ...]) -> list[Unknown]:
         """The effects' numbers that are fitted, in order. Of a gain pattern and of fixed effects there are none."""
         found = []
         for name in effects:
             effect = load(name)
-            for one in () if effect.pattern or name in self.fixed else effect.parameters:
+            for one in () if effect.pattern or name in self.fixed else self.parameters(name):
                 low, high = one.number(one.low), one.number(one.high)
                 if (name, one.name) == ("spectrum", "kvp"):
                     low, high = KVP[self.anode.target]

@@ -36,6 +36,7 @@ class Prepared:
     photons   per pixel in air, as estimated from the variances
     look      how its differences are looked at
     step      one view of so many was fitted or held out
+    lacking   what of the scan's times is not stated, in words
     """
 
     fitter: Fitter
@@ -47,6 +48,7 @@ class Prepared:
     photons: float
     look: Look = PROJECTIONS
     step: int = 1
+    lacking: str | None = None
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
@@ -73,6 +75,7 @@ def prepare(
     floor_chain: Chain | None = None,
     coarse_chain: Chain | None = None,
     step: int = 1,
+    lacking: str | None = None,
 ) -> Prepared:
     """Noise, floor and alignment of a recording.
 
@@ -83,6 +86,7 @@ def prepare(
     floor_chain, coarse_chain   as Numerical takes them: what they change is fitted as numerical distortions, and what
                       that leaves is the floor
     step              fit and hold out one view of so many, with the noise estimated from all
+    lacking           as Prepared has it
     Raises InputError if the repeats do not vary.
     """
     state = chain.state({}, photons=1.0, anode=anode)
@@ -114,19 +118,12 @@ def prepare(
         numerical.names,
     )
     fitter = Fitter(Model(chain, aligned, anode, tube_kvp, numerical=numerical), data, held_out, variance, floor)
-    return Prepared(fitter, data, held_out, variance, words, single, photons, step=step)
+    return Prepared(fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking)
 
 
 def every(chain: Chain, step: int) -> Chain:
     """The chain of one view of so many."""
-    geometry = chain.geometry
-    thinned = replace(
-        geometry,
-        angles_rad=geometry.angles_rad[::step],
-        source_z_mm=geometry.source_z_mm[::step],
-        views_per_rotation=geometry.views_per_rotation / step,
-    )
-    return chain.copy(thinned)
+    return chain.copy(chain.geometry.every(step))
 
 
 def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:

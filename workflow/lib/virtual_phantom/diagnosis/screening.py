@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 from scipy.optimize import lsq_linear
 
-from ..physics.effect import load
+from ..physics.effect import Parameter, load
 from .fit import Fit, Fitter, Problem
 from .pattern import chance, estimate
 from .templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_knowledge
@@ -84,7 +84,12 @@ def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screen
         if problem.aligned not in remainders:
             remainders[problem.aligned] = Remainder.of(problem, columns, whitened(parts, fitter.weights))
         tried = shapes(fitter, name)
-        found[name] = _best(name, templates(fitter, fit, name, tried), len(tried), remainders[problem.aligned])
+        found[name] = _best(
+            fitter.model.parameters(name),
+            templates(fitter, fit, name, tried),
+            len(tried),
+            remainders[problem.aligned],
+        )
     return found
 
 
@@ -106,9 +111,9 @@ def _pattern(fitter: Fitter, parts: list[np.ndarray]) -> Screened:
     return Screened(chance(pattern.rms, pattern.error), gain)
 
 
-def _best(name: str, rows: np.ndarray, count: int, left: Remainder) -> Screened:
-    """Of an effect, from its templates [shape and parameter, datum], with the best of `count` shapes."""
-    low, high = amounts(name)
+def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: Remainder) -> Screened:
+    """Of an effect, from its parameters and templates [shape and parameter, datum], with the best of `count` shapes."""
+    low, high = amounts(parameters)
     lengths = (rows**2).sum(axis=1).reshape(count, -1)
     rows = projected(rows, left.basis).reshape(count, len(low), -1)
     found = Screened(1.0, 0.0, blind=not lengths.any())
@@ -121,9 +126,9 @@ def _best(name: str, rows: np.ndarray, count: int, left: Remainder) -> Screened:
     return found
 
 
-def amounts(name: str) -> tuple[np.ndarray, np.ndarray]:
+def amounts(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
     """The least and the most that an effect's range allows of each of its templates."""
-    parameters = varied(name)
+    parameters = varied(parameters)
     if not parameters:  # it cannot be faint
         return np.array([SIZES[0]]), np.array([SIZES[1]])
     ends = [

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..errors import InputError
-from ..physics.chain import EVEN, Chain
+from ..physics.chain import AIR, EVEN, Chain
 from ..physics.sensors import stated as stated_sensor
 from ..physics.spectra import KVP, TUNGSTEN, Anode
 from ..recordings.reading import load as read
+from ..recordings.scan import assumed
 from .caveats import check_scans
 from .images.setting import Protocol, ready_images
 from .numerical import model_and_floor
@@ -59,17 +60,20 @@ def ready(
     samples = settings["samples"]
     if recording.kind == "images":
         setting = Protocol(**protocol)
-        chains = model_and_floor(scene, setting.geometry, samples, sensor=sensor)
+        chains = model_and_floor(scene, setting.geometry, samples, sensor=sensor, readout=AIR)
         return recording, ready_images(recording, setting, chains, mu_water_per_mm, seed, threads, stated)
-    illumination = recording.document.content["scan"].get("illumination", EVEN)
-    known = {"illumination": illumination, "sensor": sensor}
-    model, floor = model_and_floor(scene, recording.geometry, samples, **known)
+    taken = scans(recording.repeats)
+    more = {
+        "sensor": sensor,
+        "illumination": recording.scan.get("illumination", EVEN),
+        "readout": AIR if taken.white is None else float(taken.white.mean()),
+    }
+    model, floor = model_and_floor(scene, recording.geometry, samples, **more)
     coarse = None
     if not {"disc", "object"} & set(settings):
         voxels = coarse_scene(phantom, mu_water_per_mm, materials, threads)
-        coarse = Chain(voxels, recording.geometry, samples=samples, **known)
+        coarse = Chain(voxels, recording.geometry, samples=samples, **more)
     further = scans(recording.held_out) if len(recording.held_out) else None
-    taken = scans(recording.repeats)
     check_scans(taken.every(settings["view_step"]), str(recording.document.path))
     return recording, prepare(
         taken,
@@ -78,5 +82,6 @@ def ready(
         floor_chain=floor,
         coarse_chain=coarse,
         step=settings["view_step"],
+        lacking=assumed(recording.scan),
         **stated,
     )

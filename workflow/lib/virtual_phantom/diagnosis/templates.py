@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..physics.effect import Parameter, load
+from ..physics.effect import Parameter
 from .fit import Fit, Fitter, Problem
 from .model import stacked
 
@@ -47,9 +47,9 @@ def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
     return rows - (rows @ basis) @ basis.T
 
 
-def varied(name: str) -> tuple[Parameter, ...]:
-    """The parameters of an effect that have a neutral value: each has a template of its own."""
-    return tuple(parameter for parameter in load(name).parameters if parameter.neutral is not None)
+def varied(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """Those that have a neutral value: each has a template of its own."""
+    return tuple(parameter for parameter in parameters if parameter.neutral is not None)
 
 
 def strength(parameter: Parameter) -> float:
@@ -67,15 +67,16 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
 
     shapes   values of parameters without a neutral value, where they are not typical
     """
-    effect = load(name)
+    every = fitter.model.parameters(name)
     now = fitter.model.predict(fit.physics, fit.place, fitter.data, fit.anchor)
     before = stacked(fitter.data, now)
     ranges = {one.name: one for one in fitter.model.unknowns((name,))}
     typical = {
         parameter.name: one.value(min(max(parameter.number(parameter.typical), one.low), one.high))
-        for parameter, one in ((parameter, ranges[parameter.name]) for parameter in effect.parameters)
+        for parameter, one in ((parameter, ranges[parameter.name]) for parameter in every)
     }
-    parameters = varied(name)
+    typical |= fitter.model.known(name)
+    parameters = varied(every)
     off = {parameter.name: parameter.neutral for parameter in parameters}
     rows = []
     for shape in shapes:

@@ -10,6 +10,7 @@ from ..physics.effect import load
 from .attribute import Choice, Trial
 from .caveats import caveats
 from .locate import Half, Location, aligned
+from .model import Model
 from .prepared import Prepared
 from .steps import NORMAL_95
 
@@ -62,7 +63,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "verdict": verdict,
         "sentence": sentence(recording, verdict, choice, before, after, removed),
         "locations": [_location(place) for place in before],
-        "effects": [_effect(name, choice) for name in effects],
+        "effects": [_effect(name, choice, fitter.model) for name in effects],
         "ambiguous_with": ambiguous,
         "ruled_out": choice.ruled_out,
         "undecided": choice.undecided,
@@ -175,17 +176,18 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     return {key: value for key, value in found.items() if value}
 
 
-def _effect(name: str, choice: Choice) -> dict:
+def _effect(name: str, choice: Choice, model: Model) -> dict:
     effect, fit = load(name), choice.chosen.fit
-    units = {parameter.name: parameter.unit for parameter in effect.parameters}
-    ranges = {parameter.name: (parameter.low, parameter.high) for parameter in effect.parameters}
+    parameters = {one.name: one for one in (*effect.parameters, *model.parameters(name))}
+    units = {key: one.unit for key, one in parameters.items()}
+    ranges = {key: (one.low, one.high) for key, one in parameters.items()}
     return {
         "name": name,
         "physics": effect.physics,
         "parameters": {
             key: {
                 "value": value,
-                "ci95": _interval(value, fit.errors[name][key], *ranges[key]),
+                "ci95": _interval(value, fit.errors[name].get(key, 0.0), *ranges[key]),
                 "unit": units[key],
             }
             for key, value in fit.physics[name].items()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..errors import InputError, refusing
 from ..files import read_text
-from ..physics.effect import checked, load
+from ..physics.effect import READOUT_UNITS, checked, load
 from .attribute import Choice, Trial, trial
 from .fit import Fitter
 from .steps import NORMAL_95
@@ -20,7 +20,7 @@ class Physics:
     """What a diagnosis found.
 
     recording   where
-    effects     {effect: {parameter: value}}, with `errors`, their standard errors
+    effects     {effect: {parameter: value}}, with `errors`, their standard errors, and `units`
     scale       (value, standard error) of all line integrals, where a spectrum makes it the material's density
     not_taken   effects that belong to one scan: patterns of its pixels, which diagnosis.json does not hold
     """
@@ -28,6 +28,7 @@ class Physics:
     recording: str
     effects: dict[str, dict[str, float]]
     errors: dict[str, dict[str, float]]
+    units: dict[str, dict[str, str]]
     scale: tuple[float, float] | None
     not_taken: tuple[str, ...]
 
@@ -43,10 +44,11 @@ class Physics:
             taken = {name: values for name, values in found.items() if not load(name).pattern}
             effects = checked({n: {k: v["value"] for k, v in values.items()} for n, values in taken.items()}, str(path))
             errors = {n: {k: _error(v) for k, v in values.items()} for n, values in taken.items()}
+            units = {n: {k: v["unit"] for k, v in values.items()} for n, values in taken.items()}
             density = (scale["value"], _error(scale)) if "spectrum" in effects else None
         if needed and not effects:
             raise InputError(f"{path}: found no effect that another recording could be held against; drop physics_from")
-        return cls(recording, effects, errors, density, tuple(sorted(set(found) - set(taken))))
+        return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))))
 
 
 def _error(parameter: dict) -> float:
@@ -62,8 +64,17 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     same_material   the object is of the material that the other one was of: with a spectrum, the scale is its density
                     and is held where it was found, within its error
     An effect's gain is what data that were not fitted lose without it, the others kept and the alignment refitted.
-    As nothing of an effect was fitted here, it has no p-value (None).
+    As nothing of an effect was fitted here, it has no p-value (None). Raises InputError for a parameter in a unit that
+    this recording does not have.
     """
+    for name, units in physics.units.items():
+        counted = {one.name for one in load(name).parameters if READOUT_UNITS in one.unit}
+        for one in fitter.model.parameters(name):
+            if one.name in counted & units.keys() and units[one.name] != one.unit:
+                raise InputError(
+                    f"{physics.recording}: {one.name} of its {name} is in {units[one.name]}, and this recording's in "
+                    f"{one.unit}; take the physics from a recording of the same kind"
+                )
     model, held = fitter.model, copy.copy(fitter)
     density = physics.scale if physics.scale is not None and same_material else model.density
     held.model = copy.copy(model)  # of projections or of images

@@ -13,7 +13,17 @@ import numpy as np
 
 from ..geometry import ScanGeometry
 from ..kept import Kept
-from .effect import STAGES, load
+from .effect import (
+    OF_AIR,
+    OF_AIR_PER_SCAN,
+    PER_SCAN,
+    PER_VIEW,
+    READOUT_UNITS,
+    STAGES,
+    Parameter,
+    load,
+    needs_times,
+)
 from .materials import attenuation_per_mm
 from .poisson import poisson_counts
 from .scene import IN_PLACE, Pose, VoxelScene
@@ -23,6 +33,7 @@ from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum, passing
 # A fit varies one parameter at a time, and most leave earlier steps alone. A focal spot takes nine.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 20, 24
 EVEN, SOLID_ANGLE = "even", "solid_angle"
+PHOTONS, AIR = "photons", "air"  # of a readout: its unit
 LEAST_SIGNAL = 1e-6  # of the signal in air: a logarithm of less is none
 MOST_NOISE = 0.2  # variance of line integrals up to which moments of the logarithm follow their series
 NODES = 4096  # of the table of one material's transmission: errors under 1e-6 at 1/mm and 100 mm
@@ -51,12 +62,14 @@ class State:
     electronic         standard deviation of electronic noise, in photons: of each, the signal in air over `photons`
     neighbours         (column, row): share of the signal that goes to the next pixel on either side, after the quantum
                        noise is in it
-    lag                (share, memory, before): share of a view's signal that glows on, what of the glow each further
-                       view leaves, and how much of it there is before the first view, over what that view's signal
-                       would bring about if it lasted
+    lag                (share, memory, before): share of a view's signal that is read with later views, what of the glow
+                       each further view of the scanner leaves, and how much of it there is before the first view, over
+                       what that view's signal would bring about if it lasted
     gain               of each pixel since the air scan, a factor broadcastable to [row, column]
-    dark, dark_air     read out beside the signal and no photons, over the signal in air: in the scan, broadcastable to
+    dark, dark_air     read out beside the signal and no photons, in readout units: in the scan, broadcastable to
                        [view, row, column], and in the air scan
+    readout            mean reading of the air scan in readout units; PHOTONS where these are photons; AIR where no
+                       reading is known and the mean signal in air takes their place
     """
 
     geometry: ScanGeometry
@@ -77,6 +90,15 @@ class State:
     gain: np.ndarray | None = None
     dark: np.ndarray | None = None
     dark_air: float = 0.0
+    readout: float | str = PHOTONS
+
+    @property
+    def unit(self) -> float:
+        """Readout units of the signal 1."""
+        if self.readout == PHOTONS:
+            return self.photons
+        air = float(self.air.mean())
+        return 1 / air if self.readout == AIR else (self.readout - self.dark_air) / air
 
     def __post_init__(self):
         if self.noise is None:
@@ -87,21 +109,25 @@ class State:
         """The mean signal as it is read out, [view, row, column]."""
         signal = self.read(self.signal)
         signal = signal if self.gain is None else signal * self.gain
-        return signal if self.dark is None else np.maximum(signal + self.dark, LEAST_SIGNAL)
+        return signal if self.dark is None else np.maximum(signal + self.dark / self.unit, LEAST_SIGNAL)
 
     @property
     def measured_air(self) -> np.ndarray:
         """The air scan as it is read out, [view or 1, row, column]."""
-        return shared(self.air, self.neighbours) + self.dark_air
+        return shared(self.air, self.neighbours) + self.dark_air / self.unit
 
-    def read(self, signal: np.ndarray, squared: bool = False, first: np.ndarray | None = None) -> np.ndarray:
+    def read(
+        self, signal: np.ndarray, squared: bool = False, first: np.ndarray | None = None, apart: int | None = None
+    ) -> np.ndarray:
         """What is read out of a signal [view, row, column] that neighbours share and that lags behind.
 
         squared   of variances of independent values
         first     [row, column] signal of the views before the scan; None: as that of its first view
+        apart     as of lagged; None: that of the geometry
         """
         first = None if first is None else shared(first[None], self.neighbours, squared)[0]
-        return lagged(shared(signal, self.neighbours, squared), self.lag, squared, first)
+        apart = apart or self.geometry.views_apart
+        return lagged(shared(signal, self.neighbours, squared), self.lag, squared, first, apart)
 
     def drawn_before(self, mean: np.ndarray, variance: np.ndarray, random: np.random.Generator) -> np.ndarray | None:
         """A mean over the views before the scan, as their glow weighs them, that is as noisy as these are; None without
@@ -152,11 +178,15 @@ class State:
         earlier, electronic = random.spawn(2)
         each = np.divide(self.noise, self.signal, out=np.ones_like(self.signal), where=self.signal > 0)
         before = self.drawn_before(self.signal[0] * self.photons, self.noise[0] * self.photons, earlier)
-        read = self.read(poisson_counts(self.signal / each * self.photons, random) * each, first=before)
+        # Of views that are left out, the glow that they leave has noise of its own.
+        apart = self.geometry.views_apart if self.lag[0] else 1
+        signal, each = between(self.signal, apart), between(each, apart)
+        drawn = poisson_counts(signal / each * self.photons, random) * each
+        read = self.read(drawn, first=before, apart=1)[::apart]
         if self.electronic:
             read += self.electronic * electronic.normal(size=read.shape)
         read = read if self.gain is None else read * self.gain
-        return read if self.dark is None else read + self.dark * self.photons
+        return read if self.dark is None else read + self.dark * (self.photons / self.unit)
 
     def correlations(self, weight: np.ndarray | float = 1.0) -> tuple[float, float, float]:
         """Of the noise that is read, between neighbouring columns, rows and views.
@@ -173,6 +203,7 @@ class State:
         # Of weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
         glow = share**2 * (1 - memory) / (1 + memory)
         view = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
+        view *= memory ** (self.geometry.views_apart - 1)
         return coloured * tap[0], coloured * tap[1], coloured * view
 
 
@@ -189,17 +220,24 @@ def shared(array: np.ndarray, neighbours: tuple[float, float], squared: bool = F
 
 
 def lagged(
-    array: np.ndarray, lag: tuple[float, float, float], squared: bool = False, first: np.ndarray | None = None
+    array: np.ndarray,
+    lag: tuple[float, float, float],
+    squared: bool = False,
+    first: np.ndarray | None = None,
+    apart: int = 1,
 ) -> np.ndarray:
     """What is read of [view, ...] where a share glows on and fades by the factor `memory` from view to view.
 
     lag       as State.lag
+    apart     of so many views of the scanner one is there: those between are interpolated
     squared   the weights are squared: variances of independent values
     first     what the views before the scan held; None: as the first view
     """
     share, memory, before = lag
     if not share:
         return array
+    if apart > 1:
+        return lagged(between(array, apart), lag, squared, first)[::apart]
     keep, late, fading, new = 1 - share, share, memory, 1 - memory
     first = array[0] if first is None else first
     glow = before * first
@@ -211,6 +249,16 @@ def lagged(
         result[view] = keep * signal + late * glow
         glow = fading * glow + new * signal
     return result
+
+
+def between(array: np.ndarray, apart: int) -> np.ndarray:
+    """[view, ...] with `apart` - 1 further ones from each view to the next, interpolated linearly."""
+    if apart == 1:
+        return array
+    place = np.arange((len(array) - 1) * apart + 1) / apart
+    low = np.minimum(place.astype(int), max(len(array) - 2, 0))
+    share = (place - low).reshape(-1, *[1] * (array.ndim - 1))
+    return array[low] * (1 - share) + array[np.minimum(low + 1, len(array) - 1)] * share
 
 
 def blurred(array: np.ndarray, share: float, axis: int, squared: bool = False) -> np.ndarray:
@@ -239,22 +287,52 @@ class Chain:
         samples: int = 1,
         illumination: str = EVEN,
         sensor: Sensor = SENSOR,
+        readout: float | str = PHOTONS,
     ):
         """
         samples        rays per pixel and direction, whose signals are averaged (`quadrature`); 1 is the baseline's ray
                        to its centre
         illumination   EVEN: all pixels get the same photons in air; SOLID_ANGLE: as the source sees them
         sensor         of the detector, which a spectrum is weighed by
+        readout        as State.readout
         """
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
-        self.illumination, self.sensor = illumination, sensor
+        self.illumination, self.sensor, self.readout = illumination, sensor, readout
         rays = len(quadrature(samples, geometry.rows > 1))
         self._paths, self._transmissions = Kept(PATHS_KEPT * rays), Kept(TRANSMISSIONS_KEPT)
 
     def copy(self, geometry: ScanGeometry | None = None, samples: int | None = None) -> Chain:
         """The same, of another geometry or number of rays if one is given, with nothing kept."""
-        given = self.photons, samples or self.samples, self.illumination, self.sensor
+        given = self.photons, samples or self.samples, self.illumination, self.sensor, self.readout
         return Chain(self.scene, geometry or self.geometry, *given)
+
+    def parameters(self, name: str) -> tuple[Parameter, ...]:
+        """An effect's parameters with range, start, typical strength and unit as this scan shows them; without those
+        that it cannot show (`held`).
+
+        Raises InputError for an effect that needs the scan's times where they are not known.
+        """
+        air = {PHOTONS: self.photons, AIR: 1.0}.get(self.readout, self.readout)
+        unit = {PHOTONS: "photons", AIR: "of air"}.get(self.readout, READOUT_UNITS)
+        scan, geometry = {OF_AIR: air}, self.geometry
+        if geometry.view_interval_ms is not None:
+            scan |= {PER_VIEW: geometry.view_interval_ms, PER_SCAN: 1 / geometry.duration_s}
+            scan[OF_AIR_PER_SCAN] = air / geometry.duration_s
+        return tuple(
+            replace(one.within(scan), unit=one.unit.replace(READOUT_UNITS, unit))
+            for one in load(name).parameters
+            if one.name not in self.held(name)
+        )
+
+    def held(self, name: str) -> dict[str, float]:
+        """Parameters of an effect that a scan whose times are not known cannot show, at the values where they do
+        nothing. Raises InputError for an effect that is nothing without them."""
+        timed = [one for one in load(name).parameters if one.timed]
+        if self.geometry.view_interval_ms is not None or not timed:
+            return {}
+        if needs_times(name):
+            self.geometry.known_interval_ms  # noqa: B018  raises
+        return {one.name: one.neutral for one in timed}
 
     def state(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, photons: float | None = None, **extra
@@ -264,7 +342,7 @@ class Chain:
         physics   {effect: {parameter: value}}; none gives the baseline
         extra     fields of the State to begin with
         """
-        state = State(self.geometry, photons or self.photons, sensor=self.sensor, **extra)
+        state = State(self.geometry, photons or self.photons, sensor=self.sensor, readout=self.readout, **extra)
         if self.illumination == SOLID_ANGLE:
             state.fluence = self.geometry.solid_angles()[None]
         effects = sorted((load(name) for name in physics), key=lambda effect: STAGES.index(effect.stage))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -27,16 +27,41 @@ STAGES = (
 )
 
 
+# What a parameter is counted in where one scan is asked about: the time from view to view, that of the whole scan, what
+# the detector reads in air, and that over the scan's time.
+PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
+READOUT_UNITS = (
+    "readout units"  # in a study and of its own recordings photons, of line integrals alone the signal in air
+)
+LOGARITHM = 0  # as a power: fits vary the logarithm
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What one scan shows of a parameter whose unit carries over to others: a fit's range and start, and a typical
+    strength. A motion in mm/s, say, by the mm that it amounts to over the scan.
+
+    of   what it is counted in: PER_VIEW, PER_SCAN, OF_AIR or OF_AIR_PER_SCAN
+    """
+
+    of: str
+    low: float
+    high: float
+    start: float
+    typical: float
+
+
 @dataclass(frozen=True)
 class Parameter:
-    """A number that an effect has.
+    """A number that an effect has, in a unit that carries over to the scanner's other scans.
 
     neutral     at this value the effect does nothing; None if there is none
     low, high   plausible range, which the configuration and the fit keep to
     start       where a fit begins
     typical     a strength that scanners show, for templates and examples
     power       with which power of it a small effect grows: 2 for the width of a blur. Fits vary that power, in which
-                data are straighter
+                data are straighter; LOGARITHM of what may be of any size
+    reach       what of it one scan shows; None: as the range, start and typical strength say
     """
 
     name: str
@@ -48,10 +73,28 @@ class Parameter:
     typical: float
     neutral: float | None = 0.0
     power: int = 1
+    reach: Reach | None = None
 
     def number(self, value: float) -> float:
         """What fits vary, of a value."""
-        return value**self.power
+        return math.log(value) if self.power == LOGARITHM else value**self.power
+
+    @property
+    def timed(self) -> bool:
+        """Whether it can be told only of a scan whose times are known."""
+        return self.reach is not None and self.reach.of != OF_AIR
+
+    def within(self, scan: Mapping[str, float]) -> Parameter:
+        """Itself with range, start and typical strength as one scan shows them.
+
+        scan   {unit of Reach: how much of the parameter is 1 of it}
+        """
+        if self.reach is None:
+            return self
+        one = scan[self.reach.of]
+        low, high = max(self.low, self.reach.low * one), min(self.high, self.reach.high * one)
+        start, typical = (min(max(value * one, low), high) for value in (self.reach.start, self.reach.typical))
+        return replace(self, low=low, high=high, start=start, typical=typical)
 
 
 @dataclass(frozen=True)
@@ -130,6 +173,26 @@ def image_effects() -> tuple[str, ...]:
     """Effects of the library that act on reconstructed images, in the order in which they act."""
     effects = [load(name) for name in names() if acts_on_images(name)]
     return tuple(effect.name for effect in sorted(effects, key=lambda effect: (effect.rank, effect.name)))
+
+
+def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, source: str, scan: str) -> None:
+    """Raise InputError, naming `source` and the `scan`, for readings that are implausible beside that in air."""
+    for name, values in physics.items():
+        for one in load(name).parameters:
+            if one.reach is not None and one.reach.of == OF_AIR:
+                share = values[one.name] / air
+                if not one.reach.low <= share <= one.reach.high:
+                    raise InputError(
+                        f"{source}.{name}.{one.name}: {values[one.name]:g} is {share:.2g} of the {air:g} photons that "
+                        f"{scan} has in air; plausible are {one.reach.low:g} to {one.reach.high:g} of them"
+                    )
+
+
+def needs_times(name: str) -> bool:
+    """Whether an effect is nothing that a scan without known times could show: a parameter that goes by them cannot be
+    left out, or all do."""
+    parameters = load(name).parameters
+    return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)
 
 
 def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "physics") -> dict[str, dict[str, float]]:

@@ -84,6 +84,7 @@ class VoxelScene:
                 geometry,
                 angles_rad=geometry.angles_rad[view : view + 1],
                 source_z_mm=geometry.source_z_mm[view : view + 1],
+                view_times=geometry.view_times[view : view + 1],
             )
             result[:, view] = self._project(one, shift[view], pose.size)[:, 0]
         return result

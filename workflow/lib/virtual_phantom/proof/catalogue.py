@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..physics.effect import names
+from .objects import READOUT_KEV
 
 STRENGTHS = ("weak", "medium", "strong")
 MEAN = ("projections", "columns", "views", "rows", "path length", "edges")
@@ -102,7 +103,9 @@ def _heel(size, random):
 
 
 def _afterglow(size, random):
-    return {"lag_share": size, "lag_views": 0.7}, {}
+    constant = float(random.uniform(6, 14))  # ms, around the 10 of XCIST's example
+    comparable = {"share": size, "time_constant_ms": constant, "before": 0.0}  # its scans begin without a glow
+    return {"lag_share": size, "lag_ms": constant}, comparable
 
 
 def _source_distance(size, random):
@@ -112,8 +115,9 @@ def _source_distance(size, random):
 
 def _motion(size, random):
     direction = random.normal(size=3) * (1.0, 1.0, 0.5)
-    drift = size * direction / np.linalg.norm(direction)
-    return {"drift_mm": tuple(drift.tolist())}, dict(zip(("x_mm", "y_mm", "z_mm"), drift.tolist(), strict=True))
+    velocity = (size * direction / np.linalg.norm(direction)).tolist()
+    names = ("x_mm_per_s", "y_mm_per_s", "z_mm_per_s")
+    return {"velocity_mm_per_s": tuple(velocity)}, dict(zip(names, velocity, strict=True))
 
 
 def _glare(size, random):
@@ -121,8 +125,9 @@ def _glare(size, random):
 
 
 def _dark(size, random):
-    level, drift = size, size * float(random.uniform(-0.5, 0.5))
-    return {"dark_level": level, "dark_drift": drift}, {"level": level, "drift": drift}
+    drift = size * float(random.uniform(-0.5, 0.5))
+    settings = {"dark_photons": size, "dark_photons_per_s": drift}
+    return settings, {"level_units": size * READOUT_KEV, "drift_units_per_s": drift * READOUT_KEV}
 
 
 def _kernel(size, random):
@@ -142,7 +147,7 @@ CATALOGUE: dict[str, Concealable] = {
     "spectrum": Concealable(True, _ranges((1.0, 1.5), (2.5, 4.0), (5.0, 8.0)), _spectrum, MEAN, "haze"),
     "scatter": Concealable(True, _ranges((0.3, 0.6), (1.5, 3.0), (5.0, 10.0)), _scatter, MEAN, "haze"),
     "veiling_glare": Concealable(True, _ranges((0.002, 0.004), (0.01, 0.02), (0.03, 0.06)), _glare, MEAN, "haze"),
-    "dark_signal": Concealable(True, _ranges((2e-4, 4e-4), (1e-3, 2e-3), (4e-3, 8e-3)), _dark, MEAN, "haze"),
+    "dark_signal": Concealable(True, _ranges((20, 40), (100, 200), (400, 800)), _dark, MEAN, "haze"),
     "focal_spot": Concealable(True, _ranges((1.0, 1.3), (1.8, 2.3), (3.0, 3.8)), _focal_spot, MEAN, "blur"),
     "xray_crosstalk": Concealable(
         True, _ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)), _crosstalk("crosstalk"), MEAN, "blur"

@@ -30,7 +30,9 @@ RECONSTRUCTED = {"kernel_pixels": 0.0, "hu_scale": 1.0, "hu_offset": 0.0}  # set
 NOISE, PIXELS = range(2)  # branches of a scan's seed
 
 
-def scan_of(one: Object, settings: Mapping, views: int, photons: float, kev: float, concealed: Mapping) -> Scan:
+def scan_of(
+    one: Object, settings: Mapping, views: int, photons: float, rotation_ms: float, kev: float, concealed: Mapping
+) -> Scan:
     """What XCIST is asked for.
 
     settings    the section proof.scan of the configuration
@@ -41,6 +43,7 @@ def scan_of(one: Object, settings: Mapping, views: int, photons: float, kev: flo
         **one.detector(settings["columns"], settings["rows"]),
         kev=kev,
         photons=photons,
+        rotation_ms=rotation_ms,
         settings=dict(concealed),
     )
 
@@ -62,7 +65,13 @@ def acquire(
     """
     noise, pixels = seed.spawn(2)
     taken = simulate(scan, materials(fine, one, scan.kev, mu_water_per_mm), repeats, noise)
-    return read_out(taken, scan.settings, (scan.column_pitch_mm, scan.row_pitch_mm), np.random.default_rng(pixels))
+    return read_out(
+        taken,
+        scan.settings,
+        (scan.column_pitch_mm, scan.row_pitch_mm),
+        scan.rotation_ms / 1000,
+        np.random.default_rng(pixels),
+    )
 
 
 def write_images(
@@ -112,6 +121,8 @@ def write(folder: str | Path, name: str, scan: Scan, taken: Acquired) -> None:
             "views_per_rotation": scan.views,
             "start_angle_deg": 0.0,
             "direction": 1,
+            "rotation_time_ms": scan.rotation_ms,
+            "exposure_ms": 0.0,  # one flash in the middle of every view's interval, as it simulates
         },
     }
     write_text(yaml.safe_dump(content, sort_keys=False), folder / FILE_NAME)

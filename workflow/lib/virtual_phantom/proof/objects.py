@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 SOURCE_TO_ISOCENTRE_MM, SOURCE_TO_DETECTOR_MM = 541.0, 949.0
+READOUT_KEV = 60.0  # readout units of a dark signal that is told in photons: the simulator reads energy, in keV
 MARGIN = 1.06  # of the beam over the phantom's width
 SLICES = 4  # of images: those that the beam sees from everywhere
 
@@ -57,10 +58,11 @@ class Object:
         """Of reconstructed images, as the section `grid`: voxels as wide as pixels at the isocentre."""
         return {"shape": [SLICES, columns, columns], "spacing_mm": [self.pixel_mm(columns)] * 3}
 
-    def protocol(self, columns: int, rows: int, views: int, engine: str) -> dict:
+    def protocol(self, columns: int, rows: int, views: int, rotation_ms: float, engine: str) -> dict:
         """What the diagnosis is told of images (diagnosis.images.setting.Protocol): the scan, and a filtered
         back-projection, which is not theirs."""
         circle = {"trajectory": "circular", "turns": 1.0, "pitch": 1.0, "start_angle_deg": 0.0}
+        circle["rotation_time_ms"] = rotation_ms
         return {
             "scan": circle | self.detector(columns, rows) | {"column_offset_px": 0.0, "row_offset_px": 0.0},
             "grid": self.image_grid(columns),

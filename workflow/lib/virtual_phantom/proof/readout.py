@@ -7,17 +7,19 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.signal import fftconvolve
 
+from .objects import READOUT_KEV
 from .xcist import Acquired
 
 GLARE_REACH = 4.0  # ranges of the spread that are kept
 
 
 def read_out(
-    taken: Acquired, settings: Mapping, pitch_mm: tuple[float, float], random: np.random.Generator
+    taken: Acquired, settings: Mapping, pitch_mm: tuple[float, float], rotation_s: float, random: np.random.Generator
 ) -> Acquired:
     """The readings as a detector gives them; settings as xcist.IDLE names them.
 
     pitch_mm   columns and rows
+    rotation_s of the one turn that the views share
     random     draws the drift of the pixels' gains
     """
     readings, air = taken.readings, taken.air
@@ -30,12 +32,12 @@ def read_out(
         readings, air = (one * (1 - loss * one / most) for one in (readings, air))
     if rms := settings.get("gain_rms", 0.0):
         readings = readings * np.exp(random.normal(0, rms, air.shape))
-    level, drift = settings.get("dark_level", 0.0), settings.get("dark_drift", 0.0)
+    level, drift = (settings.get(key, 0.0) * READOUT_KEV for key in ("dark_photons", "dark_photons_per_s"))
     if level or drift:
-        top = float(np.median(air))
-        time = (np.arange(readings.shape[1]) + 0.5) / readings.shape[1] - 0.5
-        readings = readings + top * (level + drift * time[:, None, None])
-        air = air + top * level
+        views = readings.shape[1]
+        time = (np.arange(views) + 0.5 - views / 2) * rotation_s / views
+        readings = readings + level + drift * time[:, None, None]
+        air = air + level
     return Acquired(readings.astype(np.float32), air.astype(np.float32))
 
 

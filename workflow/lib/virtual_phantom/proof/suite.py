@@ -138,6 +138,8 @@ def _truth(case, kind, category, strength, effect, seed, number) -> dict:
         near = kind == "images" and name == KERNEL
         size = strength or ("weak" if near else str(random.choice(STRENGTHS[1:])))
         made, comparable = CATALOGUE[name].draw(size, random)
+        if kind == "images":  # which have no readout units
+            comparable = {key: value for key, value in comparable.items() if "_units" not in key}
         drawn.append(
             {
                 "name": name,

@@ -32,7 +32,7 @@ ENERGIES_KEV = (40.0, 120.0)  # between which that of the monochromatic beam is 
 IDLE = {
     "detector_columns_px": 0.0,
     "axis_shift_mm": 0.0,
-    "drift_mm": (0.0, 0.0, 0.0),
+    "velocity_mm_per_s": (0.0, 0.0, 0.0),
     "modulation": (0.0, 0.0),
     "off_focal_share": 0.0,
     "off_focal_width_mm": 20.0,
@@ -47,6 +47,7 @@ class Scan:
     views ... row_pitch_mm   a flat detector on a circle, as ScanGeometry has them; one turn from +y
     kev       energy of the monochromatic beam; ignored with a `kvp` among the settings
     photons   noise-equivalent quanta per pixel in air, in the middle of the detector
+    rotation_ms   time of the turn
     settings  {name: value} of what is concealed: those of IDLE, and the names that `_configured` reads
     """
 
@@ -59,6 +60,7 @@ class Scan:
     source_to_detector_mm: float
     kev: float
     photons: float
+    rotation_ms: float = 1000.0
     settings: dict = field(default_factory=dict)
 
 
@@ -201,6 +203,7 @@ def _configured(scan: Scan, path: Path, current: float = 1.0, quantum_kev: float
     protocol.scanTrajectory = HOOKS + "gantry"
     protocol.viewsPerRotation = protocol.viewCount = scan.views
     protocol.stopViewId = scan.views - 1
+    protocol.rotationTime = scan.rotation_ms / 1000
     protocol.mA = current
     protocol.flatFilter = []
     protocol.bowtie = "" if "bowtie" not in settings else _scaled_bowtie(settings, path.parent)
@@ -236,8 +239,7 @@ def _configured(scan: Scan, path: Path, current: float = 1.0, quantum_kev: float
         physics.col_crosstalk_opt, physics.row_crosstalk_opt = settings["optical_crosstalk"]
     if "lag_share" in settings:
         physics.lagCallback = "Detection_Lag"
-        view_ms = 1000 * protocol.rotationTime / protocol.viewsPerRotation
-        physics.lag_taus = [np.float32(settings["lag_views"] * view_ms), np.float32(1.0)]
+        physics.lag_taus = [np.float32(settings["lag_ms"]), np.float32(1.0)]
         physics.lag_alphas = [settings["lag_share"], 0.0]
     physics.enableElectronicNoise = int("electronic_photons" in settings)
     scanner.eNoise = settings.get("electronic_photons", 0.0) * quantum_kev

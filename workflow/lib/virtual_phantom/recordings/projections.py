@@ -16,7 +16,7 @@ from ..volumes import check_fits
 from .document import Document
 from .provenance import checksums
 from .recording import Provenance, Recording, Repeats
-from .scan import scan_geometry
+from .scan import assumed, scan_geometry
 
 ADVICE = "copy it again from where it was made"
 THETA_TOLERANCE = 0.05  # of the step between views: more is another scan, or other units
@@ -80,6 +80,8 @@ def load(document: Document) -> ProjectionsRecording:
     again = geometry.views - math.ceil(geometry.views_per_rotation)
     if again > 0 and geometry.feed_per_rotation_mm == 0:
         notes.append(f"{again} of the views look along directions of the first turn again")
+    if words := assumed(document.content["scan"]):
+        notes.append(words)
     for path in (*document.repeats, *document.held_out):
         acquisition = read(path, geometry)
         logs[path] = acquisition.log

@@ -17,6 +17,7 @@ HELICAL = ("table_feed_mm", "start_z_mm")
 LARGEST_FAN_DEG = 120.0
 FIELD_OF_VIEW_MM = (60.0, 2000.0)
 LARGEST_PIXEL_ASPECT = 5.0
+TIME_TOLERANCE = 0.01  # by which stated times may be rounded
 
 
 def missing_for_geometry(scan: dict) -> list[str]:
@@ -44,6 +45,7 @@ def scan_geometry(scan: dict, source: str) -> ScanGeometry:
     elif scan.get("table_feed_mm", 0) != 0:
         raise InputError(f"{source}: scan.table_feed_mm is not 0 in a circular scan; set trajectory: helical")
     check_lengths(scan, source)
+    interval, exposure = times(scan, source)
     turns = np.arange(scan["views"]) / scan["views_per_rotation"]
     return ScanGeometry(
         **{key: scan[key] for key in DETECTOR},
@@ -52,6 +54,54 @@ def scan_geometry(scan: dict, source: str) -> ScanGeometry:
         views_per_rotation=scan["views_per_rotation"],
         column_offset_px=scan.get("column_offset_px", 0.0),
         row_offset_px=scan.get("row_offset_px", 0.0),
+        view_interval_ms=interval,
+        exposure_ms=exposure,
+    )
+
+
+def times(scan: dict, source: str) -> tuple[float | None, float | None]:
+    """(view_interval_ms, exposure_ms), each None if it is not known.
+
+    Where the exposure alone is stated, views are taken to follow each other without a pause (`assumed`). Raises
+    InputError for times that contradict each other.
+    """
+    interval, exposure = scan.get("view_interval_ms"), scan.get("exposure_ms")
+    if "rotation_time_ms" in scan:
+        turned = scan["rotation_time_ms"] / scan["views_per_rotation"]
+        if interval is not None and abs(interval - turned) > TIME_TOLERANCE * turned:
+            raise InputError(
+                f"{source}: scan.view_interval_ms {interval:g} is not rotation_time_ms over views_per_rotation, "
+                f"{turned:g}; correct one of them"
+            )
+        interval = turned
+    if interval is None:
+        return exposure or None, exposure
+    if exposure is not None and exposure > interval * (1 + TIME_TOLERANCE):
+        raise InputError(
+            f"{source}: scan.exposure_ms {exposure:g} is longer than a view's interval, {interval:g} ms; correct one "
+            "of them"
+        )
+    return interval, None if exposure is None else min(exposure, interval)
+
+
+def timed(content: dict) -> bool:
+    """Whether a recording (content of recording.yaml) says how fast its views follow each other. Images are simulated
+    by a protocol of the study, which has its times."""
+    return content["kind"] != "projections" or times(content["scan"], "scan")[0] is not None
+
+
+def assumed(scan: dict) -> str | None:
+    """What of the scan's times is taken for granted, or missing, in words; None if they are stated."""
+    if {"rotation_time_ms", "view_interval_ms"} & scan.keys():
+        return None
+    if scan.get("exposure_ms"):
+        return (
+            f"the time from view to view is not stated: views are taken to follow each other without a pause, every "
+            f"{scan['exposure_ms']:g} ms (scan.exposure_ms)"
+        )
+    return (
+        "the time from view to view is not stated (scan.rotation_time_ms or scan.view_interval_ms): afterglow, motion "
+        "and the drift of a dark signal cannot be looked for"
     )
 
 

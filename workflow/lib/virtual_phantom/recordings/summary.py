@@ -114,6 +114,7 @@ def _projections(recording: ProjectionsRecording) -> tuple[int, int, dict, str]:
         "turns": turns,
         "field_of_view_mm": 2 * geometry.field_of_view_radius_mm,
         "feed_per_rotation_mm": geometry.feed_per_rotation_mm,
+        "view_interval_ms": geometry.view_interval_ms,
         "largest_angle_step_deg": float(np.rad2deg(np.abs(np.diff(geometry.angles_rad)).max(initial=0))),
     }
     size = " x ".join(map(str, content["shape"]))

@@ -1,28 +1,49 @@
 """Dark signal that was not subtracted, and its drift."""
 
+import math
+
 from ..chain import State
-from ..effect import Effect, Parameter
+from ..effect import OF_AIR, OF_AIR_PER_SCAN, Effect, Parameter, Reach
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    time = state.geometry.scan_fractions[:, None, None]
-    state.dark, state.dark_air = values["level"] + values["drift"] * time, values["level"]
+    level, drift = values["level_units"], values["drift_units_per_s"]
+    time = state.geometry.times_s[:, None, None] if drift else 0.0
+    state.dark, state.dark_air = level + drift * time, level
 
 
 EFFECT = Effect(
     name="dark_signal",
     physics="The detector reads a signal without radiation that differs from the one subtracted, and that drifts as it "
     "warms up.",
-    equation="S_i' = S_i + d + r ((i + 1/2) / N - 1/2), S_air' = S_air + d, in units of the signal in air; "
-    "view i of N is exposed in the middle of its interval",
+    equation="reading_i' = reading_i + d + r t_i, reading_air' = reading_air + d, t_i = (i + 1/2 - N/2) dt from the "
+    "middle of the scan",
     source="J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624 (1999)",
     stage="readout",
     signature="line integrals too low where little is transmitted, alike in all columns; with a drift, more from view "
     "to view",
     settled_by="dark frames before and after the scan",
     parameters=(
-        Parameter("level", "1", "dark signal left over, over the signal in air", -0.02, 0.1, 0.001, 0.005),
-        Parameter("drift", "1", "its change over the scan, over the signal in air", -0.02, 0.02, 0.0005, 0.001),
+        Parameter(
+            "level_units",
+            "readout units",
+            "dark signal left over",
+            -math.inf,
+            math.inf,
+            0.0,
+            500.0,
+            reach=Reach(OF_AIR, -0.02, 0.1, 0.001, 0.005),
+        ),
+        Parameter(
+            "drift_units_per_s",
+            "readout units/s",
+            "its change",
+            -math.inf,
+            math.inf,
+            0.0,
+            100.0,
+            reach=Reach(OF_AIR_PER_SCAN, -0.02, 0.02, 0.0005, 0.001),
+        ),
     ),
     apply=apply,
 )

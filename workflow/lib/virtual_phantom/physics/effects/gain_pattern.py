@@ -7,10 +7,15 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    shape = state.geometry.rows, state.geometry.columns
-    # The pattern is the detector's own: the same in every scan of it.
-    random = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(2, int(values["detector"]))))
-    state.gain = np.exp(values["rms"] * random.normal(size=shape))
+    rows = np.arange(state.geometry.rows) * 2 - state.geometry.rows + 1  # from the middle, in half rows
+    state.gain = np.exp(values["rms"] * np.stack([_row(int(values["detector"]), row, state) for row in rows]))
+
+
+def _row(detector: int, row: int, state: State) -> np.ndarray:
+    """Of a row by its place, standard normal (columns,). The pattern is the detector's own: the same in every scan of
+    it, of whatever rows the collimator leaves."""
+    key = 2, detector, int(row < 0), abs(int(row))
+    return np.random.default_rng(np.random.SeedSequence(0, spawn_key=key)).normal(size=state.geometry.columns)
 
 
 EFFECT = Effect(

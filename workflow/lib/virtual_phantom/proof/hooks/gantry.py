@@ -13,8 +13,9 @@ def gantry(cfg):
     hooks = cfg.hooks
     along = cfg.detNew.uvecs[0]  # the direction of growing columns
     shift = hooks.detector_columns_px * cfg.scanner.detectorColSize * along
-    time = (cfg.time / cfg.protocol.rotationTime * cfg.protocol.viewsPerRotation + 0.5) / cfg.sim.viewCount
-    displaced = hooks.axis_shift_mm * along + (time - 0.5) * np.asarray(hooks.drift_mm)
+    interval = cfg.protocol.rotationTime / cfg.protocol.viewsPerRotation  # s
+    time = cfg.time + interval / 2 - interval * cfg.sim.viewCount / 2  # of the view's middle, from the scan's
+    displaced = hooks.axis_shift_mm * along + time * np.asarray(hooks.velocity_mm_per_s)
     cfg.detNew.modCoords = np.single(cfg.detNew.modCoords + shift - displaced)
     cfg.srcNew.samples = np.single(cfg.srcNew.samples - displaced)
     cfg.srcNew.corners = np.single(cfg.srcNew.corners - displaced)

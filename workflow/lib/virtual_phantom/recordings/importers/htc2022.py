@@ -116,6 +116,8 @@ def _scan(mat_file: Path, parameters, shape: tuple[int, ...], angles: np.ndarray
         "views_per_rotation": 360 / abs(step),
         "start_angle_deg": float(angles[0]) + FIRST_DEG,
         "direction": 1 if step > 0 else -1,
+        # That of a view; how long the bench turns and waits from view to view is not stated.
+        **({"exposure_ms": float(parameters.exposureTime)} if hasattr(parameters, "exposureTime") else {}),
     }
 
 

@@ -64,4 +64,6 @@ def scan_of(geometry: ScanGeometry) -> dict:
         "direction": 1 if step > 0 else -1,
         **({"table_feed_mm": geometry.feed_per_rotation_mm} if helical else {}),
         "start_z_mm": float(geometry.source_z_mm[0]),
+        **({} if geometry.view_interval_ms is None else {"view_interval_ms": geometry.view_interval_ms}),
+        **({} if geometry.exposure_ms is None else {"exposure_ms": geometry.exposure_ms}),
     }
