@@ -41,6 +41,43 @@ def test_line_integrals_come_back_unbiased_with_the_variance_that_theory_gives()
     assert back.var() == pytest.approx(25 * 1e-5 * np.exp(2 / 5), rel=0.03)
 
 
+SINOGRAM = np.linspace(0, 7.3, 48).reshape(6, 8) ** 1.2
+REPEATS, PHOTONS = 3000, 800.0  # few enough photons for skewed counts, and over 200 of them everywhere
+
+
+@pytest.fixture(scope="module")
+def astra_sinograms():
+    """What ASTRA's own function makes of one sinogram, [repeat, view, column], from NumPy's global state, seeded."""
+    functions = pytest.importorskip("astra.functions", reason="ASTRA is not installed")
+    return np.stack([functions.add_noise_to_sino(SINOGRAM, PHOTONS, seed=seed) for seed in range(REPEATS)])
+
+
+def test_astra_model_is_the_function_of_astra(astra_sinograms):
+    """Mean and variance of every pixel over repeats, and the distribution of all counts of three of them."""
+    given = np.broadcast_to(SINOGRAM, (REPEATS, *SINOGRAM.shape))
+    counts = simulate_counts(given, 1 / PHOTONS, "astra", SEED)
+    ours, theirs = counts.line_integrals(0.5).astype(float), astra_sinograms
+    variances = ours.var(axis=0, ddof=1), theirs.var(axis=0, ddof=1)
+    z = (ours.mean(axis=0) - theirs.mean(axis=0)) / np.sqrt(sum(variances) / REPEATS)
+    assert np.abs(z).max() < 4.5 and 0.7 < z.std() < 1.3
+    # Of normal values the logarithm of a variance has the variance 2 / n; logarithms of counts are nearly normal.
+    z = np.log(variances[0] / variances[1]) / np.sqrt(4 / REPEATS)
+    assert np.abs(z).max() < 4.5 and 0.7 < z.std() < 1.3
+    drawn = np.rint(PHOTONS * np.exp(-theirs / SINOGRAM.max()))
+    for place in ((0, 1), (3, 0), (5, 7)):
+        both = stats.ks_2samp(counts.data[:, *place], drawn[:, *place])
+        assert both.pvalue > 1e-4, place
+
+
+def test_scaling_of_the_astra_model_is_that_of_astra(astra_sinograms):
+    """Counts of ASTRA's own draw, made into line integrals: rounding to single precision apart, the same numbers."""
+    drawn = PHOTONS * np.exp(-astra_sinograms / SINOGRAM.max())
+    np.testing.assert_allclose(drawn, np.rint(drawn), atol=1e-9)
+    scale = simulate_counts(SINOGRAM[None], 1 / PHOTONS, "astra", SEED).scale
+    ours = Counts(np.rint(drawn).astype(np.uint32), PHOTONS, scale).line_integrals(0.5)
+    np.testing.assert_allclose(ours, astra_sinograms, atol=2e-6 * SINOGRAM.max())
+
+
 @given(st.floats(0.01, 1.0))
 def test_no_photon_is_read_as_the_stated_number(zero_counts_as):
     counts = Counts(np.zeros((1, 1, 2), np.uint16), 1000.0, 1.0)
