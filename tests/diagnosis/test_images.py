@@ -1,11 +1,14 @@
 """Diagnosis of images: whitening against noise of known spectrum, errors against realisations, effects found again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
 from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.diagnosis.attribute import trial
+from virtual_phantom.diagnosis.images.model import noise_lines
 from virtual_phantom.diagnosis.images.observed import LAGS, Condenser
 from virtual_phantom.diagnosis.images.prepared import prepare
 from virtual_phantom.diagnosis.images.setting import central_slices
@@ -130,6 +133,14 @@ def prepared(scene, physics, seed=1, repeats=REPEATS):
 
 def found(given, candidates):
     return diagnose("images", given, chosen(given.fitter, candidates))
+
+
+def test_realisations_are_the_same_draws_with_and_without_afterglow(scene):
+    state = Chain(scene, GEOMETRY, PHOTONS).state({})
+    states = (state, replace(state, lag=(1e-4, 0.0, 1.0)))
+    plain, glowing = (noise_lines(one, 2, np.random.SeedSequence(3)) for one in states)
+    assert np.corrcoef(plain.ravel(), glowing.ravel())[0, 1] > 0.999
+    assert np.abs(plain - glowing).max() > 0
 
 
 CANDIDATES = ("hu_calibration", "reconstruction_kernel", "photon_flux")

@@ -21,6 +21,7 @@ from .observed import Condenser, ObservedImages
 REALISATIONS = 7  # of noise; one more lane holds the mean
 WATER_SD = 0.3  # of the scale beside a spectrum: scanners set HU by scans of water, whatever their energies
 IMAGES_KEPT = 6
+EARLIER = 0  # branch of the realisations' seed
 
 
 class ImagesModel(Model):
@@ -104,12 +105,14 @@ def scaled(hu: np.ndarray, place: Mapping[str, float]) -> np.ndarray:
 def noise_lines(state: State, count: int, seed: np.random.SeedSequence) -> np.ndarray:
     """Noise of line integrals [realisation, view, row, column], to first order and normal: quantum noise as neighbours
     share it, and electronic noise. The same seed gives the same underlying draws in every state."""
+    # What was before the scan is drawn with afterglow alone, and so from a stream of its own.
     random = np.random.default_rng(seed)
+    earlier = np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, EARLIER)))
     signal = state.read(state.signal) if state.dark is None else state.measured
     lines = np.empty((count, *signal.shape), np.float32)
     for one in lines:
         variance = state.noise / state.photons
-        before = state.drawn_before(np.zeros(signal.shape[1:]), variance[0], random)
+        before = state.drawn_before(np.zeros(signal.shape[1:]), variance[0], earlier)
         read = state.read(random.standard_normal(signal.shape) * np.sqrt(variance), first=before)
         read += random.standard_normal(signal.shape) * (state.electronic / state.photons)
         one[...] = -read / signal
