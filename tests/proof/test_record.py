@@ -135,6 +135,12 @@ def test_from_the_command_line(record, found, tmp_path, capsys, monkeypatch):
     )
     code, said = run("add", tmp_path / "score.json", "--state", "abc1234", "--note", "n")
     assert code == 1 and said.err.startswith("Error: ") and said.err.count("\n") == 1
+    code, said = run("rows", tmp_path / "score.json")
+    table = said.out.splitlines()
+    assert code == 0 and {line.count("|") for line in table} == {5}
+    assert "| both of two effects named | 1 of 2 (50 %; 9.5 to 91 %) | at least 75 % | **missed** |" in table
+    wrong = "held-out excess removed, median and tenth percentile: something named that was not concealed"
+    assert f"| {wrong} | 65 %, 53 % of 4 cases |  |  |" in table
     code, said = run("coverage", tmp_path / "score.json", tmp_path / "score.json")
     assert code == 0 and "seed 14" in said.out
 

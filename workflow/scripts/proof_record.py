@@ -2,7 +2,8 @@
 
 python workflow/scripts/proof_record.py add results/proof/score.json --state COMMIT --note "what differs" [--seen]
 python workflow/scripts/proof_record.py coverage FIRST/score.json SECOND/score.json   95 % intervals side by side
-python workflow/scripts/proof_record.py pooled                                        all unseen seeds, with intervals
+python workflow/scripts/proof_record.py rows results/proof/score.json    one run as the table of docs/proof.md
+python workflow/scripts/proof_record.py pooled                           all unseen seeds, with intervals
 """
 
 import argparse
@@ -14,6 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "lib"))
 from virtual_phantom.errors import InputError
 from virtual_phantom.proof import record, seal
 from virtual_phantom.proof.page import tally
+from virtual_phantom.proof.rows import rows
 from virtual_phantom.proof_record import read
 
 RECORD = Path(__file__).resolve().parents[2] / "resources" / "proof_record.yaml"
@@ -31,6 +33,7 @@ def main() -> int:
     coverage = tasks.add_parser("coverage")
     coverage.add_argument("first", help="a run's score.json")
     coverage.add_argument("second", help="another's")
+    tasks.add_parser("rows").add_argument("score", help="a run's score.json")
     tasks.add_parser("pooled")
     asked = parser.parse_args()
     try:
@@ -38,6 +41,9 @@ def main() -> int:
             record.add(asked.record, seal.read(asked.score), asked.state, asked.note, unseen=not asked.seen)
         if asked.task == "coverage":
             print("\n".join(record.coverage_table(seal.read(asked.first), seal.read(asked.second))))
+            return 0
+        if asked.task == "rows":
+            print("\n".join(rows(seal.read(asked.score))))
             return 0
         shown = record.summary(read(asked.record))
     except InputError as error:

@@ -23,27 +23,32 @@ MEANING = (
 def summary(cases: Sequence[Case]) -> dict:
     """Medians over cases with one concealed effect of the library.
 
-    metrics   {metric: {n, before, after, floor, target, dukesim}}: those of |relative difference|, of features the
-              shares; None where there are none
-    missing   cases without any number on another protocol
+    metrics      {metric: {n, before, after, floor, target, dukesim}}: those of |relative difference|, of features the
+                 shares; None where there are none
+    by_phantom   {phantom: {metric: {n, before, after, floor}}}
+    missing      cases without any number on another protocol
     """
     singles = [case for case in cases if case.category == "single"]
-    found = {}
-    for metric in METRICS:
-        entries = [case.other[metric] for case in singles if case.other and metric in case.other]
-        found[metric] = {
-            "n": len(entries),
-            "before": median(_size(entry["before"]) for entry in entries),
-            "after": median(_size(entry["after"]) for entry in entries),
-            "floor": median(entry["floor"] for entry in entries),
-            "target": TARGETS.get(metric),
-            "dukesim": DUKESIM.get(metric),
-        }
+    phantoms = sorted({case.truth["phantom"] for case in singles})
+    of = {name: [case for case in singles if case.truth["phantom"] == name] for name in phantoms}
+    limits = {metric: {"target": TARGETS.get(metric), "dukesim": DUKESIM.get(metric)} for metric in METRICS}
     return {
         "meaning": MEANING,
-        "metrics": found,
+        "metrics": {metric: medians(singles, metric) | limits[metric] for metric in METRICS},
+        "by_phantom": {name: {metric: medians(own, metric) for metric in METRICS} for name, own in of.items()},
         "cases": len(singles),
         "missing": [case.name for case in singles if not case.other],
+    }
+
+
+def medians(cases: Sequence[Case], metric: str) -> dict:
+    """How many cases have a metric, and its medians before, after and of noise alone."""
+    entries = [case.other[metric] for case in cases if case.other and metric in case.other]
+    return {
+        "n": len(entries),
+        "before": median(_size(entry["before"]) for entry in entries),
+        "after": median(_size(entry["after"]) for entry in entries),
+        "floor": median(entry["floor"] for entry in entries),
     }
 
 

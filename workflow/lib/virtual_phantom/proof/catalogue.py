@@ -228,10 +228,11 @@ MODELS: dict[str, tuple[str, ...]] = {
         "view_blur",
         "focal_spot_wobble",
     ),
-    OTHER: ("veiling_glare", "heel", "off_focal_radiation", "detector_saturation"),
+    OTHER: ("veiling_glare", "off_focal_radiation", "detector_saturation"),
     REPEATED: (
         "dark_signal",
         "current_modulation",
+        "heel",
         "gain_pattern",
         "centre_of_rotation",
         "detector_offset",
