@@ -2,6 +2,7 @@
 
 import runpy
 import sys
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -97,8 +98,8 @@ def test_a_diagnosis_tells_beside_each_interval_how_often_such_held(record):
     assert first["amount"]["ci95_held"] == {"count": 1, "n": 4, "effects": ["scatter"], "all": whole}
     assert first["amount"]["ci95"] == [0.0, 0.2] and second["x_mm"]["ci95_held"]["count"] is None
     texts = [render(PARAMETERS, said, e=one) for one in said["effects"]]
-    assert "held the truth in 1 of 4 (parameters of scatter), of all effects in 6 of 10." in texts[0]
-    assert "held the truth in 6 of 10." in texts[1]
+    assert "held the truth in 1 of 4 of scatter, and in 6 of 10 of all effects' parameters." in unescape(texts[0])
+    assert "in 6 of 10 of all effects' parameters; of this effect none was counted." in unescape(texts[1])
     plain = diagnosis("a", "mismatch explained", values)["effects"][0]
     assert "held the truth" not in render(PARAMETERS, said, e=plain)
 

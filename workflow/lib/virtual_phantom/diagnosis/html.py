@@ -86,10 +86,12 @@ def _chance(p: float) -> str:
 
 def _coverage(held: Mapping) -> str:
     """How often such intervals held the truth (proof_record.with_coverage), in a sentence."""
-    every = "{count} of {n}".format(**held["all"])
+    every = "{count} of {n} of all effects' parameters".format(**held["all"])
     if held["n"]:
         own = " and ".join(style.label(name) for name in held["effects"])
-        every = f"{held['count']} of {held['n']} (parameters of {own}), of all effects in {every}"
+        every = f"{held['count']} of {held['n']} of {own}, and in {every}"
+    else:
+        every += "; of this effect none was counted"
     return (
         "The interval is that of the noise, if the model is right. On scans by another simulator (docs/proof.md) such "
         f"intervals held the truth in {every}."
