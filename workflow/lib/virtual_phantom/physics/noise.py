@@ -47,8 +47,8 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
                   "astra": counts ~ Poisson(I0 exp(-p / p_max)), p_max the largest line integral of the scan: what
                   ASTRA's add_noise_to_sino does, which that paper names as its implementation.
 
-    Raises InputError for an unknown model, a noise level that is not positive one under 1e-9 (more photons than
-    the counters hold), and line integrals that are not finite or, in the "astra" model, nowhere over 0.
+    Raises InputError for an unknown model, a noise level that is not finite or under 1e-9 (more photons than the
+    counters hold), and line integrals that are not finite or, in the "astra" model, nowhere over 0.
     """
     if model not in MODELS:
         raise InputError(f"noise.model '{model}' is unknown; use one of {', '.join(MODELS)}")
