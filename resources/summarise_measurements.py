@@ -17,9 +17,11 @@ import pandas as pd
 from virtual_phantom import measured
 from virtual_phantom.files import replacing
 from virtual_phantom.radiomics import FEATURES
-from virtual_phantom.statistics import wilcoxon
+from virtual_phantom.statistics import repeats, wilcoxon
 
 HERE = Path(__file__).resolve().parent
+# Repeats that studies have are drawn of the acquisitions without re-positioning; of all of them, those of the default.
+DRAWN = {"fixed": range(2, 20), "all": (10,)}
 
 
 def summarise(table: pd.DataFrame, keys: list[str], features: tuple[str, ...]) -> pd.DataFrame:
@@ -31,6 +33,29 @@ def summarise(table: pd.DataFrame, keys: list[str], features: tuple[str, ...]) -
         .reset_index()
         .rename(columns={"std": "sd", "count": "n"})
     )
+
+
+def draw_scores(study: pd.DataFrame, drawn: dict = DRAWN) -> pd.DataFrame:
+    """Scores from equal repeats as counts of comparisons: a row per draw and kind, a column per feature.
+
+    All groups take the same acquisitions, as the study did.
+    """
+    rows = []
+    for acquisitions, numbers in drawn.items():
+        table = study if acquisitions == "all" else study[study["repositioned"] == 0]
+        for number in numbers:
+            scores = repeats.draws(table, measured.STUDY_FEATURES, number, unit="acquisition", shared=True)
+            for kind in ("stability", "discrimination"):
+                comparisons = scores[f"{kind}_comparisons"].iloc[0]
+                counts = (scores[f"{kind}_percent"] * comparisons / 100).round().astype(int)
+                keys = scores[["repeats", "of", "draw"]].assign(kind=kind, comparisons=comparisons)
+                wide = keys.assign(feature=scores["feature"], count=counts).pivot(
+                    index=list(keys.columns), columns="feature", values="count"
+                )
+                wide = wide[list(measured.STUDY_FEATURES)].reset_index()
+                wide.insert(0, "acquisitions", acquisitions)
+                rows.append(wide)
+    return pd.concat(rows, ignore_index=True)
 
 
 def write(table: pd.DataFrame, name: str) -> None:
@@ -51,6 +76,7 @@ def main() -> None:
     )
     scores = wilcoxon.scores(study, measured.STUDY_FEATURES, source=str(arguments.study_table))
     write(scores[["feature", "stability_percent", "discrimination_percent"]], "ct_phantom4radiomics_scores.csv")
+    write(draw_scores(study), "ct_phantom4radiomics_draws.csv")
     write(
         summarise(
             measured.load_full_dose_series(arguments.dose_table), ["dose_mgy", "reconstruction", "roi"], FEATURES

@@ -7,6 +7,8 @@ import pytest
 from virtual_phantom import measured
 from virtual_phantom.errors import InputError
 from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.statistics import repeats, wilcoxon
+from virtual_phantom.statistics.ranking import KINDS
 
 REAL = Path(__file__).resolve().parents[1] / "../shared/real"
 STUDY = REAL / "ct_phantom4radiomics/features_2d.csv"
@@ -27,10 +29,50 @@ def study_rows(**changes):
 def test_names_of_the_full_table_become_ours(tmp_path):
     study_rows().to_csv(tmp_path / "table.csv", index=False)
     table = measured.load_full_table(tmp_path / "table.csv")
-    assert table[["scan", "group", "acquisition", "roi", "tissue_class", "n_voxels"]].to_numpy().tolist() == [
-        [101, 1, 1, "normal_1", "normal_liver", 844],
-        [830, 8, 30, "metastasis", "metastasis", 685],
+    columns = ["scan", "group", "acquisition", "repositioned", "roi", "tissue_class", "n_voxels"]
+    assert table[columns].to_numpy().tolist() == [
+        [101, 1, 2, 0, "normal_1", "normal_liver", 844],
+        [830, 8, 30, 1, "metastasis", "metastasis", 685],
     ]
+
+
+@pytest.fixture(scope="module")
+def study():
+    if not STUDY.exists():
+        pytest.skip("the table of CT-Phantom4Radiomics is not beside the checkout")
+    return measured.load_full_table(STUDY)
+
+
+def wide(study, roi):
+    mean = "original_firstorder_Mean"
+    return study[study["roi"] == roi].pivot(index="acquisition", columns="group", values=mean)
+
+
+@pytest.mark.real
+def test_all_groups_reconstruct_the_same_acquisitions(study):
+    """Means of an ROI go up and down together from one acquisition to the next: in all groups it is the same noise."""
+    as_named = study.assign(acquisition=study["scan"] % 100)
+    for roi, least in (("cyst_1", 0.9), ("cyst_2", 0.8), ("normal_2", 0.5)):
+        still = wide(study, roi).loc[:20]  # without re-positioning
+        assert still.corr()[8].min() > least
+        named = wide(as_named, roi).corr()[8]
+        assert named[[1, 2, 3]].max() < 0.5 and named[[4, 7]].min() > 0.9
+        for group in (1, 2, 3):  # one acquisition later or earlier there is nothing
+            assert max(still[group].shift(step).corr(still[8]) for step in (-1, 1)) < 0.1
+
+
+@pytest.mark.real
+def test_the_phantom_lies_elsewhere_in_the_acquisitions_21_to_30(study):
+    """Bounding boxes of the large cyst, which all groups show in the same pixels of 0.684 mm."""
+    raw = pd.read_csv(STUDY)
+    box = raw["diagnostics_Mask-original_BoundingBox"][(raw["class"] == "c1").to_numpy()]
+    cyst = study[study["roi"] == "cyst_1"].assign(box=box)
+    boxes = cyst.pivot(index="acquisition", columns="group", values="box")
+    still = boxes.loc[:20].stack().dropna().unique()  # scans 130 and 230 are absent
+    assert len(still) == 1 and not (boxes.loc[21:] == still[0]).any().any()
+    assert (boxes.loc[21:].nunique(axis=1) == 1).sum() >= 9  # all groups show one place
+    assert (cyst["repositioned"] == (cyst["box"] != still[0])).all()
+    assert boxes.loc[21:, 8].nunique() >= 4
 
 
 @pytest.mark.parametrize(
@@ -108,6 +150,37 @@ def test_variance_of_the_large_cyst_against_dose(reconstruction, variances):
 def test_an_unknown_dose_is_refused():
     with pytest.raises(InputError, match="nothing for reconstruction fbp, 2 mGy, ROI cyst_1"):
         measured.dose_variance("fbp", 2)
+
+
+def test_scores_of_equal_repeats():
+    """|W| grows with the root of the repeats: fewer of them are more stable and tell less apart."""
+    means = {
+        number: [repeats.over_features(measured.load_score_draws(number), kind)[0] for kind in KINDS]
+        for number in (3, 10, 19)
+    }
+    assert means[3][0] > means[10][0] > means[19][0] and means[3][1] < means[10][1] < means[19][1]
+    ten = measured.load_score_draws(10)
+    assert len(ten) == repeats.DRAWS * 85 and (ten["of"] == 19).all()
+    assert list(ten["feature"][:85]) == list(measured.STUDY_FEATURES)
+    assert (measured.load_score_draws(100)["repeats"] == 19).all()
+    assert (measured.load_score_draws(10, "all")["of"] == 29).all()
+    with pytest.raises(InputError, match="'some' is not known; choose from fixed, all"):
+        measured.load_score_draws(10, "some")
+    with pytest.raises(InputError, match="none were drawn of 3 of all acquisitions"):
+        measured.load_score_draws(3, "all")
+
+
+@pytest.mark.real
+def test_the_kept_draws_are_those_of_the_table(study):
+    for acquisitions, table in (("fixed", study[study["acquisition"] <= 20]), ("all", study)):
+        kept = measured.load_score_draws(10, acquisitions)
+        found = next(repeats.subsamples(table, 10, "acquisition", shared=True))
+        scores = wilcoxon.scores(found[0], measured.STUDY_FEATURES)
+        for kind in KINDS:
+            assert np.allclose(kept.loc[kept["draw"] == 1, f"{kind}_percent"], scores[f"{kind}_percent"])
+    # Ten a group, drawn by another program: 17.5 and 79.2 %, its SD of some 1 %
+    assert repeats.over_features(kept, "stability")[0] == pytest.approx(17.5, abs=1)
+    assert repeats.over_features(kept, "discrimination")[0] == pytest.approx(79.2, abs=1)
 
 
 @pytest.mark.real

@@ -79,24 +79,38 @@ def stability(rng):
 
 @pytest.fixture
 def overlap():
-    """All list lengths of 86, the band of uncorrelated lists from the hypergeometric distribution."""
+    """All list lengths of 86; for discriminative power the band of independent features, for stability a wider one."""
     from scipy.stats import hypergeom
 
     n = np.arange(1, 87)
     shared = hypergeom(86, n, n)
     mean = n**2 / 86
     above = np.minimum(n, mean + 0.35 * (n - mean))
+    lower, upper = shared.ppf(0.025), shared.ppf(0.975)
     return pandas.DataFrame(
         {
             "n_top": n,
             "percent": 100 * n / 86,
             "overlap_stability_percent": 100 * np.round(above) / n,
+            "overlap_stability_sd": 100 * np.sqrt(n * (86 - n)) / 86 / n,
+            "expected_stability_percent": 100 * mean / n,
+            "lower_stability_percent": 100 * np.maximum(2 * lower - mean, 0) / n,
+            "upper_stability_percent": 100 * np.minimum(2 * upper - mean, n) / n,
             "overlap_discrimination_percent": 100 * np.ceil((above + mean) / 2) / n,
-            "expected_percent": 100 * mean / n,
-            "lower_percent": 100 * shared.ppf(0.025) / n,
-            "upper_percent": 100 * shared.ppf(0.975) / n,
+            "overlap_discrimination_sd": np.nan,
+            "expected_discrimination_percent": 100 * mean / n,
+            "lower_discrimination_percent": 100 * lower / n,
+            "upper_discrimination_percent": 100 * upper / n,
         }
     )
+
+
+@pytest.fixture
+def draws(stability):
+    """Two draws of measured scores of 85 features, 4 of 12 repeats: those of `stability`, and 2 % more of each."""
+    scores = stability.drop(columns="family").iloc[:85].assign(repeats=4, of=12)
+    more = {name: scores[name] + 2 for name in ("stability_percent", "discrimination_percent")}
+    return pandas.concat([scores.assign(draw=1), scores.assign(draw=2, **more)], ignore_index=True)
 
 
 @pytest.fixture

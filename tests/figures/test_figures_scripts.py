@@ -77,7 +77,7 @@ def test_scans(run, phantom_folder):
             "noise_calibration",
             {"study_levels": {"main": 1e-4}, "measured": [{"label": "1 mGy", "variance_hu2": 674.0}]},
         ),
-        ("stability_discrimination", {"threshold": 1.0, "with_measured": False}),
+        ("stability_discrimination", {"threshold": 1.0, "with_measured": False, "seeds": 10, "settings": ""}),
         ("overlap", {}),
         ("pca", {"title": "SIRT"}),
     ],
@@ -99,7 +99,14 @@ def test_measured_scores_beside_simulated(run, tmp_path):
 
     scores = measured.load_scores()
     write_csv(scores.assign(family=scores["feature"].map(family)), tmp_path / "table.csv")
-    paths = run("stability_discrimination", {"table": tmp_path / "table.csv"}, threshold=1.0, with_measured=True)
+    paths = run(
+        "stability_discrimination",
+        {"table": tmp_path / "table.csv"},
+        threshold=1.0,
+        with_measured=True,
+        seeds=10,
+        settings="",
+    )
     assert written(paths)
 
 

@@ -112,7 +112,7 @@ def test_both_formats_are_written_the_same_every_time(overlap, tmp_path):
         assert b"CreationDate" not in first
     assert b"/FontType 3" not in (tmp_path / "first" / "a.pdf").read_bytes()
     width, height = matplotlib.image.imread(tmp_path / "first" / "a.png").shape[1::-1]
-    assert width == int(style.SINGLE_COLUMN_MM / 25.4 * 200)
+    assert width == int(style.DOUBLE_COLUMN_MM / 25.4 * 200)
 
 
 def test_another_process_and_hash_seed_writes_the_same_without_pyplot(tmp_path):

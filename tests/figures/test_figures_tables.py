@@ -17,11 +17,10 @@ def points(axes):
     return [np.asarray(collection.get_offsets()) for collection in axes.findobj(PathCollection)]
 
 
-def test_no_text_is_smaller_than_seven_points_or_cut_off(calibration, stability, overlap, make_pca):
-    measured = stability.drop(columns="family")
+def test_no_text_is_smaller_than_seven_points_or_cut_off(calibration, stability, draws, overlap, make_pca):
     for figure in (
         noise_calibration.draw(calibration, {"main": 1e-4}, [("1 mGy", 674), ("10 mGy", 228)]),
-        stability_discrimination.draw(stability, 1.0, measured),
+        stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 0.35)),
         stability_discrimination.draw(stability, 1.0),
         overlap_figure.draw(overlap),
         pca.draw(make_pca(), "SIRT"),
@@ -90,8 +89,8 @@ def test_calibration_refuses(calibration):
 # Stability and discriminative power
 
 
-def test_every_feature_counts(stability):
-    figure = stability_discrimination.draw(stability, 1.0, stability.drop(columns="family").iloc[:85])
+def test_every_feature_counts(stability, draws):
+    figure = stability_discrimination.draw(stability, 1.0, draws)
     families = sorted(set(stability["family"]))
     one = dict(
         zip(
@@ -144,6 +143,22 @@ def test_means_and_best_by_hand():
     assert "stability: pairs of groups with |W| < 1.5 (%)" in texts(figure)
 
 
+def test_both_panels_say_their_repeats_and_spreads(stability, draws):
+    simulated, measured = (
+        axes.get_title()
+        for axes in stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 1.5)).axes
+    )
+    stable, apart = stability["stability_percent"].mean(), stability["discrimination_percent"].mean()
+    assert simulated.startswith("Simulated, 86 features, 10 repeats a group\n")
+    assert simulated.endswith(f"means: {stable:.1f} ± 0.2 % stable, {apart:.1f} ± 1.5 % told apart")
+    stable, apart = (draws[f"{kind}_percent"].mean() for kind in ("stability", "discrimination"))
+    # Means of the two draws differ by 2: SD sqrt(2), of 4 of 12 repeats over sqrt(1 - 1 / 3)
+    assert measured == (
+        f"Measured, 85 features, 4 repeats a group\nmeans: {stable:.1f} ± 1.7 % stable, {apart:.1f} ± 1.7 % told apart"
+    )
+    assert "±" not in stability_discrimination.draw(stability, 1.0, draws[draws["draw"] == 1]).axes[1].get_title()
+
+
 def test_near_best_features_share_a_label():
     table = pandas.DataFrame(
         {
@@ -157,32 +172,34 @@ def test_near_best_features_share_a_label():
     assert "1, 2" in said and "3" in said
 
 
-def test_stability_refuses(stability):
+def test_stability_refuses(stability, draws):
     with pytest.raises(InputError, match="no rows"):
         stability_discrimination.draw(stability.iloc[:0], 1.0)
     with pytest.raises(InputError, match="share no feature"):
-        other = stability.drop(columns="family").assign(feature="unheard_of")
-        stability_discrimination.draw(stability, 1.0, other)
+        stability_discrimination.draw(stability, 1.0, draws.assign(feature="unheard_of"))
 
 
 # Overlap
 
 
-def test_overlap_draws_both_curves_and_the_band(overlap):
+def test_overlap_draws_both_curves_and_their_bands(overlap):
     figure = overlap_figure.draw(overlap.sample(frac=1, random_state=1))
-    axes = figure.axes[0]
-    curves = {curve.get_label(): curve.get_xydata() for curve in axes.lines}
-    for label, column in (
-        ("stability", "overlap_stability_percent"),
-        ("discriminative power", "overlap_discrimination_percent"),
-        ("uncorrelated lists, expectation", "expected_percent"),
-    ):
-        assert np.array_equal(curves[label], overlap[["percent", column]].to_numpy())
+    assert [axes.get_title() for axes in figure.axes] == ["Stability", "Discriminative power"]
+    for axes, kind in zip(figure.axes, ("stability", "discrimination"), strict=True):
+        drawn = [line.get_xydata() for line in axes.lines]
+        for column in (f"overlap_{kind}_percent", f"expected_{kind}_percent"):
+            assert any(np.array_equal(line, overlap[["percent", column]].to_numpy()) for line in drawn)
+        assert axes.get_xlabel() == "features taken as best-scoring (%)"
     # 43 of 86: 95 % of random choices share 17 to 26, 39.5 to 60.5 % (hypergeometric law)
-    band = axes.collections[1].get_paths()[0].vertices
+    band = figure.axes[1].collections[1].get_paths()[0].vertices
     at_half = np.unique(band[np.isclose(band[:, 0], 50), 1])
     assert at_half == pytest.approx(100 * np.array(hypergeom(86, 43, 43).interval(0.95)) / 43)
-    assert "features taken as best-scoring (%)" in texts(figure) and "of these, in both lists (%)" in texts(figure)
+    bars = figure.axes[0].containers[0].lines[2][0].get_segments()
+    sd = overlap.set_index("percent")["overlap_stability_sd"]
+    assert len(bars) >= 20
+    for (x, bottom), (_, top) in bars:
+        assert (top - bottom) / 2 == pytest.approx(sd[x])
+    assert "of these, in both lists (%)" in texts(figure)
     with pytest.raises(InputError, match="no rows"):
         overlap_figure.draw(overlap.iloc[:0])
 

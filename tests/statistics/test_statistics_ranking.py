@@ -1,16 +1,19 @@
-from itertools import combinations, permutations, product
-from math import comb
+from itertools import permutations, product
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import hypergeom, spearmanr
 
 from virtual_phantom import measured
 from virtual_phantom.errors import InputError
 from virtual_phantom.radiomics import FEATURES
-from virtual_phantom.statistics import ranking
+from virtual_phantom.statistics import ranking, repeats, wilcoxon
+
+STUDY = Path(__file__).resolve().parents[2] / "../shared/real/ct_phantom4radiomics/features_2d.csv"
 
 
 def table(stability, discrimination=None, features=FEATURES):
@@ -25,14 +28,93 @@ def table(stability, discrimination=None, features=FEATURES):
     )
 
 
-@pytest.mark.parametrize("items, n", [(6, 3), (7, 2), (5, 5), (8, 1)])
-def test_unrelated_overlap_by_listing_every_choice(items, n):
-    counts = [len(set(range(n)) & set(choice)) for choice in combinations(range(items), n)]
-    mean, lower, upper = ranking.uncorrelated_overlap(items, n)
-    assert mean == pytest.approx(np.mean(counts)) == pytest.approx(n * n / items)
-    cumulative = {k: sum(count <= k for count in counts) / comb(items, n) for k in range(-1, n + 1)}
-    assert cumulative[lower - 1] < 0.025 <= cumulative[lower] + 1e-12
-    assert cumulative[upper - 1] < 0.975 <= cumulative[upper] + 1e-12
+def independent(features=FEATURES):
+    return pd.DataFrame(np.eye(len(features)), index=list(features), columns=list(features))
+
+
+@pytest.mark.parametrize("items, n", [(12, 3), (15, 7), (10, 1)])
+def test_unrelated_lists_of_independent_features_follow_the_hypergeometric_law(items, n):
+    scores = np.random.default_rng(1).normal(size=items)
+    found = np.round(ranking.unrelated_overlaps(ranking.heads(scores), np.eye(items))[:, n - 1] * n)
+    for shared in range(n + 1):
+        expected = hypergeom.pmf(shared, items, n, n)
+        assert np.mean(found == shared) == pytest.approx(expected, abs=4 * np.sqrt(0.25 / ranking.UNRELATED))
+
+
+def test_twins_go_together():
+    """Ten pairs of one feature each, all in the given list's order: a random list shares whole pairs."""
+    pairs = np.kron(np.eye(10), np.ones((2, 2)))
+    found = ranking.unrelated_overlaps(ranking.heads(-np.arange(20.0)), pairs)[:, 9] * 10
+    assert np.array_equal(found, 2 * np.round(found / 2))  # five pairs of ten, and all of a pair
+    for shared in range(6):
+        expected = hypergeom.pmf(shared, 10, 5, 5)
+        assert np.mean(found == 2 * shared) == pytest.approx(expected, abs=4 * np.sqrt(0.25 / ranking.UNRELATED))
+
+
+def test_shared_variance_is_the_mean_square_of_spearmans_coefficient():
+    rng = np.random.default_rng(4)
+    values = rng.normal(size=(40, 3)) @ rng.normal(size=(3, 3))
+    rows = pd.DataFrame(values, columns=list("abc")).assign(roi=["x"] * 15 + ["y"] * 25, d=1.0)
+    found = ranking.shared_variance(rows, list("abcd"))
+    for first, second in (("a", "b"), ("a", "c"), ("b", "c")):
+        each = [spearmanr(part[first], part[second]).statistic ** 2 for _, part in rows.groupby("roi")]
+        assert found.loc[first, second] == found.loc[second, first] == pytest.approx(np.mean(each))
+    assert np.diag(found).tolist() == [1] * 4 and (found.loc["d", list("abc")] == 0).all()  # d never varies
+
+
+def unrelated_study(rng, root, spread_of_merits):
+    """A study whose groups and ROIs differ by draws of its own, while features are correlated as `root` says: one root
+    for values, one for how much a feature is moved by the groups, which correlated features share."""
+    merit = np.exp(spread_of_merits * (root[1] @ rng.standard_normal(len(root[0]))))
+    rows = []
+    for roi in range(3):
+        where = 5 * root[0] @ rng.standard_normal(len(root[0]))
+        for group in range(5):
+            shift = merit * (root[0] @ rng.standard_normal(len(root[0])))
+            values = where + shift + rng.standard_normal((8, len(root[0]))) @ root[0].T
+            rows.append(pd.DataFrame(values).assign(group=group, roi=roi, tissue_class=roi))
+    return pd.concat(rows, ignore_index=True)
+
+
+@pytest.mark.real
+@pytest.mark.skipif(not STUDY.exists(), reason="the table of CT-Phantom4Radiomics is not beside the checkout")
+def test_scores_of_features_correlate_by_the_square_of_the_features_where_groups_differ_in_nothing():
+    """Real scans, dealt out to the groups at random: what is left of the order of features is chance."""
+    study = measured.load_full_table(STUDY)
+    study = study[(study["repositioned"] == 0) & (study["group"] <= 5)]
+    names = list(measured.STUDY_FEATURES)
+    rng = np.random.default_rng(np.random.SeedSequence(4))
+    stability = []
+    for _ in range(60):
+        dealt = study.groupby("roi")["group"].transform(lambda groups: rng.permutation(groups.to_numpy()))
+        stability.append(wilcoxon.scores(study.assign(group=dealt), names)["stability_percent"])
+    pairs = np.triu_indices(len(names), 1)
+    squares = ranking.shared_variance(study, names).to_numpy()[pairs]
+    slope, offset = np.polyfit(squares, np.corrcoef(np.transpose(stability))[pairs], 1)
+    # A coefficient of 60 draws has a standard error of 0.13; those of 3,570 pairs hang together.
+    assert slope == pytest.approx(1, abs=0.15) and offset == pytest.approx(0, abs=0.1)
+
+
+def test_the_band_holds_95_percent_of_unrelated_studies_and_that_of_independent_features_does_not():
+    """40 features in 5 clusters of 8, correlated by 0.95 inside; two studies that share nothing else."""
+    rng = np.random.default_rng(np.random.SeedSequence(23))
+    correlations = np.where(np.kron(np.eye(5), np.ones((8, 8))) > 0, 0.95, 0) + 0.05 * np.eye(40)
+    root = np.linalg.cholesky(correlations), np.linalg.cholesky(correlations**2)
+    names = list(FEATURES[:40])
+    inside, independent_inside = [], []
+    for _ in range(25):
+        one, other = (unrelated_study(rng, root, 1.0).rename(columns=dict(enumerate(names))) for _ in range(2))
+        scores = [wilcoxon.scores(study, names) for study in (one, other)]
+        for shared, kept in ((ranking.shared_variance(one, names), inside), (independent(names), independent_inside)):
+            found = ranking.overlap(*scores, shared)
+            for kind in ranking.KINDS:
+                share, lower, upper = (
+                    found[f"{what}_{kind}_percent"].to_numpy()[:-1] for what in ("overlap", "lower", "upper")
+                )
+                kept.append(np.mean((share >= lower - 1e-9) & (share <= upper + 1e-9)))
+    # 50 curves, whose lengths depend on each other: the mean share inside has a standard error of 0.02.
+    assert np.mean(inside) > 0.93
+    assert np.mean(independent_inside[::2]) < 0.87  # of stability
 
 
 @settings(max_examples=30, deadline=None)
@@ -55,9 +137,9 @@ def test_overlap_with_ties_is_the_mean_over_every_way_to_break_them(a, b, n):
 
 def test_equal_and_opposite_rankings():
     scores = np.arange(10.0)
-    same = ranking.overlap(table(scores), table(scores))
+    same = ranking.overlap(table(scores), table(scores), independent())
     assert (same["overlap_stability_percent"] == 100).all() and (same["area_stability"] == 1).all()
-    opposite = ranking.overlap(table(scores), table(scores[::-1]))
+    opposite = ranking.overlap(table(scores), table(scores[::-1]), independent())
     # The best n and the worst n of ten share max(0, 2n - 10).
     assert opposite["overlap_discrimination_percent"].tolist() == pytest.approx(
         [100 * max(0, 2 * n - 10) / n for n in range(1, 11)]
@@ -66,28 +148,21 @@ def test_equal_and_opposite_rankings():
 
 
 def test_one_score_for_all_gives_what_unrelated_lists_give():
-    result = ranking.overlap(table(np.zeros(12)), table(np.arange(12.0)))
-    assert np.allclose(result["overlap_stability_percent"], result["expected_percent"])
+    result = ranking.overlap(table(np.zeros(12)), table(np.arange(12.0)), independent())
+    # n^2 / 12 of n on average; 2000 lists are off by at most 4 standard errors
+    expected = 100 * np.arange(1, 13) / 12
+    assert result["overlap_stability_percent"].tolist() == pytest.approx(expected.tolist())
+    assert np.abs(result["expected_stability_percent"] - expected).max() < 4 * 50 / np.sqrt(ranking.UNRELATED)
     assert result["area_stability"].iloc[0] == pytest.approx(13 / 24)  # mean of n / 12
-
-
-def test_random_rankings_stay_in_the_band_as_often_as_it_says():
-    rng = np.random.default_rng(3)
-    _, lower, upper = ranking.uncorrelated_overlap(40, 10)
-    inside = []
-    for _ in range(2000):
-        shared = ranking.expected_overlap(rng.normal(size=40), rng.normal(size=40), 10)
-        inside.append(lower <= shared <= upper)
-    assert np.mean(inside) >= 0.95  # at n = 10 of 40 the discrete band holds 98 %
 
 
 def test_features_of_one_table_only_are_left_out():
     simulated = table(np.arange(86.0))
-    result = ranking.overlap(simulated, measured.load_scores())
+    result = ranking.overlap(simulated, measured.load_score_draws(10), independent())
     assert (result["n_features"] == 85).all() and len(result) == 85
     assert result["overlap_stability_percent"].iloc[-1] == pytest.approx(100)
     with pytest.raises(InputError, match="share 0 features"):
-        ranking.overlap(simulated, table(np.arange(3.0), features=["a", "b", "c"]))
+        ranking.overlap(simulated, table(np.arange(3.0), features=["a", "b", "c"]), independent())
 
 
 def test_top_lists_are_ordered_and_mark_ties():
@@ -100,6 +175,40 @@ def test_top_lists_are_ordered_and_mark_ties():
     assert list(top["stability_simulated_percent"][:5]) == [90, 70, 50, 50, 0]
     assert list(top["stability_simulated_tied"][:5]) == [1, 1, 2, 2, 82]
     assert top["discrimination_simulated"][0] == FEATURES[85]
+
+
+def test_measured_top_lists_are_the_best_by_their_means_over_draws():
+    draws = pd.concat(
+        [
+            table(scores).assign(draw=draw, repeats=1, of=3)
+            for draw, scores in enumerate([np.arange(86.0), np.where(np.arange(86) == 7, 300, np.arange(86.0))], 1)
+        ],
+        ignore_index=True,
+    )
+    top = ranking.top(table(np.arange(86)), measured.load_published_top(), draws)
+    assert list(top["stability_measured"][:2]) == [FEATURES[7], FEATURES[85]]
+    assert list(top["stability_measured_percent"][:2]) == [(7 + 300) / 2, 85]
+    # SD of 7 and 300 is 293 / sqrt(2), of draws of one of three: over sqrt(1 - 1 / 3)
+    assert top["stability_measured_sd"][0] == pytest.approx(293 / np.sqrt(2) / np.sqrt(2 / 3))
+    assert top["stability_measured_sd"][1] == 0
+
+
+def test_overlap_is_the_mean_over_draws_and_says_their_spread():
+    order = np.arange(10.0)
+    draws = pd.concat(
+        [table(scores).assign(draw=draw, repeats=5, of=20) for draw, scores in ((1, order), (2, order[::-1]))],
+        ignore_index=True,
+    )
+    found = ranking.overlap(table(order), draws, independent())
+    # The five best of the same order are five, of the opposite one none.
+    assert found["overlap_stability_percent"][4] == pytest.approx(50)
+    assert found["overlap_stability_sd"][4] == pytest.approx(100 / np.sqrt(2) / np.sqrt(1 - 5 / 20))
+    assert ranking.overlap(table(order), table(order), independent())["overlap_stability_sd"].isna().all()
+    assert (
+        ranking.lengths_above(found.assign(upper_stability_percent=49.0), "stability")
+        == (found["overlap_stability_percent"] > 49).sum()
+    )
+    assert repeats.share_drawn(draws) == 0.25
 
 
 def test_published_lists_are_the_papers():
@@ -138,6 +247,6 @@ def test_a_broken_table_of_scores_is_refused(spoil, message):
     with pytest.raises(InputError, match=f"scores of the simulation: .*{message}"):
         ranking.top(spoil(good), measured.load_published_top())
     with pytest.raises(InputError, match=f"scores of the simulation: .*{message}"):
-        ranking.overlap(spoil(good), good)
+        ranking.overlap(spoil(good), good, independent())
     with pytest.raises(InputError, match=f"measured scores: .*{message}"):
-        ranking.overlap(good, spoil(good))
+        ranking.overlap(good, spoil(good), independent())

@@ -206,6 +206,7 @@ rule recording_scores:
         runtime=15,
     params:
         folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
+        repeats=GROUPED["seeds"],
         statistics=PLAN.config["statistics"],
     script:
         "../scripts/recording_scores.py"
@@ -213,13 +214,17 @@ rule recording_scores:
 
 use rule overlap as overlap_recording with:
     input:
-        stability=rules.stability.output[0],
+        features=f"{RESULTS}/features.csv",
         scores=f"{RESULTS}/recordings/{{recording}}/scores.csv",
         code=code("overlap.py"),
     output:
         f"{RESULTS}/tables/overlap_{{recording}}.csv",
     log:
         f"{RESULTS}/logs/overlap/{{recording}}.log",
+    params:
+        **GROUPED,
+        statistics=PLAN.config["statistics"],
+        recording=lambda wildcards: wildcards.recording,
 
 
 use rule figure_overlap as figure_overlap_recording with:

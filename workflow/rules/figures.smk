@@ -95,7 +95,8 @@ rule figure_noise_calibration:
 rule figure_stability_discrimination:
     input:
         table=rules.stability.output[0],
-        scores="resources/ct_phantom4radiomics_scores.csv",
+        scores="resources/ct_phantom4radiomics_draws.csv",
+        seeds="resources/default_study_seeds.csv",
         code=code("figures/stability_discrimination.py"),
     output:
         png=report(
@@ -114,6 +115,8 @@ rule figure_stability_discrimination:
     params:
         threshold=PLAN.config["statistics"]["threshold"],
         with_measured=PLAN.config["measured"]["overlay"],
+        seeds=GROUPED["seeds"],
+        settings=PLAN.scored_settings(),
     script:
         "../scripts/figures/stability_discrimination.py"
 

@@ -67,6 +67,7 @@ rule top_features:
     input:
         stability=rules.stability.output[0],
         published="resources/published_top_features.csv",
+        scores="resources/ct_phantom4radiomics_draws.csv",
         code=code("top_features.py"),
     output:
         report(
@@ -82,6 +83,9 @@ rule top_features:
     resources:
         mem_mb=1000,
         runtime=10,
+    params:
+        seeds=GROUPED["seeds"],
+        with_measured=PLAN.config["measured"]["overlay"],
     script:
         "../scripts/top_features.py"
 
@@ -89,8 +93,8 @@ rule top_features:
 rule overlap:
     """How many of the best features are also the measured phantom's best."""
     input:
-        stability=rules.stability.output[0],
-        scores="resources/ct_phantom4radiomics_scores.csv",
+        features=f"{RESULTS}/features.csv",
+        scores="resources/ct_phantom4radiomics_draws.csv",
         code=code("overlap.py"),
     output:
         f"{RESULTS}/tables/overlap.csv",
@@ -99,8 +103,12 @@ rule overlap:
     group:
         "analyses"
     resources:
-        mem_mb=1000,
-        runtime=10,
+        mem_mb=2000,
+        runtime=15,
+    params:
+        **GROUPED,
+        statistics=PLAN.config["statistics"],
+        recording=None,
     script:
         "../scripts/overlap.py"
 

@@ -1,19 +1,31 @@
-"""Overlap of the highest-ranked simulated and measured features."""
+"""Overlap of the highest-ranked simulated and measured features, both of equally many repeats."""
 
-from virtual_phantom import files
+from virtual_phantom import feature_table, files, measured
+from virtual_phantom.feature_names import FEATURES
 from virtual_phantom.job import job
-from virtual_phantom.statistics import ranking
+from virtual_phantom.statistics import ranking, wilcoxon
 
 with job(snakemake) as log:
-    table = ranking.overlap(files.read_csv(snakemake.input.stability), files.read_csv(snakemake.input.scores))
+    params = snakemake.params
+    source = str(snakemake.input.features)
+    scores = snakemake.input.scores
+    recorded = files.read_csv(scores) if params.recording else measured.load_score_draws(params.seeds)
+    repeats = int(recorded["repeats"].iloc[0])
+    features = feature_table.grouped(feature_table.read(source), dict(params.groups), noise=params.noise, seeds=repeats)
+    simulated = wilcoxon.scores(features, FEATURES, source=source, **params.statistics)
+    table = ranking.overlap(simulated, recorded, ranking.shared_variance(features, FEATURES))
     files.write_csv(table, snakemake.output[0])
     for kind in ranking.KINDS:
-        above = (table[f"overlap_{kind}_percent"] > table["upper_percent"]).sum()
+        first, ten = table.iloc[0], table.iloc[min(9, len(table) - 1)]
         log.info(
-            "%s: area %.3f (unrelated lists %.3f), above the 95 %% band at %d of %d sizes",
+            "%s at %d repeats: area %.3f, SD %.3f (unrelated lists %.3f, 97.5 %% of them below %.3f), above their band "
+            "at %d of %d lengths; %.1f of the %d best shared, SD %.1f",
             kind,
-            table[f"area_{kind}"].iloc[0],
-            table["area_expected"].iloc[0],
-            above,
+            repeats,
+            *(first[f"area_{kind}{what}"] for what in ("", "_sd", "_expected", "_upper")),
+            ranking.lengths_above(table, kind),
             len(table),
+            ten["n_top"] * ten[f"overlap_{kind}_percent"] / 100,
+            ten["n_top"],
+            ten["n_top"] * ten[f"overlap_{kind}_sd"] / 100,
         )

@@ -5,6 +5,8 @@ from virtual_phantom.errors import InputError
 from virtual_phantom.job import job
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.reference import scores
+from virtual_phantom.statistics import ranking
+from virtual_phantom.statistics.repeats import over_features
 
 with job(snakemake) as log:
     recording = load(snakemake.params.folder)
@@ -13,10 +15,9 @@ with job(snakemake) as log:
             f"recording {snakemake.wildcards.recording}: holds {recording.kind}; analyses.stability.recordings takes "
             "recordings of features only"
         )
-    table = scores(recording, **snakemake.params.statistics)
+    table = scores(recording, snakemake.params.repeats, **snakemake.params.statistics)
     files.write_csv(table, snakemake.output[0])
-    log.info(
-        "mean stability %.1f %%, mean discriminative power %.1f %%",
-        table["stability_percent"].mean(),
-        table["discrimination_percent"].mean(),
-    )
+    for kind in ranking.KINDS:
+        log.info(
+            "%s at %d repeats: mean %.1f %%, SD %.1f %%", kind, table["repeats"].iloc[0], *over_features(table, kind)
+        )

@@ -5,5 +5,7 @@ from virtual_phantom.job import job
 from virtual_phantom.statistics import ranking
 
 with job(snakemake):
+    params = snakemake.params
     scores = files.read_csv(snakemake.input.stability)
-    files.write_csv(ranking.top(scores, measured.load_published_top()), snakemake.output[0])
+    draws = measured.load_score_draws(params.seeds) if params.with_measured else None
+    files.write_csv(ranking.top(scores, measured.load_published_top(), draws), snakemake.output[0])

@@ -23,6 +23,8 @@ from .files import read_csv
 
 RESOURCES = Path(__file__).resolve().parents[3] / "resources"
 STORED_OFFSET_HU = 1024
+FIRST_REPOSITIONED = 21  # of 30 acquisitions; Flouris et al., Sci. Rep. 12, 4732 (2022), methods
+ACQUISITIONS = ("fixed", "all")  # without re-positioning, or with
 TISSUE_CLASSES = {
     "normal_1": "normal_liver",
     "normal_2": "normal_liver",
@@ -69,12 +71,39 @@ def group_means() -> pd.DataFrame:
 
 
 def load_scores() -> pd.DataFrame:
-    """Stability and discriminative power measured in CT-Phantom4Radiomics, from stored values as published.
+    """Stability and discriminative power measured in CT-Phantom4Radiomics, from stored values as published and from all
+    29 or 30 acquisitions, re-positioned ones among them.
 
     Columns feature (85 of the 86), stability_percent, discrimination_percent; `statistics.wilcoxon.scores` at
     threshold 1, ROI by ROI, over 8 groups: 168 comparisons for stability, 104 for discrimination.
+    Not to be set beside scores of fewer repeats: |W| grows with their root. See `load_score_draws`.
     """
     return read_csv(RESOURCES / "ct_phantom4radiomics_scores.csv")
+
+
+def load_score_draws(repeats: int, acquisitions: str = "fixed") -> pd.DataFrame:
+    """The scores of `load_scores` from random subsamples of as many acquisitions as a study has repeats.
+
+    repeats        acquisitions of each group, at least 2
+    acquisitions   "fixed": of the 19 that all groups have without re-positioning; "all": of all 29
+    Returns one row per draw and feature, as `statistics.repeats.draws`. More repeats than there are acquisitions are
+    brought down to these; column repeats says to how many.
+    Raises InputError for another word, or repeats that were not drawn.
+    """
+    kept = read_csv(RESOURCES / "ct_phantom4radiomics_draws.csv")
+    kept = kept[kept["acquisitions"] == acquisitions]
+    if kept.empty:
+        raise InputError(f"measured scores: {acquisitions!r} is not known; choose from {', '.join(ACQUISITIONS)}")
+    kept = kept[kept["repeats"] == min(repeats, kept["repeats"].max())]
+    if kept.empty:
+        raise InputError(f"measured scores: none were drawn of {repeats} of {acquisitions} acquisitions")
+    keys = ["repeats", "of", "draw"]
+    counts = kept.melt(id_vars=[*keys, "kind", "comparisons"], value_vars=list(STUDY_FEATURES), var_name="feature")
+    counts["percent"] = 100 * counts["value"] / counts["comparisons"]
+    wide = counts.pivot(index=[*keys, "feature"], columns="kind", values="percent").reset_index()
+    order = wide["feature"].map(STUDY_FEATURES.index)
+    wide = wide.assign(_order=order).sort_values(["draw", "_order"], ignore_index=True).drop(columns="_order")
+    return wide.rename(columns=lambda name: f"{name}_percent" if name in ("stability", "discrimination") else name)
 
 
 def load_dose_series() -> pd.DataFrame:
@@ -110,7 +139,8 @@ def dose_variance(reconstruction: str, dose_mgy: float, roi: str = "cyst_1") -> 
 def load_full_table(path: str | Path) -> pd.DataFrame:
     """The full table of CT-Phantom4Radiomics features, in this project's names, values as stored (HU + 1024).
 
-    Columns scan, group, acquisition (digits 2 and 3 of the scan), roi, tissue_class, n_voxels, 85 features.
+    Columns scan, group, acquisition (1 to 30, the same one in all groups: `true_acquisition`), repositioned (0 or 1),
+    roi, tissue_class, n_voxels, 85 features.
     Raises InputError if the file is missing, lacks a column, or holds an ROI, a group or values that do not
     belong.
     """
@@ -119,17 +149,34 @@ def load_full_table(path: str | Path) -> pd.DataFrame:
     if scan.isna().any() or (scan.str[0].astype(int) != raw["group"]).any():
         raise InputError(f"{path}: has a scan_id that does not begin with the digit of its group")
     roi = raw["class"].map(STUDY_ROIS)
+    acquisition = true_acquisition(raw["group"].to_numpy(), scan.str[1:].astype(int).to_numpy())
     keys = pd.DataFrame(
         {
             "scan": scan.astype(int),
             "group": raw["group"],
-            "acquisition": scan.str[1:].astype(int),
+            "acquisition": acquisition,
+            "repositioned": (acquisition >= FIRST_REPOSITIONED).astype(int),
             "roi": roi,
             "tissue_class": roi.map(TISSUE_CLASSES),
             "n_voxels": raw["mask size"],
         }
     )
     return pd.concat([keys, raw[list(STUDY_FEATURES)]], axis="columns")
+
+
+def true_acquisition(group: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Which of the 30 acquisitions a scan of CT-Phantom4Radiomics reconstructs, by its group (1 to 8) and the number in
+    its name, digits 2 and 3.
+
+    All groups reconstruct the same acquisitions, but groups 1 and 2 leave out the first and count from the second, and
+    group 3 counts some backwards. Found from the ROIs' means, which the groups share but for their reconstruction, and
+    held against the masks' places, which are another after each re-positioning (tests/test_measured.py).
+    """
+    group, number = np.asarray(group), np.asarray(number)
+    third = np.select(
+        [(number >= 11) & (number <= 15), (number >= 16) & (number <= 25)], [number + 10, 36 - number], number
+    )
+    return np.select([group <= 2, group == 3], [number + 1, third], number)
 
 
 def load_full_dose_series(path: str | Path) -> pd.DataFrame:

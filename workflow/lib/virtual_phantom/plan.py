@@ -84,6 +84,22 @@ class Plan:
         """{protocol: group number} of the stability analysis."""
         return {name: settings["group"] for name, settings in self.config["protocols"].items() if "group" in settings}
 
+    def scored_settings(self) -> str:
+        """Hash of every setting that the stability analysis' scores depend on, but for the seed; "" without one."""
+        if "stability" not in self.config["analyses"]:
+            return ""
+        level = self.config["noise"]["levels"][self.config["analyses"]["stability"]["noise"]]
+        keys = ("phantom", "grid", "mu_water_per_mm", "materials", "reconstruction", "statistics")
+        settings = {
+            **{key: self.config[key] for key in keys},
+            "noise": {**{key: self.config["noise"][key] for key in ("model", "zero_counts_as")}, "level": level},
+            "protocols": {
+                name: {**self.config["protocols"][name], **self.geometry_settings(self.geometry_of(name))}
+                for name in self.groups()
+            },
+        }
+        return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
+
     def acquisitions(self) -> list[tuple[str, str]]:
         """Every (protocol, noise level) that some analysis asks for, sorted."""
         analyses = self.config["analyses"]

@@ -1,12 +1,14 @@
 """Figure of stability against discriminative power, with the measured scores beside it where they apply."""
 
-from virtual_phantom import files, measured
+from virtual_phantom import files, further_seeds, measured
 from virtual_phantom.figures import stability_discrimination, style
 from virtual_phantom.job import job
 
 with job(snakemake):
     params = snakemake.params
-    scores = measured.load_scores() if params.with_measured else None
+    scores = measured.load_score_draws(params.seeds) if params.with_measured else None
     table = files.read_csv(snakemake.input.table)
-    figure = stability_discrimination.draw(table, params.threshold, scores)
+    seeds = further_seeds.load()
+    sd = further_seeds.spread(seeds) if further_seeds.made_with(seeds, params.settings) else None
+    figure = stability_discrimination.draw(table, params.threshold, scores, repeats=params.seeds, sd=sd)
     style.save(figure, [snakemake.output.png, snakemake.output.pdf])

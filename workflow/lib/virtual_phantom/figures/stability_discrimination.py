@@ -9,48 +9,64 @@ from matplotlib.lines import Line2D
 from scipy.cluster import hierarchy
 
 from ..errors import InputError
+from ..statistics.ranking import KINDS
+from ..statistics.repeats import over_features
 from . import style, tables
 
-SCORES = ["stability_percent", "discrimination_percent"]
+SCORES = [f"{kind}_percent" for kind in KINDS]
 BEST = 5  # features named in each panel
 NEAR_PERCENT = 4.0  # best features nearer to each other than this share one label
 POINT = 4.0  # across, for one feature
 
 
 @style.styled()
-def draw(table: pandas.DataFrame, threshold: float, measured: pandas.DataFrame | None = None) -> Figure:
+def draw(
+    table: pandas.DataFrame,
+    threshold: float,
+    measured: pandas.DataFrame | None = None,
+    *,
+    repeats: int | None = None,
+    sd: tuple[float, float] | None = None,
+) -> Figure:
     """A point per feature, by family; a second panel with measured scores of the same features, if given.
 
     table      feature, family, stability_percent, discrimination_percent
     threshold  of |W|, under which a pair is stable and over which it is told apart; named on the axes
-    measured   feature, stability_percent, discrimination_percent
+    measured   draw, repeats, of, feature, stability_percent, discrimination_percent (statistics.repeats.draws); shown
+               are means over draws, and the SD over draws of the mean over features
+    repeats    of each group of `table`, to be said
+    sd         SD of the mean over features of both scores of `table`, where it is known
     Features of one family at one place are one marker, its area their number. The BEST features by the sum of
     both scores are numbered, and named under the panel.
     Raises InputError if columns or rows lack, a score is not a number, or the tables share no feature.
     """
     tables.check_table(table, "stability table", text=["feature", "family"], numbers=SCORES)
-    shown = {"Simulated": table}
+    shown = {"Simulated": (table, repeats, sd)}
     if measured is not None:
-        tables.check_table(measured, "measured scores", text=["feature"], numbers=SCORES)
-        common = measured[["feature", *SCORES]].merge(table[["feature", "family"]], on="feature")
-        if common.empty:
+        tables.check_table(measured, "measured scores", text=["feature"], numbers=["draw", "repeats", "of", *SCORES])
+        measured = measured.merge(table[["feature", "family"]], on="feature")
+        if measured.empty:
             raise InputError("measured scores: share no feature with the stability table; name both as in pyradiomics")
-        shown["Measured"] = common
+        spreads = tuple(over_features(measured, kind)[1] for kind in KINDS)
+        means = measured.groupby(["feature", "family"], sort=False)[SCORES].mean().reset_index()
+        shown["Measured"] = (means, int(measured["repeats"].iloc[0]), spreads if np.isfinite(spreads).all() else None)
     families = sorted(set(table["family"]))
     colours, markers = style.assign(families, style.ON_WHITE), style.assign(families, style.MARKERS)
 
     double = len(shown) > 1
     figure = style.figure(style.DOUBLE_COLUMN_MM if double else style.SINGLE_COLUMN_MM, 112)
     panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
-    for index, (axes, (title, scores)) in enumerate(zip(panels, shown.items(), strict=True)):
+    for index, (axes, (title, (scores, repeats, sd))) in enumerate(zip(panels, shown.items(), strict=True)):
         _scatter(axes, scores, colours, markers)
         _number_best(axes, scores)
         stability, discrimination = scores[SCORES].mean()
         axes.axvline(stability, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
         axes.axhline(discrimination, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
-        axes.set_title(
-            f"{title}, {len(scores)} features\nmeans: {stability:.1f} % stable, {discrimination:.1f} % told apart"
-        )
+        of_each = f", {repeats} repeats a group" if repeats else ""
+        said = [f"{mean:.1f}" for mean in (stability, discrimination)]
+        if sd is not None:
+            said = [f"{mean} ± {spread:.1f}" for mean, spread in zip(said, sd, strict=True)]
+        axes.set_title(f"{title}, {len(scores)} features{of_each}\nmeans: {said[0]} % stable, {said[1]} % told apart")
         if double:
             style.letter_panel(axes, index)
         axes.set(xlim=(-4, 104), ylim=(-4, 104), xlabel=f"stability: pairs of groups with |W| < {threshold:g} (%)")

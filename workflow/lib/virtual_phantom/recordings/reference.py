@@ -9,7 +9,7 @@ import pandas as pd
 from .. import measured
 from ..errors import InputError
 from ..feature_names import FEATURES
-from ..statistics import wilcoxon
+from ..statistics import repeats as repeats_of
 from .features import FeaturesRecording
 
 PER = ("image", "condition")
@@ -53,9 +53,11 @@ def has_scores(recording: FeaturesRecording) -> bool:
     return int((recording.images_per_condition() >= MINIMUM_IMAGES).sum()) >= MINIMUM_GROUPS
 
 
-def scores(recording: FeaturesRecording, **options) -> pd.DataFrame:
+def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFrame:
     """Stability and discriminative power over the recording's conditions, for `statistics.ranking.overlap`.
 
+    repeats   images of each condition that are taken at random, again and again (`statistics.repeats.draws`); all
+              conditions have as many as the smallest has, if that is less
     options   of `statistics.wilcoxon.scores`: test, threshold, compare
     Conditions of a single image are left out. Values are as in the files, as were those published.
     Raises InputError if fewer than two conditions remain, and what wilcoxon.scores raises.
@@ -68,7 +70,14 @@ def scores(recording: FeaturesRecording, **options) -> pd.DataFrame:
         )
     table = grouped(recording.repeats, recording.conditions)
     images = table.groupby("group")["image"].transform("nunique")
-    return wilcoxon.scores(table[images >= MINIMUM_IMAGES], recording.features, source=name, **options)
+    return repeats_of.draws(
+        table[images >= MINIMUM_IMAGES].reset_index(drop=True),
+        recording.features,
+        repeats,
+        unit="image",
+        source=name,
+        **options,
+    )
 
 
 def where(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:

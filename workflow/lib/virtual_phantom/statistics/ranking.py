@@ -7,26 +7,36 @@ is taken as random.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
-from scipy.stats import hypergeom
 
 from ..errors import InputError
+from .repeats import share_drawn, spread
 
 KINDS = ("stability", "discrimination")
+UNRELATED = 2000  # random lists: the ends of a 95 % band are then those of 94 to 96 %
+NULL_SEED = 86
 
 
-def top(scores: pd.DataFrame, published: pd.DataFrame, n: int = 10) -> pd.DataFrame:
-    """The n most stable and most discriminative features beside the published ones.
+def top(
+    scores: pd.DataFrame, published: pd.DataFrame, measured: pd.DataFrame | None = None, n: int = 10
+) -> pd.DataFrame:
+    """The n most stable and most discriminative features beside the measured and published ones.
 
     scores      from `wilcoxon.scores`
     published   kind, rank, source (simulator | phantom), feature
+    measured    from `repeats.draws`, if there are any: the best by their means over draws
     Returns per rank and kind: {kind}_simulated, {kind}_simulated_percent, {kind}_simulated_tied (how many
     features share the score: where this is more than one, rank and even membership follow the order of names,
-    not merit), {kind}_published_simulator, {kind}_published_phantom.
+    not merit), {kind}_measured, {kind}_measured_percent and {kind}_measured_sd (with `measured`),
+    {kind}_published_simulator, {kind}_published_phantom.
     Raises InputError if scores lack a column or are not finite.
     """
     _check(scores, "scores of the simulation")
+    if measured is not None:
+        _check(measured, "measured scores")
     columns: dict[str, object] = {"rank": np.arange(1, n + 1)}
     for kind in KINDS:
         percent = scores[f"{kind}_percent"]
@@ -34,6 +44,12 @@ def top(scores: pd.DataFrame, published: pd.DataFrame, n: int = 10) -> pd.DataFr
         columns[f"{kind}_simulated"] = scores.loc[best, "feature"].to_numpy()
         columns[f"{kind}_simulated_percent"] = percent[best].to_numpy()
         columns[f"{kind}_simulated_tied"] = percent[best].map(percent.value_counts()).to_numpy()
+        if measured is not None:
+            drawn = measured.pivot(index="draw", columns="feature", values=f"{kind}_percent")
+            best = drawn[measured["feature"].unique()].mean().sort_values(ascending=False, kind="stable").index[:n]
+            columns[f"{kind}_measured"] = best.to_numpy()
+            columns[f"{kind}_measured_percent"] = drawn[best].mean().to_numpy()
+            columns[f"{kind}_measured_sd"] = spread(drawn[best].to_numpy(), share_drawn(measured))
         for source in ("simulator", "phantom"):
             chosen = (published["kind"] == kind) & (published["source"] == source)
             column = published[chosen].set_index("rank")
@@ -50,32 +66,65 @@ def membership(scores: np.ndarray, n: int) -> np.ndarray:
     return above + tied * (n - above.sum()) / tied.sum()
 
 
+def heads(scores: np.ndarray) -> np.ndarray:
+    """`membership` for every n, (lengths, items)."""
+    return np.array([membership(scores, n) for n in range(1, len(scores) + 1)])
+
+
 def expected_overlap(a: np.ndarray, b: np.ndarray, n: int) -> float:
     """Mean number of items that the n highest of two lists of scores share, ties in each list broken at
     random, independently. Without ties it is the plain count."""
     return float(membership(a, n) @ membership(b, n))
 
 
-def uncorrelated_overlap(items: int, n: int, level: float = 0.95) -> tuple[float, float, float]:
-    """Mean, lower and upper bound of the overlap of two unrelated choices of n among `items`.
+def shared_variance(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFrame:
+    """How much of their order every two features share: the square of Spearman's coefficient over all rows of an ROI,
+    as a mean over ROIs; symmetric, features by features. A feature that does not vary in an ROI shares nothing there.
 
-    The overlap is hypergeometric, with mean n^2 / items; the bounds are its (1 - level)/2 and (1 + level)/2
-    quantiles.
+    table   one row per image and ROI, with columns roi and `features`, finite
     """
-    lower, upper = hypergeom.ppf([(1 - level) / 2, (1 + level) / 2], items, n, n)
-    return n * n / items, float(lower), float(upper)
+    squares = np.zeros((len(features), len(features)))
+    rois = [rows[list(features)].rank().to_numpy() for _, rows in table.groupby("roi")]
+    for ranks in rois:
+        ranks = ranks - ranks.mean(axis=0)
+        length = np.sqrt(np.square(ranks).sum(axis=0))
+        ranks = ranks / np.where(length > 0, length, 1)
+        squares += np.square(ranks.T @ ranks)
+    squares /= len(rois)
+    np.fill_diagonal(squares, 1)
+    return pd.DataFrame(squares, index=list(features), columns=list(features))
 
 
-def overlap(simulated: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
+def unrelated_overlaps(heads: np.ndarray, shared: np.ndarray) -> np.ndarray:
+    """Overlaps, for every length, of UNRELATED random lists with a given one, (lists, lengths), shares of 1.
+
+    heads    probability that an item (columns) is among the n highest (rows, n = 1, 2, ...) of the given list
+    shared   covariance of the items' scores in a random list, (items, items): `shared_variance`
+    Features that order images alike rank alike, whatever they are worth. A random list is a draw of scores from a
+    normal distribution whose correlations are the squares of the features': a score counts |W| over many pairs of
+    groups, and where groups differ in nothing the scores of two features correlate by 0.95 of that square (r = 0.95
+    over all pairs of features of the measured table, its groups permuted; tests/statistics/test_statistics_ranking.py).
+    """
+    values, vectors = np.linalg.eigh(shared)
+    root = vectors * np.sqrt(np.clip(values, 0, None))
+    lists = np.random.default_rng(np.random.SeedSequence(NULL_SEED)).standard_normal((UNRELATED, len(shared))) @ root.T
+    lengths = np.arange(1, len(shared) + 1)
+    return np.array([np.tril(heads[:, order]).sum(axis=1) for order in np.argsort(-lists, axis=1)]) / lengths
+
+
+def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFrame, level: float = 0.95) -> pd.DataFrame:
     """Overlap of the n best simulated and measured features, for every n, as in the paper's overlap figure.
 
-    Both tables hold feature, stability_percent and discrimination_percent; features of only one of them are
-    left out (the measured scores come from 2D regions, for which pyradiomics gives no TotalEnergy).
-    Returns one row per n: n_top, percent (of the common features), overlap_{kind}_percent (of n),
-    expected_percent, lower_percent and upper_percent (two unrelated lists without ties: mean and central
-    95 %; averaging over ties makes the overlap of unrelated lists vary less, so the band is on the safe
-    side), and, the same in every row, area_{kind} and area_expected: means over n of the three curves (1 is
-    full agreement), and n_features.
+    simulated   feature, stability_percent and discrimination_percent
+    measured    the same, of one or more draws of equal repeats (`repeats.draws`)
+    shared      `shared_variance` of at least the features that both have; others are left out (the measured scores come
+                from 2D regions, for which pyradiomics gives no TotalEnergy)
+    Returns one row per n: n_top, percent (of the common features) and for both kinds overlap_{kind}_percent (of n; mean
+    over draws), overlap_{kind}_sd (`repeats.spread`; NaN of one draw), and of lists that are unrelated to the measured
+    one, their features being correlated as these are (`unrelated_overlaps`), expected_{kind}_percent (mean),
+    lower_{kind}_percent and upper_{kind}_percent (central 95 %). The same in every row: area_{kind}, mean over n of the
+    overlap (1 is full agreement), area_{kind}_sd, area_{kind}_expected and area_{kind}_upper (97.5th percentile) of
+    unrelated lists, and n_features.
     Raises InputError if a table lacks a column or holds scores that are not finite, or they share fewer than two
     features.
     """
@@ -84,18 +133,35 @@ def overlap(simulated: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
     common = [feature for feature in simulated["feature"] if feature in set(measured["feature"])]
     if len(common) < 2:
         raise InputError(f"overlap: the two tables of scores share {len(common)} features")
-    simulated, measured = (table.set_index("feature").loc[common] for table in (simulated, measured))
-    n_top = np.arange(1, len(common) + 1)
-    expected, lower, upper = np.array([uncorrelated_overlap(len(common), n) for n in n_top]).T
-    result = pd.DataFrame({"n_top": n_top, "percent": 100 * n_top / len(common)})
+    simulated = simulated.set_index("feature").loc[common]
+    shared = shared.loc[common, common].to_numpy()
+    if "draw" not in measured:
+        measured = measured.assign(draw=1, repeats=1, of=1)
+    lengths = np.arange(1, len(common) + 1)
+    result = pd.DataFrame({"n_top": lengths, "percent": 100 * lengths / len(common)})
+    areas = {}
     for kind in KINDS:
-        shared = [expected_overlap(simulated[f"{kind}_percent"], measured[f"{kind}_percent"], n) for n in n_top]
-        result[f"overlap_{kind}_percent"] = 100 * np.array(shared) / n_top
-    for name, count in (("expected", expected), ("lower", lower), ("upper", upper)):
-        result[f"{name}_percent"] = 100 * count / n_top
-    for kind in KINDS:
-        result[f"area_{kind}"] = result[f"overlap_{kind}_percent"].mean() / 100
-    return result.assign(area_expected=result["expected_percent"].mean() / 100, n_features=len(common))
+        column = f"{kind}_percent"
+        best = heads(simulated[column])
+        drawn = [heads(one.set_index("feature").loc[common, column]) for _, one in measured.groupby("draw")]
+        found = np.array([(best * one).sum(axis=1) for one in drawn]) / lengths
+        unrelated = unrelated_overlaps(np.mean(drawn, axis=0), shared)
+        share = share_drawn(measured)
+        lower, upper = np.quantile(unrelated, [(1 - level) / 2, (1 + level) / 2], axis=0)
+        result[f"overlap_{kind}_percent"] = 100 * found.mean(axis=0)
+        result[f"overlap_{kind}_sd"] = 100 * spread(found, share)
+        result[f"expected_{kind}_percent"] = 100 * unrelated.mean(axis=0)
+        result[f"lower_{kind}_percent"], result[f"upper_{kind}_percent"] = 100 * lower, 100 * upper
+        areas[f"area_{kind}"] = found.mean()
+        areas[f"area_{kind}_sd"] = spread(found.mean(axis=1), share)
+        areas[f"area_{kind}_expected"] = unrelated.mean()
+        areas[f"area_{kind}_upper"] = np.quantile(unrelated.mean(axis=1), (1 + level) / 2)
+    return result.assign(**areas, n_features=len(common))
+
+
+def lengths_above(overlaps: pd.DataFrame, kind: str) -> int:
+    """At how many lengths the lists share more than 97.5 % of unrelated ones do. They are strongly dependent."""
+    return int((overlaps[f"overlap_{kind}_percent"] > overlaps[f"upper_{kind}_percent"] + 1e-9).sum())
 
 
 def _check(scores: pd.DataFrame, name: str) -> None:

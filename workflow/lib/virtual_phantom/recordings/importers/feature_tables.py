@@ -64,7 +64,7 @@ def _study(csv_file: Path) -> tuple[pd.DataFrame, dict]:
             "mas": 147,
             "dose_mgy": 10,
             "pitch": 1,
-            "notes": "Acquisitions 1 to 20 without, 21 to 30 with re-positioning.",
+            "notes": "All groups reconstruct the same 30 acquisitions: 1 to 20 without, 21 to 30 with re-positioning.",
         },
         "features": {
             "conditions": ["group"],

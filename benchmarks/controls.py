@@ -1,0 +1,252 @@
+"""What the agreement with the printed phantom is worth: the default study beside further seeds and negative controls.
+
+    PYTHONPATH=workflow/lib python benchmarks/controls.py [--cores 2] [--table FEATURES_2D_CSV]
+
+Runs the stability analysis of the default study, of five further values of `seed`, and of studies that are wrong on
+purpose, into results-controls; what is there already stays. Prints docs/controls.md's tables, and writes
+resources/default_study_seeds.csv. --table, the full table of CT-Phantom4Radiomics, adds the phantom against itself.
+About 6 minutes of one core for each of the eight studies.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import yaml
+
+from virtual_phantom import config, feature_table, further_seeds, measured, phantom, radiomics, volumes
+from virtual_phantom.feature_names import FEATURES
+from virtual_phantom.files import write_csv
+from virtual_phantom.plan import Plan
+from virtual_phantom.statistics import ranking, repeats, roi_profiles, wilcoxon
+from virtual_phantom.volumes import Volume
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = Path("results-controls")
+SEEDS = (2023, 2024, 2025, 2026, 2027)
+# Six ROIs that differ in mean HU alone: one texture for all, where the printed phantom has none (cysts) to strong ones.
+TEXTURE = {"sd_hu": 15, "correlation_mm": 5, "skewness": -1.0}
+TISSUES = ("n1", "n2", "c1", "c2", "hem", "met")
+WHITE_STREAM = 1
+DOSE_MGY = 10
+PAIRED = {"iterative": "sirt_300", "fbp": "fbp_300"}  # reconstructions of the dose series and the finest protocols
+
+
+def studies() -> dict[str, list[str]]:
+    """Name of each study and what Snakemake is called with."""
+    base = ["config/controls.yaml"]
+    texture = RESULTS / "texture.yaml"
+    found = {"default": [*base, "--config"]}
+    found |= {f"seed{seed}": [*base, "--config", f"seed={seed}"] for seed in SEEDS}
+    found["noise_x10"] = [*base, "--config", "noise={levels: {dose10: {A: 1.24e-5}}}"]
+    found["texture"] = [*base, "--config", f"phantom={{layout: {texture}}}"]
+    found["tiny"] = ["config/tiny.yaml", "--config"]
+    return found
+
+
+def run(name: str, options: list[str], cores: int) -> None:
+    target = f"{RESULTS}/{name}/tables/stability.csv"
+    command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--configfile", *options]
+    subprocess.run([*command, f"results_dir={RESULTS}/{name}", "--", target], cwd=ROOT, check=True)
+
+
+def write_texture(path: Path) -> None:
+    layout = yaml.safe_load((ROOT / "resources/phantom.yaml").read_text(encoding="utf-8"))
+    for tissue in TISSUES:
+        layout["tissues"][tissue]["texture"] = [TEXTURE]
+    path.write_text(yaml.safe_dump(layout), encoding="utf-8")
+
+
+def settings_of(configfile: str) -> Plan:
+    """The plan of the default configuration with an overlay, as Snakemake merges them."""
+    merged: dict = {}
+    for path in ("config/config.yaml", configfile):
+        merge(merged, yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
+    return Plan(config.check(merged, config.SCHEMA))
+
+
+def merge(into: dict, overlay: dict) -> None:
+    for key, value in overlay.items():
+        if isinstance(value, dict) and isinstance(into.get(key), dict):
+            merge(into[key], value)
+        else:
+            into[key] = value
+
+
+def white_noise(plan: Plan) -> pd.DataFrame:
+    """Features of the default phantom with white noise added and nothing scanned.
+
+    The noise of a group is that of one of the printed phantom's groups, as its large cyst shows it; SIRT takes those
+    with ADMIRE (1, 3, 5, 7), FBP those with FBP (2, 4, 6, 8).
+    """
+    image = volumes.read_nifti(ROOT / RESULTS / "default/phantom/image.nii.gz")
+    rois, masks = phantom.read_masks(ROOT / RESULTS / "default/phantom/rois.csv", image.grid)
+    classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
+    means = measured.group_means().query("roi == 'cyst_1'").set_index("group")
+    sd = np.sqrt(means["original_firstorder_Variance"])
+    seed = np.random.SeedSequence(plan.config["seed"], spawn_key=(WHITE_STREAM,))
+    count, rows = {"sirt": 0, "fbp": 0}, []
+    for protocol in plan.groups():
+        settings = plan.config["protocols"][protocol]
+        algorithm = settings["algorithm"]
+        group = 2 * count[algorithm] + (1 if algorithm == "sirt" else 2)
+        count[algorithm] += 1
+        for number, stream in enumerate(seed.spawn(plan.repeats(["dose10"]))):
+            noise = np.random.default_rng(stream).normal(0, sd[group], image.array.shape)
+            noisy = Volume((image.array + noise).astype(np.float32), image.grid)
+            acquisition = {
+                "protocol": protocol,
+                "algorithm": algorithm,
+                "projections": settings["projections"],
+                "noise": "dose10",
+                "noise_level": np.nan,
+                "seed": number,
+            }
+            rows.append(feature_table.complete(radiomics.extract(noisy, masks), classes, acquisition))
+    return feature_table.merge(rows)
+
+
+def headline(table: pd.DataFrame, draws: pd.DataFrame, features=FEATURES) -> dict[str, float]:
+    """Scores and overlap of a table with column group, against measured scores of equal repeats."""
+    scores = wilcoxon.scores(table, features)
+    overlap = ranking.overlap(scores, draws, ranking.shared_variance(table, features))
+    row = {"repeats": int(draws["repeats"].iloc[0])}
+    for kind in ranking.KINDS:
+        row |= {
+            f"{kind}_percent": scores[f"{kind}_percent"].mean(),
+            f"{kind}_area": overlap[f"area_{kind}"].iloc[0],
+            f"{kind}_area_sd": overlap[f"area_{kind}_sd"].iloc[0],
+            f"{kind}_area_chance": overlap[f"area_{kind}_upper"].iloc[0],
+            f"{kind}_above": ranking.lengths_above(overlap, kind),
+            f"{kind}_ten": overlap[f"overlap_{kind}_percent"].iloc[9] / 10,
+            f"{kind}_ten_chance": overlap[f"upper_{kind}_percent"].iloc[9] / 10,
+        }
+    return row
+
+
+def over_rois(table: pd.DataFrame) -> dict[str, float]:
+    """Values over ROIs against the dose series at 10 mGy, mean of the two reconstructions."""
+    found = [
+        roi_profiles.agreement(
+            roi_profiles.compare(
+                roi_profiles.profiles(table[table["protocol"] == protocol], FEATURES), series(name, DOSE_MGY)
+            )
+        )
+        for name, protocol in PAIRED.items()
+    ]
+    return pd.DataFrame(found).mean().to_dict()
+
+
+def series(reconstruction: str, dose_mgy: float) -> pd.DataFrame:
+    rows = measured.load_dose_series().query("reconstruction == @reconstruction and dose_mgy == @dose_mgy")
+    return rows.pivot(index="roi", columns="feature", values="mean")
+
+
+def real_over_rois() -> dict[str, dict[str, float]]:
+    """The dose series against itself: other reconstructions and doses of the same phantom."""
+    others = {"the other reconstruction": lambda name: ({"iterative": "fbp", "fbp": "iterative"}[name], DOSE_MGY)}
+    others |= {f"{dose} mGy": lambda name, dose=dose: (name, dose) for dose in (3, 1)}
+    return {
+        f"real scans, {label}": pd.DataFrame(
+            [
+                roi_profiles.agreement(roi_profiles.compare(series(*other(name)), series(name, DOSE_MGY)))
+                for name in PAIRED
+            ]
+        )
+        .mean()
+        .to_dict()
+        for label, other in others.items()
+    }
+
+
+def against_itself(path: Path) -> dict[str, float]:
+    """Nine or ten acquisitions of the printed phantom against others, without re-positioning; mean over 10 splits."""
+    study = measured.load_full_table(path)
+    study = study[study["repositioned"] == 0]
+    common = np.array(sorted(set.intersection(*(set(rows["acquisition"]) for _, rows in study.groupby("group")))))
+    rows = []
+    for stream in np.random.SeedSequence(repeats.SEED, spawn_key=(WHITE_STREAM,)).spawn(10):
+        order = np.random.default_rng(stream).permutation(common)
+        halves = [study[study["acquisition"].isin(part)] for part in (order[:9], order[9:18])]
+        other = wilcoxon.scores(halves[1], measured.STUDY_FEATURES).assign(draw=1, repeats=9, of=18)
+        rows.append(headline(halves[0], other, measured.STUDY_FEATURES))
+    return pd.DataFrame(rows).mean().to_dict()
+
+
+def markdown(rows: pd.DataFrame) -> str:
+    def number(value, digits):
+        return "" if pd.isna(value) else f"{value:.{digits}f}"
+
+    lines = [
+        "| study | stable % | told apart % | area, stability | area, discrimination | lengths above | of ten shared | "
+        "order of ROIs | alike % | distance |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name, row in rows.iterrows():
+        cells = [
+            number(row["stability_percent"], 1),
+            number(row["discrimination_percent"], 1),
+            *(f"{number(row[f'{kind}_area'], 3)}" for kind in ranking.KINDS),
+            ", ".join(number(row[f"{kind}_above"], 0) for kind in ranking.KINDS).strip(", "),
+            ", ".join(number(row[f"{kind}_ten"], 1) for kind in ranking.KINDS).strip(", "),
+            number(row["order"], 2),
+            number(row["alike_percent"], 0),
+            number(row["distance"], 2),
+        ]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cores", type=int, default=2)
+    parser.add_argument("--table", type=Path)
+    arguments = parser.parse_args()
+    (ROOT / RESULTS).mkdir(exist_ok=True)
+    write_texture(ROOT / RESULTS / "texture.yaml")
+    for name, options in studies().items():
+        run(name, options, arguments.cores)
+    plan, tiny = settings_of("config/controls.yaml"), settings_of("config/tiny.yaml")
+    white = ROOT / RESULTS / "white_noise.csv"
+    if not white.exists():
+        write_csv(white_noise(plan), white)
+
+    rows, scores = {}, []
+    for name in (*studies(), "white_noise"):
+        path = white if name == "white_noise" else ROOT / RESULTS / name / "features.csv"
+        one = tiny if name == "tiny" else plan
+        repeated = one.repeats(["dose10"])
+        table = feature_table.grouped(feature_table.read(path), one.groups(), noise="dose10", seeds=repeated)
+        rows[name] = headline(table, measured.load_score_draws(repeated)) | over_rois(table)
+        if name == "default":
+            rows["default, re-positioned too"] = headline(table, measured.load_score_draws(repeated, "all"))
+        if seed := re.fullmatch(r"seed(\d+)", name):
+            kept = wilcoxon.scores(table, FEATURES)[["feature", "stability_percent", "discrimination_percent"]]
+            kept.insert(0, "settings", plan.scored_settings())
+            kept.insert(1, "seed", int(seed[1]))
+            scores.append(kept.round(6))
+    write_csv(pd.concat(scores), ROOT / "resources/default_study_seeds.csv", checksum=False)
+    if arguments.table:
+        rows["printed phantom, nine scans and nine others"] = against_itself(arguments.table)
+    rows |= real_over_rois()
+    table = pd.DataFrame(rows).T
+    seeds = table.loc[[f"seed{seed}" for seed in SEEDS]]
+    table = table.drop(index=seeds.index)
+    table.loc["five further seeds, mean"], table.loc["five further seeds, SD"] = seeds.mean(), seeds.std(ddof=1)
+    write_csv(table.reset_index(names="study"), ROOT / RESULTS / "controls.csv")
+    print(markdown(table))
+    for acquisitions in measured.ACQUISITIONS:
+        draws = measured.load_score_draws(10, acquisitions)
+        said = ["{:.1f} +- {:.1f} %".format(*repeats.over_features(draws, kind)) for kind in ranking.KINDS]
+        print(f"printed phantom, 10 of {draws['of'].iloc[0]} acquisitions ({acquisitions}): {', '.join(said)}")
+    print("SD of the seeds:", further_seeds.spread(further_seeds.load()))
+
+
+if __name__ == "__main__":
+    main()
