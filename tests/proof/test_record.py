@@ -142,6 +142,7 @@ def test_from_the_command_line(record, found, tmp_path, capsys, monkeypatch):
     assert "| both of two effects named | 1 of 2 (50 %; 9.5 to 91 %) | at least 75 % | **missed** |" in table
     wrong = "held-out excess removed, median and tenth percentile: something named that was not concealed"
     assert f"| {wrong} | 65 %, 53 % of 4 cases |  |  |" in table
+    assert run("pooled")[0] == 0
     code, said = run("coverage", tmp_path / "score.json", tmp_path / "score.json")
     assert code == 0 and "seed 14" in said.out
 

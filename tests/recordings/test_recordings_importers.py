@@ -164,6 +164,13 @@ def test_series_that_are_no_repeats_are_refused(tmp_path):
     import_refused(folder, lambda: import_dicom_tree(tree / "patient" / "seg", folder), "holds no CT slice in DICOM")
 
 
+def test_a_dicom_tree_on_the_command_line(tmp_path, monkeypatch, capsys):
+    tree = dicom_tree(tmp_path / "tree")
+    main = runpy.run_path(str(SCRIPT))["main"]
+    monkeypatch.setattr(sys, "argv", ["x", "dicom", str(tree), f"{tmp_path}/scanner_a", "--kernel", "Br38f"])
+    assert main() == 0 and "scanner_a: images, 2 repeats" in capsys.readouterr().out
+
+
 def test_the_importer_on_the_command_line(tmp_path, monkeypatch, capsys):
     mat_file(tmp_path / "s.mat")
     main = runpy.run_path(str(SCRIPT))["main"]

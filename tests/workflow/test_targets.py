@@ -1,0 +1,59 @@
+"""Targets that the pages name plan with the configurations that they are named with, and importers run as written."""
+
+import shutil
+import subprocess
+import sys
+
+import pytest
+import yaml
+from test_workflow import IMPORTED, recorded
+from workflow_runs import ROOT, planned, snakemake
+
+TABLES = {
+    "tandem": ROOT / "../shared/real/ct_phantom4radiomics/features_2d.csv",
+    "dose_series": ROOT / "../shared/real/edge_dose_series/features_3d.csv",
+}
+
+
+def test_targets_of_the_default_study_plan(tmp_path):
+    results = tmp_path / "results"
+    series = results / "dicom" / "fbp_300" / "dose10" / "seed03" / "series"
+    targets = ("proof", "report_page", "viewer", "dicom", "plan", series)
+    jobs = planned(snakemake(*targets, "-n", "--config", f"results_dir={results}"))
+    assert {"proof_scan", "proof_score", "study_report", "viewer_page", "plan"} <= set(jobs)
+    assert "protocol=fbp_300, noise=dose10, seed=03" in jobs["dicom_series"] and len(jobs["dicom_series"]) == 3
+
+
+def test_targets_of_the_helsinki_recordings_plan(tmp_path):
+    """With recordings that stand in for the imported ones: planning reads what they say of themselves alone."""
+    named = {name: recorded(tmp_path / name, kind) for name, kind in IMPORTED["htc2022.yaml"].items()}
+    masks = {"ta": named["ta"] / "object.nii.gz", "tb": named["tb"] / "object.nii.gz"}
+    for mask in masks.values():
+        mask.touch()
+    overlay = {
+        "results_dir": f"{tmp_path}/r",
+        "recordings": {name: str(folder) for name, folder in named.items()},
+        "diagnosis": {"recordings": {name: {"object": {"mask": str(mask)}} for name, mask in masks.items()}},
+    }
+    (tmp_path / "overlay.yaml").write_text(yaml.safe_dump(overlay))
+    settings = ("--configfile", "config/htc2022.yaml", tmp_path / "overlay.yaml")
+    jobs = planned(snakemake("diagnosis", "proof", "-n", *settings))
+    assert len(jobs["diagnosis_alignment"]) >= 3 and "proof_score" in jobs
+
+
+@pytest.mark.real
+@pytest.mark.skipif(
+    not all(path.exists() for path in TABLES.values()), reason="the published tables are not beside this checkout"
+)
+def test_published_tables_are_imported_by_the_commands_of_the_page(tmp_path):
+    text = (ROOT / "docs" / "recordings.md").read_text(encoding="utf-8")
+    for name, table in TABLES.items():
+        command = f"python workflow/scripts/import_recording.py features {table.name} recordings/{name}\n"
+        assert command in text
+        shutil.copy(table, tmp_path)
+        words = command.split()[1:]
+        process = subprocess.run(
+            [sys.executable, ROOT / words[0], *words[1:]], cwd=tmp_path, capture_output=True, text=True, timeout=300
+        )
+        assert process.returncode == 0 and f"{name}: features, " in process.stdout, process.stderr
+        assert (tmp_path / "recordings" / name / "recording.yaml").exists()
