@@ -100,7 +100,7 @@ def strengths(name, wanted, random, given):
     if not parameters:
         return {
             parameter.name: float(random.uniform(low, high))
-            for parameter, (low, high) in zip(effect.parameters, ((80.0, 140.0), (3.0, 12.0)), strict=True)
+            for parameter, (low, high) in zip(effect.parameters, ((80.0, 140.0), (3.0, 12.0), (0.3, 1.2)), strict=True)
         }
     for which in random.permutation(np.array(parameters, object)):
         rest = typical | {other.name: other.neutral for other in parameters}

@@ -20,12 +20,7 @@ from .reconstruction import images_hu
 from .xcist import TARGET_ANGLE_DEG, Acquired, Scan, simulate
 
 LEAST_READING = 1e-6  # of the air scan: less has no logarithm
-# Tube and sensor, of all cases alike; the sensor is what XCIST calls Lumex, as thick as its default is.
-NOMINAL = {
-    "anode": "W",
-    "anode_angle_deg": TARGET_ANGLE_DEG,
-    "sensor": {"material": "yttrium_gadolinium_oxide", "thickness_mm": 3.0},
-}
+NOMINAL = {"anode": "W", "anode_angle_deg": TARGET_ANGLE_DEG}  # the tube, of all cases alike
 RECONSTRUCTED = {"kernel_pixels": 0.0, "hu_scale": 1.0, "hu_offset": 0.0}  # settings, and what does nothing
 NOISE, PIXELS = range(2)  # branches of a scan's seed
 
