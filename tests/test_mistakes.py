@@ -92,6 +92,12 @@ def bench(**changes):
     load("bench")
 
 
+def slower():
+    folder, content = recording_folders.projections_folder(Path("bench"))
+    recording_folders.write_yaml(folder, recording_folders.changed(content, "scan.view_interval_ms", 25))
+    load(folder)
+
+
 def cut_short():
     folder, _ = recording_folders.projections_folder(Path("bench"))
     whole = (folder / "a.h5").read_bytes()
@@ -155,6 +161,7 @@ MISTAKES = {
     "A body wider than the field of view": (too_wide, "scan"),
     "A folder that is no recording": (lambda: load("bench"), "bench/recording.yaml"),
     "Another number of views": (lambda: bench(data=np.ones((23, 4, 40))), "bench/b.h5"),
+    "Times that contradict each other": (slower, "bench/recording.yaml"),
     "An array of another shape": (lambda: bench(data=np.ones((24, 40))), "bench/b.h5"),
     "Counts without their white field": (without_white, "bench/a.h5"),
     "A file that was cut short": (cut_short, "bench/a.h5"),
