@@ -1,10 +1,11 @@
 """What the agreement with the printed phantom is worth: the default study beside further seeds and negative controls.
 
-    PYTHONPATH=workflow/lib python benchmarks/controls.py [--cores 2] [--table FEATURES_2D_CSV]
+    PYTHONPATH=workflow/lib python benchmarks/controls.py [--cores 2] [--keep] [--table FEATURES_2D_CSV]
 
 Runs the stability analysis of the default study, of five further values of `seed`, and of studies that are wrong on
-purpose, into results-controls; what is there already stays. Prints docs/controls.md's tables, and writes
-resources/default_study_seeds.csv. --table, the full table of CT-Phantom4Radiomics, adds the phantom against itself.
+purpose, into results-controls; what is there already stays, and with --keep nothing is run. Prints docs/controls.md's
+table, and writes resources/default_study_seeds.csv. --table, the full table of CT-Phantom4Radiomics, adds the phantom
+against itself.
 About 6 minutes of one core for each of the eight studies.
 """
 
@@ -38,37 +39,40 @@ DOSE_MGY = 10
 PAIRED = {"iterative": "sirt_300", "fbp": "fbp_300"}  # reconstructions of the dose series and the finest protocols
 
 
-def studies() -> dict[str, list[str]]:
-    """Name of each study and what Snakemake is called with."""
-    base = ["config/controls.yaml"]
-    texture = RESULTS / "texture.yaml"
-    found = {"default": [*base, "--config"]}
-    found |= {f"seed{seed}": [*base, "--config", f"seed={seed}"] for seed in SEEDS}
-    found["noise_x10"] = [*base, "--config", "noise={levels: {dose10: {A: 1.24e-5}}}"]
-    found["texture"] = [*base, "--config", f"phantom={{layout: {texture}}}"]
-    found["tiny"] = ["config/tiny.yaml", "--config"]
+def studies() -> dict[str, dict]:
+    """What each study changes in config/controls.yaml; None is config/tiny.yaml."""
+    found = {"default": {}, **{f"seed{seed}": {"seed": seed} for seed in SEEDS}}
+    level = configuration()["noise"]["levels"]["dose10"]
+    found["noise_x10"] = {"noise": {"levels": {"dose10": {"A": 10 * level["A"]}}}}
+    found["texture"] = {"phantom": {"layout": f"{RESULTS}/layout.yaml"}}
+    found["tiny"] = None
     return found
 
 
-def run(name: str, options: list[str], cores: int) -> None:
-    target = f"{RESULTS}/{name}/tables/stability.csv"
-    command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--configfile", *options]
-    subprocess.run([*command, f"results_dir={RESULTS}/{name}", "--", target], cwd=ROOT, check=True)
+def run(name: str, changes: dict | None, cores: int) -> None:
+    overlay = RESULTS / f"{name}.yaml"
+    files = ["config/tiny.yaml"] if changes is None else ["config/controls.yaml"]
+    (ROOT / overlay).write_text(
+        yaml.safe_dump({**(changes or {}), "results_dir": f"{RESULTS}/{name}"}), encoding="utf-8"
+    )
+    command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--configfile", *files, str(overlay), "--"]
+    subprocess.run([*command, f"{RESULTS}/{name}/tables/stability.csv"], cwd=ROOT, check=True)
 
 
-def write_texture(path: Path) -> None:
+def write_layout(path: Path) -> None:
+    """The default phantom with one texture in all six ROIs."""
     layout = yaml.safe_load((ROOT / "resources/phantom.yaml").read_text(encoding="utf-8"))
     for tissue in TISSUES:
         layout["tissues"][tissue]["texture"] = [TEXTURE]
     path.write_text(yaml.safe_dump(layout), encoding="utf-8")
 
 
-def settings_of(configfile: str) -> Plan:
-    """The plan of the default configuration with an overlay, as Snakemake merges them."""
+def configuration(*overlays: str) -> dict:
+    """The default configuration with overlays, as Snakemake merges them."""
     merged: dict = {}
-    for path in ("config/config.yaml", configfile):
+    for path in ("config/config.yaml", *overlays):
         merge(merged, yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
-    return Plan(config.check(merged, config.SCHEMA))
+    return config.check(merged, config.SCHEMA)
 
 
 def merge(into: dict, overlay: dict) -> None:
@@ -207,12 +211,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cores", type=int, default=2)
     parser.add_argument("--table", type=Path)
+    parser.add_argument("--keep", action="store_true", help="run nothing, take what is in results-controls")
     arguments = parser.parse_args()
     (ROOT / RESULTS).mkdir(exist_ok=True)
-    write_texture(ROOT / RESULTS / "texture.yaml")
-    for name, options in studies().items():
-        run(name, options, arguments.cores)
-    plan, tiny = settings_of("config/controls.yaml"), settings_of("config/tiny.yaml")
+    write_layout(ROOT / RESULTS / "layout.yaml")
+    if not arguments.keep:
+        for name, changes in studies().items():
+            run(name, changes, arguments.cores)
+    plan, tiny = Plan(configuration("config/controls.yaml")), Plan(configuration("config/tiny.yaml"))
     white = ROOT / RESULTS / "white_noise.csv"
     if not white.exists():
         write_csv(white_noise(plan), white)

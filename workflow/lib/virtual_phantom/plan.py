@@ -88,11 +88,12 @@ class Plan:
         """Hash of every setting that the stability analysis' scores depend on, but for the seed; "" without one."""
         if "stability" not in self.config["analyses"]:
             return ""
+        noise = {key: value for key, value in self.config["noise"].items() if key != "levels"}
         level = self.config["noise"]["levels"][self.config["analyses"]["stability"]["noise"]]
         keys = ("phantom", "grid", "mu_water_per_mm", "materials", "reconstruction", "statistics")
         settings = {
             **{key: self.config[key] for key in keys},
-            "noise": {**{key: self.config["noise"][key] for key in ("model", "zero_counts_as")}, "level": level},
+            "noise": {**noise, "level": level},
             "protocols": {
                 name: {**self.config["protocols"][name], **self.geometry_settings(self.geometry_of(name))}
                 for name in self.groups()

@@ -1,0 +1,79 @@
+"""The negative controls of benchmarks/controls.py, and what is kept of the default study's further seeds."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from virtual_phantom import config, further_seeds, measured
+from virtual_phantom.phantom.layout import read_layout
+from virtual_phantom.plan import Plan
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+import controls  # noqa: E402
+
+
+def plan(changes=None, *files):
+    merged: dict = {}
+    for path in ("config/config.yaml", *files):
+        controls.merge(merged, yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
+    controls.merge(merged, changes or {})
+    return Plan(config.check(merged, config.SCHEMA))
+
+
+def test_every_control_is_the_default_study_but_for_what_it_says(tmp_path):
+    default = plan()
+    assert plan(None, "config/controls.yaml").scored_settings() == default.scored_settings() != ""
+    studies = controls.studies()
+    for seed in controls.SEEDS:
+        assert plan(studies[f"seed{seed}"], "config/controls.yaml").scored_settings() == default.scored_settings()
+    assert len(set(controls.SEEDS) - {default.config["seed"]}) == 5
+    noisy = plan(studies["noise_x10"], "config/controls.yaml")
+    levels = (one.config["noise"]["levels"]["dose10"]["A"] for one in (noisy, default))
+    assert next(levels) == pytest.approx(10 * next(levels))
+    assert noisy.scored_settings() != default.scored_settings() != plan(None, "config/tiny.yaml").scored_settings()
+    # Nothing is simulated but the groups of the stability analysis.
+    assert {noise for _, noise in noisy.acquisitions()} == {"dose10"} and len(noisy.acquisitions()) == 8
+
+
+def test_the_other_phantom_differs_in_texture_alone(tmp_path):
+    controls.write_layout(tmp_path / "layout.yaml")
+    ours, theirs = (read_layout(path) for path in (ROOT / "resources/phantom.yaml", tmp_path / "layout.yaml"))
+    for roi in ("c1", "hem", "n2"):
+        one, other = ours["tissues"][roi], theirs["tissues"][roi]
+        assert one["hu"] == other["hu"] and [part["sd_hu"] for part in other["texture"]] == [15]
+    assert ours["tissues"]["spleen"] == theirs["tissues"]["spleen"] and ours["rois"] == theirs["rois"]
+
+
+def test_the_spread_of_the_seeds_is_that_of_their_means():
+    seeds = pd.DataFrame(
+        {
+            "settings": "a",
+            "seed": [1, 1, 2, 2, 3, 3],
+            "stability_percent": [0.0, 2, 2, 4, 4, 6],  # means 1, 3, 5
+            "discrimination_percent": [90.0, 90, 90, 90, 90, 90],
+        }
+    )
+    assert further_seeds.spread(seeds) == (pytest.approx(2), 0)
+    assert further_seeds.made_with(seeds, "a") and not further_seeds.made_with(seeds.iloc[:0], "a")
+
+
+def test_a_list_is_set_beside_measured_ones_of_as_many_repeats():
+    """The printed phantom's own order of features agrees with its draws far above chance; a random one does not."""
+    rng = np.random.default_rng(np.random.SeedSequence(3))
+    rows = pd.DataFrame(
+        rng.normal(size=(8 * 6 * 4, len(measured.STUDY_FEATURES))), columns=list(measured.STUDY_FEATURES)
+    )
+    rois = np.tile(np.repeat(list(measured.TISSUE_CLASSES), 4), 8)
+    rows = rows.assign(
+        group=np.repeat(np.arange(8), 24), roi=rois, tissue_class=[measured.TISSUE_CLASSES[roi] for roi in rois]
+    )
+    row = controls.headline(rows, measured.load_score_draws(4), measured.STUDY_FEATURES)
+    assert row["repeats"] == 4
+    assert 60 < row["stability_percent"] < 75  # |z| < 1 in 68 % where nothing differs
+    assert row["stability_area"] < row["stability_area_chance"] < 0.6
+    assert row["stability_above"] < 30
