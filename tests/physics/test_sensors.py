@@ -134,9 +134,9 @@ def test_counted_photons_weigh_one_each():
 
 
 def test_what_is_known_of_a_sensor():
-    assert (stated().material, stated().thickness_mm, stated().thickness_sd_mm) == ("caesium_iodide", 0.6, 0.6)
-    assert stated("gadolinium_oxysulfide").thickness_sd_mm == pytest.approx(0.7)
-    assert stated("caesium_iodide", 0.4).thickness_sd_mm == pytest.approx(0.02)
+    assert (stated().material, stated().thickness_mm, stated().thickness_sd) == ("caesium_iodide", 0.6, 1.0)
+    assert (stated("gadolinium_oxysulfide").thickness_mm, stated("gadolinium_oxysulfide").thickness_sd) == (1.4, 0.5)
+    assert (stated("caesium_iodide", 0.4).thickness_mm, stated("caesium_iodide", 0.4).thickness_sd) == (0.4, 0.05)
     with pytest.raises(InputError, match="sensor 'glass' is unknown; use one of caesium_iodide"):
         stated("glass")
     with pytest.raises(InputError, match="a sensor that reads 'light' is unknown"):
@@ -147,8 +147,9 @@ def test_a_fit_holds_the_thickness_by_what_is_known_of_it():
     for sensor in (stated(), stated("gadolinium_oxysulfide"), stated("caesium_iodide", 0.4)):
         model = Model(Chain(DiscScene(160.0, "water"), GEOMETRY, sensor=sensor), ())
         (one,) = (unknown for unknown in model.unknowns(("spectrum",)) if unknown.name == "sensor_mm")
-        assert (one.expected, one.sd, one.starts) == (sensor.thickness_mm, sensor.thickness_sd_mm, one.starts[:1])
-        assert 0 < one.low < one.expected - 0.5 * one.sd and one.high > one.expected + 3 * one.sd
+        assert one.value(one.expected) == pytest.approx(sensor.thickness_mm)
+        assert one.sd == sensor.thickness_sd and one.starts == (one.expected,)
+        assert one.low <= one.expected - 4 * one.sd and one.high >= one.expected + 5 * one.sd
 
 
 def test_a_stored_state_keeps_its_noise(tmp_path):

@@ -18,7 +18,6 @@ from .steps import NORMAL_95
 
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
-SENSOR_RANGE = 10.0  # of a sensor's thickness over the expected one, either way
 STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin whose start may be no good
 
 
@@ -157,9 +156,8 @@ class Model:
                     expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
                     low, high = max(low, expected - SURE * sd), min(high, expected + SURE * sd)
                 if (name, one.name) == ("spectrum", "sensor_mm"):
-                    sensor = self.chain.sensor
-                    expected, sd, starts = sensor.thickness_mm, sensor.thickness_sd_mm, (sensor.thickness_mm,)
-                    low, high = max(low, expected / SENSOR_RANGE), min(high, expected * SENSOR_RANGE)
+                    expected, sd = one.number(self.chain.sensor.thickness_mm), self.chain.sensor.thickness_sd
+                    low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
                 neutral, starts = None if one.neutral is None else one.number(one.neutral), tuple(dict.fromkeys(starts))
                 found.append(Unknown(name, one.name, low, high, starts, neutral, expected, sd, one.power))
         return found

@@ -31,6 +31,7 @@ SENSORS = {
     "silicon": ("Si", 2.33, 30.0),  # edge-on, counting: H. Bornefalk and M. Danielsson, PMB 55, 1999 (2010)
 }
 ENERGY, COUNTS = "energy", "counts"  # what is read: the energies deposited, or the number of photons
+STATED_SD, TYPICAL_SD, UNKNOWN_SD = 0.05, 0.5, 1.0  # of the logarithm: thickness stated, the material alone, nothing
 REST_KEV = 510.999  # of an electron
 LINES = (xraylib.KA_LINE, xraylib.KB_LINE)
 LEAST_LINE_KEV = 5.0  # softer fluorescence leaves no layer
@@ -44,22 +45,20 @@ class Sensor:
 
     material        of SENSORS
     reads           ENERGY: photons count by the energy that they deposit; COUNTS: one each, if they deposit any
-    thickness_mm    that it is expected to have, and how well that is known (one standard deviation)
+    thickness_mm    that it is expected to have
+    thickness_sd    of its logarithm: how well it is known
     """
 
     material: str = "caesium_iodide"
     reads: str = ENERGY
     thickness_mm: float = SENSORS["caesium_iodide"][2]
-    thickness_sd_mm: float = SENSORS["caesium_iodide"][2]
+    thickness_sd: float = UNKNOWN_SD
 
     def __post_init__(self):
         if self.material not in SENSORS:
             raise InputError(f"sensor '{self.material}' is unknown; use one of {', '.join(SENSORS)}")
         if self.reads not in (ENERGY, COUNTS):
             raise InputError(f"a sensor that reads '{self.reads}' is unknown; use {ENERGY} or {COUNTS}")
-
-
-STATED_SD, TYPICAL_SD, UNKNOWN_SD = 0.05, 0.5, 1.0  # of the thickness: stated, only the material stated, or nothing
 
 
 def stated(material: str | None = None, thickness_mm: float | None = None, reads: str = ENERGY) -> Sensor:
@@ -70,8 +69,8 @@ def stated(material: str | None = None, thickness_mm: float | None = None, reads
     known = Sensor(material or Sensor.material, reads)
     typical = SENSORS[known.material][2]
     if thickness_mm is not None:
-        return Sensor(known.material, reads, thickness_mm, STATED_SD * thickness_mm)
-    return Sensor(known.material, reads, typical, (UNKNOWN_SD if material is None else TYPICAL_SD) * typical)
+        return Sensor(known.material, reads, thickness_mm, STATED_SD)
+    return Sensor(known.material, reads, typical, UNKNOWN_SD if material is None else TYPICAL_SD)
 
 
 @lru_cache(maxsize=32)

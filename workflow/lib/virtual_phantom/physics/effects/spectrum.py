@@ -1,7 +1,7 @@
 """Polychromatic spectrum: beam hardening."""
 
 from ..chain import State
-from ..effect import Effect, Parameter
+from ..effect import LOGARITHM, Effect, Parameter
 from ..spectra import weighted_spectrum
 
 
@@ -27,7 +27,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None),
         Parameter("filtration_mm", "mm Al", "filtration, as aluminium", 0.2, 40.0, 6.0, 6.0, None),
-        Parameter("sensor_mm", "mm", "thickness of the detector's sensor", 0.01, 100.0, 0.6, 0.6, None),
+        Parameter("sensor_mm", "mm", "thickness of the detector's sensor", 0.01, 100.0, 0.6, 0.6, None, LOGARITHM),
     ),
     apply=apply,
 )
