@@ -68,8 +68,9 @@ class Fitter:
 
     data       what is fitted
     held_out   what is predicted
-    variance   [view, row, column] of one repeat, for the weights: the same for all models, so that scores compare
-    floor      numerical error of the predictions, standard deviation, [view, row, column]
+    variance   [view, row, column] of one repeat, whitened, for the weights: the same for all models, so that scores
+               compare
+    floor      numerical error of the predictions, whitened, standard deviation, [view, row, column]
     """
 
     def __init__(self, model: Model, data: Observed, held_out: Observed, variance: np.ndarray, floor: np.ndarray):
@@ -127,7 +128,7 @@ class Fitter:
         return problem.result(point, errors, residuals, current, pattern)
 
     def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
-        """Observed less predicted, by part, of the data held out or of those fitted."""
+        """Observed less predicted, by part, of the data held out or of those fitted; the mean's noise made white."""
         data = self.held_out if held_out else self.data
         parts = stacked(data, self.model.predict(fit.physics, fit.place, data, fit.anchor))
         return less_pattern(parts, fit.pattern, data)
@@ -253,7 +254,8 @@ class Problem:
         residuals = less_pattern(stacked(self.data, prediction), pattern, self.data)
         first = len(self.unknowns)
         index = [first + [one.name for one in self.aligned].index(name) for name in ("scale", "offset")]
-        design, weight = np.stack([column.ravel() for column in prediction.design]), self.weights[0]
+        changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)
+        design, weight = np.stack([column.ravel() for column in changes]), self.weights[0]
         information = (design * weight) @ design.T + np.diag(self.knowledge[index])
         gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.centre[index] - point[index])
         step = bounded_step(information, gradient, point[index], self.low[index], self.high[index])
@@ -267,7 +269,7 @@ class Problem:
         if not self.patterned:
             return None, residuals
         shape = self.data.mean.shape
-        self.found = patterns.estimate(residuals[0].reshape(shape), self.weights[0].reshape(shape))
+        self.found = patterns.estimate(residuals[0].reshape(shape), self.weights[0].reshape(shape), self.data.whitening)
         return self.found.values, less_pattern(residuals, self.found.values, self.data)
 
     def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
@@ -340,5 +342,5 @@ def chi_square(weights: list[np.ndarray], residuals: list[np.ndarray]) -> float:
 def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Observed) -> list[np.ndarray]:
     if pattern is None:
         return parts
-    mean = parts[0].reshape(data.mean.shape) - pattern
-    return [np.where(data.usable, mean, 0).ravel(), *parts[1:]]
+    mean = parts[0].reshape(data.mean.shape) - data.whitened(np.where(data.usable, pattern, 0))
+    return [mean.ravel(), *parts[1:]]

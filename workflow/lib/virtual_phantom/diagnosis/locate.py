@@ -91,25 +91,28 @@ def locate(
     constants: np.ndarray | None = None,
     fitted: Half | None = None,
     more: Sequence[Location] = (),
+    uncertain: Sequence[np.ndarray] | None = None,
 ) -> list[Location]:
     """Standardised residuals of every domain, the worst first, p corrected over places (Bonferroni) and domains (Holm).
 
-    residuals, weights   by part, as Fitter gives them
+    residuals, weights   by part, as Fitter gives them: the mean's noise made white
     constants            [row, column] variance that a fitted gain pattern leaves to every pixel's constant
     fitted               the data that the model was fitted to, if those are others
     more                 domains that residuals do not show
+    uncertain            by part, [direction, datum]: what the errors of the fit's numbers add (left_by_numbers)
 
     A domain counts by its worst place or by the sum of squares over all places, whichever is less likely, times two.
     """
     shape = data.mean.shape
     residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
-    predicted = data.mean - residual  # measured values would sort rays by their own noise
+    predicted = data.mean - data.as_recorded(residual)  # measured values would sort rays by their own noise
     left = np.zeros(shape[1:]) if constants is None else constants
     pixels = weight.sum(axis=0)
     # A sum over views of one pixel also varies by what its constant is not known to.
     extra = pixels**2 * left
     of_views = (weight**2 * left).sum((1, 2))
-    alike = [weight * one for one in data.numerical]
+    numbers = () if uncertain is None else uncertain[0].reshape(-1, *shape)
+    alike = Alike(weight, [*data.numerical, *numbers])
     found = [
         extreme(
             "columns", _marginal(residual, weight, (0, 1), extra.sum(0), alike), lambda i: f"column {i} of {shape[2]}"
@@ -118,14 +121,15 @@ def locate(
         extreme("views", _marginal(residual, weight, (1, 2), of_views, alike), lambda i: f"view {i} of {shape[0]}"),
         blocks("projections", _block_z(residual, weight, data, left, alike), data),
         _path_lengths(residual, weight, predicted, alike),
-        _edges(residual, weight, predicted),
+        _edges(residual, weight, predicted, numbers),
         _pixels(_marginal(residual, weight, 0, extra, alike), pixels),
     ]
     if fitted is not None:
         common = Half(residuals, weights, data).in_common(fitted)
         if common.there.any():  # halves of the views have no ray in common
             found.append(_both_halves(common, _steep(weight, _slope(predicted)).ravel()))
-    found += noise_places(residuals, weights, data, [f"neighbouring {name}" for name in AXES[::-1]], fitted=fitted)
+    pairs = [f"neighbouring {name}" for name in AXES[::-1]]
+    found += noise_places(residuals, weights, data, pairs, fitted=fitted, uncertain=uncertain)
     if data.white is not None:
         z = residuals[-1] * np.sqrt(weights[-1])
         found.append(extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))
@@ -146,22 +150,33 @@ def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
     return [extreme("alignment", values, lambda i: words.format(names[i], abs(values[i])))]
 
 
-def noise_places(residuals, weights, data: Observed, pairs: list[str], axes=AXES, fitted=None) -> list[Location]:
+def noise_places(
+    residuals, weights, data: Observed, pairs: list[str], axes=AXES, fitted=None, uncertain=None
+) -> list[Location]:
     """Places of difference in the noise's variance over blocks, its level, and its correlations between `pairs`.
 
     Level and correlations are few numbers, known to the fit no better than to the data held out: both errors count.
+    Where what is `uncertain` of the fit is not given, the fit's errors are those of the data fitted.
     """
     if data.variance is None:
         return []
     if fitted is not None and fitted.data.variance is None:
         fitted = None  # a single repeat, whose noise is known from elsewhere
     level, total = residuals[1] @ weights[1], weights[1].sum()
-    both = 1 / total + (1 / fitted.weights[1].sum() if fitted else 0)
-    z = float(level / total / np.sqrt(both))
+    single = weights[1] / data.alone
+    of_blocks = variance_z(residuals[1], single)
     with np.errstate(divide="ignore"):
-        error = 1 / weights[2] + (1 / fitted.weights[2] if fitted else 0)
+        error = 1 / weights[2]
+        if uncertain is not None:
+            both = 1 / total + ((uncertain[1] @ weights[1] / total) ** 2).sum()
+            error = error + (uncertain[2] ** 2).sum(axis=0)
+            of_blocks = of_blocks / np.sqrt(1 + single * (uncertain[1] ** 2).sum(axis=0))
+        else:
+            both = 1 / total + (1 / fitted.weights[1].sum() if fitted else 0)
+            error = error + (1 / fitted.weights[2] if fitted else 0)
+    z = float(level / total / np.sqrt(both))
     return [
-        blocks("noise variance", variance_z(residuals[1], weights[1]), data, axes),
+        blocks("noise variance", of_blocks, data, axes),
         Location("noise level", "everywhere", z, _two_sided(z, 1), np.array([z])),
         extreme("noise correlation", residuals[2] / np.sqrt(error), lambda i: f"between {pairs[i]}"),
     ]
@@ -190,10 +205,21 @@ def corrected(found: list[Location]) -> list[Location]:
     return held
 
 
-def _marginal(residual, weight, axes, extra, alike) -> np.ndarray:
-    """alike   weighted distortions by which all rays of a sum may be off together"""
+@dataclass(frozen=True)
+class Alike:
+    """Distortions [view, row, column] by which all rays of a sum may be off together, each one standard deviation."""
+
+    weight: np.ndarray
+    distortions: Sequence[np.ndarray]
+
+    def __call__(self, total) -> np.ndarray | float:
+        """What they add to the variance of sums, which `total` makes of weighted rays."""
+        return sum((total(self.weight * one) ** 2 for one in self.distortions), 0.0)
+
+
+def _marginal(residual, weight, axes, extra, alike: Alike) -> np.ndarray:
     total = weight.sum(axis=axes)
-    extra = extra + sum(one.sum(axis=axes) ** 2 for one in alike)
+    extra = extra + alike(lambda one: one.sum(axis=axes))
     return (residual * weight).sum(axis=axes) / np.sqrt(np.where(total > 0, total + extra, np.inf))
 
 
@@ -202,7 +228,7 @@ def _block_z(residual, weight, data, left, alike) -> np.ndarray:
     views, parts = weight.shape[0], data.blocks.shape[0]
     starts = [-(-views * i // parts) for i in range(parts)]  # as Blocks.of divides them
     pixels = np.add.reduceat(weight, starts, axis=0)
-    extra = np.zeros(data.blocks.count) + sum(data.blocks.sum(one) ** 2 for one in alike)
+    extra = np.zeros(data.blocks.count) + alike(data.blocks.sum)
     for part, start in enumerate(starts):
         extra += np.bincount(data.blocks.index[start].ravel(), (pixels[part] ** 2 * left).ravel(), data.blocks.count)
     return data.blocks.sum(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
@@ -245,20 +271,22 @@ def _path_lengths(residual, weight, predicted, alike) -> Location:
     return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside, alike)
 
 
-def by_value(domain: str, words: str, residual, weight, values, inside, alike=()) -> Location:
+def by_value(domain: str, words: str, residual, weight, values, inside, alike: Alike | None = None) -> Location:
     """Sums over tenths of the data that lie `inside`, in the order of `values`; `words` take a tenth's bounds."""
     edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
     index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
-    total, sums, *more = (
-        np.bincount(index.ravel(), one.ravel(), BINS + 1)[:BINS] for one in (weight, residual * weight, *alike)
-    )
-    z = sums / np.sqrt(np.where(total > 0, total + sum(one**2 for one in more), np.inf))
+
+    def by_tenth(one):
+        return np.bincount(index.ravel(), one.ravel(), BINS + 1)[:BINS]
+
+    total, extra = by_tenth(weight), 0.0 if alike is None else alike(by_tenth)
+    z = by_tenth(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
     return extreme(domain, z, lambda i: words.format(edges[i], edges[i + 1]))
 
 
-def _edges(residual, weight, predicted) -> Location:
+def _edges(residual, weight, predicted, numbers) -> Location:
     """Where line integrals change most: blur, geometry and motion show there."""
-    return steepest("rays", residual, weight, _slope(predicted))
+    return steepest("rays", residual, weight, _slope(predicted), numbers)
 
 
 def _slope(predicted) -> np.ndarray:
@@ -269,11 +297,16 @@ def _steep(weight, slope) -> np.ndarray:
     return (weight > 0) & (slope >= np.quantile(slope[weight > 0], 1 - EDGE_SHARE))
 
 
-def steepest(what: str, residual, weight, slope) -> Location:
-    """Excess of chi-square where a slope is largest."""
+def steepest(what: str, residual, weight, slope, numbers: Sequence[np.ndarray] = ()) -> Location:
+    """Excess of chi-square where a slope is largest.
+
+    numbers   what the errors of a fit's numbers add
+    """
     chosen = _steep(weight, slope)
     count = int(chosen.sum())
     square = float((weight[chosen] * residual[chosen] ** 2).sum())
+    expected = count + sum(float((weight[chosen] * one[chosen] ** 2).sum()) for one in numbers)
+    square *= count / max(1.0, expected)
     z = (square - count) / np.sqrt(2 * count)
     p = float(stats.chi2.sf(square, count))
     return Location("edges", f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))

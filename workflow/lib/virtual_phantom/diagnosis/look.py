@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .locate import Location, locate
+from .uncertainty import left_by_numbers
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,8 @@ class Look:
     down, across   names of the map's axes
     profiles     (domain, name of its axis, number of its first place)
     one_repeat   where the noise of a recording with a single repeat is from
+    uncertain    (fitter, fit) to what the errors of a fit's numbers add to residuals, as `places` takes it; None: that
+                 is left out
     """
 
     places: Callable[..., list[Location]]
@@ -31,12 +34,13 @@ class Look:
     across: str
     profiles: tuple[tuple[str, str, int], ...]
     one_repeat: str
+    uncertain: Callable[..., list[np.ndarray]] | None = None
 
 
 def _line_integrals(prepared, fit, held_out: bool) -> np.ndarray:
-    fitter = prepared.fitter
-    used = (fitter.held_weights if held_out else fitter.weights)[0] > 0
-    return fitter.residuals(fit, held_out)[0][used]
+    data = prepared.held_out if held_out else prepared.data
+    whitened = prepared.fitter.residuals(fit, held_out)[0].reshape(data.mean.shape)
+    return data.as_recorded(whitened)[data.usable]
 
 
 PROJECTIONS = Look(
@@ -48,4 +52,5 @@ PROJECTIONS = Look(
     across="detector column",
     profiles=(("columns", "detector column", 0), ("views", "view", 0), ("path length", "line integral (tenth)", 1)),
     one_repeat="was taken from second differences of neighbouring views, so variances and correlations were not tested",
+    uncertain=left_by_numbers,
 )

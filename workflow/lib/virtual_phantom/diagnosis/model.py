@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..physics.chain import Chain, State
+from ..physics.correlation import correlations
 from ..physics.effect import LOGARITHM, READOUT_UNITS, Parameter, acts_on_images, load
 from ..physics.spectra import KVP, TUNGSTEN, Anode
 from .alignment import SURE, Nuisance, pose_of
@@ -195,7 +196,7 @@ class Model:
         lines = state.line_integrals()
         mean = place["scale"] * lines + place["offset"] + self.distortion(place, anchor) + above
         ratio = np.where(data.usable, variance / data.reference, 0)
-        correlation = np.array(state.correlations(np.where(data.usable, 1 / data.reference, 0)))
+        correlation = correlations(state, np.where(data.usable, 1 / data.reference, 0))
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(data.blocks.sum(ratio) / data.blocks.sum(data.usable))
         white = None if data.white is None else white_shape(state.measured_air[0])
@@ -203,8 +204,9 @@ class Model:
 
 
 def stacked(data: Observed, prediction: Prediction) -> list[np.ndarray]:
-    """Residuals (observed less predicted) of the parts that are there: mean, variance, correlation, white."""
-    parts = [np.where(data.usable, data.mean - prediction.mean, 0).ravel()]
+    """Residuals (observed less predicted) of the parts that are there: mean, its noise made white, variance,
+    correlation, white."""
+    parts = [data.whitened(np.where(data.usable, data.mean - prediction.mean, 0)).ravel()]
     if data.variance is not None:
         parts.append(np.nan_to_num(np.log(data.variance) - prediction.log_variance))
         parts.append(np.nan_to_num(data.correlation - prediction.correlation))
@@ -216,10 +218,10 @@ def stacked(data: Observed, prediction: Prediction) -> list[np.ndarray]:
 def weights(data: Observed, variance: np.ndarray, floor: np.ndarray) -> list[np.ndarray]:
     """Inverse variances of the same parts, 0 for what is not there.
 
-    variance   [view, row, column] of one repeat's line integrals
-    floor      [view, row, column] numerical error of the prediction, standard deviation
+    variance   [view, row, column] of one repeat's line integrals, whitened
+    floor      [view, row, column] numerical error of the prediction, whitened, standard deviation
     """
-    parts = [np.where(data.usable, 1 / (variance / data.n + floor**2), 0).ravel()]
+    parts = [np.where(data.counted, 1 / (variance / data.n + floor**2), 0).ravel()]
     if data.variance is not None:
         for error in (data.variance_error, data.correlation_error):
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -13,12 +13,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import legendre
 from scipy import special
 
 from ..errors import InputError
+from .correlated import WHITE, Correlations, Whitening
 
 VIEW_BLOCKS, COLUMN_BLOCKS, ROW_BLOCKS = 12, 8, 4
 LEAST_TRANSMISSION = 1e-5  # what fewer photons are read as: such rays are left out
@@ -100,11 +102,14 @@ class Observed:
     usable            rays that count
     variance          (block,) mean of the sample variance over `reference`, so scaled that its logarithm is unbiased;
                       None of a single repeat
-    variance_error    (block,) standard error of its logarithm
+    variance_error    (block,) standard error of its logarithm, as sums over many blocks have it: of noise that
+                      neighbours share, those of blocks side by side vary together
     correlation       (column, row, view), with correlation_error; entries of an axis of one pixel are missing (NaN)
     white             coefficients of the white field's shape, or None
     numerical         [view, row, column] each: distortions alike in many rays by which predictions may be off (one
-                      standard deviation)
+                      standard deviation), whitened
+    alone             variance of a single block's logarithm over the square of `variance_error`
+    whitening         what makes the mean's noise white, or None where it is
     """
 
     mean: np.ndarray
@@ -118,13 +123,36 @@ class Observed:
     correlation_error: np.ndarray | None
     white: np.ndarray | None
     numerical: tuple[np.ndarray, ...] = ()
+    alone: np.ndarray | float = 1.0
+    whitening: Whitening | None = None
+
+    def whitened(self, residual: np.ndarray) -> np.ndarray:
+        """A residual of the mean [view, row, column], its noise made white."""
+        return residual if self.whitening is None else self.whitening(residual)
+
+    def as_recorded(self, whitened: np.ndarray) -> np.ndarray:
+        """A whitened residual [view, row, column] as it was."""
+        return whitened if self.whitening is None else self.whitening.inverse(whitened)
+
+    @property
+    def counted(self) -> np.ndarray:
+        """Usable rays that count in the mean: whitening takes away those beside missing ones."""
+        return self.usable if self.whitening is None else self.whitening.counted
 
 
-def observe(taken: Scans, reference: np.ndarray, blocks: Blocks | None = None) -> Observed:
+def observe(
+    taken: Scans,
+    reference: np.ndarray,
+    blocks: Blocks | None = None,
+    correlations: Correlations = WHITE,
+    whitening: Whitening | None = None,
+) -> Observed:
     """Condense repeats.
 
-    reference   [view, row, column] variance of a first model: what variances are divided by, so that what is left
-                varies little within a block
+    reference      [view, row, column] variance of a first model: what variances are divided by, so that what is left
+                   varies little within a block
+    correlations   of the noise
+    whitening      as Observed has it
     Raises InputError if no ray is usable.
     """
     if not taken.usable.any():
@@ -133,17 +161,20 @@ def observe(taken: Scans, reference: np.ndarray, blocks: Blocks | None = None) -
     n = len(taken)
     mean = taken.repeats.mean(axis=0, dtype=np.float64)
     variance = variance_error = correlation = correlation_error = None
+    alone: np.ndarray | float = 1.0
     if n > 1:
         weight = taken.usable / reference
         rays = blocks.sum(taken.usable)
         deviations = [(one - mean) * np.sqrt(weight) for one in taken.repeats]
         square = sum(deviation**2 for deviation in deviations)
-        half = rays * (n - 1) / 2
+        together, within = _fewer(correlations, blocks)
+        half = rays * (n - 1) / 2 / within
+        alone = within / together
         with np.errstate(invalid="ignore", divide="ignore"):
             # Logarithms of sample variances lie below that of the variance on average: by a standard error over all
             # blocks, were it left so.
-            variance = blocks.sum(square) / (2 * half) * np.exp(np.log(half) - special.digamma(half))
-            variance_error = np.sqrt(special.polygamma(1, half))
+            variance = blocks.sum(square) / (rays * (n - 1)) * np.exp(np.log(half) - special.digamma(half))
+            variance_error = np.sqrt(special.polygamma(1, half) / alone)
         variance[rays == 0] = np.nan
         correlation, correlation_error = np.full(3, np.nan), np.full(3, np.nan)
         for place, axis in enumerate((2, 1, 0)):
@@ -159,7 +190,8 @@ def observe(taken: Scans, reference: np.ndarray, blocks: Blocks | None = None) -
                 for d in deviations
             )
             correlation[place] = products / (pairs * square[taken.usable].mean())
-            correlation_error[place] = 1 / np.sqrt(pairs * (n - 1))
+            fewer = correlations.variance_of_neighbours(axis, taken.usable.shape)
+            correlation_error[place] = np.sqrt(fewer / (pairs * (n - 1)))
     return Observed(
         mean=mean,
         n=n,
@@ -171,7 +203,23 @@ def observe(taken: Scans, reference: np.ndarray, blocks: Blocks | None = None) -
         correlation=correlation,
         correlation_error=correlation_error,
         white=None if taken.white is None else white_shape(taken.white),
+        alone=alone,
+        whitening=whitening,
     )
+
+
+def _fewer(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarray]:
+    """By what correlated noise makes the variance of sums of squares larger: over all rays, and (block,) over each."""
+    if correlations.white:
+        return 1.0, np.ones(blocks.count)
+    shape = blocks.index.shape
+    together = np.prod([correlations.variance_of_squares(axis, length) for axis, length in enumerate(shape)])
+    within = []
+    for axis, (length, parts) in enumerate(zip(shape, blocks.shape, strict=True)):
+        ends = [-(-length * i // parts) for i in range(parts + 1)]  # as Blocks.of divides them
+        places = (slice(*pair) for pair in pairwise(ends))
+        within.append([correlations.variance_of_squares(axis, length, place) for place in places])
+    return float(together), np.multiply.outer(np.multiply.outer(*within[:2]), within[2]).ravel()
 
 
 def white_shape(white: np.ndarray) -> np.ndarray:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage, stats
 
+from .correlated import Whitening
+
 SMOOTH_FACTOR = 3.0  # of the variance expected of the smooth part
 SMOOTH_PX = 3.0  # what varies more slowly than this from pixel to pixel may be other physics
 
@@ -16,7 +18,7 @@ class Pattern:
     """Constants added to line integrals.
 
     values   [row, column], shrunk towards 0 by how much of each is noise
-    variance [row, column] that the true constants have about them
+    variance [row, column] that the true constants, whitened, have about them
     rms      standard deviation of the true constants, with its standard error
     """
 
@@ -32,9 +34,10 @@ def chance(rms: float, error: float) -> float:
     return float(stats.norm.sf(rms / error)) if rms else 1.0
 
 
-def estimate(residual: np.ndarray, weight: np.ndarray) -> Pattern:
+def estimate(residual: np.ndarray, weight: np.ndarray, whitening: Whitening | None = None) -> Pattern:
     """The pattern in residuals [view, row, column] with weights 1/variance.
 
+    whitening   that the residuals have been through
     Constants are taken as independent draws of one normal distribution. Its variance is what the mean square of their
     rough part exceeds that of noise by. Where the smooth part is larger than such draws would make it, it is other
     physics (the shadow of a disc looks alike in all views) and not counted as pattern.
@@ -52,13 +55,21 @@ def estimate(residual: np.ndarray, weight: np.ndarray) -> Pattern:
     share = np.where(good, rms**2 / np.maximum(rms**2 + noise, 1e-300), 0) if rms else 0
     smooth = (mean - rough)[good]
     expected = (1 - left) * float((rms**2 + noise[good]).mean())
-    counted = mean if float((smooth**2).mean()) <= SMOOTH_FACTOR * expected else rough
-    return Pattern(counted * share, share * noise, rms, float(error))
+    values = share * (mean if float((smooth**2).mean()) <= SMOOTH_FACTOR * expected else rough)
+    if whitening is not None:  # which makes white constants of pixels rougher
+        values, larger = whitening.pixels(values), whitening.roughness(_widths(mean.shape))
+        rms, error = rms / larger, error / larger
+    return Pattern(values, share * noise, rms, float(error))
+
+
+def _widths(shape: tuple[int, ...]) -> list[float]:
+    """Over which the smooth part is averaged; 0 where a detector is no wider."""
+    return [SMOOTH_PX if n > 2 * SMOOTH_PX else 0 for n in shape]
 
 
 def _without_smooth(mean: np.ndarray, good: np.ndarray) -> tuple[np.ndarray, float]:
     """The rough part, and the share of a white pattern's variance that it keeps."""
-    sigma = [SMOOTH_PX if n > 2 * SMOOTH_PX else 0 for n in mean.shape]
+    sigma = _widths(mean.shape)
 
     def smooth(array):
         return ndimage.gaussian_filter(array.astype(float), sigma, mode="constant")

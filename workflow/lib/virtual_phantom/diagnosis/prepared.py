@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from ..errors import InputError
 from ..physics.chain import Chain
 from ..physics.spectra import TUNGSTEN, Anode
 from .alignment import nuisances
+from .correlated import WHITE, Correlations, Whitening, estimated
 from .fit import Fitter
 from .look import PROJECTIONS, Look
 from .model import Model
@@ -23,6 +25,8 @@ SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20
 # Of a numerical distortion: what is left of it once it is fitted, as errors of higher order are alike in no two rays.
 LEFT = {"rays": 1.0, "voxels": 1 / 3}
 MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
+BY_VIEW = "every second view"
+FEWEST = 8  # degrees of freedom from which on the mean of an inverse says anything
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
 
@@ -60,7 +64,7 @@ def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
         return *parts, "every second repeat"
     views = np.arange(taken.usable.shape[0])[:, None, None]
     parts = [replace(taken, usable=taken.usable & (views % 2 == odd)) for odd in (0, 1)]
-    return *parts, "every second view"
+    return *parts, BY_VIEW
 
 
 def prepare(
@@ -107,9 +111,16 @@ def prepare(
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
     left = tuple(LEFT[name] * one for name, one in numerical.at().items())
-    floor = np.sqrt(sum((one**2 for one in left), np.zeros(clean.shape)))
     fitted, held, words = split(taken, further)
-    data, held_out = (replace(observe(part, reference, blocks), numerical=left) for part in (fitted, held))
+    correlations = WHITE if single else _correlations(taken, clean, variance)
+    data, held_out = (
+        _whitened(observe(part, reference, blocks, correlations), correlations, clean, left) for part in (fitted, held)
+    )
+    floor = np.sqrt(sum((one**2 for one in data.numerical), np.zeros(clean.shape)))
+    apart = [taken] if words == BY_VIEW else [fitted, held]
+    weighed = variance if single else _of_one_repeat(apart, reference, clean, correlations, blocks)
+    if data.whitening is not None:
+        weighed = weighed * data.whitening.amplification
     aligned = nuisances(
         # A single repeat's noise is an estimate of its own and not among the data, so nothing else would hold it.
         np.log(nominal_photons or photons),
@@ -117,7 +128,7 @@ def prepare(
         {"size": SIZE_SD} | (known or {}),
         numerical.names,
     )
-    fitter = Fitter(Model(chain, aligned, anode, tube_kvp, numerical=numerical), data, held_out, variance, floor)
+    fitter = Fitter(Model(chain, aligned, anode, tube_kvp, numerical=numerical), data, held_out, weighed, floor)
     return Prepared(fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking)
 
 
@@ -148,6 +159,51 @@ def _mean_square(squares: np.ndarray) -> float:
     if squares.size < ENOUGH_FOR_MEDIAN:
         return float(squares.mean()) if squares.size else 0.0
     return float(np.median(squares)) / MEDIAN_SQUARE
+
+
+def _correlations(taken: Scans, clean: np.ndarray, variance: np.ndarray) -> Correlations:
+    """Of the noise of repeats, from their differences."""
+    mean, sd = taken.repeats.mean(axis=0, dtype=np.float64), np.sqrt(variance)
+    return estimated([(one - mean) / sd for one in taken.repeats], clean, taken.usable, len(taken) - 1)
+
+
+def _whitened(data: Observed, correlations: Correlations, clean: np.ndarray, numerical) -> Observed:
+    """The same with what makes its noise white, and with the numerical distortions whitened."""
+    if correlations.white:
+        return replace(data, numerical=tuple(numerical))
+    data = replace(data, whitening=Whitening(correlations, clean, data.usable))
+    return replace(data, numerical=tuple(data.whitened(np.where(data.usable, one, 0)) for one in numerical))
+
+
+def _of_one_repeat(
+    parts: Sequence[Scans], reference: np.ndarray, clean: np.ndarray, correlations: Correlations, blocks: Blocks
+) -> np.ndarray:
+    """Variance of every ray of one repeat, whitened, over the whitening's amplification: that of a first model times
+    what repeats say of blocks.
+
+    parts   of which each says how it varies about its own mean: a variance about the mean of all would depend on by how
+            much the means of those fitted and of those held out differ, and their products would not be 0 on average
+    So scaled that its inverse, the weight, is unbiased: 1 / chi-square of n degrees of freedom is 1 / (n - 2) on
+    average.
+    """
+    square, freedom = np.zeros(blocks.count), np.zeros(blocks.count)
+    shape = reference
+    for part in parts:
+        white = None if correlations.white else Whitening(correlations, clean, part.usable)
+        counted = part.usable
+        if white is not None:
+            shape, counted = white.variance(clean) * reference / np.exp(clean), white.counted
+        mean = part.repeats.mean(axis=0, dtype=np.float64)
+        for one in part.repeats:
+            deviation = np.where(part.usable, one - mean, 0)
+            deviation = deviation if white is None else white(deviation)
+            square += blocks.sum(np.where(counted, deviation**2 / shape, 0))
+        freedom += blocks.sum(counted) * (len(part) - 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        level = square / np.where(freedom > FEWEST, freedom - 2, freedom)
+    if not correlations.white:
+        level = level / white.amplification
+    return shape * blocks.spread(_filled(level))
 
 
 def _filled(values: np.ndarray) -> np.ndarray:

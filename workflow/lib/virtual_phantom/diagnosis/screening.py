@@ -106,8 +106,9 @@ def _pattern(fitter: Fitter, parts: list[np.ndarray]) -> Screened:
     """Of a gain pattern, which is estimated at once."""
     shape = fitter.data.mean.shape
     mean, weight = parts[0].reshape(shape), fitter.weights[0].reshape(shape)
-    pattern = estimate(mean, weight)
-    gain = float((weight * (2 * mean - pattern.values) * pattern.values).sum())
+    pattern = estimate(mean, weight, fitter.data.whitening)
+    found = fitter.data.whitened(np.where(fitter.data.usable, pattern.values, 0))
+    gain = float((weight * (2 * mean - found) * found).sum())
     return Screened(chance(pattern.rms, pattern.error), gain)
 
 

@@ -61,7 +61,7 @@ def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
         fitter.model.chain.state(physics, photons=photons, anode=fitter.model.anode).line_integrals()
         for physics in (fit.physics, fit.physics | {name: effect.values({})})
     )
-    mean = np.where(data.usable, with_it - without, 0).ravel()
+    mean = data.whitened(np.where(data.usable, with_it - without, 0)).ravel()
     rest = stacked(data, fitter.model.predict(fit.physics, fit.place, data, fit.anchor))[1:]
     return whitened([mean, *(np.zeros_like(part) for part in rest)], fitter.weights)
 

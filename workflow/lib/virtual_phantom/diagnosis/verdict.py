@@ -46,6 +46,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
             fit.pattern_variance,
             fitted=fitted,
             more=aligned(fit, fitter.model.distortions),
+            **({} if prepared.look.uncertain is None else {"uncertain": prepared.look.uncertain(fitter, fit)}),
         )
 
     before, after = places(choice.baseline.fit), places(choice.chosen.fit)
@@ -152,7 +153,6 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     fitter = prepared.fitter
     data = prepared.held_out if held_out else prepared.data
     weights = fitter.held_weights if held_out else fitter.weights
-    used = weights[0] > 0
     found = {}
     parts = ["mean", *(["noise_variance", "noise_correlation"] if data.variance is not None else [])]
     parts += ["white_field"] if data.white is not None else []
@@ -163,7 +163,7 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
         key: float(np.sqrt((prepared.look.difference(prepared, one.fit, held_out) ** 2).mean()))
         for key, one in (("before", choice.baseline), ("after", choice.chosen))
     }
-    floor = float(np.sqrt((prepared.variance.ravel()[used] / data.n).mean()))
+    floor = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
     found[f"rms_{prepared.look.unit}"] = {**rms, "floor": floor}
     for place, name in enumerate(parts):
         count = int((weights[place] > 0).sum())

@@ -188,24 +188,6 @@ class State:
         read = read if self.gain is None else read * self.gain
         return read if self.dark is None else read + self.dark * (self.photons / self.unit)
 
-    def correlations(self, weight: np.ndarray | float = 1.0) -> tuple[float, float, float]:
-        """Of the noise that is read, between neighbouring columns, rows and views.
-
-        weight   [view, row, column] of the rays' variances and covariances, or one for all
-        That of the quantum noise of a uniform signal, times the share of quantum noise in the variance: electronic
-        noise arises after neighbours and views have shared their signal, and is white.
-        """
-        quantum, electronic = (weight * part for part in self._noise_parts())
-        total = float(np.sum(quantum + electronic))
-        coloured = float(np.sum(quantum)) / total if total else 0.0
-        tap = [2 * c * (1 - 2 * c) / ((1 - 2 * c) ** 2 + 2 * c**2) for c in self.neighbours]
-        share, memory, _ = self.lag
-        # Of weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
-        glow = share**2 * (1 - memory) / (1 + memory)
-        view = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
-        view *= memory ** (self.geometry.views_apart - 1)
-        return coloured * tap[0], coloured * tap[1], coloured * view
-
 
 def shared(array: np.ndarray, neighbours: tuple[float, float], squared: bool = False) -> np.ndarray:
     """What neighbours share: (c, 1 - 2c, c) along columns and rows.

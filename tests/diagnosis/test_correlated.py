@@ -1,0 +1,281 @@
+"""Noise that neighbours share: whitened, and tested with errors that hold."""
+
+import numpy as np
+import pytest
+from simulated_scans import body, noisy_lines
+
+from virtual_phantom.diagnosis import observed, prepared
+from virtual_phantom.diagnosis.attribute import trial
+from virtual_phantom.diagnosis.correlated import WHITE, Correlations, Whitening, estimated
+from virtual_phantom.diagnosis.fit import Problem
+from virtual_phantom.diagnosis.locate import Half
+from virtual_phantom.diagnosis.model import stacked
+from virtual_phantom.diagnosis.pattern import estimate
+from virtual_phantom.diagnosis.templates import data_changes
+from virtual_phantom.diagnosis.uncertainty import left_by_numbers
+from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.physics.chain import Chain, State
+from virtual_phantom.physics.correlation import correlations
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import DiscScene, VoxelScene
+
+PHOTONS = 1e5
+SHAPE = (14, 4, 6)
+
+
+def geometry_of(views, rows, columns, pitch_mm=12.0):
+    return circular(
+        views=views,
+        source_to_isocentre_mm=570.0,
+        source_to_detector_mm=1040.0,
+        columns=columns,
+        rows=rows,
+        column_pitch_mm=pitch_mm,
+        row_pitch_mm=pitch_mm,
+    )
+
+
+def shared_by(column, row, share, memory) -> Correlations:
+    """Of (c, 1 - 2c, c) along columns and rows, and of weights 1 - k, k (1 - d), k (1 - d) d, ... along views."""
+    pixels = []
+    for c in (column, row):
+        square = (1 - 2 * c) ** 2 + 2 * c**2
+        pixels.append((2 * c * (1 - 2 * c) / square, c**2 / square))
+    weights = np.array([1 - share, *(share * (1 - memory) * memory ** np.arange(400))])
+    first = (weights[1:] * weights[:-1]).sum() / (weights**2).sum()
+    return Correlations(*pixels, (first, memory if share else 0.0))
+
+
+def state_of(lines, neighbours=(0.0, 0.0), lag=(0.0, 0.0, 1.0), electronic=0.0):
+    signal = np.exp(-lines)
+    air = np.ones((1, *lines.shape[1:]))
+    return State(
+        geometry_of(*lines.shape),
+        photons=PHOTONS,
+        signal=signal,
+        air=air,
+        neighbours=neighbours,
+        lag=lag,
+        electronic=electronic,
+    )
+
+
+def covariance_of(state) -> np.ndarray:
+    """[ray, ray] of the line integrals, by what every single photon would do to every ray; without glow before."""
+    shape = state.signal.shape
+    units = np.eye(state.signal.size).reshape(-1, *shape)
+    read = np.stack([state.read(one, first=np.zeros(shape[1:])).ravel() for one in units], axis=1)
+    found = read @ np.diag(state.signal.ravel() / state.photons) @ read.T
+    found += np.eye(len(found)) * (state.electronic / state.photons) ** 2
+    change = 1 / state.measured.ravel()
+    return found * np.outer(change, change)
+
+
+def test_correlations_of_neighbours_are_those_of_the_covariance():
+    """Steep signals, the detector's edges, a missing ray and electronic noise: every pair counted by itself."""
+    random = np.random.default_rng(1)
+    state = state_of(random.uniform(0, 2, SHAPE), (0.1, 0.06), (0.2, 0.5, 0.0), electronic=50.0)
+    covariance, number = covariance_of(state), np.arange(state.signal.size).reshape(SHAPE)
+    weight = random.uniform(0.5, 2, SHAPE) / state.variance()
+    weight[3, 1, 2] = 0
+    flat = weight.ravel()
+    mean = (flat * np.diag(covariance)).sum() / (flat > 0).sum()
+    for axis, found in zip((2, 1, 0), correlations(state, weight), strict=True):
+        low, high = (np.take(number, range(a, SHAPE[axis] - 1 + a), axis).ravel() for a in (0, 1))
+        both = np.sqrt(flat[low] * flat[high])
+        assert found == pytest.approx((both * covariance[low, high]).sum() / (both > 0).sum() / mean, rel=1e-9)
+    assert not correlations(state_of(np.zeros(SHAPE)))[:].any()
+
+
+@pytest.mark.parametrize(
+    ("column", "row", "share", "memory"), [(0.15, 0.1, 0, 0), (0, 0, 0.2, 0.5), (0.1, 0, 0.1, 0.8)]
+)
+def test_whitened_noise_is_white(column, row, share, memory):
+    """Against the covariance of the chain's own detector, of a signal that is steep along columns and rows."""
+    random = np.random.default_rng(2)
+    lines = np.broadcast_to(random.uniform(0, 1.5, SHAPE[1:]), SHAPE).copy()
+    # The covariance leaves out what glows from before the scan: the last views are compared, where that has faded.
+    views = 3
+    state = state_of(np.concatenate([lines] * 4), (column, row), (share, memory, 0.0))
+    shape = state.signal.shape
+    white = Whitening(shared_by(column, row, share, memory), np.concatenate([lines] * 4), np.ones(shape, bool))
+    units = np.eye(state.signal.size).reshape(-1, *shape)
+    change = np.stack([white(one).ravel() for one in units], axis=1)
+    last = slice(-views * SHAPE[1] * SHAPE[2], None)
+    found = (change @ covariance_of(state) @ change.T)[last, last]
+    scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
+    assert np.abs(found / scale - np.eye(len(found))).max() < 2e-3
+    # What is left is each ray's own quantum noise before it was shared, over what is read: S / I0 / (H S)^2.
+    alone = white.variance(np.concatenate([lines] * 4)).ravel()[last] / PHOTONS
+    np.testing.assert_allclose(np.diag(found), alone, rtol=2e-3)
+    own = state.signal / state.photons / state.measured**2
+    np.testing.assert_allclose(alone, own.ravel()[last], rtol=1e-5)
+    np.testing.assert_allclose(white.inverse(white(lines_like := random.normal(size=shape))), lines_like, atol=1e-9)
+
+
+def drawn(true: Correlations, shape, random, count) -> np.ndarray:
+    """Normal noise [draw, view, row, column] with these correlations."""
+    roots = [np.linalg.cholesky(true.covariance(axis, length)) for axis, length in enumerate(shape)]
+    return np.einsum("ai,bj,ck,nijk->nabc", *roots, random.normal(size=(count, *shape)), optimize=True)
+
+
+@pytest.mark.parametrize("setting", [(0.1, 0.03, 0.0, 0.0), (0.0, 0.0, 0.2, 0.5), (0.15, 0.05, 0.1, 0.8)])
+def test_correlations_are_found_from_differences_of_repeats(setting):
+    random, shape, repeats = np.random.default_rng(3), (72, 8, 48), 4
+    true = shared_by(*setting)
+    noise = drawn(true, shape, random, repeats)
+    found = estimated(list(noise - noise.mean(axis=0)), np.zeros(shape), np.ones(shape, bool), repeats - 1)
+    error = 2 / np.sqrt(72 * 8 * 48 * 3)  # which correlated noise makes larger than 1 / sqrt(pairs)
+    for axis in ("columns", "rows"):
+        np.testing.assert_allclose(getattr(found, axis), getattr(true, axis), atol=4 * error)
+    # What sums over views go by.
+    whole = [1 + 2 * first / (1 - memory) for first, memory in (found.views, true.views)]
+    assert whole[0] == pytest.approx(whole[1], rel=0.07)
+
+
+def test_white_noise_is_left_as_it_is():
+    random, shape = np.random.default_rng(4), (72, 8, 48)
+    ones = np.ones(shape, bool)
+    found = []
+    for _ in range(5):
+        noise = random.normal(size=(4, *shape))
+        found.append(estimated(list(noise - noise.mean(axis=0)), np.zeros(shape), ones, 3))
+    assert sum(not one.white for one in found) <= 1
+    assert WHITE.white and WHITE.variance_of_neighbours(2, shape) == 1
+
+
+def test_sums_of_squares_and_correlations_of_correlated_noise_vary_as_said():
+    """Against 4000 draws of a small field, whose edges matter."""
+    random, shape, draws = np.random.default_rng(5), (12, 4, 10), 4000
+    true = shared_by(0.15, 0.1, 0.2, 0.5)
+    noise = drawn(true, shape, random, draws)
+    part = noise[:, 3:7, :2, 5:]
+    square = (part**2).sum(axis=(1, 2, 3))
+    places = (slice(3, 7), slice(0, 2), slice(5, 10))
+    fewer = np.prod([true.variance_of_squares(axis, shape[axis], place) for axis, place in enumerate(places)])
+    assert square.var() / square.mean() ** 2 * part[0].size / 2 == pytest.approx(fewer, rel=0.12)
+    assert fewer > 1.2
+    noise = drawn(true, (24, 8, 24), random, 800)
+    mean = (noise**2).mean(axis=(1, 2, 3))
+    for axis in range(3):
+        low, high = (np.take(noise, range(a, noise.shape[axis + 1] - 1 + a), axis + 1) for a in (0, 1))
+        ratio = (low * high).mean(axis=(1, 2, 3)) / mean
+        pairs = low[0].size
+        assert ratio.var() * pairs == pytest.approx(true.variance_of_neighbours(axis, (24, 8, 24)), rel=0.2)
+
+
+def test_rays_beside_missing_ones_do_not_count():
+    usable = np.ones((20, 6, 12), bool)
+    usable[:, 2, 5] = False
+    white = Whitening(shared_by(0.1, 0.1, 0, 0), np.zeros(usable.shape), usable)
+    lost = usable[0] & ~white.counted[0]
+    np.testing.assert_array_equal(np.argwhere(lost), [[1, 5], [2, 4], [2, 6], [3, 5]])
+    # Every second view: the glow of one view is in the next alone, which is not there.
+    usable = np.ones((20, 6, 12), bool)
+    usable[1::2] = False
+    white = Whitening(shared_by(0, 0, 0.2, 0.0), np.zeros(usable.shape), usable)
+    assert white.counted[::2].all() and not white.counted[1::2].any()
+    residual = np.random.default_rng(6).normal(size=usable.shape) * usable
+    np.testing.assert_array_equal(white(residual), residual)
+    # A glow that lasts is in all further ones: of weights 0.8 and 0.2 0.5 0.5^j.
+    true = shared_by(0, 0, 0.2, 0.5)
+    assert true.of_every(2).views == pytest.approx((true.views[0] * 0.5, 0.25))
+
+
+def test_a_gain_pattern_is_measured_in_correlated_noise():
+    """White constants of pixels beside noise that pixels share: neither takes the other's place."""
+    random, shape = np.random.default_rng(7), (60, 8, 64)
+    true = shared_by(0.1, 0.1, 0, 0)
+    white = Whitening(true, np.zeros(shape), np.ones(shape, bool))
+    noise = 0.02 * drawn(true, shape, random, 1)[0]
+    weight = np.full(shape, 1 / (0.02**2 * white.amplification))
+    found = estimate(white(noise), weight, white)
+    # Of 512 mean squares, the mean varies by 1/16 of that of the pixels' noise.
+    assert found.rms * white.roughness((3, 3)) < np.sqrt(3 / 16 / weight[:, 0, 0].sum())
+    pattern = 0.006 * random.normal(size=shape[1:])
+    found = estimate(white(noise + pattern), weight, white)
+    assert abs(found.rms - pattern.std()) < 3 * found.error
+    assert np.std(found.values - pattern) < 0.5 * pattern.std()
+
+
+@pytest.fixture(scope="module")
+def scene():
+    grid = Grid((16, 64, 64), (4.0, 4.5, 4.5))
+    volume = body(grid, (110, 80), 20.0, [((50, 10, 5), 20, 800.0), ((-40, -20, -5), 18, -80.0)])
+    return VoxelScene.of(volume, Segmentation(), 0.0193)
+
+
+def scans(chain, physics, random, repeats=4):
+    state = chain.state(physics)
+    lines = noisy_lines(state, repeats, random).astype(np.float32)
+    white = state.measured_air.mean(axis=0) * state.photons
+    return observed.Scans(lines, white, np.ones(lines.shape[1:], bool))
+
+
+CORRELATED = {
+    "optical_crosstalk": {"column": 0.1, "row": 0.1},
+    "afterglow": {"share": 0.2, "memory": 0.0, "before": 1.0},
+}
+
+
+@pytest.mark.parametrize("name", CORRELATED)
+def test_with_the_right_effect_nothing_is_left_of_correlated_noise(scene, name):
+    """z of blocks had a standard deviation of 1.4 and 1.2 where rays were taken for independent."""
+    chain, z = Chain(scene, geometry_of(60, 4, 40), PHOTONS), {}
+    draws = 3
+    for draw in range(draws):
+        random = np.random.default_rng(np.random.SeedSequence(11, spawn_key=(draw,)))
+        given = prepared.prepare(scans(chain, {name: CORRELATED[name]}, random), None, chain, nominal_photons=PHOTONS)
+        fitter = given.fitter
+        fit = trial(fitter, (name,)).fit
+        fitted = Half(fitter.residuals(fit, False), fitter.weights, given.data)
+        places = given.look.places(
+            fitter.residuals(fit),
+            fitter.held_weights,
+            given.held_out,
+            fitted=fitted,
+            uncertain=given.look.uncertain(fitter, fit),
+        )
+        assert not places[0].significant, places[0]
+        for place in places:
+            z.setdefault(place.domain, []).append(place.map.ravel())
+    for domain in ("projections", "noise variance", "views", "columns", "pixels"):
+        of_all = np.concatenate(z[domain])
+        assert np.sqrt((of_all**2).mean()) == pytest.approx(1, abs=3 / np.sqrt(2 * of_all.size)), domain
+
+
+def test_the_errors_of_a_fit_add_what_its_numbers_can_move():
+    """Summed over all data: tr(J'WJ (J'WJ + K)^-1), the number of directions in which data say more than knowledge."""
+    chain = Chain(DiscScene(200.0, "water"), geometry_of(24, 2, 40), PHOTONS)
+    given = prepared.prepare(scans(chain, {}, np.random.default_rng(8)), None, chain, nominal_photons=PHOTONS)
+    fitter = given.fitter
+    fit = trial(fitter, ("electronic_noise",)).fit
+    found = left_by_numbers(fitter, fit)
+    total = sum(float((weight * one**2).sum()) for weight, one in zip(fitter.weights, found, strict=True))
+    problem = Problem(fitter, fit.effects, fit)
+    changes = data_changes(problem, None)
+    information = changes.T @ changes
+    expected = np.trace(np.linalg.solve(information + np.diag(problem.knowledge), information))
+    assert total == pytest.approx(expected, rel=1e-3) and 3 < total < len(problem.start)
+
+
+def test_halves_have_nothing_in_common_where_weights_are_measured():
+    """Weights from deviations about the mean of all repeats would know by how much both halves differ."""
+    chain = Chain(DiscScene(200.0, "water"), geometry_of(36, 4, 16, 20.0), PHOTONS)
+    z = []
+    for draw in range(40):
+        given = prepared.prepare(scans(chain, {}, np.random.default_rng(draw)), None, chain, nominal_photons=PHOTONS)
+        fitter = given.fitter
+        place = {one.name: one.expected for one in fitter.model.aligned}
+        parts = [stacked(data, fitter.model.predict({}, place, data)) for data in (given.data, given.held_out)]
+        halves = [
+            Half(part, weights, data)
+            for part, weights, data in zip(
+                parts, (fitter.weights, fitter.held_weights), (given.data, given.held_out), strict=True
+            )
+        ]
+        common = halves[1].in_common(halves[0])
+        z.append(common.products.sum() / np.sqrt(common.there.sum()))
+    assert abs(np.mean(z)) < 4 / np.sqrt(len(z))
+    # As they were: 1 / (3 rays) of every block's products, 384 blocks of 2304 rays.
+    assert 384 / 3 / np.sqrt(2304) > 4 / np.sqrt(len(z))

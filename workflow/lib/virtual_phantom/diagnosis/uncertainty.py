@@ -1,0 +1,47 @@
+"""What the errors of a fit's own numbers add to residuals of data that it has not seen."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+
+from .fit import Fit, Fitter, Problem
+from .steps import Known
+
+
+def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
+    """Changes of the predictions of the data held out that are independent and each one standard error large, by part:
+    [direction, datum].
+
+    The residuals of data held out vary by the sum of their squares beside their own noise: r = n - J (theta - truth),
+    and theta has the covariance (J'WJ + K)^-1 of the data fitted. Numbers of effects that were found elsewhere have the
+    errors found there.
+    """
+    problem = Problem(fitter, fit.effects, fit)
+    jacobian = _changes(problem, fit)
+    information, _ = problem.normal(jacobian, problem.start, [np.zeros(rows.shape[1]) for rows in jacobian])
+    directions = _directions(problem, fit, information)
+    if fitter.held_out.usable is not fitter.data.usable:
+        other = copy.copy(fitter)
+        other.data, other.weights = fitter.held_out, fitter.held_weights
+        jacobian = _changes(Problem(other, fit.effects, fit), fit)
+    return [(directions / problem.steps) @ rows for rows in jacobian]
+
+
+def _changes(problem: Problem, fit: Fit) -> list[np.ndarray]:
+    residuals = problem.residuals(problem.start, fit.pattern)
+    return problem.jacobian(problem.start, residuals, fit.pattern)
+
+
+def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:
+    """[direction, number], the sum of whose outer products is the numbers' covariance."""
+    known = 0 if fit.free or not problem.unknowns else len(problem.unknowns)
+    inside = Known.of(information[known:, known:])
+    fitted = (inside.vectors / np.sqrt(inside.values)).T * inside.units
+    elsewhere = np.zeros((known, known))
+    for place, one in enumerate(problem.unknowns[:known]):
+        value, error = fit.physics[one.effect][one.name], fit.errors[one.effect][one.name]
+        least = value - error if one.power == 1 else max(value - error, 0.0)  # powers are of widths
+        elsewhere[place, place] = (one.of(value + error) - one.of(least)) / 2
+    return np.block([[elsewhere, np.zeros((known, fitted.shape[1]))], [np.zeros((len(fitted), known)), fitted]])

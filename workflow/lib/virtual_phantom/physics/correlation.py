@@ -1,0 +1,80 @@
+"""Correlations of the noise of neighbouring rays, as a detector reads it that shares light or glows on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .chain import State, blurred, lagged
+
+AXES = (2, 1, 0)  # of [view, row, column], in the order in which correlations are given
+
+
+def correlations(state: State, weight: np.ndarray | None = None) -> np.ndarray:
+    """Of neighbouring columns, rows and views, (3,), as repeats show them on average: the mean covariance of pairs over
+    the mean variance.
+
+    weight   [view, row, column], what variances are multiplied by before they are averaged; 0 leaves a ray out; None:
+             the inverse of each ray's variance
+    Exact to first order in the noise, the detector's edges, electronic noise and steep signals included. 0 along an
+    axis of one pixel.
+    """
+    found = np.zeros(3)
+    if not (any(state.neighbours) or state.lag[0]):
+        return found
+    variance = state.variance()
+    weight = 1 / variance if weight is None else weight
+    root = np.sqrt(weight) * np.abs(_of_line_integrals(state))
+    mean = float((weight * variance).sum()) / max(1, np.count_nonzero(weight))
+    for place, axis in enumerate(AXES):
+        covariance = _covariance(state, axis)
+        if covariance is None or not mean:
+            continue
+        both = _neighbours(root, axis)
+        pairs = np.count_nonzero(both)
+        found[place] = float((both * covariance).sum()) / max(1, pairs) / mean
+    return found
+
+
+def _of_line_integrals(state: State) -> np.ndarray:
+    """Change of a line integral with the signal that is read: [view, row, column]."""
+    gain = 1.0 if state.gain is None else state.gain
+    return np.broadcast_to(gain / state.measured, state.signal.shape)
+
+
+def _neighbours(array: np.ndarray, axis: int) -> np.ndarray:
+    """Products of neighbours along an axis."""
+    length = array.shape[axis]
+    return np.take(array, range(length - 1), axis) * np.take(array, range(1, length), axis)
+
+
+def _covariance(state: State, axis: int) -> np.ndarray | None:
+    """Of the quantum noise of neighbours along an axis, of the signal as it is read, one place less along the axis;
+    None if there is none. Electronic noise has none."""
+    quantum, length = state.signal / state.photons, state.signal.shape[axis]
+    if length < 2:
+        return None
+    for other, share in zip((2, 1), state.neighbours, strict=True):
+        if other != axis and share and quantum.shape[other] > 1:
+            quantum = blurred(quantum, share, other, squared=True)
+    if axis == 0:
+        return _of_views(quantum, state.lag) if state.lag[0] else None
+    share = state.neighbours[0 if axis == 2 else 1]
+    if not share:
+        return None
+    # Both pixels see both: by what each keeps, and what it gets of the other. Edges keep what would leave them.
+    keeps = np.full(length, 1 - 2 * share)
+    keeps[[0, -1]] += share
+    kept = quantum * (keeps if axis == 2 else keeps[:, None])
+    pairs = share * (np.take(kept, range(length - 1), axis) + np.take(kept, range(1, length), axis))
+    return lagged(pairs, state.lag, squared=True)
+
+
+def _of_views(quantum: np.ndarray, lag: tuple[float, float, float]) -> np.ndarray:
+    """read_i = (1 - k) n_i + k g_i and g_(i+1) = d g_i + (1 - d) n_i: of i and i + 1."""
+    share, memory, before = lag
+    glow = before**2 * quantum[0] * (1 - memory) / (1 + memory)
+    found = np.empty((len(quantum) - 1, *quantum.shape[1:]))
+    for view in range(len(found)):
+        found[view] = (1 - share) * share * (1 - memory) * quantum[view] + share**2 * memory * glow
+        glow = memory**2 * glow + (1 - memory) ** 2 * quantum[view]
+    return found
