@@ -30,7 +30,7 @@ from virtual_phantom.physics.posed import PosedScene  # noqa: E402
 from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
 from virtual_phantom.volumes import Volume  # noqa: E402
 
-PHOTONS, REPEATS, EDGE_MM = 1e5, 4, 3.0
+PHOTONS, REPEATS, EDGE_MM, INTERVAL_MS = 1e5, 4, 3.0, 1.0
 GEOMETRY = circular(
     views=72,
     source_to_isocentre_mm=570.0,
@@ -39,6 +39,7 @@ GEOMETRY = circular(
     rows=8,
     column_pitch_mm=11.0,
     row_pitch_mm=8.0,
+    view_interval_ms=INTERVAL_MS,
 )
 
 
@@ -46,8 +47,11 @@ def crosstalk(share):
     return {"optical_crosstalk": {"column": share, "row": share}}
 
 
-def afterglow(share, memory=0.0):
-    return {"afterglow": {"share": share, "memory": memory, "before": 1.0}}
+def afterglow(share, memory=0.1):
+    """Of a share of a view's signal that is read with later views, of which each further view leaves `memory`."""
+    ratio = -np.log(memory)  # of the view's interval to the time constant
+    of_light = share * ratio / (1 - memory)  # what glows up within the view that brings it about is none of it
+    return {"afterglow": {"share": of_light, "time_constant_ms": INTERVAL_MS / ratio, "before": 1.0}}
 
 
 SETTINGS = {
@@ -96,8 +100,12 @@ def one(chain, model, name, physics, draw, repeats=REPEATS):
     random = np.random.default_rng(np.random.SeedSequence(23, spawn_key=key))
     began = time.perf_counter()
     given = prepared.prepare(scans(chain, physics, random, repeats), None, model, nominal_photons=PHOTONS)
+    fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
+    correlated = prepared.with_noise_of(given, fit)
+    if correlated is not given:
+        given = correlated
+        fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
     fitter = given.fitter
-    fit = trial(fitter, tuple(physics), trial(fitter, ())).fit
     fitted = Half(fitter.residuals(fit, held_out=False), fitter.weights, given.data)
     held = Half(fitter.residuals(fit), fitter.held_weights, given.held_out)
     places = given.look.places(

@@ -6,7 +6,7 @@ from simulated_scans import body, noisy_lines
 
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.attribute import trial
-from virtual_phantom.diagnosis.correlated import WHITE, Correlations, Whitening, estimated
+from virtual_phantom.diagnosis.correlated import WHITE, Correlations, Whitening, estimated, of_state
 from virtual_phantom.diagnosis.fit import Problem
 from virtual_phantom.diagnosis.locate import Half
 from virtual_phantom.diagnosis.model import stacked
@@ -32,6 +32,7 @@ def geometry_of(views, rows, columns, pitch_mm=12.0):
         rows=rows,
         column_pitch_mm=pitch_mm,
         row_pitch_mm=pitch_mm,
+        view_interval_ms=1.0,
     )
 
 
@@ -214,7 +215,8 @@ def scans(chain, physics, random, repeats=4):
 
 CORRELATED = {
     "optical_crosstalk": {"column": 0.1, "row": 0.1},
-    "afterglow": {"share": 0.2, "memory": 0.0, "before": 1.0},
+    # A time constant of half a view's interval: 0.2 of a view's signal is read with later ones.
+    "afterglow": {"share": 0.4 / (1 - np.exp(-2)), "time_constant_ms": 0.5, "before": 1.0},
 }
 
 
@@ -279,3 +281,38 @@ def test_halves_have_nothing_in_common_where_weights_are_measured():
     assert abs(np.mean(z)) < 4 / np.sqrt(len(z))
     # As they were: 1 / (3 rays) of every block's products, 384 blocks of 2304 rays.
     assert 384 / 3 / np.sqrt(2304) > 4 / np.sqrt(len(z))
+
+
+def test_correlations_of_a_state_are_those_of_a_uniform_signal():
+    true = shared_by(0.1, 0.05, 0.2, 0.5)
+    found = of_state(state_of(np.zeros((400, 40, 40)), (0.1, 0.05), (0.2, 0.5, 1.0)))
+    for axis in ("columns", "rows", "views"):
+        np.testing.assert_allclose(getattr(found, axis), getattr(true, axis), rtol=1e-6)
+    assert of_state(state_of(np.zeros((4, 4, 4)), electronic=50.0)).white
+    # As much electronic noise as a pixel keeps of its own quantum noise halves all of them, but not how they fade.
+    found = of_state(state_of(np.zeros((4, 4, 400)), (0.1, 0.0), (0.0, 0.0, 1.0), np.sqrt(PHOTONS * 0.66)))
+    np.testing.assert_allclose(found.columns, np.array(true.columns) / 2, rtol=0.01)
+
+
+def test_a_single_repeat_has_its_correlations_from_the_fit():
+    """Crosstalk blurs the mean, by which it is measured; blocks then vary as said, not 1.5 times as much."""
+    physics = {"optical_crosstalk": {"column": 0.1, "row": 0.1}}
+    chain = Chain(DiscScene(200.0, "water"), geometry_of(60, 8, 40), PHOTONS)
+    given = prepared.prepare(
+        scans(chain, physics, np.random.default_rng(12), repeats=1), None, chain, nominal_photons=PHOTONS
+    )
+    first = trial(given.fitter, ("optical_crosstalk",)).fit
+    found = prepared.with_noise_of(given, first)
+    assert found.fitter is not given.fitter and prepared.with_noise_of(found, first) is found
+    assert prepared.with_noise_of(given, trial(given.fitter, ()).fit) is given
+    fit = trial(found.fitter, ("optical_crosstalk",)).fit
+
+    def spread(one, of):
+        places = one.look.places(
+            of.residuals(fit), of.held_weights, one.held_out, uncertain=one.look.uncertain(of, fit)
+        )
+        z = next(place.map for place in places if place.domain == "projections")
+        return np.sqrt((z**2).mean())
+
+    assert spread(found, found.fitter) == pytest.approx(1, abs=3 / np.sqrt(2 * 384))
+    assert spread(given, given.fitter) > 1.2

@@ -97,8 +97,8 @@ def test_crosstalk_in_light_and_in_x_rays_differ_by_their_noise(disc):
     means = [split(fitter, one.whole)["mean"] for one in (xray, light)]
     assert means[0] @ means[1] > 0.999 * np.linalg.norm(means[0]) * np.linalg.norm(means[1])
     assert shares(fitter, xray.whole)["noise correlation"] == 0
-    # Of n columns, (c, 1 - 2c, c) with c = 0.03 as a matrix, edges keeping what would leave: its square is the covariance
-    # of a uniform signal. Columns beside the disc's edges differ from that a little.
+    # (c, 1 - 2c, c) with c = 0.03 as a matrix, edges keeping what would leave: its square is the covariance of a
+    # uniform signal. Columns beside the disc's edges differ from that a little.
     columns = fitter.data.mean.shape[2]
     share = 0.03 * (np.eye(columns, k=1) + np.eye(columns, k=-1))
     covariance = np.linalg.matrix_power(share + np.diag(1 - share.sum(axis=0)), 2)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from virtual_phantom.diagnosis.attribute import choose, trial, trials
 from virtual_phantom.diagnosis.locate import ALPHA
+from virtual_phantom.diagnosis.prepared import with_noise_of
 from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
 from virtual_phantom.diagnosis.regions import Scanned
 from virtual_phantom.diagnosis.report import page, residual_maps
@@ -30,10 +31,20 @@ with job(snakemake) as log:
     if "physics" in given.keys():
         physics = Physics.read(given.physics)
         choice = verified(prepared.fitter, baseline, physics, params.same_material)
+        correlated = with_noise_of(prepared, choice.chosen.fit)
+        if correlated is not prepared:
+            prepared, baseline = correlated, trial(correlated.fitter, ())
+            choice = verified(prepared.fitter, baseline, physics, params.same_material)
         found = diagnose(recording.name, prepared, choice)
         found = replace(found, content=stated(found.content, physics))
     else:
         choice = choose(prepared.fitter, baseline, singles, snakemake.threads, params.accuracy)
+        correlated = with_noise_of(prepared, choice.chosen.fit)
+        if correlated is not prepared:  # all models by the new likelihood, so that they compare
+            prepared, baseline = correlated, trial(correlated.fitter, ())
+            tasks = [((name,), baseline, baseline) for name in effects]
+            singles = dict(zip(effects, trials(prepared.fitter, tasks, snakemake.threads), strict=True))
+            choice = choose(prepared.fitter, baseline, singles, snakemake.threads, params.accuracy)
         found = diagnose(recording.name, prepared, choice)
     if "record" in given.keys():
         found = replace(found, content=with_coverage(found.content, read(given.record)))

@@ -16,6 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, signal
 
+from ..physics.chain import State
+
 SEEN = 3.0  # standard errors by which a correlation must stand out; what is less changes no sum by 1 % of its error
 VIEW_LAGS = 48  # successive views whose correlations are looked at, where there are twice as many
 MEMORIES = np.linspace(0, 0.95, 96)  # by which correlations may fade from view to view: the range of afterglow's
@@ -117,6 +119,26 @@ class Correlations:
 
 
 WHITE = Correlations()
+
+
+def of_state(state: State) -> Correlations:
+    """Those that a state of the chain gives the noise, electronic noise included as its share is over all rays."""
+    share, memory, _ = state.lag
+    if not (any(state.neighbours) or share):
+        return WHITE
+    variance = state.variance()
+    electronic = (state.electronic / state.photons) ** 2 / state.measured**2 if state.electronic else 0.0
+    coloured = 1 - float(np.mean(electronic / variance))
+    pixels = []
+    for one, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):
+        one = one if length > 1 else 0.0
+        square = (1 - 2 * one) ** 2 + 2 * one**2
+        pixels.append((coloured * 2 * one * (1 - 2 * one) / square, coloured * one**2 / square))
+    # Of weights 1 - k, k (1 - d), k (1 - d) d, ...: those of views that follow each other, over the squares.
+    glow = share**2 * (1 - memory) / (1 + memory)
+    views = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
+    found = Correlations(*pixels, (coloured * views, memory if share else 0.0))
+    return found.of_every(state.geometry.views_apart)
 
 
 class Whitening:

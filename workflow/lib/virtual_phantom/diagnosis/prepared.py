@@ -11,8 +11,8 @@ from ..errors import InputError
 from ..physics.chain import Chain
 from ..physics.spectra import TUNGSTEN, Anode
 from .alignment import nuisances
-from .correlated import WHITE, Correlations, Whitening, estimated
-from .fit import Fitter
+from .correlated import WHITE, Correlations, Whitening, estimated, of_state
+from .fit import Fit, Fitter
 from .look import PROJECTIONS, Look
 from .model import Model
 from .numerical import Numerical
@@ -130,6 +130,28 @@ def prepare(
     )
     fitter = Fitter(Model(chain, aligned, anode, tube_kvp, numerical=numerical), data, held_out, weighed, floor)
     return Prepared(fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking)
+
+
+def with_noise_of(prepared: Prepared, fit: Fit) -> Prepared:
+    """The same with noise that neighbours share as a fit has it, if it is that of a single repeat, which was taken for
+    white; differences of repeats say it otherwise.
+
+    The second difference of views that are correlated by r1 and, two apart, r2 has 6 - 8 r1 + 2 r2 of their variance.
+    """
+    model, data = prepared.fitter.model, prepared.data
+    if not prepared.single or data.whitening is not None or prepared.look is not PROJECTIONS:
+        return prepared
+    correlations = of_state(model.predict(fit.physics, fit.place, data, fit.anchor).state)
+    if correlations.white:
+        return prepared
+    clean = model.chain.state({}, photons=1.0, anode=model.anode).line_integrals()
+    data, held_out = (_whitened(one, correlations, clean, one.numerical) for one in (data, prepared.held_out))
+    first, memory = correlations.views
+    variance = prepared.variance * SECOND_DIFFERENCE / (SECOND_DIFFERENCE - 8 * first + 2 * first * memory)
+    weighed = variance * np.exp(-clean) * data.whitening.variance(clean) * data.whitening.amplification
+    floor = np.sqrt(sum((one**2 for one in data.numerical), np.zeros(clean.shape)))
+    fitter = Fitter(model, data, held_out, weighed, floor)
+    return replace(prepared, fitter=fitter, data=data, held_out=held_out, variance=variance)
 
 
 def every(chain: Chain, step: int) -> Chain:

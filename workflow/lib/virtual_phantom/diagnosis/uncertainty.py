@@ -42,6 +42,6 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
     elsewhere = np.zeros((known, known))
     for place, one in enumerate(problem.unknowns[:known]):
         value, error = fit.physics[one.effect][one.name], fit.errors[one.effect][one.name]
-        least = value - error if one.power == 1 else max(value - error, 0.0)  # powers are of widths
-        elsewhere[place, place] = (one.of(value + error) - one.of(least)) / 2
+        ends = np.clip([value - error, value + error], one.value(one.low), one.value(one.high))
+        elsewhere[place, place] = (one.of(float(ends[1])) - one.of(float(ends[0]))) / 2
     return np.block([[elsewhere, np.zeros((known, fitted.shape[1]))], [np.zeros((len(fitted), known)), fitted]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .chain import State, blurred, lagged
+from .chain import State, between, blurred, lagged
 
 AXES = (2, 1, 0)  # of [view, row, column], in the order in which correlations are given
 
@@ -50,14 +50,14 @@ def _neighbours(array: np.ndarray, axis: int) -> np.ndarray:
 def _covariance(state: State, axis: int) -> np.ndarray | None:
     """Of the quantum noise of neighbours along an axis, of the signal as it is read, one place less along the axis;
     None if there is none. Electronic noise has none."""
-    quantum, length = state.signal / state.photons, state.signal.shape[axis]
+    quantum, length = state.noise / state.photons, state.signal.shape[axis]
     if length < 2:
         return None
     for other, share in zip((2, 1), state.neighbours, strict=True):
         if other != axis and share and quantum.shape[other] > 1:
             quantum = blurred(quantum, share, other, squared=True)
     if axis == 0:
-        return _of_views(quantum, state.lag) if state.lag[0] else None
+        return _of_views(quantum, state.lag, state.geometry.views_apart) if state.lag[0] else None
     share = state.neighbours[0 if axis == 2 else 1]
     if not share:
         return None
@@ -66,15 +66,19 @@ def _covariance(state: State, axis: int) -> np.ndarray | None:
     keeps[[0, -1]] += share
     kept = quantum * (keeps if axis == 2 else keeps[:, None])
     pairs = share * (np.take(kept, range(length - 1), axis) + np.take(kept, range(1, length), axis))
-    return lagged(pairs, state.lag, squared=True)
+    return lagged(pairs, state.lag, squared=True, apart=state.geometry.views_apart)
 
 
-def _of_views(quantum: np.ndarray, lag: tuple[float, float, float]) -> np.ndarray:
-    """read_i = (1 - k) n_i + k g_i and g_(i+1) = d g_i + (1 - d) n_i: of i and i + 1."""
+def _of_views(quantum: np.ndarray, lag: tuple[float, float, float], apart: int) -> np.ndarray:
+    """read_i = (1 - k) n_i + k g_i and g_(i+1) = d g_i + (1 - d) n_i: of i and i + a.
+
+    apart   a, of the scanner's views; those between are interpolated
+    """
     share, memory, before = lag
+    quantum = between(quantum, apart)
     glow = before**2 * quantum[0] * (1 - memory) / (1 + memory)
     found = np.empty((len(quantum) - 1, *quantum.shape[1:]))
     for view in range(len(found)):
         found[view] = (1 - share) * share * (1 - memory) * quantum[view] + share**2 * memory * glow
         glow = memory**2 * glow + (1 - memory) ** 2 * quantum[view]
-    return found
+    return found[::apart] * memory ** (apart - 1)
