@@ -147,7 +147,7 @@ def left_over(given, physics, fit):
     parts = [there - here for there, here in zip(stacked(held_out, found), stacked(held_out, truth), strict=True)]
     shape = held_out.mean.shape
     pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))
-    parts[0] = np.where(held_out.usable, parts[0].reshape(shape) + pattern, 0).ravel()
+    parts[0] = (parts[0].reshape(shape) + held_out.whitened(np.where(held_out.usable, pattern, 0))).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
     fitted = Half([part.copy() for part in parts], fitter.weights, given.data)
     more = aligned(fit, fitter.model.distortions)
