@@ -11,17 +11,21 @@ import pytest
 from gecatsim.pyfiles.Detection_Lag import Detection_Lag
 
 from virtual_phantom.diagnosis import observed, prepared
+from virtual_phantom.diagnosis.model import Model
 from virtual_phantom.errors import InputError
+from virtual_phantom.exchange import read_line_integrals, read_state, write_line_integrals
 from virtual_phantom.geometry import circular
 from virtual_phantom.physics.chain import AIR, Chain, State, between, lagged
 from virtual_phantom.physics.correlation import correlations
 from virtual_phantom.physics.effect import OF_AIR, acts_on_images, load, names, needs_times
 from virtual_phantom.physics.effects.afterglow import of_views
 from virtual_phantom.physics.materials import attenuation_per_mm
+from virtual_phantom.physics.noise import acquire
 from virtual_phantom.physics.scene import DISC_ENERGY_KEV, DiscScene
 from virtual_phantom.recordings.projections import Projections
 
 RADIUS, PLACE, MU = 80.0, np.array([12.0, -7.0]), attenuation_per_mm("water", [DISC_ENERGY_KEV])[0]
+MOVED = {"x_mm_per_s": 1.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0}
 STEPS = 400  # of a view's interval
 
 
@@ -226,3 +230,35 @@ def test_a_range_is_what_a_scan_shows_of_it():
     assert drift.high == pytest.approx(80 / 60) and drift.unit == "readout units/s"
     _, constant, _ = Chain(DiscScene(160.0, "water"), replace(slow, view_interval_ms=0.3)).parameters("afterglow")
     assert (constant.low, constant.high) == pytest.approx((0.1, 15.0))  # 0.1 ms is the least that there is
+
+
+def test_a_study_reads_the_same_dark_signal_at_every_dose_and_keeps_its_times(tmp_path):
+    """In photons, whatever A is: clean projections are written once, for all noise levels."""
+    geometry = scanner(views=24, view_interval_ms=5.0, exposure_ms=2.0)
+    chain = Chain(DiscScene(160.0, "water"), geometry, photons=1.0)
+    found = []
+    for name, physics in (("plain", {}), ("dark", {"dark_signal": {"level_units": 40.0, "drift_units_per_s": 100.0}})):
+        state = chain.state(physics)
+        write_line_integrals(tmp_path / f"{name}.h5", chain.state({}).line_integrals(), geometry, state)
+        lines, read = read_line_integrals(tmp_path / f"{name}.h5")
+        assert (read.view_interval_ms, read.exposure_ms) == (5.0, 2.0)
+        np.testing.assert_array_equal(read.view_times, geometry.view_times)
+        labels = {"geometry": "a", "noise": "b", "seed": 1, "model": "physical", "study_seed": 3}
+        stored = read_state(tmp_path / f"{name}.h5")
+        found.append([acquire(lines, **labels, noise_level=level, state=stored) for level in (1e-4, 1e-3)])
+    times = (np.arange(24) - 11.5) * 0.005
+    for plain, dark in zip(*found, strict=True):
+        more = (dark.data - plain.data).mean(axis=(1, 2))
+        np.testing.assert_allclose(more, 40 + 100 * times, rtol=1e-3)
+        np.testing.assert_allclose(dark.white - plain.white, 40.0, rtol=1e-3)
+
+
+def test_what_is_found_in_readings_or_shares_becomes_photons_of_a_study():
+    """900 of 30 000 readout units, or 3 % of air, of 20 000 photons are 600 photons."""
+    geometry, aligned = scanner(view_interval_ms=5.0), {"log_photons": np.log(2e4)}
+    for readout, level in ((30900.0, 900.0), (AIR, 0.03)):
+        model = Model(Chain(DiscScene(160.0, "water"), geometry, readout=readout), ())
+        physics = {"dark_signal": {"level_units": level, "drift_units_per_s": -level}, "motion": MOVED}
+        found = model.of_study(physics, aligned)
+        assert found["dark_signal"] == pytest.approx({"level_units": 600.0, "drift_units_per_s": -600.0})
+        assert found["motion"] == MOVED
