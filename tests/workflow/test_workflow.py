@@ -214,6 +214,18 @@ def test_kept_projections_are_those_of_the_images(study, tmp_path):
     np.testing.assert_array_equal(again.array, image.array)
 
 
+def test_common_draws_give_noise_levels_the_same_noise(study, tmp_path):
+    files = [study / "projections" / "views150" / level / "seed01.h5" for level in ("dose10", "double")]
+    overlay = {"keep_projections": True, "noise": {"draws": "common"}}
+    process = tiny(study, *files, overlay=overlay, beside=tmp_path)
+    assert process.returncode == 0, process.stderr[-2000:]
+    clean, _ = exchange.read_line_integrals(study / "projections" / "views150" / "clean.h5")
+    noise = [exchange.read_counts(file)[0].line_integrals(0.5) - clean for file in files]
+    for file in files:
+        file.unlink()
+    assert np.corrcoef(*(one.ravel() for one in noise))[0, 1] > 0.999  # of independent draws 0
+
+
 def test_a_second_run_does_nothing(study):
     process = tiny(study)
     assert process.returncode == 0
