@@ -17,6 +17,8 @@ from recording_folders import (
     write_yaml,
 )
 
+from virtual_phantom.diagnosis.setting import ready
+from virtual_phantom.errors import InputError
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import summary
@@ -157,3 +159,25 @@ def test_summary_says_what_is_missing(tmp_path):
         "nominal.filtration",
         "nominal.sensor",
     ]
+
+
+def test_a_stated_sensor_reaches_the_model(tmp_path):
+    """What is not stated is typical, and the less is stated, the freer is its thickness."""
+    settings = {"disc": {"diameter_mm": 20.0, "material": "water"}, "samples": 1, "view_step": 1, "alignment": {}}
+    folder, content = projections_folder(tmp_path / "r", log=True)
+    random = np.random.default_rng(1)
+    for name in "abc":
+        noisy = line_integrals(SCAN) + random.normal(0, 0.01, SHAPE)
+        write_projections(folder / f"{name}.h5", log=True, data=noisy.astype(np.float32))
+    for said, right in (
+        ({}, ("caesium_iodide", "energy", 0.6, 1.0)),
+        ({"material": "silicon", "reads": "counts"}, ("silicon", "counts", 30.0, 0.5)),
+        ({"material": "caesium_iodide", "thickness_mm": 0.4}, ("caesium_iodide", "energy", 0.4, 0.05)),
+    ):
+        write_yaml(folder, content | {"nominal": {"sensor": said} if said else {}})
+        _, prepared = ready(folder, settings, None, 0.0193, {})
+        sensor = prepared.fitter.model.chain.sensor
+        assert (sensor.material, sensor.reads, sensor.thickness_mm, sensor.thickness_sd) == right
+    write_yaml(folder, content | {"nominal": {"sensor": {"thickness_mm": 0.4}}})
+    with pytest.raises(InputError, match="nominal.sensor"):
+        load(folder)

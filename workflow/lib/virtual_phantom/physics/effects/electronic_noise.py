@@ -11,7 +11,7 @@ def apply(state: State, values: dict[str, float]) -> None:
 EFFECT = Effect(
     name="electronic_noise",
     physics="The read-out adds noise that does not depend on the signal.",
-    equation="variance(read) = signal + sigma^2, in photons",
+    equation="variance(read) = quantum variance + sigma^2, in photons",
     source="B. R. Whiting et al., Med. Phys. 33, 3290 (2006)",
     stage="noise",
     signature="more variance where few photons arrive; the mean stays",
