@@ -121,7 +121,7 @@ def locate(
         extreme("views", _marginal(residual, weight, (1, 2), of_views, alike), lambda i: f"view {i} of {shape[0]}"),
         blocks("projections", _block_z(residual, weight, data, left, alike), data),
         _path_lengths(residual, weight, predicted, alike),
-        _edges(residual, weight, predicted, numbers),
+        _edges(residual, weight, predicted, numbers, data),
         _pixels(_marginal(residual, weight, 0, extra, alike), pixels),
     ]
     if fitted is not None:
@@ -284,9 +284,12 @@ def by_value(domain: str, words: str, residual, weight, values, inside, alike: A
     return extreme(domain, z, lambda i: words.format(edges[i], edges[i + 1]))
 
 
-def _edges(residual, weight, predicted, numbers) -> Location:
+def _edges(residual, weight, predicted, numbers, data: Observed) -> Location:
     """Where line integrals change most: blur, geometry and motion show there."""
-    return steepest("rays", residual, weight, _slope(predicted), numbers)
+    slope = _slope(predicted)
+    # All rays of a block have their weights from one measured variance.
+    of_weights = float((data.blocks.sum(_steep(weight, slope)) ** 2 * data.weighed).sum())
+    return steepest("rays", residual, weight, slope, numbers, of_weights)
 
 
 def _slope(predicted) -> np.ndarray:
@@ -297,18 +300,22 @@ def _steep(weight, slope) -> np.ndarray:
     return (weight > 0) & (slope >= np.quantile(slope[weight > 0], 1 - EDGE_SHARE))
 
 
-def steepest(what: str, residual, weight, slope, numbers: Sequence[np.ndarray] = ()) -> Location:
+def steepest(
+    what: str, residual, weight, slope, numbers: Sequence[np.ndarray] = (), of_weights: float = 0.0
+) -> Location:
     """Excess of chi-square where a slope is largest.
 
-    numbers   what the errors of a fit's numbers add
+    numbers      what the errors of a fit's numbers add
+    of_weights   variance that errors of the weights add
     """
     chosen = _steep(weight, slope)
     count = int(chosen.sum())
     square = float((weight[chosen] * residual[chosen] ** 2).sum())
     expected = count + sum(float((weight[chosen] * one[chosen] ** 2).sum()) for one in numbers)
     square *= count / max(1.0, expected)
-    z = (square - count) / np.sqrt(2 * count)
-    p = float(stats.chi2.sf(square, count))
+    z = (square - count) / np.sqrt(2 * count + of_weights)
+    freedom = 2 * count**2 / (2 * count + of_weights)  # of the chi-square with this mean and variance, but for a factor
+    p = float(stats.chi2.sf(square * freedom / count, freedom))
     return Location("edges", f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))
 
 

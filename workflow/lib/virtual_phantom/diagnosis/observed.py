@@ -110,6 +110,7 @@ class Observed:
                       standard deviation), whitened
     alone             variance of a single block's logarithm over the square of `variance_error`
     whitening         what makes the mean's noise white, or None where it is
+    weighed           (block,) relative variance of the mean's weights, which are measured block by block
     """
 
     mean: np.ndarray
@@ -125,6 +126,7 @@ class Observed:
     numerical: tuple[np.ndarray, ...] = ()
     alone: np.ndarray | float = 1.0
     whitening: Whitening | None = None
+    weighed: np.ndarray | float = 0.0
 
     def whitened(self, residual: np.ndarray) -> np.ndarray:
         """A residual of the mean [view, row, column], its noise made white."""

@@ -118,7 +118,11 @@ def prepare(
     )
     floor = np.sqrt(sum((one**2 for one in data.numerical), np.zeros(clean.shape)))
     apart = [taken] if words == BY_VIEW else [fitted, held]
-    weighed = variance if single else _of_one_repeat(apart, reference, clean, correlations, blocks)
+    weighed = variance
+    if not single:
+        weighed, freedom = _of_one_repeat(apart, reference, clean, correlations, blocks)
+        scatter = 2 / np.maximum(freedom, 1)
+        data, held_out = (replace(one, weighed=scatter) for one in (data, held_out))
     if data.whitening is not None:
         weighed = weighed * data.whitening.amplification
     aligned = nuisances(
@@ -199,9 +203,9 @@ def _whitened(data: Observed, correlations: Correlations, clean: np.ndarray, num
 
 def _of_one_repeat(
     parts: Sequence[Scans], reference: np.ndarray, clean: np.ndarray, correlations: Correlations, blocks: Blocks
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """Variance of every ray of one repeat, whitened, over the whitening's amplification: that of a first model times
-    what repeats say of blocks.
+    what repeats say of blocks; and (block,) by how many degrees of freedom.
 
     parts   of which each says how it varies about its own mean: a variance about the mean of all would depend on by how
             much the means of those fitted and of those held out differ, and their products would not be 0 on average
@@ -225,7 +229,7 @@ def _of_one_repeat(
         level = square / np.where(freedom > FEWEST, freedom - 2, freedom)
     if not correlations.white:
         level = level / white.amplification
-    return shape * blocks.spread(_filled(level))
+    return shape * blocks.spread(_filled(level)), freedom
 
 
 def _filled(values: np.ndarray) -> np.ndarray:
