@@ -4,7 +4,7 @@ from decimal import Decimal, localcontext
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import special, stats
 
@@ -108,6 +108,7 @@ numbers = st.floats(0, 1, exclude_max=True)
 means = st.floats(0, 1e9)
 
 
+@settings(deadline=None)  # the kernel is compiled in the first case
 @given(numbers, numbers, means)
 def test_more_of_the_uniform_number_is_no_less_of_counts(first, second, mean):
     # Numbers nearer to each other than rounding are told apart by nothing.
@@ -117,6 +118,7 @@ def test_more_of_the_uniform_number_is_no_less_of_counts(first, second, mean):
         assert few <= many
 
 
+@settings(deadline=None)
 @given(numbers, means, st.floats(1e-9, 1e3))
 def test_more_of_the_mean_is_no_less_of_counts(uniform, mean, more):
     few, many = quantiles(np.full(2, uniform), np.array([mean, mean * (1 + more)]))
