@@ -1,6 +1,6 @@
 """What the agreement with the printed phantom is worth: the default study beside further seeds and negative controls.
 
-    PYTHONPATH=workflow/lib python benchmarks/controls.py [--cores 2] [--keep] [--table FEATURES_2D_CSV]
+    python benchmarks/controls.py [--cores 2] [--keep] [--table FEATURES_2D_CSV]
 
 Runs the stability analysis of the default study, of five further values of `seed`, and of studies that are wrong on
 purpose, into results-controls; what is there already stays, and with --keep nothing is run. Prints docs/controls.md's
@@ -21,14 +21,16 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from virtual_phantom import config, feature_table, further_seeds, measured, phantom, radiomics, volumes
-from virtual_phantom.feature_names import FEATURES
-from virtual_phantom.files import write_csv
-from virtual_phantom.plan import Plan
-from virtual_phantom.statistics import ranking, repeats, roi_profiles, wilcoxon
-from virtual_phantom.volumes import Volume
-
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+
+from virtual_phantom import config, feature_table, further_seeds, measured, phantom, radiomics, volumes  # noqa: E402
+from virtual_phantom.feature_names import FEATURES  # noqa: E402
+from virtual_phantom.files import replacing, write_csv  # noqa: E402
+from virtual_phantom.plan import Plan  # noqa: E402
+from virtual_phantom.statistics import ranking, repeats, roi_profiles, wilcoxon  # noqa: E402
+from virtual_phantom.volumes import Volume  # noqa: E402
+
 RESULTS = Path("results-controls")
 SEEDS = (2023, 2024, 2025, 2026, 2027)
 # Six ROIs that differ in mean HU alone: one texture for all, where the printed phantom has none (cysts) to strong ones.
@@ -237,7 +239,8 @@ def main() -> None:
             kept.insert(0, "settings", plan.scored_settings())
             kept.insert(1, "seed", int(seed[1]))
             scores.append(kept.round(6))
-    write_csv(pd.concat(scores), ROOT / "resources/default_study_seeds.csv", checksum=False)
+    with replacing(ROOT / "resources/default_study_seeds.csv", checksum=False) as temporary:
+        pd.concat(scores).to_csv(temporary, index=False, lineterminator="\n")
     if arguments.table:
         rows["printed phantom, nine scans and nine others"] = against_itself(arguments.table)
     rows |= real_over_rois()

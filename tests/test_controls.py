@@ -49,6 +49,15 @@ def test_the_other_phantom_differs_in_texture_alone(tmp_path):
     assert ours["tissues"]["spleen"] == theirs["tissues"]["spleen"] and ours["rois"] == theirs["rois"]
 
 
+def test_kept_seeds_are_of_the_default_study_as_it_is():
+    """Who changes the default study runs benchmarks/controls.py, and its figure says the new spread."""
+    seeds = further_seeds.load()
+    assert further_seeds.made_with(seeds, plan().scored_settings())
+    assert not further_seeds.made_with(seeds, plan(None, "config/tiny.yaml").scored_settings())
+    assert seeds["seed"].nunique() == 5 and plan().config["seed"] not in set(seeds["seed"])
+    assert (seeds.groupby("seed").size() == 86).all()
+
+
 def test_the_spread_of_the_seeds_is_that_of_their_means():
     seeds = pd.DataFrame(
         {
