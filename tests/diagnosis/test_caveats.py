@@ -44,6 +44,11 @@ def test_all_is_well_with_its_own_object():
     assert said(scans(chain()), chain()) == []
 
 
+def test_views_that_are_held_out_of_a_single_repeat_have_measured_something():
+    one = scans(chain(views=60))
+    assert said(observed.Scans(one.repeats[:1], None, one.usable), chain(views=60)) == []
+
+
 def test_too_few_views_are_refused():
     with pytest.raises(InputError, match="12 views are too few"):
         check_scans(scans(chain(views=12)), "bench")

@@ -34,9 +34,9 @@ def caveats(prepared: Prepared, choice: Choice, tube_kvp: float | None = None) -
 
     tube_kvp   as the label says
     """
-    data, found = prepared.data, []
+    found = []
     if prepared.look.unit == "line_integral":
-        lost = 1 - data.usable.mean()
+        lost = 1 - prepared.usable.mean()
         if lost > MENTIONED_LOST:
             found.append(
                 f"{100 * lost:.2g} % of the rays measured nothing, or stood at the detector's saturation, in "

@@ -54,6 +54,13 @@ class Prepared:
     step: int = 1
     lacking: str | None = None
 
+    @property
+    def usable(self) -> np.ndarray:
+        """Rays that measured something, [view, row, column], fitted or held out."""
+        if self.held == BY_VIEW:  # each half leaves out the other's views
+            return self.data.usable | self.held_out.usable
+        return self.data.usable & self.held_out.usable
+
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
     """What is fitted, what is held out, and how that is said."""
