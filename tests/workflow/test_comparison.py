@@ -89,8 +89,10 @@ def test_a_recording_agrees_with_what_made_it_and_not_with_another_protocol(comp
     }
     assert families["same"].loc["all", "share_mean_differs"] == 0
     assert families["same"].loc["all", "median_abs_shift_sd"] < 1.5
-    assert families["other"].loc["all", "share_mean_differs"] > 0.2
-    assert families["other"].loc["all", "median_abs_shift_sd"] > 5
+    # Over study seeds 2022 to 2027 another protocol of three repeats has shares of 0.16 to 0.27 (SD 0.04) and shifts of
+    # 3.2 to 4.9 (SD 0.6).
+    assert families["other"].loc["all", "share_mean_differs"] > 0.1
+    assert families["other"].loc["all", "median_abs_shift_sd"] > 2.5
 
 
 def test_features_are_diagnosed(compared):
