@@ -11,6 +11,7 @@ import nibabel
 import numpy as np
 import pytest
 
+from virtual_phantom.config import defaults_of
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.phantom.ct import read_hu
@@ -24,7 +25,7 @@ from virtual_phantom.volumes import Volume, read_nifti, write_nifti
 ROOT = Path(__file__).resolve().parents[2]
 SEED = np.random.SeedSequence(5)
 MU = 0.0193
-SETTINGS = {"sirt": {"iterations": 100, "terms": 25}, "fbp": {}}
+SETTINGS = {"sirt": {**defaults_of("reconstruction", "sirt"), "iterations": 100, "terms": 25}, "fbp": {}}
 
 
 def disc(grid: Grid, radius_mm: float = 30.0, hu: float = 0.0) -> Volume:

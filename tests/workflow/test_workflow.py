@@ -17,6 +17,7 @@ from published_files import with_its_ct
 from workflow_runs import ROOT, planned, snakemake, tiny
 
 from virtual_phantom import exchange, volumes
+from virtual_phantom.config import defaults_of
 from virtual_phantom.phantom.dicom_series import read_series
 from virtual_phantom.phantom.masks import open_regions
 from virtual_phantom.reconstruct import reconstruct
@@ -207,7 +208,7 @@ def test_kept_projections_are_those_of_the_images(study, tmp_path):
         geometry,
         image.grid,
         "sirt",
-        {"iterations": 100, "terms": 25},
+        {**defaults_of("reconstruction", "sirt"), "iterations": 100, "terms": 25},
         engine="cpu",
         mu_water_per_mm=0.0193,
     )
