@@ -10,7 +10,7 @@ from scipy import special, stats
 
 from .alignment import PLACE
 from .fit import Fit
-from .observed import Observed
+from .observed import FEWEST, Observed
 
 ALPHA = 0.01  # family-wise, over all domains and all places in them
 EDGE_SHARE = 0.1  # of the rays: those where line integrals change most from column to column count as edges
@@ -57,6 +57,7 @@ class Half:
             weight > 0,
             self.residuals[0] * other.residuals[0] * weight,
             [weight * error.ravel() ** 2 for error in self.data.numerical],
+            np.ravel(self.data.scatter),
         )
 
 
@@ -67,11 +68,13 @@ class InCommon:
     there       whether it counts in both halves
     products    their mean is the square of what both have in common, in standard deviations
     numerical   of every numerical error of the model, one standard deviation of it, what that is expected to give
+    scatter     relative variance of the weights, by which products vary more
     """
 
     there: np.ndarray
     products: np.ndarray
     numerical: list[np.ndarray]
+    scatter: np.ndarray | float = 0.0
 
     def z(self, where: np.ndarray | None = None) -> float:
         """The sum beyond what numerical errors give, over its standard deviation without a difference; at least 0.
@@ -81,7 +84,8 @@ class InCommon:
         chosen = self.there if where is None else self.there & where
         numerical = np.array([float(one[chosen].sum()) for one in self.numerical])
         beyond = float(self.products[chosen].sum()) - numerical.sum()
-        return max(0.0, beyond) / float(np.sqrt(max(1, int(chosen.sum())) + 2 * (numerical**2).sum()))
+        noise = float(np.sum(1 + np.broadcast_to(self.scatter, chosen.shape)[chosen]))
+        return max(0.0, beyond) / float(np.sqrt(max(1.0, noise) + 2 * (numerical**2).sum()))
 
 
 def locate(
@@ -112,14 +116,14 @@ def locate(
     extra = pixels**2 * left
     of_views = (weight**2 * left).sum((1, 2))
     numbers = () if uncertain is None else uncertain[0].reshape(-1, *shape)
-    alike = Alike(weight, [*data.numerical, *numbers])
+    alike = Alike(weight, [*data.numerical, *numbers], data.scatter)
     found = [
         extreme(
             "columns", _marginal(residual, weight, (0, 1), extra.sum(0), alike), lambda i: f"column {i} of {shape[2]}"
         ),
         extreme("rows", _marginal(residual, weight, (0, 2), extra.sum(1), alike), lambda i: f"row {i} of {shape[1]}"),
         extreme("views", _marginal(residual, weight, (1, 2), of_views, alike), lambda i: f"view {i} of {shape[0]}"),
-        blocks("projections", _block_z(residual, weight, data, left, alike), data),
+        blocks("projections", _block_z(residual, weight, data, left, alike), data, weighed=data.weighed),
         _path_lengths(residual, weight, predicted, alike),
         _edges(residual, weight, predicted, numbers, data),
         _pixels(_marginal(residual, weight, 0, extra, alike), pixels),
@@ -207,13 +211,23 @@ def corrected(found: list[Location]) -> list[Location]:
 
 @dataclass(frozen=True)
 class Alike:
-    """Distortions [view, row, column] by which all rays of a sum may be off together, each one standard deviation."""
+    """What makes sums of weighted rays vary more than their weights say.
+
+    distortions   [view, row, column] each: by which all rays of a sum may be off together, one standard deviation
+    scatter       [view, row, column] relative variance of the weights, which are unbiased: a weight's square is larger
+                  by so much, on average, than the square of its mean
+    """
 
     weight: np.ndarray
     distortions: Sequence[np.ndarray]
+    scatter: np.ndarray | float = 0.0
 
     def __call__(self, total) -> np.ndarray | float:
-        """What they add to the variance of sums, which `total` makes of weighted rays."""
+        """What they add to the variance of sums, which `total` makes of weighted rays, of many blocks."""
+        return total(self.weight * self.scatter) + self.of_block(total)
+
+    def of_block(self, total) -> np.ndarray | float:
+        """The same of rays that share one weight's error, which changes a sum's law but not its variance."""
         return sum((total(self.weight * one) ** 2 for one in self.distortions), 0.0)
 
 
@@ -228,7 +242,7 @@ def _block_z(residual, weight, data, left, alike) -> np.ndarray:
     views, parts = weight.shape[0], data.blocks.shape[0]
     starts = [-(-views * i // parts) for i in range(parts)]  # as Blocks.of divides them
     pixels = np.add.reduceat(weight, starts, axis=0)
-    extra = np.zeros(data.blocks.count) + alike(data.blocks.sum)
+    extra = np.zeros(data.blocks.count) + alike.of_block(data.blocks.sum)
     for part, start in enumerate(starts):
         extra += np.bincount(data.blocks.index[start].ravel(), (pixels[part] ** 2 * left).ravel(), data.blocks.count)
     return data.blocks.sum(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
@@ -254,15 +268,34 @@ def extreme(domain: str, z: np.ndarray, words) -> Location:
     return Location(domain, words(worst), float(z[worst]), _likely(z), z)
 
 
-def blocks(domain: str, z: np.ndarray, data: Observed, axes=AXES) -> Location:
-    """A domain of blocks of the data, whose axes have these names."""
+def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
+    """As rare as these, of a normal distribution, where a variance was measured: Student's t, by D. L. Wallace's bound
+    (Ann. Math. Stat. 30, 1124, 1959, his 8n + 1 over 8n + 3).
+
+    weighed   relative variance of the weights, 2 over the degrees of freedom; 0: known
+    z has a variance of 1, as unbiased weights give it, and t one of n / (n - 2).
+    """
+    weighed = np.broadcast_to(weighed, z.shape)
+    measured = (weighed > 0) & (weighed < 2 / FEWEST)
+    n = 2 / np.where(measured, weighed, 1)
+    square = z**2 * n / np.where(measured, n - 2, 1)
+    scores = np.sign(z) * np.sqrt(n * np.log1p(square / n)) * (8 * n + 1) / (8 * n + 3)
+    return np.where(measured, scores, z)
+
+
+def blocks(domain: str, z: np.ndarray, data: Observed, axes=AXES, weighed: np.ndarray | float = 0.0) -> Location:
+    """A domain of blocks of the data, whose axes have these names.
+
+    weighed   relative variance of the weights that z rests on
+    """
     worst = int(np.argmax(np.abs(z)))
     place = np.unravel_index(worst, data.blocks.shape)
     ranges = [
         f"{name} {n * i // parts} to {n * (i + 1) // parts - 1}"
         for name, n, i, parts in zip(axes, data.mean.shape, place, data.blocks.shape, strict=True)
     ]
-    return Location(domain, ", ".join(ranges), float(z[worst]), _likely(z), z.reshape(data.blocks.shape))
+    likely = _likely(normal_scores(z, weighed))
+    return Location(domain, ", ".join(ranges), float(z[worst]), likely, z.reshape(data.blocks.shape))
 
 
 def _path_lengths(residual, weight, predicted, alike) -> Location:

@@ -25,6 +25,7 @@ from .correlated import WHITE, Correlations, Whitening
 VIEW_BLOCKS, COLUMN_BLOCKS, ROW_BLOCKS = 12, 8, 4
 LEAST_TRANSMISSION = 1e-5  # what fewer photons are read as: such rays are left out
 PLATEAU = 0.001  # share of rays that may have one value by chance; integer counts in air repeat
+FEWEST = 8  # degrees of freedom from which on the mean of an inverse says anything
 WHITE_COLUMNS, WHITE_ROWS = 4, 2  # highest orders of the white field's shape
 WHITE_TOLERANCE = 0.005  # by which pixels' sensitivities may shape a white field smoothly
 
@@ -135,6 +136,12 @@ class Observed:
     def as_recorded(self, whitened: np.ndarray) -> np.ndarray:
         """A whitened residual [view, row, column] as it was."""
         return whitened if self.whitening is None else self.whitening.inverse(whitened)
+
+    @property
+    def scatter(self) -> np.ndarray:
+        """Relative variance of the weight of every ray, [view, row, column], or of all of them alike."""
+        weighed = np.asarray(self.weighed)
+        return self.blocks.spread(weighed) if weighed.ndim else weighed
 
     @property
     def counted(self) -> np.ndarray:

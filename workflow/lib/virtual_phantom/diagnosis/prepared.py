@@ -16,7 +16,7 @@ from .fit import Fit, Fitter
 from .look import PROJECTIONS, Look
 from .model import Model
 from .numerical import Numerical
-from .observed import Blocks, Observed, Scans, observe
+from .observed import FEWEST, Blocks, Observed, Scans, observe
 
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
@@ -26,7 +26,6 @@ SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20
 LEFT = {"rays": 1.0, "voxels": 1 / 3}
 MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
 BY_VIEW = "every second view"
-FEWEST = 8  # degrees of freedom from which on the mean of an inverse says anything
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
 

@@ -1,0 +1,55 @@
+"""Places of difference where the weights themselves are measured, against Student's law and drawn noise."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from virtual_phantom.diagnosis.locate import Half, locate, normal_scores
+from virtual_phantom.diagnosis.observed import Blocks, Observed
+
+SHAPE = (24, 4, 32)
+
+
+@pytest.mark.parametrize("freedom", [10, 30, 144])
+def test_scores_are_as_rare_as_students(freedom):
+    """z of unbiased weights is t times the root of (n - 2) / n."""
+    z = np.array([-6.0, -4.0, -2.0, 0.5, 3.0, 5.0])
+    t = z * np.sqrt(freedom / (freedom - 2))
+    rare = np.sign(z) * stats.norm.isf(stats.t.sf(np.abs(t), freedom))
+    np.testing.assert_allclose(normal_scores(z, 2 / freedom), rare, rtol=4e-3)
+
+
+def test_scores_of_known_weights_stay():
+    z = np.array([-300.0, 0.0, 7.0])
+    np.testing.assert_array_equal(normal_scores(z, 0.0), z)
+    assert np.isfinite(normal_scores(1e4 * z, 0.01)).all()
+
+
+def observed(blocks: Blocks, weighed) -> Observed:
+    everything = np.ones(SHAPE)
+    missing = dict.fromkeys(("variance", "variance_error", "correlation", "correlation_error", "white"))
+    return Observed(everything, 2, everything > 0, blocks, everything, **missing, weighed=weighed)
+
+
+def test_measured_weights_make_no_place_louder():
+    """Noise of variance 1, its variance measured by 20 degrees of freedom a block: sums over blocks vary by 6 % more
+    than their weights say."""
+    random = np.random.default_rng(np.random.SeedSequence(11))
+    blocks, freedom = Blocks.of(SHAPE, (4, 2, 4)), 20
+    data = observed(blocks, np.full(blocks.count, 2 / (freedom - 4)))
+    found: dict[str, list] = {}
+    for _ in range(200):
+        weight = blocks.spread((freedom - 2) / random.chisquare(freedom, blocks.count)).ravel()
+        for place in locate([random.normal(size=weight.size)], [weight], data):
+            found.setdefault(place.domain, []).append(place.map.ravel())
+    for domain in ("columns", "rows", "views", "pixels", "projections"):
+        z = np.concatenate(found[domain])
+        assert np.sqrt((z**2).mean()) == pytest.approx(1, abs=4 / np.sqrt(2 * z.size) + 0.005), domain
+
+
+def test_products_of_both_halves_vary_by_the_square_of_their_weights():
+    """The square of a weight of relative variance s is 1 + s on average."""
+    one, other = (np.full(np.prod(SHAPE), value) for value in (1.5, 0.5))
+    data = observed(Blocks.of(SHAPE), np.full(Blocks.of(SHAPE).count, 3.0))
+    common = Half([one], [np.ones(one.size)], data).in_common(Half([other], [np.ones(one.size)], data))
+    assert common.z() == pytest.approx(0.75 * one.size / np.sqrt(4 * one.size))
