@@ -10,6 +10,7 @@ from astra.log import AstraError
 from scanner import SCANNER
 
 from virtual_phantom import projectors, reconstruct, solvers
+from virtual_phantom.config import defaults_of
 from virtual_phantom.errors import InputError
 from virtual_phantom.geometry import Grid, helical
 from virtual_phantom.projectors import astra_cuda
@@ -36,6 +37,7 @@ GEOMETRY = helical(
     row_offset_px=-0.5,
 )
 GRID = Grid((24, 48, 48), (2.0, 4.0, 4.0))
+SIRT = defaults_of("reconstruction", "sirt")
 
 
 def test_cone_vectors_describe_the_same_rays():
@@ -207,7 +209,7 @@ def test_realisations_go_to_the_device_one_by_one(device, monkeypatch):
 
     monkeypatch.setattr(reconstruct, "projector", made)
     scan = np.random.default_rng(5).random((3, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
-    settings = {"iterations": 4, "backprojector": "voxel"}
+    settings = {**SIRT, "iterations": 4, "backprojector": "voxel"}
     ours, theirs = (
         reconstruct.in_hu(scan, GEOMETRY, GRID, "sirt", settings, engine, 0.02) for engine in ("cpu", "astra_cuda")
     )
@@ -233,7 +235,7 @@ def test_gpu_reconstructs_as_the_cpu_does():
     cpu = CpuProjector(GEOMETRY, GRID)
     lines = cpu.unpack_projections(cpu.forward(cpu.pack_volume(0.02 * _ball()[None])))
     noise = np.random.default_rng(7).normal(0, 0.02, lines.shape).astype(np.float32)
-    settings = {"iterations": 500, "terms": 60, "backprojector": "voxel"}
+    settings = {**SIRT, "iterations": 500, "terms": 60, "backprojector": "voxel"}
     quiet, ours, theirs = (
         reconstruct.in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
         for data, engine in ((lines, "cpu"), (lines + noise, "cpu"), (lines + noise, "astra_cuda"))
