@@ -201,7 +201,7 @@ def test_numerical_errors_alone_are_nothing_that_halves_have_in_common():
     random = np.random.default_rng(6)
     rays = 4000
     error = 0.5 * random.normal(size=rays)  # in standard deviations of the noise
-    data = SimpleNamespace(numerical=(error,), variance=None)
+    data = SimpleNamespace(numerical=(error,), variance=None, scatter=0.0)
 
     def z(common):
         first, second = (Half([random.normal(size=rays) + common], [np.ones(rays)], data) for _ in range(2))
