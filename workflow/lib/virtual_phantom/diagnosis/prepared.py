@@ -122,7 +122,7 @@ def prepare(
     data, held_out = (
         _whitened(observe(part, reference, blocks, correlations), correlations, clean, left) for part in (fitted, held)
     )
-    floor = np.sqrt(sum((one**2 for one in data.numerical), np.zeros(clean.shape)))
+    floor = _floor(data)
     apart = [taken] if words == BY_VIEW else [fitted, held]
     weighed = variance
     if not single:
@@ -159,7 +159,7 @@ def with_noise_of(prepared: Prepared, fit: Fit) -> Prepared:
     first, memory = correlations.views
     variance = prepared.variance * SECOND_DIFFERENCE / (SECOND_DIFFERENCE - 8 * first + 2 * first * memory)
     weighed = variance * np.exp(-clean) * data.whitening.variance(clean) * data.whitening.amplification
-    floor = np.sqrt(sum((one**2 for one in data.numerical), np.zeros(clean.shape)))
+    floor = _floor(data)
     fitter = Fitter(model, data, held_out, weighed, floor)
     return replace(prepared, fitter=fitter, data=data, held_out=held_out, variance=variance)
 
@@ -191,6 +191,11 @@ def _mean_square(squares: np.ndarray) -> float:
     if squares.size < ENOUGH_FOR_MEDIAN:
         return float(squares.mean()) if squares.size else 0.0
     return float(np.median(squares)) / MEDIAN_SQUARE
+
+
+def _floor(data: Observed) -> np.ndarray:
+    """Numerical error of the predictions, whitened, standard deviation, [view, row, column]."""
+    return np.sqrt(sum((one**2 for one in data.numerical), np.zeros(data.mean.shape)))
 
 
 def _correlations(taken: Scans, clean: np.ndarray, variance: np.ndarray) -> Correlations:

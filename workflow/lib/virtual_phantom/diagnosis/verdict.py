@@ -9,6 +9,7 @@ import numpy as np
 from ..physics.effect import load
 from .attribute import Choice, Trial
 from .caveats import caveats
+from .fit import Fit
 from .locate import Half, Location, aligned
 from .model import Model
 from .prepared import Prepared
@@ -38,11 +39,11 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     fitter, locate = prepared.fitter, prepared.look.places
 
     def places(fit):
-        fitted = Half(fitter.residuals(fit, held_out=False), fitter.weights, prepared.data)
+        fitted, held = _halves(prepared, fit)
         return locate(
-            fitter.residuals(fit),
-            fitter.held_weights,
-            prepared.held_out,
+            held.residuals,
+            held.weights,
+            held.data,
             fit.pattern_variance,
             fitted=fitted,
             more=aligned(fit, fitter.model.distortions),
@@ -101,7 +102,7 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
     if not gained > 0:
         return None
     locate = prepared.look.places
-    fitted, held = _halves(prepared, chosen)
+    fitted, held = _halves(prepared, chosen.fit)
     sums = []
     if domains := {place.domain for place in standing} - set(NO_SIGNED_MAP):
         maps = [
@@ -125,16 +126,16 @@ def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
 
     `excess_removed` is a share of what was there: beside a large difference it hides a remainder that this shows.
     """
-    fitted, held = _halves(prepared, chosen)
+    fitted, held = _halves(prepared, chosen.fit)
     common = held.in_common(fitted)
     return common.z() if common.there.any() else None
 
 
-def _halves(prepared: Prepared, one: Trial) -> tuple[Half, Half]:
+def _halves(prepared: Prepared, fit: Fit) -> tuple[Half, Half]:
     """What a fit leaves of the data fitted and of those held out."""
     fitter = prepared.fitter
-    fitted = Half(fitter.residuals(one.fit, held_out=False), fitter.weights, prepared.data)
-    return fitted, Half(fitter.residuals(one.fit), fitter.held_weights, prepared.held_out)
+    fitted = Half(fitter.residuals(fit, held_out=False), fitter.weights, prepared.data)
+    return fitted, Half(fitter.residuals(fit), fitter.held_weights, prepared.held_out)
 
 
 def excess_rms_removed(before: float, after: float, floor: float) -> float | None:
