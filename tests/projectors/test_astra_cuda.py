@@ -225,13 +225,27 @@ def test_gpu_projects_as_the_cpu_does():
     ball = _ball()
     ours = cpu.unpack_projections(cpu.forward(cpu.pack_volume(ball[None])))
     theirs = gpu.unpack_projections(gpu.forward(gpu.pack_volume(ball[None])))
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.005 * ours.max()
+    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 1e-4 * ours.max()
+
+
+@needs_cuda
+@pytest.mark.gpu
+def test_gpu_back_projects_as_the_cpu_does():
+    """But for ASTRA's scale. Its textures interpolate between pixels with weights of 8 bits (CUDA C++ Programming Guide,
+    Texture Fetching), an error of up to 1 in 512 of their difference."""
+    cpu = CpuProjector(GEOMETRY, GRID)
+    gpu = projectors.projector("astra_cuda", GEOMETRY, GRID)
+    scan = np.random.default_rng(3).random((1, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
+    ours = cpu.unpack_volume(cpu.back(cpu.pack_projections(scan)))
+    theirs = gpu.unpack_volume(gpu.back(gpu.pack_projections(scan)))
+    theirs = theirs * (np.vdot(ours, theirs) / np.vdot(theirs, theirs))
+    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.004 * ours.std()
 
 
 @needs_cuda
 @pytest.mark.gpu
 def test_gpu_reconstructs_as_the_cpu_does():
-    """Images apart by at most 1 % of the noise's standard deviation (rms)."""
+    """Images apart by at most 3 % of the noise's standard deviation (rms): weights of 8 bits, 500 iterations long."""
     cpu = CpuProjector(GEOMETRY, GRID)
     lines = cpu.unpack_projections(cpu.forward(cpu.pack_volume(0.02 * _ball()[None])))
     noise = np.random.default_rng(7).normal(0, 0.02, lines.shape).astype(np.float32)
@@ -240,7 +254,7 @@ def test_gpu_reconstructs_as_the_cpu_does():
         reconstruct.in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
         for data, engine in ((lines, "cpu"), (lines + noise, "cpu"), (lines + noise, "astra_cuda"))
     )
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.01 * (ours - quiet).std()
+    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.03 * (ours - quiet).std()
 
 
 def _ball():

@@ -32,14 +32,14 @@ def sirt(
                     polynomials T_j(1 - 2 M), its coefficients are binomials that die off like exp(-j^2 / K), and
                     `terms` says where to stop. Not valid with clipping.
     backprojector   what stands for A'. "adjoint": the exact transpose. "voxel": voxel-driven interpolation, as ASTRA's
-                    SIRT3D_CUDA has it; it amplifies noise where few views see a voxel (off the axis, towards the ends
-                    of a helix).
+                    SIRT3D_CUDA has it. With it, rays that cross less of the grid than a voxel's longest side take no part.
 
     Raises InputError for an unknown word, counts under 1, or an engine without an adjoint.
     """
     if iterations < 1 or terms < 1:
         raise InputError(f"sirt: iterations {iterations} and terms {terms} must both be at least 1")
-    update = _SirtUpdate(projector, line_integrals, _back(projector, backprojector))
+    back = _back(projector, backprojector)
+    update = _SirtUpdate(projector, line_integrals, back, _shortest_mm(projector.grid, backprojector))
     if solver == "plain":
         volume = projector.empty_volume()
         for _ in range(iterations):
@@ -64,10 +64,19 @@ def _back(projector, backprojector):
     return lambda projections, views, out: projector.adjoint(projections, views, out, overwrite=True)
 
 
+def _shortest_mm(grid, backprojector):
+    """What a ray must cross of the grid to take part.
+
+    The transpose gives a voxel a ray's residual by the share of its length there, which is at most 1. The voxel-driven
+    one gives it whole, over that length: noise of a ray that grazes a corner of the grid would outdo all others.
+    """
+    return max(grid.spacing) if backprojector == "voxel" else 0.0
+
+
 class _SirtUpdate:
     """C A' R (b - A x), a block of views at a time, so that no second set of projections is ever held."""
 
-    def __init__(self, projector, line_integrals, back):
+    def __init__(self, projector, line_integrals, back, shortest_mm):
         self.projector, self.back = projector, back
         views = projector.geometry.views
         self.blocks = [
@@ -77,7 +86,8 @@ class _SirtUpdate:
         ones = projector.pack_volume(np.ones((projector.lanes, *projector.grid.shape), dtype=np.float32))
         lengths = [projector.one_lane(projector.forward(ones, block)) for block in self.blocks]
         longest = max(float(length.max()) for length in lengths)
-        self.row_weights = [_reciprocal(length, UNSEEN * longest) for length in lengths]
+        smallest = max(UNSEEN * longest, shortest_mm)
+        self.row_weights = [_reciprocal(length, smallest) for length in lengths]
         column_sum = projector.empty_volume()
         for block in self.blocks:
             back(projector.pack_projections(_ones(projector, block.stop - block.start)), block, column_sum)
