@@ -22,17 +22,18 @@ import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
 import yaml  # noqa: E402
 
-from virtual_phantom.config import SCHEMA, check  # noqa: E402
-from virtual_phantom.feature_names import FEATURES  # noqa: E402
-from virtual_phantom.geometry import grid_of, scan_geometry  # noqa: E402
+from virtual_phantom.base.geometry import grid_of, scan_geometry  # noqa: E402
+from virtual_phantom.features.extraction import MINIMUM_VOXELS, extract  # noqa: E402
+from virtual_phantom.features.names import FEATURES  # noqa: E402
+from virtual_phantom.io.schema import SCHEMA  # noqa: E402
 from virtual_phantom.phantom import layout, synthetic  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.effect import load  # noqa: E402
+from virtual_phantom.physics.image import reconstruct  # noqa: E402
 from virtual_phantom.physics.materials import Segmentation  # noqa: E402
 from virtual_phantom.physics.noise import acquire  # noqa: E402
 from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
-from virtual_phantom.radiomics import MINIMUM_VOXELS, extract  # noqa: E402
-from virtual_phantom.reconstruct import reconstruct  # noqa: E402
+from virtual_phantom.study.config import check  # noqa: E402
 
 VIEWS, LEVEL = 150, 6e-6
 # The first two: what another processor's last digits come to (docs/promises.md).

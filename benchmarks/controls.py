@@ -24,12 +24,16 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 
-from virtual_phantom import config, feature_table, further_seeds, measured, phantom, radiomics, volumes  # noqa: E402
-from virtual_phantom.feature_names import FEATURES  # noqa: E402
-from virtual_phantom.files import replacing, write_csv  # noqa: E402
-from virtual_phantom.plan import Plan  # noqa: E402
-from virtual_phantom.statistics import ranking, repeats, roi_profiles, wilcoxon  # noqa: E402
-from virtual_phantom.volumes import Volume  # noqa: E402
+from virtual_phantom import phantom  # noqa: E402
+from virtual_phantom.features import extraction, tables  # noqa: E402
+from virtual_phantom.features.names import FEATURES  # noqa: E402
+from virtual_phantom.io import volumes  # noqa: E402
+from virtual_phantom.io.files import replacing, write_csv  # noqa: E402
+from virtual_phantom.io.schema import SCHEMA  # noqa: E402
+from virtual_phantom.io.volumes import Volume  # noqa: E402
+from virtual_phantom.statistics import further_seeds, measured, ranking, repeats, roi_profiles, wilcoxon  # noqa: E402
+from virtual_phantom.study import config  # noqa: E402
+from virtual_phantom.study.plan import Plan  # noqa: E402
 
 RESULTS = Path("results-controls")
 SEEDS = (2023, 2024, 2025, 2026, 2027)
@@ -74,7 +78,7 @@ def configuration(*overlays: str) -> dict:
     merged: dict = {}
     for path in ("config/config.yaml", *overlays):
         merge(merged, yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
-    return config.check(merged, config.SCHEMA)
+    return config.check(merged, SCHEMA)
 
 
 def merge(into: dict, overlay: dict) -> None:
@@ -114,8 +118,8 @@ def white_noise(plan: Plan) -> pd.DataFrame:
                 "noise_level": np.nan,
                 "seed": number,
             }
-            rows.append(feature_table.complete(radiomics.extract(noisy, masks), classes, acquisition))
-    return feature_table.merge(rows)
+            rows.append(tables.complete(extraction.extract(noisy, masks), classes, acquisition))
+    return tables.merge(rows)
 
 
 def headline(table: pd.DataFrame, draws: pd.DataFrame, features=FEATURES) -> dict[str, float]:
@@ -230,7 +234,7 @@ def main() -> None:
         path = white if name == "white_noise" else ROOT / RESULTS / name / "features.csv"
         one = tiny if name == "tiny" else plan
         repeated = one.repeats(["dose10"])
-        table = feature_table.grouped(feature_table.read(path), one.groups(), noise="dose10", seeds=repeated)
+        table = tables.grouped(tables.read(path), one.groups(), noise="dose10", seeds=repeated)
         rows[name] = headline(table, measured.load_score_draws(repeated)) | over_rois(table)
         if name == "default":
             rows["default, re-positioned too"] = headline(table, measured.load_score_draws(repeated, "all"))

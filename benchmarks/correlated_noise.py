@@ -20,15 +20,15 @@ from scipy import ndimage, stats
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
 
+from virtual_phantom.base.geometry import Grid, circular  # noqa: E402
 from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
 from virtual_phantom.diagnosis.attribute import trial  # noqa: E402
 from virtual_phantom.diagnosis.locate import Half, aligned  # noqa: E402
-from virtual_phantom.geometry import Grid, circular  # noqa: E402
+from virtual_phantom.io.volumes import Volume  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.materials import Segmentation  # noqa: E402
 from virtual_phantom.physics.posed import PosedScene  # noqa: E402
 from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
-from virtual_phantom.volumes import Volume  # noqa: E402
 
 PHOTONS, REPEATS, EDGE_MM, INTERVAL_MS = 1e5, 4, 3.0, 1.0
 GEOMETRY = circular(

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from virtual_phantom.geometry import Grid, ScanGeometry, circular, helical
+from virtual_phantom.base.geometry import Grid, ScanGeometry, circular, helical
 from virtual_phantom.projectors.cpu import CpuProjector
 
 # The default study's grid and detector; a circle, whose middle slice ASTRA's fan beam shares.

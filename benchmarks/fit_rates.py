@@ -20,12 +20,13 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 
-from virtual_phantom.config import SCHEMA, check  # noqa: E402
-from virtual_phantom.costs.jobs import study_jobs  # noqa: E402
-from virtual_phantom.costs.rates import fit, seconds  # noqa: E402
-from virtual_phantom.costs.table import roi_count  # noqa: E402
-from virtual_phantom.files import write_text  # noqa: E402
-from virtual_phantom.plan import Plan  # noqa: E402
+from virtual_phantom.io.files import write_text  # noqa: E402
+from virtual_phantom.io.schema import SCHEMA  # noqa: E402
+from virtual_phantom.study.config import check  # noqa: E402
+from virtual_phantom.study.costs.jobs import study_jobs  # noqa: E402
+from virtual_phantom.study.costs.rates import fit, seconds  # noqa: E402
+from virtual_phantom.study.costs.table import roi_count  # noqa: E402
+from virtual_phantom.study.plan import Plan  # noqa: E402
 
 # What the rates of a stage are fitted in; of others, it is seconds per job.
 STAGE_UNITS = {
@@ -38,7 +39,7 @@ STAGE_UNITS = {
     "merge_features": ["job", "image"],
     "noise_calibration": ["job", "image_voxel"],
 }
-HEAD = """# What one core took, and what was written, per unit of work (units: virtual_phantom/costs/jobs.py).
+HEAD = """# What one core took, and what was written, per unit of work (units: virtual_phantom/study/costs/jobs.py).
 # Made by benchmarks/fit_rates.py. A stage that is not here was not measured, and is not estimated.
 """
 

@@ -26,16 +26,13 @@ sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 
 import astra  # noqa: E402
 
-from virtual_phantom.config import SCHEMA, check  # noqa: E402
-from virtual_phantom.geometry import grid_of, scan_geometry  # noqa: E402
+from virtual_phantom.base.geometry import grid_of, scan_geometry  # noqa: E402
+from virtual_phantom.io.schema import SCHEMA  # noqa: E402
 from virtual_phantom.projectors import cupy_installed  # noqa: E402
-from virtual_phantom.projectors.astra_cuda import (  # noqa: E402
-    AstraCudaProjector,
-    projection_geometry,
-    volume_geometry,
-)
+from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, projection_geometry, volume_geometry  # noqa: E402
 from virtual_phantom.projectors.cpu import CpuProjector  # noqa: E402
-from virtual_phantom.solvers import sirt  # noqa: E402
+from virtual_phantom.reconstruction.sirt import sirt  # noqa: E402
+from virtual_phantom.study.config import check  # noqa: E402
 
 NOISE = 0.02  # standard deviation of a line integral
 VIEWS_SHARE = 8  # of the views one in so many is projected on the CPU

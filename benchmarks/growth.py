@@ -11,9 +11,9 @@ from pathlib import Path
 import engines
 import numpy as np
 
-from virtual_phantom.geometry import Grid
-from virtual_phantom.radiomics import FEATURES, extract
-from virtual_phantom.volumes import Volume
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.features.extraction import FEATURES, extract
+from virtual_phantom.io.volumes import Volume
 
 ROOT = Path(__file__).resolve().parents[1]
 EDGES = (48, 64, 96, 128)  # voxels in the plane; slices in proportion

@@ -10,10 +10,10 @@ from pathlib import Path
 import engines
 import numpy as np
 
-from virtual_phantom.config import defaults_of
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.projectors.cpu import CpuProjector
-from virtual_phantom.solvers import sirt
+from virtual_phantom.reconstruction.sirt import sirt
 
 GRID = Grid((24, 64, 64), (4.0, 4.7, 4.7))
 SCAN = circular(views=75, columns=80, rows=24, column_pitch_mm=8.0, row_pitch_mm=8.0, **engines.SCANNER)

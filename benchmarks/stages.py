@@ -20,11 +20,12 @@ from fit_rates import ROOT, records
 
 sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 
-from virtual_phantom.config import SCHEMA, check  # noqa: E402
-from virtual_phantom.costs.jobs import study_jobs  # noqa: E402
-from virtual_phantom.costs.table import roi_count  # noqa: E402
 from virtual_phantom.figures import style  # noqa: E402
-from virtual_phantom.plan import Plan  # noqa: E402
+from virtual_phantom.io.schema import SCHEMA  # noqa: E402
+from virtual_phantom.study.config import check  # noqa: E402
+from virtual_phantom.study.costs.jobs import study_jobs  # noqa: E402
+from virtual_phantom.study.costs.table import roi_count  # noqa: E402
+from virtual_phantom.study.plan import Plan  # noqa: E402
 
 # What is shown as one, in the order of the work; values are stages of costs.jobs.
 SHOWN = {

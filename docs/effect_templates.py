@@ -11,7 +11,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 
-from virtual_phantom import config  # noqa: E402
+from virtual_phantom.base.geometry import grid_of, scan_geometry  # noqa: E402
 from virtual_phantom.diagnosis import separability  # noqa: E402
 from virtual_phantom.diagnosis.fit import Fit  # noqa: E402
 from virtual_phantom.diagnosis.model import Model  # noqa: E402
@@ -21,13 +21,14 @@ from virtual_phantom.diagnosis.separability import Template  # noqa: E402
 from virtual_phantom.diagnosis.templates import strength  # noqa: E402
 from virtual_phantom.figures.separability import Panel, draw_correlations, draw_templates  # noqa: E402
 from virtual_phantom.figures.style import label, number, save  # noqa: E402
-from virtual_phantom.geometry import grid_of, scan_geometry  # noqa: E402
+from virtual_phantom.io.schema import SCHEMA  # noqa: E402
 from virtual_phantom.phantom import layout, synthetic  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.effect import acts_on_images, names  # noqa: E402
 from virtual_phantom.physics.materials import Segmentation  # noqa: E402
 from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
 from virtual_phantom.recordings.projections import Projections  # noqa: E402
+from virtual_phantom.study import config  # noqa: E402
 
 PAGE, IMAGES = ROOT / "docs" / "theory.md", ROOT / "docs" / "images"
 BEGIN, END = "<!-- table made by docs/effect_templates.py -->", "<!-- end of the table -->"
@@ -46,7 +47,7 @@ FEW = (  # parts of few numbers: what they are, and how each is called
 def recording() -> Prepared:
     """Repeats of the default study's scan with nothing left out, fewer views and larger pixels, made ready for fits."""
     study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
-    study = config.check(study, config.SCHEMA)
+    study = config.check(study, SCHEMA)
     grid = grid_of(study["grid"])
     seed = np.random.SeedSequence(study["seed"], spawn_key=(PHANTOM_STREAM,))
     shapes = layout.read_layout(ROOT / study["phantom"]["layout"])

@@ -7,15 +7,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 
-from virtual_phantom.physics.effect import (  # noqa: E402
-    OF_AIR,
-    OF_AIR_PER_SCAN,
-    PER_SCAN,
-    PER_VIEW,
-    STAGES,
-    load,
-    names,
-)
+from virtual_phantom.physics.effect import OF_AIR, OF_AIR_PER_SCAN, PER_SCAN, PER_VIEW, STAGES, load, names  # noqa: E402
 
 TARGET = ROOT / "docs" / "physics.md"
 

@@ -14,10 +14,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from virtual_phantom import measured
-from virtual_phantom.files import replacing
-from virtual_phantom.radiomics import FEATURES
-from virtual_phantom.statistics import repeats, wilcoxon
+from virtual_phantom.features.extraction import FEATURES
+from virtual_phantom.io.files import replacing
+from virtual_phantom.statistics import measured, repeats, wilcoxon
 
 HERE = Path(__file__).resolve().parent
 # Repeats that studies have are drawn of the acquisitions without re-positioning; of all of them, those of the default.

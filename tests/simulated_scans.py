@@ -3,7 +3,7 @@
 import numpy as np
 
 from virtual_phantom.diagnosis.attribute import choose, trial
-from virtual_phantom.volumes import Volume
+from virtual_phantom.io.volumes import Volume
 
 
 def body(grid, half_axes_mm, hu, inserts):

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from virtual_phantom.config import check
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import grid_of, scan_geometry
-from virtual_phantom.measured import TISSUE_CLASSES
-from virtual_phantom.plan import Plan
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.statistics.measured import TISSUE_CLASSES
+from virtual_phantom.study.config import check
+from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
 SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
@@ -198,7 +198,8 @@ def test_background_is_no_label():
 
 def test_reading_a_configuration_loads_no_heavy_library():
     """Every job of the workflow does it."""
-    code = "import sys, virtual_phantom.config; print({'pandas', 'scipy', 'sklearn', 'radiomics'} & set(sys.modules))"
+    heavy = {"pandas", "scipy", "sklearn", "radiomics"}
+    code = f"import sys, virtual_phantom.study.config; print({heavy} & set(sys.modules))"
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "workflow" / "lib")}
     result = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "set()"

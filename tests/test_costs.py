@@ -8,12 +8,12 @@ import pytest
 import yaml
 from test_config import DEFAULT, SCHEMA, changed
 
-from virtual_phantom.config import check
-from virtual_phantom.costs.jobs import Job, study_jobs
-from virtual_phantom.costs.rates import fit, read_rates, seconds, written
-from virtual_phantom.costs.table import readable, roi_count, summary
-from virtual_phantom.errors import InputError
-from virtual_phantom.plan import Plan
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.study.config import check
+from virtual_phantom.study.costs.jobs import Job, study_jobs
+from virtual_phantom.study.costs.rates import fit, read_rates, seconds, written
+from virtual_phantom.study.costs.table import readable, roi_count, summary
+from virtual_phantom.study.plan import Plan
 
 RATES = Path(__file__).resolve().parents[1] / "resources" / "rates.yaml"
 

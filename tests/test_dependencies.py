@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from virtual_phantom.dependencies import LIBRARY, WITHOUT_EFFECT, files_behind
+from virtual_phantom.study.dependencies import LIBRARY, WITHOUT_EFFECT, files_behind
 
 SCRIPTS = LIBRARY.parents[1] / "scripts"
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scanner import SCANNER
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, ScanGeometry, circular, helical
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, ScanGeometry, circular, helical
 
 DETECTOR = dict(
     **SCANNER,

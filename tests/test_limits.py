@@ -9,11 +9,11 @@ import yaml
 from snakemake.utils import update_config
 from test_config import DEFAULT, SCHEMA
 
-from virtual_phantom.config import check
-from virtual_phantom.costs.jobs import Job, Sizes, study_jobs
-from virtual_phantom.costs.limits import FLOOR_MINUTES, SAFETY, UNKNOWN_MINUTES, minutes
-from virtual_phantom.costs.rates import read_rates, seconds
-from virtual_phantom.plan import Plan
+from virtual_phantom.study.config import check
+from virtual_phantom.study.costs.jobs import Job, Sizes, study_jobs
+from virtual_phantom.study.costs.limits import FLOOR_MINUTES, SAFETY, UNKNOWN_MINUTES, minutes
+from virtual_phantom.study.costs.rates import read_rates, seconds
+from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
 RATES = read_rates(ROOT / "resources" / "rates.yaml")

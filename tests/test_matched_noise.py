@@ -2,8 +2,8 @@
 
 import pytest
 
-from virtual_phantom import matched_noise
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.study import matched_noise
 
 
 def test_levels_are_filled_in_where_they_are_open(tmp_path):

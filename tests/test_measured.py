@@ -4,10 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from virtual_phantom import measured
-from virtual_phantom.errors import InputError
-from virtual_phantom.radiomics import FEATURES
-from virtual_phantom.statistics import repeats, wilcoxon
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features.extraction import FEATURES
+from virtual_phantom.statistics import measured, repeats, wilcoxon
 from virtual_phantom.statistics.ranking import KINDS
 
 REAL = Path(__file__).resolve().parents[1] / "../shared/real"

@@ -13,14 +13,14 @@ import pandas as pd
 import pytest
 import yaml
 
-from virtual_phantom import feature_table
-from virtual_phantom.config import check
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.features import tables
+from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct
+from virtual_phantom.physics.line_integrals import clean_line_integrals
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.simulate import clean_line_integrals
-from virtual_phantom.volumes import Volume
+from virtual_phantom.study.config import check
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "tests" / "phantom"), str(ROOT / "tests" / "recordings")]
@@ -113,8 +113,8 @@ def without_white():
 
 
 def of_two_versions():
-    row = dict.fromkeys(feature_table.METADATA, "1") | {"protocol": "sirt_150", "noise": "dose10", "roi": "cyst_1"}
-    feature_table.merge(
+    row = dict.fromkeys(tables.METADATA, "1") | {"protocol": "sirt_150", "noise": "dose10", "roi": "cyst_1"}
+    tables.merge(
         pd.DataFrame([row | {"seed": seed, "settings_hash": text}]) for seed, text in enumerate(("5f3a", "9c01"))
     )
 

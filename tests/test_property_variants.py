@@ -5,10 +5,10 @@ import pytest
 from scipy import ndimage
 
 from virtual_phantom import property_variants as properties
-from virtual_phantom import radiomics
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid
-from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.features import extraction
+from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.statistics.attribution import attribute
 
 GRID = Grid((12, 40, 40), (2.0, 1.5, 1.5), (3.0, -2.0, 50.0))
@@ -34,7 +34,7 @@ def scans(mean, noise_hu=NOISE_HU, sigma=0.0, seed=0, repeats=6):
 
 
 def features(images, masks):
-    return radiomics.extract_repeats(images, GRID, masks, "recorded")
+    return extraction.extract_repeats(images, GRID, masks, "recorded")
 
 
 RECORDED = {
@@ -50,7 +50,7 @@ def test_the_property_that_differs_is_named_first(scene, name):
     mean, masks = scene
     recorded = features(RECORDED[name](mean), masks)
     made = properties.property_variants(scans(mean), GRID, masks, recorded)
-    tables = {variant: radiomics.extract_repeats(images, grid, own, variant) for variant, images, grid, own in made}
+    tables = {variant: extraction.extract_repeats(images, grid, own, variant) for variant, images, grid, own in made}
     found = attribute(tables, recorded, list(FEATURES), resamples=50).properties.query("family == 'all'")
     best = found.set_index("rank").loc[1]
     assert best["variant"].startswith(name) and best["median_removed_share"] > 0.5, found.to_string()

@@ -8,12 +8,12 @@ import SimpleITK as sitk
 from radiomics.featureextractor import RadiomicsFeatureExtractor
 from scipy import ndimage
 
-from virtual_phantom import radiomics
-from virtual_phantom.errors import InputError
-from virtual_phantom.feature_names import FEATURES, family
-from virtual_phantom.geometry import Grid
-from virtual_phantom.radiomics import RadiomicsWarning
-from virtual_phantom.volumes import Volume
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.features import extraction
+from virtual_phantom.features.extraction import RadiomicsWarning
+from virtual_phantom.features.names import FEATURES, family
+from virtual_phantom.io.volumes import Volume
 
 # Image Biomarker Standardisation Initiative, digital phantom (reference manual, arXiv:1612.07003v11, section
 # 5.1, CC BY 4.0): 5 x 4 x 4 voxels of 2 mm, here [z, y, x]; 0 marks voxels outside the ROI.
@@ -127,7 +127,7 @@ def one_row(array, mask=None, **kwargs):
     mask = np.ones(np.shape(array), bool) if mask is None else mask
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RadiomicsWarning)
-        return radiomics.extract(volume(array, **kwargs), {"roi": mask}).iloc[0]
+        return extraction.extract(volume(array, **kwargs), {"roi": mask}).iloc[0]
 
 
 def test_the_features_are_the_papers_86():
@@ -191,7 +191,7 @@ def test_equal_to_the_plain_extractor_on_the_full_image_bit_for_bit(dtype):
     image, masks = blobs(np.random.default_rng(1))
     spacing = (1.5, 0.7, 0.7)
     image = image.astype(dtype)
-    table = radiomics.extract(volume(image, spacing), masks).set_index("roi")
+    table = extraction.extract(volume(image, spacing), masks).set_index("roi")
     plain = RadiomicsFeatureExtractor(binWidth=25, voxelArrayShift=0, gldm_a=0, symmetricalGLCM=True)
     plain.disableAllFeatures()
     for name in ("firstorder", "glcm", "gldm", "glrlm", "glszm"):
@@ -213,7 +213,7 @@ def test_grey_levels_are_the_occupied_bins_whose_edges_are_multiples_of_25():
 def test_voxels_outside_the_roi_do_not_matter():
     image, masks = blobs(np.random.default_rng(2))
     other = np.where(masks["ball"], image, -1000.0)
-    first, second = (radiomics.extract(volume(array), {"ball": masks["ball"]}) for array in (image, other))
+    first, second = (extraction.extract(volume(array), {"ball": masks["ball"]}) for array in (image, other))
     assert first.equals(second)
 
 
@@ -225,10 +225,10 @@ def test_rows_say_what_made_them():
 
 
 def test_the_settings_hash_follows_the_settings(monkeypatch):
-    before = radiomics.settings_hash()
-    assert radiomics.settings_hash() == before
-    monkeypatch.setitem(radiomics.SETTINGS, "binWidth", 26)
-    assert radiomics.settings_hash() != before
+    before = extraction.settings_hash()
+    assert extraction.settings_hash() == before
+    monkeypatch.setitem(extraction.SETTINGS, "binWidth", 26)
+    assert extraction.settings_hash() != before
 
 
 def test_warns_with_numbers_of_small_and_of_flat_regions():
@@ -236,20 +236,20 @@ def test_warns_with_numbers_of_small_and_of_flat_regions():
     small = np.zeros(noise.shape, bool)
     small[:3, :3, :3] = True
     with pytest.warns(RadiomicsWarning, match=r"scan 7: ROI spot has 27 voxels, fewer than the 64") as caught:
-        radiomics.extract(volume(noise), {"spot": small}, name="scan 7")
+        extraction.extract(volume(noise), {"spot": small}, name="scan 7")
     assert len(caught) == 1
     flat = np.full((6, 6, 6), 12.0)
     with pytest.warns(RadiomicsWarning, match=r"ROI flat fills 1 grey-level bins of 25 HU, fewer than the 3"):
-        radiomics.extract(volume(flat), {"flat": np.ones(flat.shape, bool)})
+        extraction.extract(volume(flat), {"flat": np.ones(flat.shape, bool)})
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        radiomics.extract(volume(noise), {"good": np.ones(noise.shape, bool)})
+        extraction.extract(volume(noise), {"good": np.ones(noise.shape, bool)})
 
 
 def test_what_pyradiomics_logs_becomes_a_warning_and_its_logger_is_left_as_it_was(monkeypatch, capfd):
     logger = logging.getLogger("radiomics")
     before = logger.handlers[:], logger.propagate
-    real = radiomics._extractor()
+    real = extraction._extractor()
 
     class Grumbling:
         def execute(self, image, label):
@@ -257,10 +257,10 @@ def test_what_pyradiomics_logs_becomes_a_warning_and_its_logger_is_left_as_it_wa
             logging.getLogger("radiomics.glcm").info("small talk")
             return real.execute(image, label)
 
-    monkeypatch.setattr(radiomics, "_extractor", cache(Grumbling))
+    monkeypatch.setattr(extraction, "_extractor", cache(Grumbling))
     noise = np.random.default_rng(0).normal(0, 60, (6, 6, 6))
     with pytest.warns(RadiomicsWarning, match="image, ROI roi: pyradiomics: something is odd") as caught:
-        radiomics.extract(volume(noise), {"roi": np.ones(noise.shape, bool)})
+        extraction.extract(volume(noise), {"roi": np.ones(noise.shape, bool)})
     assert len(caught) == 1
     assert (logger.handlers, logger.propagate) == before
     assert capfd.readouterr().err == ""
@@ -282,5 +282,5 @@ def test_bad_input_is_one_clear_line(spoil, message):
     mask[:3, :3, :3] = True
     image, mask = spoil(np.zeros((6, 6, 6)), mask)
     with pytest.raises(InputError, match=message) as caught:
-        radiomics.extract(volume(image), {"spot": mask})
+        extraction.extract(volume(image), {"spot": mask})
     assert "\n" not in str(caught.value)

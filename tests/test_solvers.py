@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy import special
 
-from virtual_phantom import fbp, solvers
-from virtual_phantom.config import defaults_of
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, circular, helical
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular, helical
+from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.projectors.cpu import CpuProjector
+from virtual_phantom.reconstruction import fbp, sirt
 
 MU = 0.02
 SIRT = defaults_of("reconstruction", "sirt")
@@ -67,9 +67,7 @@ def test_water_is_zero_and_inserts_are_right(scan, algorithm):
     """Water within 3 HU, inserts within 1 % of their attenuation, away from edges and from the end slices."""
     _, geometry, line_integrals = scan
     projector = CpuProjector(geometry, GRID)
-    image = (
-        fbp.fbp(projector, line_integrals) if algorithm == "fdk" else solvers.sirt(projector, line_integrals, **SIRT)
-    )
+    image = fbp.fbp(projector, line_integrals) if algorithm == "fdk" else sirt.sirt(projector, line_integrals, **SIRT)
     check_cylinder(image[0])
 
 
@@ -115,8 +113,8 @@ def test_chebyshev_is_plain_sirt(backprojector):
         noisy = np.stack([clean, *(clean + random.normal(0, 0.02, clean.shape) for _ in range(3))]).astype(np.float32)
         projector = CpuProjector(geometry, grid, lanes=4)
         settings = SIRT | {"backprojector": backprojector}
-        plain = solvers.sirt(projector, noisy, **(settings | {"solver": "plain"}))
-        fast = solvers.sirt(projector, noisy, **settings)
+        plain = sirt.sirt(projector, noisy, **(settings | {"solver": "plain"}))
+        fast = sirt.sirt(projector, noisy, **settings)
         noise = (plain[1:] - plain[0]).std()
         assert np.sqrt(np.mean((fast - plain) ** 2)) < 0.005 * noise
 
@@ -124,8 +122,8 @@ def test_chebyshev_is_plain_sirt(backprojector):
 def test_chebyshev_coefficients_are_binomials():
     """K = 6 by integers: C(12, 6 - j) / 4^6, doubled for j > 0; all of them sum to 1."""
     expected = [special.comb(12, 6 - j, exact=True) / 4**6 * (1 if j == 0 else 2) for j in range(7)]
-    np.testing.assert_allclose(solvers.chebyshev_coefficients(6, 6), expected, rtol=1e-12)
-    assert solvers.chebyshev_coefficients(500, 500).sum() == pytest.approx(1)
+    np.testing.assert_allclose(sirt.chebyshev_coefficients(6, 6), expected, rtol=1e-12)
+    assert sirt.chebyshev_coefficients(500, 500).sum() == pytest.approx(1)
 
 
 def test_astra_parity_scales_a_helix_by_the_share_of_views():
@@ -149,12 +147,12 @@ def test_noise_is_even_along_a_helix(monkeypatch):
     noise = np.random.default_rng(8).normal(0, 0.01, (6, 150, 6, 36)).astype(np.float32)
 
     def ends_over_middle(backprojector):
-        sd = solvers.sirt(CpuProjector(geometry, grid, 6), noise, **(SIRT | {"backprojector": backprojector})).std(0)
+        sd = sirt.sirt(CpuProjector(geometry, grid, 6), noise, **(SIRT | {"backprojector": backprojector})).std(0)
         return sd[1].mean() / sd[6].mean()
 
     assert ends_over_middle("adjoint") < 1.5
     assert ends_over_middle("voxel") < 1.5
-    monkeypatch.setattr(solvers, "_shortest_mm", lambda grid, backprojector: 0.0)
+    monkeypatch.setattr(sirt, "_shortest_mm", lambda grid, backprojector: 0.0)
     assert ends_over_middle("voxel") > 5
 
 
@@ -189,7 +187,7 @@ def test_unseen_voxels_stay_at_air():
     """Two detector rows light up the middle slices only; the rest has no data and stays at zero attenuation."""
     geometry = circular(views=30, columns=72, rows=2, **SCANNER)
     projector = CpuProjector(geometry, GRID)
-    image = solvers.sirt(projector, project(geometry, finer=1), **(SIRT | {"iterations": 20}))
+    image = sirt.sirt(projector, project(geometry, finer=1), **(SIRT | {"iterations": 20}))
     assert np.isfinite(image).all()
     assert np.all(image[0, 0] == 0) and image[0, 6, 32, 32] > MU / 2
 
@@ -197,10 +195,10 @@ def test_unseen_voxels_stay_at_air():
 @pytest.mark.parametrize(
     "call",
     [
-        lambda p, b: solvers.sirt(p, b, **(SIRT | {"solver": "cg"})),
-        lambda p, b: solvers.sirt(p, b, **(SIRT | {"iterations": 0})),
-        lambda p, b: solvers.sirt(p, b, **(SIRT | {"terms": 0})),
-        lambda p, b: solvers.sirt(p, b, **(SIRT | {"backprojector": "ray"})),
+        lambda p, b: sirt.sirt(p, b, **(SIRT | {"solver": "cg"})),
+        lambda p, b: sirt.sirt(p, b, **(SIRT | {"iterations": 0})),
+        lambda p, b: sirt.sirt(p, b, **(SIRT | {"terms": 0})),
+        lambda p, b: sirt.sirt(p, b, **(SIRT | {"backprojector": "ray"})),
         lambda p, b: fbp.fbp(p, b, normalise="mean"),
     ],
 )

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.units import attenuation_to_hu, hu_to_attenuation, whole_hu
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.units import attenuation_to_hu, hu_to_attenuation, whole_hu
 
 
 def test_fixed_points():

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from virtual_phantom import variants
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features import variants
 
 
 def scan(seed=0, repeats=6, shape=(12, 24, 24), sd=10.0):

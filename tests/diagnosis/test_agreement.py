@@ -7,12 +7,12 @@ import pytest
 from scipy import special
 from simulated_scans import body, chosen, noisy_lines
 
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.agreement import Regions, agreement, share_within
 from virtual_phantom.diagnosis.agreement_table import agreement_table
 from virtual_phantom.diagnosis.reconstructed import Reconstruction, agreement_of, compared, filled
 from virtual_phantom.diagnosis.regions import Scanned, complete, image_grid, phantom_regions
-from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene

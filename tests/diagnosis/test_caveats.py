@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from simulated_scans import chosen, noisy_lines
 
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis import observed
 from virtual_phantom.diagnosis.caveats import check_scans
 from virtual_phantom.diagnosis.prepared import prepare
 from virtual_phantom.diagnosis.verdict import diagnose
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scene import DiscScene
 

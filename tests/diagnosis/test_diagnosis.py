@@ -9,6 +9,8 @@ import pytest
 from scipy import special, stats
 from simulated_scans import body, chosen
 
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.attribute import trial
 from virtual_phantom.diagnosis.locate import ALPHA, Half, locate, variance_z
@@ -17,9 +19,7 @@ from virtual_phantom.diagnosis.pattern import estimate
 from virtual_phantom.diagnosis.report import page, residual_maps
 from virtual_phantom.diagnosis.store import read_trial, write_trial
 from virtual_phantom.diagnosis.verdict import diagnose
-from virtual_phantom.errors import InputError
-from virtual_phantom.files import checksum_path
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.io.files import checksum_path
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import DiscScene, VoxelScene

@@ -5,15 +5,15 @@ import pandas as pd
 import pytest
 from scipy import ndimage
 
-from virtual_phantom import radiomics
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis import features
 from virtual_phantom.diagnosis.feature_verdict import diagnose_features, overlay
 from virtual_phantom.diagnosis.properties import calibration, folds, property_tables
 from virtual_phantom.diagnosis.responses import responses
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid
+from virtual_phantom.features import extraction
+from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.property_variants import MEAN
-from virtual_phantom.radiomics import FEATURES
 
 GRID = Grid((10, 36, 52), (2.0, 1.5, 1.5))
 CLASSES = {"cyst_1": "cyst", "cyst_2": "cyst", "liver_1": "liver", "liver_2": "liver"}
@@ -51,7 +51,7 @@ def blurred(images, sigma):
 
 
 def recording(images, masks):
-    table = radiomics.extract_repeats(images, GRID, masks, "recorded")
+    table = extraction.extract_repeats(images, GRID, masks, "recorded")
     return table.assign(tissue_class=table["roi"].map(CLASSES))
 
 

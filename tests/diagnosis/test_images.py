@@ -7,6 +7,8 @@ import pytest
 from scipy import ndimage
 from simulated_scans import body, chosen, noisy_lines
 
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.attribute import trial
 from virtual_phantom.diagnosis.images.model import noise_lines
 from virtual_phantom.diagnosis.images.observed import LAGS, Condenser
@@ -16,14 +18,12 @@ from virtual_phantom.diagnosis.images.whitening import local_variance, whitening
 from virtual_phantom.diagnosis.numerical import model_and_floor
 from virtual_phantom.diagnosis.regions import complete
 from virtual_phantom.diagnosis.verdict import diagnose
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load
 from virtual_phantom.physics.image import with_effects
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import VoxelScene
-from virtual_phantom.reconstruct import in_hu
+from virtual_phantom.reconstruction.images import in_hu
 
 MU, PHOTONS, REPEATS = 0.0193, 1e5, 4
 SHAPE = (6, 40, 40)

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from simulated_scans import body, noisy_lines
 
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.attribute import choose, trial
 from virtual_phantom.diagnosis.numerical import BASE, MOST_STRAY, Anchor, Numerical, model_and_floor
 from virtual_phantom.diagnosis.pattern import estimate
 from virtual_phantom.diagnosis.scanned import coarse_scene
 from virtual_phantom.diagnosis.verdict import diagnose
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.io.volumes import Volume, read_nifti, write_nifti
 from virtual_phantom.phantom import block_mean
 from virtual_phantom.physics.chain import SOLID_ANGLE, Chain
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import VoxelScene
-from virtual_phantom.volumes import Volume, read_nifti, write_nifti
 
 MU, PHOTONS = 0.0193, 1e5
 FINELY = 6  # rays per pixel and direction of what is scanned

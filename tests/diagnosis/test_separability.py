@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.fit import Problem
 from virtual_phantom.diagnosis.separability import (
@@ -19,7 +20,6 @@ from virtual_phantom.diagnosis.separability import (
     taken_up_in_range,
 )
 from virtual_phantom.diagnosis.templates import changes, projected
-from virtual_phantom.geometry import circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
 from virtual_phantom.physics.scene import DiscScene

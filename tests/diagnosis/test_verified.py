@@ -9,8 +9,8 @@ import pytest
 import yaml
 from scipy import ndimage
 
-from virtual_phantom import volumes
-from virtual_phantom.config import check
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis import attribute, observed, prepared
 from virtual_phantom.diagnosis.attribute import Trial, best_few, trial
 from virtual_phantom.diagnosis.fit import Fit
@@ -18,12 +18,12 @@ from virtual_phantom.diagnosis.scanned import mask_scene
 from virtual_phantom.diagnosis.screening import Screened
 from virtual_phantom.diagnosis.verdict import diagnose, excess_rms_removed
 from virtual_phantom.diagnosis.verified import Physics, stated, verified
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.io import volumes
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.recordings.importers.htc2022_object import with_partial_pixels
 from virtual_phantom.recordings.projections import Projections
+from virtual_phantom.study.config import check
 
 PHOTONS, DENSITY = 1e5, 1.03
 GEOMETRY = circular(

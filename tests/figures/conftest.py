@@ -4,8 +4,8 @@ import numpy as np
 import pandas
 import pytest
 
-from virtual_phantom.geometry import Grid
-from virtual_phantom.volumes import Volume
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.io.volumes import Volume
 
 CLASSES = {
     "normal_1": "normal_liver",

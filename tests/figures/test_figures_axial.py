@@ -9,10 +9,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.contour import ContourSet
 from matplotlib.text import Text
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.figures import axial, rois, scans
-from virtual_phantom.geometry import Grid
-from virtual_phantom.volumes import Volume
+from virtual_phantom.io.volumes import Volume
 
 
 def place_on_page(figure, axes, chosen):

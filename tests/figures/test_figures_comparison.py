@@ -7,12 +7,12 @@ import pytest
 from figure_checks import assert_text_fits, texts
 from matplotlib.collections import PathCollection, QuadMesh
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.figures import comparison as figures
 from virtual_phantom.figures import style
-from virtual_phantom.measured import TISSUE_CLASSES
-from virtual_phantom.radiomics import FEATURES
 from virtual_phantom.statistics import comparison
+from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
 
 @pytest.fixture(scope="module")

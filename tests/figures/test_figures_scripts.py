@@ -8,8 +8,8 @@ import numpy as np
 import pandas
 import pytest
 
-from virtual_phantom.files import write_csv
-from virtual_phantom.volumes import Volume, write_nifti
+from virtual_phantom.io.files import write_csv
+from virtual_phantom.io.volumes import Volume, write_nifti
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "workflow" / "scripts" / "figures"
 
@@ -94,8 +94,8 @@ def test_tables(run, tmp_path, calibration, stability, overlap, make_pca, name, 
 
 
 def test_measured_scores_beside_simulated(run, tmp_path):
-    from virtual_phantom import measured
-    from virtual_phantom.feature_names import family
+    from virtual_phantom.features.names import family
+    from virtual_phantom.statistics import measured
 
     scores = measured.load_scores()
     write_csv(scores.assign(family=scores["feature"].map(family)), tmp_path / "table.csv")

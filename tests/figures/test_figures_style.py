@@ -9,7 +9,7 @@ import numpy as np
 import pandas
 import pytest
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures import overlap as overlap_figure
 from virtual_phantom.figures import stability_discrimination, style, tables
 

@@ -8,7 +8,7 @@ from figure_checks import assert_text_fits, texts
 from matplotlib.collections import PathCollection
 from scipy.stats import hypergeom
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures import noise_calibration, pca, stability_discrimination, style
 from virtual_phantom.figures import overlap as overlap_figure
 

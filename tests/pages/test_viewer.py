@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from browser import opened, outside_resources
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.io.volumes import Volume
 from virtual_phantom.pages import viewer
-from virtual_phantom.volumes import Volume
 
 GRID = Grid((6, 20, 30), (2.0, 3.0, 1.5), (0, 0, 5))
 SUBTITLE = "Noise level <loud>."

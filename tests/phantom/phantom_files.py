@@ -12,7 +12,7 @@ from pydicom.sr.codedict import codes
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, RTStructureSetStorage, generate_uid
 from skimage.measure import find_contours
 
-from virtual_phantom.geometry import Grid
+from virtual_phantom.base.geometry import Grid
 
 CENTRE = (5.0, -40.0, 300.0)
 CT_GRID = Grid((14, 40, 48), (3.0, 2.0, 2.0), CENTRE)

@@ -10,12 +10,12 @@ import SimpleITK as sitk
 from highdicom._standard_utils import check_required_attributes
 from phantom_files import BALLS, CENTRE, CT_GRID, ball, object_hu
 
-from virtual_phantom import dicom_export
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.io import dicom_export
+from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.phantom.dicom_series import read_series
 from virtual_phantom.phantom.masks import open_regions
-from virtual_phantom.volumes import Volume, write_nifti
 
 # Neither cubes nor round numbers, and off centre: no axis can be flipped, swapped or shifted unseen.
 GRID = Grid(CT_GRID.shape, (2.5, 2.35, 1.15), CENTRE)

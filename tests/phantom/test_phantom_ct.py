@@ -21,8 +21,8 @@ from pydicom.uid import generate_uid
 from scipy.ndimage import binary_dilation, label
 from scipy.spatial import cKDTree
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.phantom import ct
 from virtual_phantom.phantom.rois import cut, separate, shrink
 

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from virtual_phantom import files, phantom
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid
-from virtual_phantom.volumes import Volume, write_nifti
+from virtual_phantom import phantom
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.io import files
+from virtual_phantom.io.volumes import Volume, write_nifti
 
 
 def test_masks_are_read_beside_their_table_and_must_lie_on_the_images_grid(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from virtual_phantom.geometry import Grid
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.phantom.shapes import Ellipsoid, Tube, coverage, fade, window
 
 GRID = Grid((24, 26, 28), (2.0, 1.7, 1.3))

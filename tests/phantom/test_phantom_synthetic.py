@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.phantom import block_mean, save, synthetic
 from virtual_phantom.phantom.layout import read_layout
-from virtual_phantom.volumes import read_nifti
 
 ROOT = Path(__file__).resolve().parents[2]
 LAYOUT = ROOT / "resources/phantom.yaml"

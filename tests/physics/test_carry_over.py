@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from gecatsim.pyfiles.Detection_Lag import Detection_Lag
 
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis import observed, prepared
 from virtual_phantom.diagnosis.model import Model
-from virtual_phantom.errors import InputError
-from virtual_phantom.exchange import read_line_integrals, read_state, write_line_integrals
-from virtual_phantom.geometry import circular
+from virtual_phantom.io.exchange import read_line_integrals, write_line_integrals
 from virtual_phantom.physics.chain import AIR, Chain, State, between, lagged
 from virtual_phantom.physics.correlation import correlations
 from virtual_phantom.physics.effect import OF_AIR, acts_on_images, load, names, needs_times
@@ -22,6 +22,7 @@ from virtual_phantom.physics.effects.afterglow import of_views
 from virtual_phantom.physics.materials import attenuation_per_mm
 from virtual_phantom.physics.noise import acquire
 from virtual_phantom.physics.scene import DISC_ENERGY_KEV, DiscScene
+from virtual_phantom.physics.stored_state import read_state, to_store
 from virtual_phantom.recordings.projections import Projections
 
 RADIUS, PLACE, MU = 80.0, np.array([12.0, -7.0]), attenuation_per_mm("water", [DISC_ENERGY_KEV])[0]
@@ -239,7 +240,7 @@ def test_a_study_reads_the_same_dark_signal_at_every_dose_and_keeps_its_times(tm
     found = []
     for name, physics in (("plain", {}), ("dark", {"dark_signal": {"level_units": 40.0, "drift_units_per_s": 100.0}})):
         state = chain.state(physics)
-        write_line_integrals(tmp_path / f"{name}.h5", chain.state({}).line_integrals(), geometry, state)
+        write_line_integrals(tmp_path / f"{name}.h5", chain.state({}).line_integrals(), geometry, to_store(state))
         lines, read = read_line_integrals(tmp_path / f"{name}.h5")
         assert (read.view_interval_ms, read.exposure_ms) == (5.0, 2.0)
         np.testing.assert_array_equal(read.view_times, geometry.view_times)

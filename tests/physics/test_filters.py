@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from virtual_phantom.geometry import circular
+from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import attenuation_per_mm
 from virtual_phantom.physics.scene import DiscScene

@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.physics.noise import Counts, acquisition_seed, simulate_counts
+from virtual_phantom.base.counts import Counts
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.physics.noise import acquisition_seed, simulate_counts
 
 SEED = np.random.SeedSequence(7)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.prism import PrismScene
 from virtual_phantom.physics.scene import DiscScene, Pose

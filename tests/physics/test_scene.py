@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scanner import SCANNER
 
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.physics import scene
 from virtual_phantom.projectors.columns import WIDE
 from virtual_phantom.projectors.cpu import lanes_at_once

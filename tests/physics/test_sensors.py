@@ -5,16 +5,17 @@ import pytest
 import xraylib
 from simulated_scans import noisy_lines
 
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.model import Model
-from virtual_phantom.errors import InputError
-from virtual_phantom.exchange import read_state, write_line_integrals
-from virtual_phantom.geometry import circular
+from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.materials import attenuation_per_mm
 from virtual_phantom.physics.scene import DiscScene
 from virtual_phantom.physics.sensors import COUNTS, ENERGY, SENSORS, Sensor, response, stated
 from virtual_phantom.physics.spectra import TUNGSTEN, tube_spectrum, weighted_spectrum
+from virtual_phantom.physics.stored_state import read_state, to_store
 
 SPECTRUM = {"kvp": 120.0, "filtration_mm": 3.0, "sensor_mm": 0.6}
 GEOMETRY = circular(
@@ -156,7 +157,7 @@ def test_a_stored_state_keeps_its_noise(tmp_path):
     chain = Chain(DiscScene(160.0, "water"), GEOMETRY)
     for physics in ({"spectrum": SPECTRUM}, {"electronic_noise": {"photons": 20.0}}):
         state = chain.state(physics)
-        write_line_integrals(tmp_path / "clean.h5", state.line_integrals(), GEOMETRY, state)
+        write_line_integrals(tmp_path / "clean.h5", state.line_integrals(), GEOMETRY, to_store(state))
         found = read_state(tmp_path / "clean.h5")
         np.testing.assert_allclose(found.variance(), state.variance(), rtol=1e-5)
 

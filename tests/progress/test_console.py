@@ -8,13 +8,13 @@ import pytest
 from snakemake.logging import DefaultFormatter
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.job import job
-from virtual_phantom.progress import console, status
-from virtual_phantom.progress.console import Console, take_over
-from virtual_phantom.progress.failures import described
-from virtual_phantom.progress.status import duration
-from virtual_phantom.progress.time_left import Progress, Step
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.study.job import job
+from virtual_phantom.study.progress import console, status
+from virtual_phantom.study.progress.console import Console, take_over
+from virtual_phantom.study.progress.failures import described
+from virtual_phantom.study.progress.status import duration
+from virtual_phantom.study.progress.time_left import Progress, Step
 
 
 class Run:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from virtual_phantom.progress.time_left import Progress, Step, stage_of
+from virtual_phantom.study.progress.time_left import Progress, Step, stage_of
 
 
 def steps(rule, count, first=0, threads=1):

@@ -16,8 +16,8 @@ sys.path[:0] = [str(ROOT / "workflow" / "lib"), str(ROOT / "tests")]
 
 from scanner import SCANNER  # noqa: E402
 
-from virtual_phantom.geometry import Grid, circular, helical  # noqa: E402
-from virtual_phantom.parallel_rays import ParallelRays  # noqa: E402
+from virtual_phantom.base.geometry import Grid, circular, helical  # noqa: E402
+from virtual_phantom.base.parallel_rays import ParallelRays  # noqa: E402
 from virtual_phantom.projectors import cpu  # noqa: E402
 
 PAGE, NO_ACCESS = mmap.PAGESIZE, 0

@@ -9,10 +9,10 @@ from astra import experimental
 from astra.log import AstraError
 from scanner import SCANNER
 
-from virtual_phantom import projectors, reconstruct, solvers
-from virtual_phantom.config import defaults_of
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, helical
+from virtual_phantom import projectors
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, helical
+from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.projectors import astra_cuda
 from virtual_phantom.projectors.astra_cuda import (
     AstraCudaProjector,
@@ -21,6 +21,7 @@ from virtual_phantom.projectors.astra_cuda import (
     volume_geometry,
 )
 from virtual_phantom.projectors.cpu import CpuProjector
+from virtual_phantom.reconstruction import images, sirt
 
 needs_cuda = pytest.mark.skipif(
     not (astra.use_cuda() and projectors.cupy_installed()), reason="ASTRA finds no CUDA device here, or no CuPy"
@@ -147,8 +148,8 @@ def test_nothing_leaves_the_device_between_steps(device, solver):
     for steps in (3, 9):
         device.moved.update({"to": 0, "from": 0})
         settings = {"iterations": 2 * steps, "terms": steps, "solver": solver, "backprojector": "voxel"}
-        found = solvers.sirt(AstraCudaProjector(GEOMETRY, GRID, 2, arrays=device), scan, **settings)
-        expected = solvers.sirt(CpuProjector(GEOMETRY, GRID, 2), scan, **settings)
+        found = sirt.sirt(AstraCudaProjector(GEOMETRY, GRID, 2, arrays=device), scan, **settings)
+        expected = sirt.sirt(CpuProjector(GEOMETRY, GRID, 2), scan, **settings)
         # Voxels that one ray grazes take its rounding as it is: no bound for each.
         assert np.sqrt(np.mean((found - expected) ** 2)) < 1e-3 * expected.std()
         moved.append(dict(device.moved))
@@ -207,11 +208,11 @@ def test_realisations_go_to_the_device_one_by_one(device, monkeypatch):
         cpu = engine == "cpu"
         return CpuProjector(geometry, grid, lanes) if cpu else AstraCudaProjector(geometry, grid, lanes, device)
 
-    monkeypatch.setattr(reconstruct, "projector", made)
+    monkeypatch.setattr(images, "projector", made)
     scan = np.random.default_rng(5).random((3, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
     settings = {**SIRT, "iterations": 4, "backprojector": "voxel"}
     ours, theirs = (
-        reconstruct.in_hu(scan, GEOMETRY, GRID, "sirt", settings, engine, 0.02) for engine in ("cpu", "astra_cuda")
+        images.in_hu(scan, GEOMETRY, GRID, "sirt", settings, engine, 0.02) for engine in ("cpu", "astra_cuda")
     )
     assert asked == [("cpu", 3), ("astra_cuda", 1)]
     assert np.sqrt(np.mean((ours - theirs) ** 2)) < 1e-3 * ours.std()
@@ -231,8 +232,8 @@ def test_gpu_projects_as_the_cpu_does():
 @needs_cuda
 @pytest.mark.gpu
 def test_gpu_back_projects_as_the_cpu_does():
-    """But for ASTRA's scale. Its textures interpolate between pixels with weights of 8 bits (CUDA C++ Programming Guide,
-    Texture Fetching), an error of up to 1 in 512 of their difference."""
+    """But for ASTRA's scale. Its textures interpolate between pixels with weights of 8 bits (CUDA C++ Programming
+    Guide, Texture Fetching), an error of up to 1 in 512 of their difference."""
     cpu = CpuProjector(GEOMETRY, GRID)
     gpu = projectors.projector("astra_cuda", GEOMETRY, GRID)
     scan = np.random.default_rng(3).random((1, GEOMETRY.views, GEOMETRY.rows, GEOMETRY.columns), np.float32)
@@ -251,7 +252,7 @@ def test_gpu_reconstructs_as_the_cpu_does():
     noise = np.random.default_rng(7).normal(0, 0.02, lines.shape).astype(np.float32)
     settings = {**SIRT, "iterations": 500, "terms": 60, "backprojector": "voxel"}
     quiet, ours, theirs = (
-        reconstruct.in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
+        images.in_hu(data, GEOMETRY, GRID, "sirt", settings, engine, 0.02)[0]
         for data, engine in ((lines, "cpu"), (lines + noise, "cpu"), (lines + noise, "astra_cuda"))
     )
     assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.03 * (ours - quiet).std()

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scanner import SCANNER
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, circular, helical
-from virtual_phantom.parallel_rays import ParallelRays
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular, helical
+from virtual_phantom.base.parallel_rays import ParallelRays
 from virtual_phantom.projectors.columns import WIDE
 from virtual_phantom.projectors.cpu import CpuProjector
 

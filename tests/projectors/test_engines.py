@@ -5,8 +5,8 @@ import pytest
 from scanner import SCANNER
 
 from virtual_phantom import projectors
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
 
 GEOMETRY = circular(views=4, **SCANNER, columns=6, rows=2, column_pitch_mm=6.0, row_pitch_mm=6.0)
 GRID = Grid((2, 2, 2), (1.0, 1.0, 1.0))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.projectors.cpu import CpuProjector
 
 GEOMETRY = circular(

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from proof_suite import DIAGNOSES, TRUTHS, diagnosis, truth, write_suite
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
 from virtual_phantom.proof.case import Case, collect
 from virtual_phantom.proof.catalogue import REPEATED, XCIST
@@ -22,7 +22,7 @@ from virtual_phantom.proof.page import page, percent
 from virtual_phantom.proof.real import minutes, row
 from virtual_phantom.proof.score import score
 from virtual_phantom.proof.suite import check_recordings
-from virtual_phantom.proof_record import pooled, read
+from virtual_phantom.statistics.proof_record import pooled, read
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from virtual_phantom.geometry import Grid
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.proof.reconstruction import images_hu, ramp
 from virtual_phantom.proof.xcist import Scan
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from proof_suite import DIAGNOSES, OTHERS, TRUTHS, diagnosis, metric, truth, write_suite
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.case import Case, checked, collect
 from virtual_phantom.proof.catalogue import MODELS, OTHER, REPEATED, XCIST

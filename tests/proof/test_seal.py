@@ -6,7 +6,7 @@ import json
 import pytest
 from proof_suite import SALT, TRUTHS, write_suite
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.proof import seal
 from virtual_phantom.proof.case import collect
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.proof import seal
 from virtual_phantom.proof.catalogue import CATALOGUE, MODELS, XCIST

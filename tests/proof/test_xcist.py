@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import circular
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import attenuation_per_mm as attenuation
 from virtual_phantom.physics.scene import DiscScene

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from virtual_phantom.geometry import circular
+from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.spectra import Spectrum
 from virtual_phantom.proof.xcist import Materials, Scan, _air, _configured, simulate

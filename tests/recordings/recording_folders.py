@@ -10,10 +10,10 @@ import phantom_files
 import pytest
 import yaml
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.measured import TISSUE_CLASSES
-from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.recordings.reading import load
+from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
 SCAN = {
     "trajectory": "circular",

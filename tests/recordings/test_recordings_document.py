@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recording_folders import SCAN, changed, features_folder, projections_folder, refused, write_yaml
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.recordings.document import read_document
 from virtual_phantom.recordings.scan import assumed, scan_geometry, timed
 
@@ -112,7 +112,7 @@ def test_any_length_in_centimetres_or_tenths_is_noticed(wrong, factor):
 
 def read_like(scan):
     """What the schema and then the geometry say of a scan section."""
-    from virtual_phantom.config import validate
+    from virtual_phantom.io.schema import validate
     from virtual_phantom.recordings.document import _schema
 
     validate({"name": "a", "kind": "projections", "repeats": ["a"], "scan": scan}, _schema(), "a/recording.yaml")

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from recording_folders import changed, features_folder, features_table, refused, write_yaml
 
-from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.recordings.features import read
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import summary

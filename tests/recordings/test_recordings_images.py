@@ -10,7 +10,7 @@ import pytest
 from phantom_files import CT_GRID, ball, ct_slices, object_hu, write_nifti_array, write_series
 from recording_folders import changed, images_folder, refused, write_yaml
 
-from virtual_phantom.geometry import Grid
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import summary
 

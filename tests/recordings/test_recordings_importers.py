@@ -10,11 +10,11 @@ import yaml
 from phantom_files import CT_GRID, ct_slices, object_hu, write_seg, write_series
 from scipy.io import savemat
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
-from virtual_phantom.volumes import read_nifti
 
 SCRIPT = Path(__file__).resolve().parents[2] / "workflow" / "scripts" / "import_recording.py"
 PARAMETERS = {

@@ -17,8 +17,8 @@ from recording_folders import (
     write_yaml,
 )
 
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.setting import ready
-from virtual_phantom.errors import InputError
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import summary
@@ -36,7 +36,7 @@ def test_both_ways_of_storing_give_the_same_line_integrals(tmp_path, log):
 
 
 def test_files_of_our_own_workflow_can_be_recordings(tmp_path):
-    from virtual_phantom import exchange
+    from virtual_phantom.io import exchange
     from virtual_phantom.recordings.scan import scan_geometry
 
     write_yaml(tmp_path, {"name": "own", "kind": "projections", "scan": SCAN, "repeats": ["clean.h5"]})

@@ -10,14 +10,15 @@ import pytest
 from recording_folders import write_yaml
 from scipy.io import loadmat
 
-from virtual_phantom import fbp, measured
-from virtual_phantom.geometry import Grid, ScanGeometry
+from virtual_phantom.base.geometry import Grid, ScanGeometry
 from virtual_phantom.projectors import projector
+from virtual_phantom.reconstruction import fbp
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import summary
+from virtual_phantom.statistics import measured
 
 REAL = Path(__file__).resolve().parents[2] / "../shared/real"
 pytestmark = [

@@ -7,13 +7,12 @@ import pandas as pd
 import pytest
 from recording_folders import features_folder, features_table, write_yaml
 
-from virtual_phantom import measured
-from virtual_phantom.errors import InputError
-from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.recordings import reference
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.statistics import pca, ranking
+from virtual_phantom.statistics import measured, pca, ranking
 
 REAL = Path(__file__).resolve().parents[2] / "../shared/real"
 real = [

@@ -12,14 +12,16 @@ import recording_folders as folders
 import yaml
 from scanner import SCANNER
 
-from virtual_phantom import exchange, files, matched_noise, phantom, volumes
+from virtual_phantom import phantom
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.store import write_diagnosis
 from virtual_phantom.diagnosis.verified import Physics
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.io import exchange, files, volumes
 from virtual_phantom.physics.noise import simulate_counts
 from virtual_phantom.proof.example import residual_maps
 from virtual_phantom.proof.real import row
 from virtual_phantom.recordings.document import read_document
+from virtual_phantom.study import matched_noise
 
 GRID = Grid((4, 9, 11), (2.0, 1.5, 1.5))
 GEOMETRY = circular(views=6, **SCANNER, columns=9, rows=3, column_pitch_mm=2.0, row_pitch_mm=4.0)

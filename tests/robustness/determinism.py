@@ -25,9 +25,9 @@ sys.path.insert(0, str(ROOT / "tests" / "workflow"))
 
 from workflow_runs import tiny  # noqa: E402
 
-from virtual_phantom import exchange, volumes  # noqa: E402
+from virtual_phantom.io import exchange, volumes  # noqa: E402
 from virtual_phantom.physics.noise import simulate_counts  # noqa: E402
-from virtual_phantom.reconstruct import in_hu  # noqa: E402
+from virtual_phantom.reconstruction.images import in_hu  # noqa: E402
 
 CIRCUMSTANCES = ("one core", "four cores, four threads", "another order", "nothing compiled")
 # What the tiny study reconstructs with, for images without noise.

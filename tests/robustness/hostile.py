@@ -7,7 +7,7 @@ from collections import Counter
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 
 EXAMPLES = int(os.environ.get("EXAMPLES", "40"))  # of each fuzzed thing; docs/promises.md
 FUZZ = settings(

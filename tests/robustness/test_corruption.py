@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from artefacts import ARTEFACTS, mutations, same
 
-from virtual_phantom import files
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.io import files
 
 OURS_TO_READ = [one for one in ARTEFACTS if one.name != "YAML, physics"]  # Snakemake reads that one
 MUTATIONS = int(os.environ.get("MUTATIONS", "40"))  # of each kind of file

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from virtual_phantom import exchange, files
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, circular
-from virtual_phantom.volumes import Volume, write_nifti
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.io import exchange, files
+from virtual_phantom.io.volumes import Volume, write_nifti
 
 SIZE_KB = 256
 

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_config import COMPARISON, DEFAULT, SCHEMA
 
-from virtual_phantom.config import check
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import grid_of, scan_geometry
-from virtual_phantom.plan import Plan
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import grid_of, scan_geometry
 from virtual_phantom.recordings.document import read_document
 from virtual_phantom.recordings.reading import load
+from virtual_phantom.study.config import check
+from virtual_phantom.study.plan import Plan
 
 WIDE = DEFAULT | {
     "recordings": {"scanner": "recordings/scanner"},

@@ -13,12 +13,12 @@ import recording_folders as folders
 from hostile import EXAMPLES, outcome
 from pydicom.dataelem import RawDataElement
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.phantom.ct import read_hu
 from virtual_phantom.phantom.masks import open_regions
 from virtual_phantom.recordings.provenance import dicom_facts
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.volumes import read_nifti
 
 HEADER = 348  # bytes, of NIfTI-1
 pytestmark = pytest.mark.filterwarnings("ignore")  # pydicom's and numpy's, of values that are wrong by intent

@@ -6,7 +6,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow"))
 from workflow_runs import ROOT, tiny  # noqa: E402
 
-from virtual_phantom.files import check_unchanged, checksum_path  # noqa: E402
+from virtual_phantom.io.files import check_unchanged, checksum_path  # noqa: E402
 
 NAME = "a b;touch hacked;$(touch hacked)`touch hacked` & | > 'q' \"é\"#%"
 

@@ -11,16 +11,16 @@ import nibabel
 import numpy as np
 import pytest
 
-from virtual_phantom.config import defaults_of
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid, circular
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.units import HU_AIR
+from virtual_phantom.features.extraction import FEATURES, RadiomicsWarning, extract
+from virtual_phantom.io.schema import defaults_of
+from virtual_phantom.io.volumes import Volume, read_nifti, write_nifti
 from virtual_phantom.phantom.ct import read_hu
+from virtual_phantom.physics.image import reconstruct
+from virtual_phantom.physics.line_integrals import clean_line_integrals
 from virtual_phantom.physics.noise import simulate_counts
-from virtual_phantom.radiomics import FEATURES, RadiomicsWarning, extract
-from virtual_phantom.reconstruct import reconstruct
-from virtual_phantom.simulate import clean_line_integrals
-from virtual_phantom.units import HU_AIR
-from virtual_phantom.volumes import Volume, read_nifti, write_nifti
 
 ROOT = Path(__file__).resolve().parents[2]
 SEED = np.random.SeedSequence(5)

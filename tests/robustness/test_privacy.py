@@ -14,8 +14,8 @@ from pydicom.dataelem import RawDataElement
 from pydicom.tag import Tag
 
 from virtual_phantom import phantom
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
 from virtual_phantom.phantom import ct
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 from virtual_phantom.recordings.reading import load

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from virtual_phantom.geometry import circular
+from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.chain import State
 from virtual_phantom.physics.noise import acquire, acquisition_seed, common_seed
 

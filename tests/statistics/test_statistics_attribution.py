@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.statistics.attribution import attribute
 
 F = [FEATURES[7], FEATURES[3], "original_glcm_Contrast"]  # two first-order ones and a texture

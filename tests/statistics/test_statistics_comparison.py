@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from virtual_phantom import measured, radiomics
-from virtual_phantom.errors import InputError
-from virtual_phantom.geometry import Grid
-from virtual_phantom.measured import TISSUE_CLASSES
-from virtual_phantom.radiomics import FEATURES
-from virtual_phantom.statistics import comparison
-from virtual_phantom.volumes import Volume
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.features import extraction
+from virtual_phantom.features.extraction import FEATURES
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.statistics import comparison, measured
+from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
 MEAN = "original_firstorder_Mean"
 REAL = Path(__file__).resolve().parents[2] / "../shared/real"
@@ -263,7 +263,7 @@ def features_of(array, spacing=1.0):
     grid = Grid(array.shape, (spacing,) * 3, (0.0, 0.0, 0.0))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        row = radiomics.extract(Volume(array.astype(np.float32), grid), {"roi": np.ones(array.shape, bool)}).iloc[0]
+        row = extraction.extract(Volume(array.astype(np.float32), grid), {"roi": np.ones(array.shape, bool)}).iloc[0]
     return row[list(FEATURES)].astype(float)
 
 

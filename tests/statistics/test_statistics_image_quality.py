@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage, special
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.statistics.image_quality import (
     contrast,
     mean_frequency,

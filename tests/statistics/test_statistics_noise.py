@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.statistics import noise
 
 BOX = np.ones((2, 3, 4), bool)

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from virtual_phantom.errors import InputError
-from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.statistics import pca
 
 ROIS = {"normal_1": "normal_liver", "cyst_1": "cyst", "metastasis": "metastasis"}

@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import hypergeom, spearmanr
 
-from virtual_phantom import measured
-from virtual_phantom.errors import InputError
-from virtual_phantom.radiomics import FEATURES
-from virtual_phantom.statistics import ranking, repeats, wilcoxon
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features.extraction import FEATURES
+from virtual_phantom.statistics import measured, ranking, repeats, wilcoxon
 
 STUDY = Path(__file__).resolve().parents[2] / "../shared/real/ct_phantom4radiomics/features_2d.csv"
 

@@ -2,10 +2,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from virtual_phantom import measured
-from virtual_phantom.errors import InputError
-from virtual_phantom.feature_names import FEATURES
-from virtual_phantom.statistics import roi_profiles
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features.names import FEATURES
+from virtual_phantom.statistics import measured, roi_profiles
 
 
 def profile(**columns):

@@ -2,7 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from virtual_phantom.errors import InputError
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.statistics import stability_measures
 
 MEAN, SKEWNESS, ENTROPY = (f"original_firstorder_{name}" for name in ("Mean", "Skewness", "Entropy"))

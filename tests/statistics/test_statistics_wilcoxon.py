@@ -7,9 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import ranksums
 
-from virtual_phantom import measured
-from virtual_phantom.errors import InputError
-from virtual_phantom.statistics import wilcoxon
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.statistics import measured, wilcoxon
 
 FEATURE = "original_firstorder_Mean"
 TABLE = Path(__file__).resolve().parents[2] / "../shared/real/ct_phantom4radiomics/features_2d.csv"

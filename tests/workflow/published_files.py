@@ -6,7 +6,7 @@ import hashlib
 from pages import copy_project
 from workflow_runs import ROOT
 
-from virtual_phantom.published import FOLDER
+from virtual_phantom.io.published import FOLDER
 
 TABLE = "resources/abdomen_ct.csv"
 

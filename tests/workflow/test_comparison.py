@@ -10,8 +10,8 @@ import pytest
 import yaml
 from workflow_runs import tiny
 
-from virtual_phantom import matched_noise
-from virtual_phantom.radiomics import FEATURES
+from virtual_phantom.features.extraction import FEATURES
+from virtual_phantom.study import matched_noise
 
 OVERLAY = {
     "noise": {

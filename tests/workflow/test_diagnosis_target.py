@@ -7,9 +7,9 @@ import pytest
 import yaml
 from workflow_runs import ROOT, planned, tiny
 
-from virtual_phantom.config import check
-from virtual_phantom.plan import Plan
 from virtual_phantom.recordings.importers.study import import_study
+from virtual_phantom.study.config import check
+from virtual_phantom.study.plan import Plan
 
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
 SCAN = {"trajectory": "circular", "columns": 68, "rows": 16, "column_pitch_mm": 9.5, "row_pitch_mm": 12.0}

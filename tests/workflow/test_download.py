@@ -11,8 +11,8 @@ import yaml
 from published_files import copy_with_bytes, put
 from workflow_runs import ROOT, snakemake, tiny
 
-from virtual_phantom.files import sha256
-from virtual_phantom.published import read_published
+from virtual_phantom.io.files import sha256
+from virtual_phantom.io.published import read_published
 
 SINOGRAMS = ROOT / "../shared/real/htc2022"
 ABDOMEN_CT = ROOT / "../shared/real/abdomen_ct"

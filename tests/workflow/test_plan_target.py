@@ -11,8 +11,8 @@ from test_limits import RATES, plan_of
 from test_workflow import recorded
 from workflow_runs import ROOT, snakemake, tiny
 
-from virtual_phantom.costs.jobs import study_jobs
-from virtual_phantom.costs.limits import minutes
+from virtual_phantom.study.costs.jobs import study_jobs
+from virtual_phantom.study.costs.limits import minutes
 
 
 def kinds(process):

@@ -16,11 +16,11 @@ from browser import outside_resources
 from published_files import with_its_ct
 from workflow_runs import ROOT, planned, snakemake, tiny
 
-from virtual_phantom import exchange, volumes
-from virtual_phantom.config import defaults_of
+from virtual_phantom.io import exchange, volumes
+from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.phantom.dicom_series import read_series
 from virtual_phantom.phantom.masks import open_regions
-from virtual_phantom.reconstruct import reconstruct
+from virtual_phantom.physics.image import reconstruct
 
 FIGURES = (
     "rois",

@@ -10,15 +10,15 @@ os.environ.update(
     PYTHONPATH=os.pathsep.join([LIBRARY, *filter(None, [os.environ.get("PYTHONPATH")])])
 )
 
-from virtual_phantom import analyses
-from virtual_phantom.config import check
-from virtual_phantom.costs.jobs import Sizes
-from virtual_phantom.costs.limits import minutes
-from virtual_phantom.costs.rates import read_rates
-from virtual_phantom.dependencies import files_behind
-from virtual_phantom.errors import InputError
-from virtual_phantom.files import check_unchanged, files_of
-from virtual_phantom.plan import Plan
+from virtual_phantom.study import analyses
+from virtual_phantom.study.config import check
+from virtual_phantom.study.costs.jobs import Sizes
+from virtual_phantom.study.costs.limits import minutes
+from virtual_phantom.study.costs.rates import read_rates
+from virtual_phantom.study.dependencies import files_behind
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.io.files import check_unchanged, files_of
+from virtual_phantom.study.plan import Plan
 from virtual_phantom.projectors import choose_engine
 
 try:

@@ -1,6 +1,6 @@
 """Files on the web as inputs, and which of those that a configuration names are not here yet."""
 
-from virtual_phantom.published import check_listed, named_by, read_published
+from virtual_phantom.io.published import check_listed, named_by, read_published
 
 ABDOMEN_CT = "resources/abdomen_ct.csv"
 

@@ -66,7 +66,7 @@ def reference_tables(wildcards):
 @cache
 def measured_noise():
     """The measured variances of the algorithms that the noise is calibrated with."""
-    from virtual_phantom.measured import dose_variance
+    from virtual_phantom.statistics.measured import dose_variance
 
     if not PLAN.config["measured"]["overlay"]:
         return []

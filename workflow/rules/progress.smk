@@ -1,9 +1,9 @@
-"""What is said while jobs run: virtual_phantom.progress in place of a block of lines for each job."""
+"""What is said while jobs run: virtual_phantom.study.progress in place of a block of lines for each job."""
 
-from virtual_phantom.costs.jobs import study_jobs
-from virtual_phantom.costs.rates import seconds
-from virtual_phantom.progress.console import take_over
-from virtual_phantom.progress.time_left import Step
+from virtual_phantom.study.costs.jobs import study_jobs
+from virtual_phantom.study.costs.rates import seconds
+from virtual_phantom.study.progress.console import take_over
+from virtual_phantom.study.progress.time_left import Step
 
 
 def steps():

@@ -1,11 +1,12 @@
 """One noisy acquisition, written to a file."""
 
-from virtual_phantom.job import job
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
-    from virtual_phantom.exchange import read_line_integrals, read_state, write_counts
-    from virtual_phantom.matched_noise import resolve
+    from virtual_phantom.io.exchange import read_line_integrals, write_counts
     from virtual_phantom.physics.noise import acquire
+    from virtual_phantom.physics.stored_state import read_state
+    from virtual_phantom.study.matched_noise import resolve
 
     params = snakemake.params
     clean, geometry = read_line_integrals(snakemake.input.clean)

@@ -7,8 +7,8 @@ from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
 from virtual_phantom.diagnosis.regions import Scanned
 from virtual_phantom.diagnosis.setting import ready
 from virtual_phantom.diagnosis.verified import Physics, verified
-from virtual_phantom.files import write_text
-from virtual_phantom.job import job
+from virtual_phantom.io.files import write_text
+from virtual_phantom.study.job import job
 
 AGREEMENT_STREAM = 5  # of the study's seed: noise of the images for the table of agreement
 

@@ -4,12 +4,12 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from virtual_phantom import files, volumes
-from virtual_phantom.errors import InputError
-from virtual_phantom.job import job
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.io import files, volumes
 from virtual_phantom.phantom import Roi, read_masks, save_rois
 from virtual_phantom.recordings import alignment, registration
 from virtual_phantom.recordings.reading import load
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     name, study = snakemake.wildcards.recording, snakemake.params.phantom

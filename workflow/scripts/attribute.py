@@ -1,11 +1,13 @@
 """Which property of the images of one protocol and noise level explains that their features miss a recording's."""
 
-from virtual_phantom import files, phantom, radiomics, volumes
-from virtual_phantom.job import job
+from virtual_phantom import phantom
+from virtual_phantom.features import extraction
+from virtual_phantom.io import files, volumes
 from virtual_phantom.property_variants import property_variants
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics.attribution import attribute
 from virtual_phantom.statistics.comparison import common_features, common_rois
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params = snakemake.params
@@ -15,7 +17,7 @@ with job(snakemake) as log:
     masks = {roi: masks[roi] for roi in common_rois(rois, recorded, params.rois)}
     tables = {}
     for name, changed, own_grid, own_masks in property_variants(images, grid, masks, recorded, params.voxel_mm):
-        tables[name] = radiomics.extract_repeats(changed, own_grid, own_masks, name)
+        tables[name] = extraction.extract_repeats(changed, own_grid, own_masks, name)
         log.info("%s: %d rows", name, len(tables[name]))
     features = common_features(next(iter(tables.values())), recorded)
     found = attribute(tables, recorded, features, rois=list(masks), margin_sd=params.margin_sd)

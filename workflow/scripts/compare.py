@@ -1,14 +1,15 @@
 """Features of one protocol and noise level against those of a recording."""
 
-from virtual_phantom import feature_table, files
-from virtual_phantom.job import job
+from virtual_phantom.features import tables
+from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics import comparison
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params = snakemake.params
-    simulated = feature_table.read(snakemake.input.features)
-    simulated = feature_table.select(simulated, protocols=[params.protocol], noise=[params.noise], seeds=params.seeds)
+    simulated = tables.read(snakemake.input.features)
+    simulated = tables.select(simulated, protocols=[params.protocol], noise=[params.noise], seeds=params.seeds)
     recorded = where(files.read_csv(snakemake.input.recorded), params.where, f"recording {params.recording}")
     features = comparison.common_features(simulated, recorded)
     cells = comparison.compare(simulated, recorded, features, rois=params.rois, margin_sd=params.margin_sd)

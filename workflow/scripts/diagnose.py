@@ -12,8 +12,8 @@ from virtual_phantom.diagnosis.setting import ready
 from virtual_phantom.diagnosis.store import RESIDUAL_MAPS, read_trial, write_diagnosis
 from virtual_phantom.diagnosis.verdict import diagnose
 from virtual_phantom.diagnosis.verified import Physics, stated, verified
-from virtual_phantom.job import job
-from virtual_phantom.proof_record import read, with_coverage
+from virtual_phantom.statistics.proof_record import read, with_coverage
+from virtual_phantom.study.job import job
 
 AGREEMENT_STREAM = 3  # of the study's seed: noise of the images for the table of agreement
 

@@ -3,7 +3,7 @@
 from virtual_phantom.diagnosis.attribute import trial
 from virtual_phantom.diagnosis.setting import ready
 from virtual_phantom.diagnosis.store import read_trial, write_trial
-from virtual_phantom.job import job
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, given = snakemake.params, snakemake.input

@@ -2,11 +2,12 @@
 
 import pandas as pd
 
-from virtual_phantom import files, phantom, volumes
+from virtual_phantom import phantom
 from virtual_phantom.diagnosis.properties import folds, property_tables
-from virtual_phantom.job import job
+from virtual_phantom.io import files, volumes
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics.comparison import common_rois
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params = snakemake.params

@@ -1,8 +1,8 @@
 """One simulated image as a DICOM CT series, and its ROIs as a DICOM SEG."""
 
-from virtual_phantom import dicom_export, volumes
-from virtual_phantom.job import job
+from virtual_phantom.io import dicom_export, volumes
 from virtual_phantom.phantom import read_masks
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     paths, output = snakemake.input, snakemake.output

@@ -1,12 +1,12 @@
 """Published files, put where a configuration names them if they are those that are listed."""
 
-from virtual_phantom.job import job
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     import shutil
 
-    from virtual_phantom.files import replacing
-    from virtual_phantom.published import check_listed
+    from virtual_phantom.io.files import replacing
+    from virtual_phantom.io.published import check_listed
 
     params = snakemake.params
     for source, digest in zip(snakemake.input.files, params.sha256, strict=True):

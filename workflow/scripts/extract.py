@@ -1,9 +1,11 @@
 """Features of all ROIs of the images of one protocol and noise level, one table per image."""
 
-from virtual_phantom import feature_table, files, phantom, radiomics, volumes
-from virtual_phantom.errors import InputError
-from virtual_phantom.job import job
-from virtual_phantom.matched_noise import resolve
+from virtual_phantom import phantom
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features import extraction, tables
+from virtual_phantom.io import files, volumes
+from virtual_phantom.study.job import job
+from virtual_phantom.study.matched_noise import resolve
 
 with job(snakemake) as log:
     params = snakemake.params
@@ -24,6 +26,6 @@ with job(snakemake) as log:
             "projections": params.settings["projections"],
             **one,
         }
-        table = feature_table.complete(radiomics.extract(image, masks, name=str(path)), classes, acquisition)
+        table = tables.complete(extraction.extract(image, masks, name=str(path)), classes, acquisition)
         files.write_csv(table, output)
         log.info("%s: %d ROIs", path, len(table))

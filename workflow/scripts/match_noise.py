@@ -2,10 +2,11 @@
 
 from dataclasses import asdict
 
-from virtual_phantom import files, matched_noise
-from virtual_phantom.job import job
+from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics import noise
+from virtual_phantom.study import matched_noise
+from virtual_phantom.study.job import job
 
 VARIANCE = "original_firstorder_Variance"
 

@@ -5,13 +5,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from virtual_phantom import feature_table, files, matched_noise
-from virtual_phantom.job import job
+from virtual_phantom.features import tables
+from virtual_phantom.io import files
+from virtual_phantom.study import matched_noise
+from virtual_phantom.study.job import job
 
 VARIANCE = "original_firstorder_Variance"
 
 with job(snakemake) as log:
-    features = feature_table.read(snakemake.input.features)
+    features = tables.read(snakemake.input.features)
     rows = []
     for path in snakemake.input.levels:
         level, name = matched_noise.read(path), Path(path).stem

@@ -2,10 +2,11 @@
 
 import pandas as pd
 
-from virtual_phantom import files, phantom, volumes
-from virtual_phantom.errors import InputError
-from virtual_phantom.job import job
+from virtual_phantom import phantom
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.io import files, volumes
 from virtual_phantom.statistics import noise
+from virtual_phantom.study.job import job
 
 KEYS = ["protocol", "noise", "noise_level"]
 

@@ -1,9 +1,10 @@
 """Overlap of the highest-ranked simulated and measured features, both of equally many repeats."""
 
-from virtual_phantom import feature_table, files, measured
-from virtual_phantom.feature_names import FEATURES
-from virtual_phantom.job import job
-from virtual_phantom.statistics import ranking, wilcoxon
+from virtual_phantom.features import tables
+from virtual_phantom.features.names import FEATURES
+from virtual_phantom.io import files
+from virtual_phantom.statistics import measured, ranking, wilcoxon
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params = snakemake.params
@@ -11,7 +12,7 @@ with job(snakemake) as log:
     scores = snakemake.input.scores
     recorded = files.read_csv(scores) if params.recording else measured.load_score_draws(params.seeds)
     repeats = int(recorded["repeats"].iloc[0])
-    features = feature_table.grouped(feature_table.read(source), dict(params.groups), noise=params.noise, seeds=repeats)
+    features = tables.grouped(tables.read(source), dict(params.groups), noise=params.noise, seeds=repeats)
     simulated = wilcoxon.scores(features, FEATURES, source=source, **params.statistics)
     table = ranking.overlap(simulated, recorded, ranking.shared_variance(features, FEATURES))
     files.write_csv(table, snakemake.output[0])

@@ -1,8 +1,8 @@
 """Tables as Parquet beside their CSV: the same rows and columns, each with its type."""
 
-from virtual_phantom import files
-from virtual_phantom.feature_table import TEXT
-from virtual_phantom.job import job
+from virtual_phantom.features.tables import TEXT
+from virtual_phantom.io import files
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     for source, target in zip(snakemake.input.tables, snakemake.output, strict=True):

@@ -4,18 +4,19 @@ from pathlib import Path
 
 import pandas as pd
 
-from virtual_phantom import feature_table, files, measured
-from virtual_phantom.job import job
+from virtual_phantom.features import tables
+from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import reference
-from virtual_phantom.statistics import pca
+from virtual_phantom.statistics import measured, pca
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, output = snakemake.params, snakemake.output
-    features = feature_table.read(str(snakemake.input.features))
-    simulated = feature_table.select(features, **params.selection)
+    features = tables.read(str(snakemake.input.features))
+    simulated = tables.select(features, **params.selection)
     if params.recordings:
-        tables = zip(snakemake.input.measured, params.recordings, strict=True)
-        parts = [reference(files.read_csv(path), params.conditions[name], "condition") for path, name in tables]
+        recorded = zip(snakemake.input.measured, params.recordings, strict=True)
+        parts = [reference(files.read_csv(path), params.conditions[name], "condition") for path, name in recorded]
         shown = pd.concat(parts, join="inner", ignore_index=True)
     elif not params.measured["overlay"]:
         shown = None

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from virtual_phantom.geometry import grid_of
-from virtual_phantom.job import job
+from virtual_phantom.base.geometry import grid_of
 from virtual_phantom.phantom import ct, layout, save, synthetic
+from virtual_phantom.study.job import job
 
 PHANTOM_STREAM = 0  # the phantom's own branch of the study's seed
 

@@ -1,15 +1,16 @@
 """Noise-free line integrals of the finely sampled phantom in one geometry."""
 
-from virtual_phantom.job import job
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     from dataclasses import replace
 
-    from virtual_phantom.exchange import write_line_integrals
-    from virtual_phantom.geometry import scan_geometry
+    from virtual_phantom.base.geometry import scan_geometry
+    from virtual_phantom.io.exchange import write_line_integrals
+    from virtual_phantom.io.volumes import read_nifti
     from virtual_phantom.phantom import read_masks
-    from virtual_phantom.simulate import check_rois_seen, check_scannable, clean_line_integrals
-    from virtual_phantom.volumes import read_nifti
+    from virtual_phantom.physics.line_integrals import check_rois_seen, check_scannable, clean_line_integrals
+    from virtual_phantom.physics.stored_state import to_store
 
     params = snakemake.params
     phantom = read_nifti(snakemake.input.phantom)
@@ -38,4 +39,4 @@ with job(snakemake) as log:
         log.info("effects: %s", physics)
     else:
         line_integrals = clean_line_integrals(phantom, geometry, params.mu_water_per_mm, snakemake.threads)
-    write_line_integrals(snakemake.output[0], line_integrals, geometry, state)
+    write_line_integrals(snakemake.output[0], line_integrals, geometry, None if state is None else to_store(state))

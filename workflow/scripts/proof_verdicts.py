@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from virtual_phantom.job import job
 from virtual_phantom.proof import seal
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     given = snakemake.input

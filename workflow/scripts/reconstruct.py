@@ -1,15 +1,16 @@
 """Images of one protocol, as many acquisitions at once as the job has outputs."""
 
-from virtual_phantom.job import job
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     import numpy as np
 
-    from virtual_phantom.exchange import read_line_integrals, read_state
-    from virtual_phantom.matched_noise import resolve
+    from virtual_phantom.io.exchange import read_line_integrals
+    from virtual_phantom.io.volumes import read_nifti, write_nifti
+    from virtual_phantom.physics.image import reconstruct
     from virtual_phantom.physics.noise import acquire
-    from virtual_phantom.reconstruct import reconstruct
-    from virtual_phantom.volumes import read_nifti, write_nifti
+    from virtual_phantom.physics.stored_state import read_state
+    from virtual_phantom.study.matched_noise import resolve
 
     params = snakemake.params
     grid = read_nifti(snakemake.input.phantom).grid

@@ -2,11 +2,13 @@
 
 import pandas as pd
 
-from virtual_phantom import files, phantom, radiomics
-from virtual_phantom.errors import InputError
-from virtual_phantom.job import job
+from virtual_phantom import phantom
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.features import extraction
+from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.reference import in_hu
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     recording = load(snakemake.params.folder)
@@ -17,7 +19,7 @@ with job(snakemake) as log:
         classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
         tables = []
         for path, image in zip(recording.repeats.paths, recording.repeats, strict=True):
-            features = radiomics.extract(image, masks, name=str(path))
+            features = extraction.extract(image, masks, name=str(path))
             tables.append(features.assign(image=recording.document.relative(path)))
         table = pd.concat(tables, ignore_index=True)
         table = table.assign(tissue_class=table["roi"].map(classes))

@@ -1,12 +1,12 @@
 """Stability and discriminative power of the features of a recording, over its conditions."""
 
-from virtual_phantom import files
-from virtual_phantom.errors import InputError
-from virtual_phantom.job import job
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.reference import scores
 from virtual_phantom.statistics import ranking
 from virtual_phantom.statistics.repeats import over_features
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     recording = load(snakemake.params.folder)

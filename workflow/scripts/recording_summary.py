@@ -2,10 +2,10 @@
 
 import json
 
-from virtual_phantom import files
-from virtual_phantom.job import job
+from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import summary
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     found = summary(load(snakemake.params.folder))

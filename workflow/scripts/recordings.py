@@ -2,9 +2,9 @@
 
 import json
 
-from virtual_phantom import files
-from virtual_phantom.job import job
+from virtual_phantom.io import files
 from virtual_phantom.recordings.summary import readable, table
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     names, paths = snakemake.params.names, snakemake.input.summaries

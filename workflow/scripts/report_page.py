@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from virtual_phantom import files
-from virtual_phantom.job import job
+from virtual_phantom.io import files
 from virtual_phantom.pages import study
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     paths, params = snakemake.input, snakemake.params

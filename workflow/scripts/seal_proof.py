@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from virtual_phantom.job import job
 from virtual_phantom.proof import seal
 from virtual_phantom.proof.suite import salt, truths
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     settings = snakemake.params.settings

@@ -1,7 +1,7 @@
 """A text, printed."""
 
-from virtual_phantom.files import read_text
-from virtual_phantom.job import job
+from virtual_phantom.io.files import read_text
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     print(read_text(snakemake.input.text), end="")

@@ -1,16 +1,15 @@
 """Stability and discriminative power of every feature over the groups of protocols."""
 
-from virtual_phantom import feature_table, files
-from virtual_phantom.feature_names import FEATURES
-from virtual_phantom.job import job
+from virtual_phantom.features import tables
+from virtual_phantom.features.names import FEATURES
+from virtual_phantom.io import files
 from virtual_phantom.statistics import wilcoxon
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params = snakemake.params
     source = str(snakemake.input.features)
-    table = feature_table.grouped(
-        feature_table.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds
-    )
+    table = tables.grouped(tables.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds)
     scores = wilcoxon.scores(table, FEATURES, source=source, **params.statistics)
     files.write_csv(scores, snakemake.output[0])
     log.info(

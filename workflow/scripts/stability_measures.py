@@ -1,16 +1,15 @@
 """Stability of every feature by W, ICC, CCC and coefficients of variation, and which features are stable by which."""
 
-from virtual_phantom import feature_table, files
-from virtual_phantom.feature_names import FEATURES
-from virtual_phantom.job import job
+from virtual_phantom.features import tables
+from virtual_phantom.features.names import FEATURES
+from virtual_phantom.io import files
 from virtual_phantom.statistics import stability_measures
+from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, output = snakemake.params, snakemake.output
     source = str(snakemake.input.features)
-    table = feature_table.grouped(
-        feature_table.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds
-    )
+    table = tables.grouped(tables.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds)
     scores = files.read_csv(snakemake.input.stability)
     measured = stability_measures.measures(table, scores, FEATURES, params.cut_offs, source)
     features = stability_measures.by_feature(measured)

@@ -1,8 +1,8 @@
 """The highest-ranked features beside the paper's."""
 
-from virtual_phantom import files, measured
-from virtual_phantom.job import job
-from virtual_phantom.statistics import ranking
+from virtual_phantom.io import files
+from virtual_phantom.statistics import measured, ranking
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     params = snakemake.params

@@ -13,14 +13,14 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from . import variants
-from .errors import InputError
-from .geometry import Grid
+from .base.errors import InputError
+from .base.geometry import Grid
+from .base.units import HU_AIR
+from .features import variants
+from .io.volumes import Volume
 from .phantom import HALF_COVERED
 from .phantom.ct import resample
 from .statistics.attribution import BASELINE
-from .units import HU_AIR
-from .volumes import Volume
 
 MEAN, VARIANCE = "original_firstorder_Mean", "original_firstorder_Variance"
 SIGMAS_VOXELS = (0.4, 0.7, 1.0)

@@ -2,11 +2,11 @@
 
 import json
 
-from virtual_phantom import volumes
 from virtual_phantom.figures import alignment, style
-from virtual_phantom.files import read_text
-from virtual_phantom.job import job
+from virtual_phantom.io import volumes
+from virtual_phantom.io.files import read_text
 from virtual_phantom.phantom import read_masks
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     image = volumes.read_nifti(snakemake.input.image)

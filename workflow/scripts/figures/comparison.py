@@ -1,8 +1,8 @@
 """Figure of one comparison with a recording: every feature and ROI."""
 
-from virtual_phantom import files
 from virtual_phantom.figures import comparison, style
-from virtual_phantom.job import job
+from virtual_phantom.io import files
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     cells, summary = files.read_csv(snakemake.input.cells), files.read_csv(snakemake.input.features)

@@ -1,8 +1,8 @@
 """Figure of the noise calibration."""
 
-from virtual_phantom import files
 from virtual_phantom.figures import noise_calibration, style
-from virtual_phantom.job import job
+from virtual_phantom.io import files
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     params = snakemake.params

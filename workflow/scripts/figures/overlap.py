@@ -1,8 +1,8 @@
 """Figure of the overlap of the best features in simulation and measurement."""
 
-from virtual_phantom import files
 from virtual_phantom.figures import overlap, style
-from virtual_phantom.job import job
+from virtual_phantom.io import files
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     figure = overlap.draw(files.read_csv(snakemake.input.table))

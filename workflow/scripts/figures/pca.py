@@ -1,8 +1,8 @@
 """Figure of one principal component analysis."""
 
-from virtual_phantom import files
 from virtual_phantom.figures import pca, style
-from virtual_phantom.job import job
+from virtual_phantom.io import files
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     figure = pca.draw(files.read_csv(snakemake.input.table), snakemake.params.title)

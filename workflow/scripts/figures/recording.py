@@ -2,8 +2,8 @@
 
 from virtual_phantom.figures import recording as figures
 from virtual_phantom.figures import style
-from virtual_phantom.job import job
 from virtual_phantom.recordings.reading import load
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     recording = load(snakemake.params.folder)

@@ -1,9 +1,9 @@
 """Figure of the regions of interest."""
 
-from virtual_phantom import volumes
 from virtual_phantom.figures import rois, style
-from virtual_phantom.job import job
+from virtual_phantom.io import volumes
 from virtual_phantom.phantom import read_masks
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     phantom = volumes.read_nifti(snakemake.input.image)

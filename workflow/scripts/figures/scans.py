@@ -1,9 +1,9 @@
 """Figure of axial views: input, FBP, SIRT, in the slice that shows most ROIs."""
 
-from virtual_phantom import volumes
 from virtual_phantom.figures import axial, scans, style
-from virtual_phantom.job import job
+from virtual_phantom.io import volumes
 from virtual_phantom.phantom import read_masks
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     paths, titles = snakemake.input, snakemake.params.titles

@@ -1,8 +1,9 @@
 """Figure of stability against discriminative power, with the measured scores beside it where they apply."""
 
-from virtual_phantom import files, further_seeds, measured
 from virtual_phantom.figures import stability_discrimination, style
-from virtual_phantom.job import job
+from virtual_phantom.io import files
+from virtual_phantom.statistics import further_seeds, measured
+from virtual_phantom.study.job import job
 
 with job(snakemake):
     params = snakemake.params

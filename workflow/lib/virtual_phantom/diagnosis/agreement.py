@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from ..errors import InputError
-from ..feature_names import FEATURES
-from ..geometry import Grid
-from ..radiomics import MINIMUM_VOXELS, extract_repeats
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..features.extraction import MINIMUM_VOXELS, extract_repeats
+from ..features.names import FEATURES
 from ..statistics import MINIMUM_REPEATS
 from ..statistics.comparison import MARGIN_SD, in_sd, samples, spread
 from ..statistics.image_quality import (

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
-from ..config import defaults_of
+from ..io.schema import defaults_of
 from ..physics.effect import load
 from . import pattern as patterns
 from .fit import Fit, Fitter

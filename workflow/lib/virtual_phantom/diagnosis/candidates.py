@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..physics.effect import acts_on_images, load, names, needs_times, require
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .attribute import Choice
 from .observed import LEAST_TRANSMISSION, Scans
 from .prepared import Prepared

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..geometry import ScanGeometry
-from ..kept import Kept
+from ..base.geometry import ScanGeometry
+from ..base.recent import Kept
 from ..physics.chain import Chain
 from ..physics.effect import load
 from ..physics.posed import PosedScene

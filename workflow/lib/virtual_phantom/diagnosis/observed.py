@@ -19,7 +19,7 @@ import numpy as np
 from numpy.polynomial import legendre
 from scipy import special
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .correlated import WHITE, Correlations, Whitening
 
 VIEW_BLOCKS, COLUMN_BLOCKS, ROW_BLOCKS = 12, 8, 4

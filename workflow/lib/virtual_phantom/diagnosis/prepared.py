@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..physics.chain import Chain
 from ..physics.spectra import TUNGSTEN, Anode
 from .alignment import nuisances

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from .. import variants
-from ..errors import InputError
-from ..geometry import Grid
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..features import variants
+from ..features.extraction import extract_repeats
 from ..physics.effect import load, names
 from ..physics.image import with_effects
 from ..property_variants import MEAN, SIGMAS_VOXELS, sampled
-from ..radiomics import extract_repeats
 from ..statistics.attribution import BASELINE
 from ..statistics.comparison import MINIMUM_ROIS
 

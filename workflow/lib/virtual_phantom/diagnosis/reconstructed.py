@@ -6,12 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..errors import InputError
-from ..fbp import fbp
-from ..geometry import Grid, ScanGeometry
+from ..base.errors import InputError
+from ..base.geometry import Grid, ScanGeometry
+from ..base.units import attenuation_to_hu
 from ..projectors import projector
+from ..reconstruction.fbp import fbp
 from ..recordings.recording import Recording
-from ..units import attenuation_to_hu
 from .agreement import agreement
 from .alignment import pose_of
 from .attribute import Choice

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from ..errors import InputError
-from ..geometry import Grid, ScanGeometry
-from ..parallel_rays import ParallelRays
+from ..base.errors import InputError
+from ..base.geometry import Grid, ScanGeometry
+from ..base.parallel_rays import ParallelRays
+from ..base.units import HU_AIR, HU_BODY, attenuation_to_hu
+from ..io.volumes import Volume, read_nifti
 from ..phantom import read_masks
 from ..physics.scene import DiscScene, Pose
 from ..statistics.image_quality import LEAST_ROI_VOXELS
 from ..statistics.resolution import signed_distance_mm
-from ..units import HU_AIR, HU_BODY, attenuation_to_hu
-from ..volumes import Volume, read_nifti
 from .agreement import INNER_VOXELS, Regions
 from .scanned import read_mask
 

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from ..errors import InputError
-from ..geometry import Grid
+from ..base.errors import InputError
+from ..base.geometry import Grid
 from ..statistics.attribution import BASELINE
 from ..statistics.comparison import common_features, common_rois, comparable, roi_sizes, samples, spread
 from .properties import EVERY_FOLD, FOLDS, Property, folds, properties

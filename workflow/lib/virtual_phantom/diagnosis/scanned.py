@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import volumes
-from ..errors import InputError
-from ..geometry import Grid
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..base.units import HU_AIR
+from ..io import volumes
+from ..io.volumes import Volume
 from ..phantom import block_mean
 from ..physics.materials import Segmentation
 from ..physics.prism import PrismScene
 from ..physics.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
-from ..units import HU_AIR
-from ..volumes import Volume
 
 PARTIAL_TOLERANCE = 1e-3
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..physics.chain import AIR, EVEN, Chain
 from ..physics.sensors import stated as stated_sensor
 from ..physics.spectra import KVP, TUNGSTEN, Anode

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ..errors import refusing
-from ..files import read_text, replacing, write_text
+from ..base.errors import refusing
+from ..io.files import read_text, replacing, write_text
 from .attribute import Trial
 from .fit import Fit
 from .numerical import Anchor

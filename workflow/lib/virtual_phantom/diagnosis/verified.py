@@ -7,8 +7,8 @@ import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..errors import InputError, refusing
-from ..files import read_text
+from ..base.errors import InputError, refusing
+from ..io.files import read_text
 from ..physics.effect import READOUT_UNITS, checked, load
 from .attribute import Choice, Trial, trial
 from .fit import Fitter

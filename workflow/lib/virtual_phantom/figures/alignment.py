@@ -8,10 +8,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..errors import InputError
-from ..geometry import Grid
-from ..units import HU_BODY
-from ..volumes import Volume
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..base.units import HU_BODY
+from ..io.volumes import Volume
 from . import axial, style
 from .scans import round_up
 

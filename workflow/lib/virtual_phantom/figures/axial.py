@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.image import AxesImage
 from scipy import ndimage
 
-from ..errors import InputError
-from ..geometry import Grid
-from ..units import HU_BODY
-from ..volumes import Volume
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..base.units import HU_BODY
+from ..io.volumes import Volume
 
 WINDOW_HU = (40 - 400 / 2, 40 + 400 / 2)  # the usual abdominal window: level 40, width 400
 OUTLINED = [patheffects.withStroke(linewidth=2, foreground="black")]

@@ -9,7 +9,7 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..statistics.comparison import ALPHA, RANK_RIGHT
 from . import style, tables
 

@@ -9,7 +9,7 @@ import pandas
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..statistics.noise import LinearFit, linear_fit
 from . import style, tables
 

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..errors import InputError
+from ..base.errors import InputError
 from . import style, tables
 
 FEW_MEASURED = 100  # up to as many lie on top; more lie beneath, with their means on top

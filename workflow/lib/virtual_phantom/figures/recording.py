@@ -3,11 +3,11 @@
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..errors import InputError
-from ..fbp import fbp
-from ..geometry import Grid, ScanGeometry
+from ..base.errors import InputError
+from ..base.geometry import Grid, ScanGeometry
+from ..io.volumes import Volume
 from ..projectors import projector
-from ..volumes import Volume
+from ..reconstruction.fbp import fbp
 from . import style
 
 MOST_PIXELS = 512  # along a side of the slice: more cannot be told apart in print

@@ -7,9 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..errors import InputError
-from ..geometry import Grid
-from ..volumes import Volume
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..io.volumes import Volume
 from . import axial, style
 
 

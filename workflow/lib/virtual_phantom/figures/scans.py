@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..errors import InputError
-from ..volumes import Volume
+from ..base.errors import InputError
+from ..io.volumes import Volume
 from . import axial, style
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from scipy.cluster import hierarchy
 
-from ..errors import InputError
+from ..base.errors import InputError
 from ..statistics.ranking import KINDS
 from ..statistics.repeats import over_features
 from . import style, tables

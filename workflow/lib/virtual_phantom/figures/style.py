@@ -18,7 +18,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
 from matplotlib.figure import Figure
 
-from ..files import replacing
+from ..io.files import replacing
 
 SINGLE_COLUMN_MM = 90.0
 DOUBLE_COLUMN_MM = 180.0

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas
 
-from ..errors import InputError
+from ..base.errors import InputError
 
 
 def check_table(table: pandas.DataFrame, name: str, *, text: Iterable[str] = (), numbers: Iterable[str] = ()) -> None:

@@ -20,7 +20,7 @@ from jinja2 import Environment, StrictUndefined
 from .. import __version__
 from ..diagnosis.html import FOOT, data_url, number
 from ..figures import style
-from ..files import read_csv, sha256
+from ..io.files import read_csv, sha256
 from .study_parts import PAGE
 
 # What results depend on.

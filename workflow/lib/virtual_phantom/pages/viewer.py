@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
+from ..base.errors import InputError
+from ..base.units import whole_hu
 from ..diagnosis.html import FOOT
-from ..errors import InputError
 from ..figures import axial, style
-from ..units import whole_hu
-from ..volumes import Volume
+from ..io.volumes import Volume
 from .viewer_parts import PAGE
 
 MOST_BYTES = 10_500_000  # of voxels; as text in a page, at worst, a third more: 14 MB

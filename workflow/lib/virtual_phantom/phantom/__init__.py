@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 from skimage.measure import block_reduce
 
-from ..errors import InputError
-from ..files import read_csv, write_csv
-from ..geometry import Grid
-from ..volumes import Volume, read_nifti, write_nifti
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..io.files import read_csv, write_csv
+from ..io.volumes import Volume, read_nifti, write_nifti
 
 HALF_COVERED = 0.5  # a voxel of the grid belongs to an ROI if at least this share of it does
 

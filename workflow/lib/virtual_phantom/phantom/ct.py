@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
-from ..config import schema_of, validate
-from ..errors import InputError
-from ..geometry import Grid
-from ..itk import itk_image, itk_resample
-from ..units import HU_AIR, HU_BODY
-from ..volumes import Volume, read_nifti
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..base.units import HU_AIR, HU_BODY
+from ..io.schema import schema_of, validate
+from ..io.simpleitk import itk_image, itk_resample
+from ..io.volumes import Volume, read_nifti
 from . import HALF_COVERED, Phantom, Roi, block_mean
 from .dicom_series import read_series
 from .masks import open_regions

@@ -12,8 +12,8 @@ import numpy as np
 import pydicom
 import SimpleITK as sitk
 
-from ..errors import InputError, reading
-from ..volumes import Volume, check_fits, upright
+from ..base.errors import InputError, reading
+from ..io.volumes import Volume, check_fits, upright
 
 POSITION_TOLERANCE_MM = 0.01  # headers give positions as decimal text, often rounded to this
 LONGEST_CODE = 16  # characters of a DICOM code string

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ..config import check_nesting
-from ..errors import InputError
+from ..base.errors import InputError
+from ..io.schema import check_nesting
 from .shapes import Ellipsoid, Tube
 from .texture import Component, Texture
 

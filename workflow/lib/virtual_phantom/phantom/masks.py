@@ -13,9 +13,9 @@ import numpy as np
 import pydicom
 from skimage.draw import polygon2mask
 
-from ..errors import InputError, reading
-from ..geometry import Grid
-from ..volumes import Volume, read_nifti, upright
+from ..base.errors import InputError, reading
+from ..base.geometry import Grid
+from ..io.volumes import Volume, read_nifti, upright
 from .dicom_series import LPS_TO_RAS, modality
 
 GRID_TOLERANCE_MM = 0.02  # of positions read from different files: single precision and decimal text

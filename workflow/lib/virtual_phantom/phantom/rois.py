@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
 
-from ..config import schema_of, validate
-from ..errors import InputError
-from ..geometry import Grid
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..io.schema import schema_of, validate
 
 FIT_VOXELS = 20_000  # enough to place a few cluster centres
 

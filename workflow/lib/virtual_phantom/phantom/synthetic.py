@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..errors import InputError
-from ..geometry import Grid
-from ..units import HU_AIR
-from ..volumes import Volume
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..base.units import HU_AIR
+from ..io.volumes import Volume
 from . import HALF_COVERED, Phantom, Roi, block_mean
 from .layout import Paint, RoiSpec, parse
 from .shapes import coverage, fade, window

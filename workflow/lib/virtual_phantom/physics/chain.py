@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..geometry import ScanGeometry
-from ..kept import Kept
+from ..base.geometry import ScanGeometry
+from ..base.recent import Kept
 from .effect import (
     OF_AIR,
     OF_AIR_PER_SCAN,

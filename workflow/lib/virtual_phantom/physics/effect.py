@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from ..errors import InputError, meant
+from ..base.errors import InputError, meant
 
 FOLDER = Path(__file__).parent / "effects"
 # In the order in which they act.

@@ -1,12 +1,17 @@
-"""The last stage of the chain: effects that act on reconstructed images."""
+"""The last stage of the chain: reconstructed images, and effects that act on them."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..base.geometry import Grid, ScanGeometry
+from ..base.units import whole_hu
+from ..io.volumes import Volume
+from ..reconstruction.images import in_hu
 from .effect import image_effects, load
 
 
@@ -26,3 +31,41 @@ def with_effects(hu: np.ndarray, spacing_mm: tuple[float, float, float], physics
     for name in sorted(physics, key=image_effects().index):
         load(name).apply(state, physics[name])
     return state.hu
+
+
+def reconstruct(
+    line_integrals: np.ndarray,
+    geometry: ScanGeometry,
+    grid: Grid,
+    algorithm: str,
+    settings: dict,
+    *,
+    engine: str,
+    mu_water_per_mm: float,
+    physics: dict | None = None,
+    threads: int = 1,
+) -> list[Volume]:
+    """One image per acquisition, int16 HU on `grid`.
+
+    line_integrals        [acquisition, view, row, column]
+    algorithm, settings   as reconstruction.images.in_hu takes them
+    physics               effects of stage "image", {effect: {parameter: value}}
+    Raises InputError for an unknown algorithm or a scan that it cannot use.
+    """
+    hu = in_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
+    hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]
+    return [Volume(_stored(image), grid) for image in hu]
+
+
+def _stored(image: np.ndarray) -> np.ndarray:
+    """HU as int16. InputError for what is no number; a warning of what int16 cannot hold."""
+    whole, beyond = whole_hu(
+        image, "reconstruction: holds voxels that are NaN or infinite; are the projections finite?"
+    )
+    if beyond:
+        limits = np.iinfo(np.int16)
+        warnings.warn(
+            f"reconstruction: {beyond} voxels are beyond {limits.min} to {limits.max} HU and are set to that",
+            stacklevel=3,
+        )
+    return whole

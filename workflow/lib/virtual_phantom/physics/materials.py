@@ -13,8 +13,8 @@ import numpy as np
 import xraylib
 from scipy.optimize import brentq
 
-from ..errors import InputError
-from ..units import hu_to_attenuation
+from ..base.errors import InputError
+from ..base.units import hu_to_attenuation
 
 # Name: compound of xraylib's NIST list, and density in g/cm^3 where it is not the listed one.
 COMPOUNDS = {

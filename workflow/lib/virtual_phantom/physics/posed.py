@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry import ScanGeometry
+from ..base.geometry import ScanGeometry
 from .rays import Rays, followed, outline
 from .scene import IN_PLACE, Pose, VoxelScene
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numba import njit
 
-from ..geometry import Grid, ScanGeometry
+from ..base.geometry import Grid, ScanGeometry
 from .materials import attenuation_per_mm
 from .rays import Rays, Voxels
 from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_back

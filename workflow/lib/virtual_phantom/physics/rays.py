@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry import Grid, ScanGeometry
+from ..base.geometry import Grid, ScanGeometry
 from ..projectors.cpu import share_out
 from ..projectors.slopes import COORDINATES, follow, trace_slopes
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..geometry import Grid, ScanGeometry
+from ..base.geometry import Grid, ScanGeometry
+from ..io.volumes import Volume
 from ..projectors.cpu import CpuProjector, lanes_at_once
-from ..volumes import Volume
 from .materials import Segmentation, attenuation_per_mm, energy_of
 from .rays import Rays, Voxels
 

@@ -18,7 +18,7 @@ import numpy as np
 import xraylib
 from scipy.special import expn
 
-from ..errors import InputError
+from ..base.errors import InputError
 
 # Formula, density in g/cm^3, and a thickness in mm that detectors have. Those of powders or columns are as thick as the
 # same mass would be as a solid.

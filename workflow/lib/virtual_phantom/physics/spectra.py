@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from ..files import check_unchanged, replacing
+from ..base.errors import InputError
+from ..io.files import check_unchanged, replacing
 from .materials import attenuation_per_mm
 from .sensors import Sensor, response
 

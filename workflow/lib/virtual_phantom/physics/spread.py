@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import toeplitz
 
-from ..geometry import ScanGeometry
+from ..base.geometry import ScanGeometry
 
 TRUNCATED = 3.0  # standard deviations: beyond them a kernel is 0
 

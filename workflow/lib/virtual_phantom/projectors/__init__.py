@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import warnings
 
-from ..errors import InputError
-from ..geometry import Grid, ScanGeometry
+from ..base.errors import InputError
+from ..base.geometry import Grid, ScanGeometry
 
 ENGINES = ("auto", "cpu", "astra_cuda")
 

@@ -14,8 +14,8 @@ import numpy as np
 from astra import experimental
 from astra.log import AstraError
 
-from ..errors import InputError
-from ..geometry import Grid, ScanGeometry
+from ..base.errors import InputError
+from ..base.geometry import Grid, ScanGeometry
 
 
 def cone_vectors(geometry: ScanGeometry, views: slice = slice(None)) -> np.ndarray:

@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from ..errors import InputError
-from ..geometry import Grid, ScanGeometry
+from ..base.errors import InputError
+from ..base.geometry import Grid, ScanGeometry
 from . import kernels, parallel
 from .columns import STEEPEST, WIDE, WIDTH
 from .lanes import aligned_zeros

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
 
+from ..base.errors import InputError
 from ..diagnosis.locate import ALPHA
 from ..diagnosis.verdict import VERDICTS
-from ..errors import InputError
 from ..physics.effect import names
 from . import seal
 from .catalogue import STRENGTHS

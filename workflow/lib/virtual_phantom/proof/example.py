@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ..base.errors import InputError
 from ..diagnosis.store import RESIDUAL_MAPS
-from ..errors import InputError
 from ..figures.style import label
-from ..files import check_unchanged
+from ..io.files import check_unchanged
 from .case import Case
 
 MEAN = "projections"  # the domain of the mean, ray by ray

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ..files import write_text
-from ..geometry import grid_of
-from ..hdf5 import new_file
+from ..base.geometry import grid_of
+from ..io.files import write_text
+from ..io.hdf5 import new_file
+from ..io.volumes import Volume, write_nifti
 from ..recordings.document import FILE_NAME
-from ..volumes import Volume, write_nifti
 from .objects import Object
 from .phantoms import materials
 from .readout import read_out

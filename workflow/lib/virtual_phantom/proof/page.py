@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from jinja2 import Environment, StrictUndefined
 
+from ..base.errors import InputError
 from ..diagnosis.agreement_table import NAMES
 from ..diagnosis.html import COLOURS, FOOT, OTHER_COLOUR, STYLE, data_url, number, picture
-from ..errors import InputError
 from ..figures import confusion, style
 from ..figures.before_after import thumbnail
 from ..figures.diagnosis import MAP_LIMIT

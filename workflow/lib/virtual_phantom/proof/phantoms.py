@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..geometry import Grid
+from ..base.geometry import Grid
+from ..io.volumes import Volume
 from ..phantom import Phantom, Roi, layout, synthetic
-from ..volumes import Volume
 from .objects import Object
 from .xcist import Materials, attenuation_per_mm
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..errors import InputError
-from ..files import check_unchanged
+from ..base.errors import InputError
+from ..io.files import check_unchanged
 from . import seal
 from .case import complete
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import fft, ndimage
 
-from ..geometry import Grid
+from ..base.geometry import Grid
 from .xcist import Scan
 
 SPLINE = 3

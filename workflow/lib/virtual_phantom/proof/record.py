@@ -7,9 +7,9 @@ from pathlib import Path
 
 import yaml
 
-from ..errors import InputError, refusing
-from ..files import replacing
-from ..proof_record import QUANTITIES, Entry, pooled, read
+from ..base.errors import InputError, refusing
+from ..io.files import replacing
+from ..statistics.proof_record import QUANTITIES, Entry, pooled, read
 from .intervals import share_of
 
 MEANING = (

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 from ..physics.effect import names
-from ..proof_record import Entry
+from ..statistics.proof_record import Entry
 from . import agreement, calibration, confusion, parameters, record
 from .case import ADMITTED, CATEGORIES, KINDS, MATCH, Case
 from .catalogue import CATALOGUE, MODELS, STRENGTHS, never_concealed

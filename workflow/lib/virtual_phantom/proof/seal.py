@@ -12,8 +12,8 @@ import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from ..errors import InputError
-from ..files import check_unchanged, write_text
+from ..base.errors import InputError
+from ..io.files import check_unchanged, write_text
 
 SALT = re.compile(r"[0-9a-f]{64}")
 

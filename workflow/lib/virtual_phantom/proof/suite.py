@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .catalogue import CATALOGUE, IMAGE, STRENGTHS
 from .objects import OBJECTS
 

@@ -19,7 +19,7 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.optimize import brentq
 
-from ..errors import InputError
+from ..base.errors import InputError
 
 CELLS_DIVIDED = 4  # finer cells per detector cell and direction, whose transmissions are averaged
 HOOKS = "virtual_phantom.proof.hooks."

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import SimpleITK as sitk
 
-from ..errors import InputError
-from ..geometry import Grid
-from ..itk import itk_image, itk_resample, matrix_of
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..io.simpleitk import itk_image, itk_resample, matrix_of
+from ..io.volumes import Volume
 from ..phantom import HALF_COVERED, Roi, block_mean
-from ..volumes import Volume
 from .images import ImagesRecording
 from .levels import WHOLE_ROI, seen_of
 from .registration import Alignment, Search, angles_deg, refine

@@ -10,12 +10,13 @@ from pathlib import Path, PureWindowsPath
 
 import yaml
 
-from ..config import check_nesting, fill_defaults, validate
-from ..errors import InputError, refusing
-from ..files import files_of, read_text
+from ..base.data import SCHEMAS
+from ..base.errors import InputError, refusing
+from ..io.files import files_of, read_text
+from ..io.schema import check_nesting, fill_defaults, validate
 
 FILE_NAME = "recording.yaml"
-SCHEMA = Path(__file__).resolve().parents[3] / "schemas" / "recording.schema.yaml"
+SCHEMA = SCHEMAS / "recording.schema.yaml"
 NAME_SHOWN = 60  # characters
 SECTIONS = {"images": {"labels", "rois", "isocentre_mm", "scan"}, "projections": {"isocentre_mm", "scan"}}
 SECTIONS["features"] = {"features"}

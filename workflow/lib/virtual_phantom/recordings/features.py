@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from ..errors import InputError
-from ..feature_names import FAMILIES, FEATURES
-from ..feature_table import finite_values
-from ..files import check_unchanged
+from ..base.errors import InputError
+from ..features.names import FAMILIES, FEATURES
+from ..features.tables import finite_values
+from ..io.files import check_unchanged
 from .document import Document
 from .provenance import checksums
 from .recording import Provenance, Recording

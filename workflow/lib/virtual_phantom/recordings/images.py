@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from ..geometry import Grid, ScanGeometry
+from ..base.errors import InputError
+from ..base.geometry import Grid, ScanGeometry
+from ..io.volumes import Volume, length_unit
 from ..phantom import Roi
 from ..phantom.ct import draw, read_hu
 from ..phantom.masks import GRID_TOLERANCE_MM
 from ..phantom.rois import read_entries
-from ..volumes import Volume, length_unit
 from .document import Document
 from .provenance import check_nominal, check_shared, checksums, dicom_facts
 from .recording import Provenance, Recording, Repeats

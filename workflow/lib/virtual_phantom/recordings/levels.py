@@ -12,12 +12,12 @@ import SimpleITK as sitk
 from scipy import ndimage
 from skimage.measure import marching_cubes
 
-from ..geometry import Grid
-from ..itk import itk_image, matrix_of
+from ..base.geometry import Grid
+from ..base.units import HU_AIR, HU_BODY
+from ..io.simpleitk import itk_image, matrix_of
+from ..io.volumes import Volume
 from ..phantom import HALF_COVERED
 from ..phantom.ct import resample
-from ..units import HU_AIR, HU_BODY
-from ..volumes import Volume
 from .cross_correlation import LEAST_COVERED
 from .images import BELOW_AIR_HU, MENTIONED_SHARE
 

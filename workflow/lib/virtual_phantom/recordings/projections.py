@@ -9,10 +9,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ..errors import InputError
-from ..exchange import opened
-from ..geometry import ScanGeometry
-from ..volumes import check_fits
+from ..base.errors import InputError
+from ..base.geometry import ScanGeometry
+from ..io.exchange import opened
+from ..io.volumes import check_fits
 from .document import Document
 from .provenance import checksums
 from .recording import Provenance, Recording, Repeats

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pydicom
 
-from ..errors import InputError, reading
-from ..files import files_of, sha256
+from ..base.errors import InputError, reading
+from ..io.files import files_of, sha256
 from ..phantom.dicom_series import read_headers
 from .document import Document
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from ..geometry import ScanGeometry
+from ..base.geometry import ScanGeometry
 from .document import Document
 
 Content = TypeVar("Content")

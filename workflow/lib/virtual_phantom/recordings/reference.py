@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from .. import measured
-from ..errors import InputError
-from ..feature_names import FEATURES
+from ..base.errors import InputError
+from ..features.names import FEATURES
+from ..statistics import measured
 from ..statistics import repeats as repeats_of
 from .features import FeaturesRecording
 

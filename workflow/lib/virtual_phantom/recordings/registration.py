@@ -18,12 +18,12 @@ import numpy as np
 import SimpleITK as sitk
 from scipy import ndimage
 
-from ..errors import InputError
-from ..geometry import Grid
-from ..itk import matrix_of
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..base.units import HU_AIR, HU_BODY
+from ..io.simpleitk import matrix_of
+from ..io.volumes import Volume
 from ..phantom import HALF_COVERED
-from ..units import HU_AIR, HU_BODY
-from ..volumes import Volume
 from .cross_correlation import LEAST_COVERED, masked_cross_correlation
 from .levels import Level, clipped, coarser_mask, correlation, edges, level_of, seen_of
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ..errors import InputError
-from ..geometry import ScanGeometry
+from ..base.errors import InputError
+from ..base.geometry import ScanGeometry
 
 DETECTOR = ("source_to_isocentre_mm", "source_to_detector_mm", "columns", "rows", "column_pitch_mm", "row_pitch_mm")
 REQUIRED = ("trajectory", *DETECTOR, "views", "views_per_rotation", "start_angle_deg", "direction")

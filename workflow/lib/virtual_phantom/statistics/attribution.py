@@ -1,6 +1,6 @@
 """Which property of the simulated images explains most of the features that miss a recording.
 
-A variant is the simulation with one property brought to what was measured (`virtual_phantom.variants`). What it removes
+A variant is the simulation with one property brought to what was measured (`virtual_phantom.features.variants`). What it removes
 of a feature's shift is what that property explains. Properties act together, so the parts need not add up to the whole,
 and a variant may also push features away that agreed: those are counted as broken.
 """
@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from ..errors import InputError
-from ..feature_names import FAMILIES, family
+from ..base.errors import InputError
+from ..features.names import FAMILIES, family
 from .comparison import LEVEL, MARGIN_SD, common_rois, in_sd, samples, spread
 
 BASELINE = "baseline"

@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from ..errors import InputError
-from ..feature_names import FAMILIES, FEATURES, family
-from ..feature_table import finite_values
-from ..radiomics import SETTINGS
+from ..base.errors import InputError
+from ..features.extraction import SETTINGS
+from ..features.names import FAMILIES, FEATURES, family
+from ..features.tables import finite_values
 from . import COMPARED_REPEATS
 
 # One repeat SD: a single scan of the recording is off its mean by as much in one of three cases anyway.

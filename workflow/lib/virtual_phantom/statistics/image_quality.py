@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, ndimage
 
-from ..errors import InputError
+from ..base.errors import InputError
 
 TILE_VOXELS = (64, 32, 16, 8)  # sides of the squares that spectra are taken of: the largest that fits often enough
 LEAST_TILES = 8

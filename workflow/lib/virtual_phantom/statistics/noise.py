@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import linregress
 
-from ..errors import InputError
+from ..base.errors import InputError
 from . import MINIMUM_LEVELS, MINIMUM_REPEATS
 
 

@@ -13,9 +13,9 @@ from sklearn.discriminant_analysis import LinearDiscriminantAnalysis
 from sklearn.model_selection import LeaveOneGroupOut, cross_val_predict
 from sklearn.preprocessing import StandardScaler
 
-from ..errors import InputError
-from ..feature_names import FEATURES
-from ..feature_table import ACQUISITION, finite_values
+from ..base.errors import InputError
+from ..features.names import FEATURES
+from ..features.tables import ACQUISITION, finite_values
 
 FIT_ON = ("simulated", "measured", "pooled")
 STANDARDISE = ("each", "together")

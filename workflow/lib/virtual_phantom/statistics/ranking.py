@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .repeats import share_drawn, spread
 
 KINDS = ("stability", "discrimination")

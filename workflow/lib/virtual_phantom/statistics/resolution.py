@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import ndimage
 
-from ..errors import InputError
+from ..base.errors import InputError
 from .image_quality import Measure, noise_of, propagated, slice_correlations
 
 HALF_WIDTH_VOXELS, FLAT_VOXELS = 6.0, 4.0  # of the window around the edge, and of its part that counts fully

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from ..errors import InputError
+from ..base.errors import InputError
 
 ALIKE = 0.9  # Spearman's coefficient; of six ROIs, at most two neighbours in order are swapped (0.94)
 

@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from ..errors import InputError
-from ..feature_names import family
-from ..feature_table import finite_values
+from ..base.errors import InputError
+from ..features.names import family
+from ..features.tables import finite_values
 from . import agreement_measures
 
 # Measure: the cut-off that it is held against.

@@ -21,9 +21,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import rankdata
 
-from ..errors import InputError
-from ..feature_names import family
-from ..feature_table import finite_values
+from ..base.errors import InputError
+from ..features.names import family
+from ..features.tables import finite_values
 
 
 def ranksum_z(a: np.ndarray, b: np.ndarray) -> np.ndarray:

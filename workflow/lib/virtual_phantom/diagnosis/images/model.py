@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...kept import Kept
+from ...base.recent import Kept
+from ...base.units import HU_AIR
 from ...physics.chain import Chain, State
 from ...physics.effect import acts_on_images
 from ...physics.image import with_effects
 from ...physics.spectra import TUNGSTEN, Anode
-from ...units import HU_AIR
 from ..alignment import Nuisance, pose_of
 from ..model import Model, Prediction
 from ..numerical import BASE, Anchor

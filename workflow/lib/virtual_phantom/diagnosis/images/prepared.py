@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from scipy import fft, stats
 
-from ...errors import InputError
+from ...base.errors import InputError
+from ...base.units import HU_AIR
 from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
-from ...units import HU_AIR
 from ..alignment import nuisances
 from ..fit import Fitter
 from ..prepared import NOMINAL_PHOTONS_SD, Prepared

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import InputError
-from ...geometry import Grid, ScanGeometry, grid_of, scan_geometry
+from ...base.errors import InputError
+from ...base.geometry import Grid, ScanGeometry, grid_of, scan_geometry
 from ...physics.chain import Chain
-from ...reconstruct import in_hu
+from ...reconstruction.images import in_hu
 from ...recordings.images import ImagesRecording
 from ..agreement import agreement
 from ..alignment import pose_of

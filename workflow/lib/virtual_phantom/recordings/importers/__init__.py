@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from ...errors import InputError
+from ...base.errors import InputError
 from ..document import FILE_NAME
 from ..reading import load
 from ..recording import Recording

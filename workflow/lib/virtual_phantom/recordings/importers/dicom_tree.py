@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pydicom
 
-from ...errors import InputError
-from ...files import files_of, sha256
-from ...geometry import Grid
+from ...base.errors import InputError
+from ...base.geometry import Grid
+from ...io.files import files_of, sha256
+from ...io.volumes import Volume, write_nifti
 from ...phantom.dicom_series import read_series
 from ...phantom.masks import GRID_TOLERANCE_MM
-from ...volumes import Volume, write_nifti
 from ..provenance import SHARED, check_shared, dicom_facts
 from ..recording import Recording
 from . import write_folder

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from ... import measured
-from ...errors import InputError
-from ...feature_names import FEATURES
-from ...files import write_csv
+from ...base.errors import InputError
+from ...features.names import FEATURES
+from ...io.files import write_csv
+from ...statistics import measured
 from ..provenance import sha256
 from ..recording import Recording
 from . import write_folder

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from scipy.io import loadmat, whosmat
 
-from ...errors import InputError
-from ...files import sha256
-from ...hdf5 import new_file
-from ...volumes import write_nifti
+from ...base.errors import InputError
+from ...io.files import sha256
+from ...io.hdf5 import new_file
+from ...io.volumes import write_nifti
 from ..recording import Recording
 from . import write_folder
 from .htc2022_object import read_object

@@ -13,9 +13,9 @@ import numpy as np
 from scipy import ndimage
 from scipy.io import loadmat
 
-from ...errors import InputError
-from ...geometry import Grid
-from ...volumes import Volume
+from ...base.errors import InputError
+from ...base.geometry import Grid
+from ...io.volumes import Volume
 
 VARIABLE = "reconFullFbpSeg"
 SMOOTH_PX = 1.0  # standard deviation: evens out the steps of a threshold, shifts an edge of radius r by 1/(2 r) pixels

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...errors import InputError
-from ...exchange import read_counts
-from ...geometry import ScanGeometry
+from ...base.errors import InputError
+from ...base.geometry import ScanGeometry
+from ...io.exchange import read_counts
 from ..recording import Recording
 from . import write_folder
 

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import ndimage
 
-from .errors import InputError
+from ..base.errors import InputError
 
 MINIMUM_REPEATS = 2
 TRUNCATE = 6.0  # of Gaussians, in SDs: what is cut off has no weight in single precision

@@ -7,7 +7,7 @@ from collections import Counter
 
 import pandas as pd
 
-from ..phantom.layout import read_layout
+from ...phantom.layout import read_layout
 from ..plan import Plan
 from .jobs import Job, study_jobs
 from .rates import seconds, written

@@ -10,63 +10,60 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
 
-from .errors import InputError
+from ..base.counts import Counts
+from ..base.errors import InputError
+from ..base.geometry import ScanGeometry
 from .files import check_unchanged
-from .geometry import ScanGeometry
 from .hdf5 import new_file
-from .physics.noise import Counts
 
-if TYPE_CHECKING:
-    from .physics.chain import State
-
-STATE_ARRAYS = ("signal", "noise", "air", "gain", "dark")
-STATE_NUMBERS = ("photons", "electronic", "neighbours", "lag", "dark_air")
 _ARRAYS = ("angles_rad", "source_z_mm", "view_times")  # the last of all views that follow each other: not stored
 _SCALARS = [f.name for f in fields(ScanGeometry) if f.name not in _ARRAYS]
 # Cheap and lossless: the bytes of noise do not compress, the zeros above them do.
 _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
 
 
+@dataclass(frozen=True)
+class Physics:
+    """What a file keeps of an acquisition chain: arrays, stored as float32, and numbers, each by its name."""
+
+    arrays: dict[str, np.ndarray]
+    numbers: dict[str, float | tuple[float, ...]]
+
+
 def write_line_integrals(
-    path: str | Path, line_integrals: np.ndarray, geometry: ScanGeometry, state: State | None = None
+    path: str | Path, line_integrals: np.ndarray, geometry: ScanGeometry, physics: Physics | None = None
 ) -> None:
     """Write line integrals [view, row, column] (dimensionless, stored as float32).
 
     geometry   as stated: what a reconstruction goes by
-    state      what the acquisition chain made of the scene, where effects are switched on: noise is drawn from it
+    physics    what the acquisition chain made of the scene, where effects are switched on
     """
     with new_file(path) as file:
         data = _write(file, line_integrals.astype(np.float32, copy=False), geometry)
         data.attrs["log"] = True
-        if state is not None:
+        if physics is not None:
             group = file.create_group("physics")
-            for name in STATE_ARRAYS:
-                if (array := getattr(state, name)) is not None and (name != "noise" or array is not state.signal):
-                    group.create_dataset(name, data=np.asarray(array, np.float32), **_COMPRESSION)
-            for name in STATE_NUMBERS:
-                group.attrs[name] = getattr(state, name)
+            for name, array in physics.arrays.items():
+                group.create_dataset(name, data=np.asarray(array, np.float32), **_COMPRESSION)
+            group.attrs.update(physics.numbers)
 
 
-def read_state(path: str | Path) -> State | None:
-    """What `write_line_integrals` kept of the acquisition chain; None of the baseline."""
+def read_physics(path: str | Path) -> tuple[Physics, ScanGeometry] | None:
+    """What `write_line_integrals` kept of an acquisition chain, arrays as float64, and the geometry; None of the
+    baseline. Raises InputError as read_line_integrals."""
     with opened(path) as file:
         if "physics" not in file:
             return None
-        from .physics.chain import State
-
         group = file["physics"]
-        arrays = {name: group[name][...].astype(np.float64) for name in STATE_ARRAYS if name in group}
-        numbers = {name: group.attrs[name] for name in STATE_NUMBERS}
-        for name in ("neighbours", "lag"):
-            numbers[name] = tuple(float(value) for value in numbers[name])
-        return State(_geometry(file), **arrays, **numbers)
+        arrays = {name: data[...].astype(np.float64) for name, data in group.items()}
+        numbers = {name: tuple(map(float, value)) if np.ndim(value) else value for name, value in group.attrs.items()}
+        return Physics(arrays, numbers), _geometry(file)
 
 
 def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> None:

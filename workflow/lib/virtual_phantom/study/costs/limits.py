@@ -19,7 +19,7 @@ UNKNOWN_MINUTES = 240
 STAND_INS = {
     # Voxel-driven back-projection took less time than the adjoint, in full batches and alone (docs/speed.md).
     "reconstruct_sirt_voxel": ("reconstruct_sirt", SAFETY),
-    # An H100 took a sixteenth of what 16 threads took (docs/speed.md). Other devices are slower: one core's time, no factor.
+    # An H100 took a sixteenth of what 16 threads took (docs/speed.md). Others are slower: one core's time, no factor.
     "reconstruct_sirt_astra_cuda": ("reconstruct_sirt", 1.0),
     # All eighteen effects on projections at once took up to 27 times clean projections alone (benchmarks/effects.py).
     "project_physics": ("project", 27 * SAFETY),

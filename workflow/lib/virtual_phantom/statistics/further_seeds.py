@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from .files import read_csv
-from .measured import RESOURCES
-from .statistics.ranking import KINDS
+from ..base.data import RESOURCES
+from ..io.files import read_csv
+from .ranking import KINDS
 
 
 def load(path: str | Path = RESOURCES / "default_study_seeds.csv") -> pd.DataFrame:

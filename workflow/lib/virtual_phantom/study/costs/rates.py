@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from ..errors import InputError
+from ...base.errors import InputError
 from .jobs import Job
 
 

@@ -6,8 +6,8 @@ import json
 from collections.abc import Iterable
 from pathlib import Path
 
-from .errors import refusing
-from .files import read_text, write_text
+from ..base.errors import refusing
+from ..io.files import read_text, write_text
 
 
 def write(level: dict, path: str | Path) -> None:

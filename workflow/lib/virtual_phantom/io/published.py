@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .errors import InputError
+from ..base.errors import InputError
 from .files import read_text, sha256
 
 FOLDER = "downloads"  # in the project's folder; git ignores it

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-LIBRARY = Path(__file__).resolve().parent
+LIBRARY = Path(__file__).resolve().parents[1]
 # They word mistakes and write logs; no result depends on them.
-WITHOUT_EFFECT = ("errors", "job")
+WITHOUT_EFFECT = (("base", "errors"), ("study", "job"))
 
 
 def files_behind(script: str | Path) -> list[Path]:
@@ -56,7 +56,7 @@ def _statements(node: ast.AST) -> Iterator[ast.stmt]:
 
 def _files(module: tuple[str, ...]) -> list[Path]:
     """A module's file and the __init__ of each package around it; nothing if the last name is no module."""
-    if module[-1:] and module[-1] in WITHOUT_EFFECT:
+    if module in WITHOUT_EFFECT:
         return []
     place = LIBRARY.joinpath(*module)
     candidates = [place.with_suffix(".py")] if module else []

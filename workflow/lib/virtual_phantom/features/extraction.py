@@ -25,10 +25,10 @@ from radiomics.featureextractor import RadiomicsFeatureExtractor
 from radiomics.imageoperations import binImage
 from scipy import ndimage
 
-from .errors import InputError
-from .feature_names import FEATURES, NAMES
-from .geometry import Grid
-from .volumes import Volume
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..io.volumes import Volume
+from .names import FEATURES, NAMES
 
 SETTINGS = {
     "binWidth": 25,

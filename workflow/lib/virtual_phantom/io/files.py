@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from .errors import InputError
+from ..base.errors import InputError
 
 DISK_PROBLEMS = {
     errno.ENOSPC: "the disk is full; make room and run again",

@@ -2,56 +2,15 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
 import numpy as np
 
-from . import fbp, solvers
-from .errors import InputError
-from .geometry import Grid, ScanGeometry, circular
-from .physics.image import with_effects
-from .projectors import projector
-from .units import attenuation_to_hu, whole_hu
-from .volumes import Volume
-
-
-def reconstruct(
-    line_integrals: np.ndarray,
-    geometry: ScanGeometry,
-    grid: Grid,
-    algorithm: str,
-    settings: dict,
-    *,
-    engine: str,
-    mu_water_per_mm: float,
-    physics: dict | None = None,
-    threads: int = 1,
-) -> list[Volume]:
-    """One image per acquisition, int16 HU on `grid`.
-
-    line_integrals        [acquisition, view, row, column]
-    algorithm, settings   "sirt" with solvers.sirt's keywords, or "fbp" with fbp.fbp's
-    physics               effects of stage "image", {effect: {parameter: value}}
-    Raises InputError for an unknown algorithm or a scan that it cannot use.
-    """
-    hu = in_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
-    hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]
-    return [Volume(_stored(image), grid) for image in hu]
-
-
-def _stored(image: np.ndarray) -> np.ndarray:
-    """HU as int16. InputError for what is no number; a warning of what int16 cannot hold."""
-    whole, beyond = whole_hu(
-        image, "reconstruction: holds voxels that are NaN or infinite; are the projections finite?"
-    )
-    if beyond:
-        limits = np.iinfo(np.int16)
-        warnings.warn(
-            f"reconstruction: {beyond} voxels are beyond {limits.min} to {limits.max} HU and are set to that",
-            stacklevel=3,
-        )
-    return whole
+from ..base.errors import InputError
+from ..base.geometry import Grid, ScanGeometry, circular
+from ..base.units import attenuation_to_hu
+from ..projectors import projector
+from . import fbp, sirt
 
 
 def in_hu(
@@ -64,13 +23,18 @@ def in_hu(
     mu_water_per_mm: float,
     threads: int = 1,
 ) -> np.ndarray:
-    """As `reconstruct`, [acquisition, z, y, x] in HU, not rounded and without effects on images."""
+    """Images of every acquisition, [acquisition, z, y, x] in HU, not rounded.
+
+    line_integrals        [acquisition, view, row, column]
+    algorithm, settings   "sirt" with sirt.sirt's keywords, or "fbp" with fbp.fbp's
+    Raises InputError for an unknown algorithm or a scan that it cannot use.
+    """
     count = len(line_integrals)
     if algorithm == "sirt":
         # Lanes fill a processor's registers. A device has no use for them, and less memory.
         at_once = count if engine == "cpu" else 1
         made = projector(engine, geometry, grid, at_once, threads)
-        images = [solvers.sirt(made, line_integrals[i : i + at_once], **settings) for i in range(0, count, at_once)]
+        images = [sirt.sirt(made, line_integrals[i : i + at_once], **settings) for i in range(0, count, at_once)]
         attenuation = images[0] if len(images) == 1 else np.concatenate(images)
     elif algorithm == "fbp":
         # One pass, and ASTRA's back-projection has a scale of its own: always on the CPU engine.
@@ -96,5 +60,5 @@ def compile_kernels(lanes: Sequence[int]) -> None:
         scan = np.ones((count, 4, 2, 4), dtype=np.float32)
         for backprojector in ("adjoint", "voxel"):
             settings = {"iterations": 1, "solver": "chebyshev", "terms": 1, "backprojector": backprojector}
-            solvers.sirt(projector("cpu", geometry, grid, count), scan, **settings)
+            sirt.sirt(projector("cpu", geometry, grid, count), scan, **settings)
         fbp.fbp(projector("cpu", geometry, grid, count), scan)

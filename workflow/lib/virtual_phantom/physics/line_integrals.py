@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from .errors import InputError
-from .geometry import Grid, ScanGeometry
-from .parallel_rays import ParallelRays
-from .projectors.cpu import CpuProjector
-from .units import HU_BODY, hu_to_attenuation
-from .volumes import Volume
+from ..base.errors import InputError
+from ..base.geometry import Grid, ScanGeometry
+from ..base.parallel_rays import ParallelRays
+from ..base.units import HU_BODY, hu_to_attenuation
+from ..io.volumes import Volume
+from ..projectors.cpu import CpuProjector
 
 
 def clean_line_integrals(

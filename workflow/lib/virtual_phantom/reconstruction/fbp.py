@@ -7,8 +7,8 @@ from functools import lru_cache
 import numpy as np
 from scipy import fft
 
-from .errors import InputError
-from .parallel_rays import ParallelRays
+from ..base.errors import InputError
+from ..base.parallel_rays import ParallelRays
 
 # Rows of the detector, as a share from its middle, that count fully where views of one direction overlap.
 FULL_ROWS = 0.6

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import special
 
-from .errors import InputError
+from ..base.errors import InputError
 
 # Voxels and rays whose weight is under this share of the largest are outside the scan: they stay at zero.
 UNSEEN = 1e-6
@@ -32,7 +32,8 @@ def sirt(
                     polynomials T_j(1 - 2 M), its coefficients are binomials that die off like exp(-j^2 / K), and
                     `terms` says where to stop. Not valid with clipping.
     backprojector   what stands for A'. "adjoint": the exact transpose. "voxel": voxel-driven interpolation, as ASTRA's
-                    SIRT3D_CUDA has it. With it, rays that cross less of the grid than a voxel's longest side take no part.
+                    SIRT3D_CUDA has it. With it, rays that cross less of the grid than a voxel's longest side take no
+                    part.
 
     Raises InputError for an unknown word, counts under 1, or an engine without an adjoint.
     """

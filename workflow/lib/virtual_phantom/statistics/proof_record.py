@@ -12,8 +12,8 @@ from pathlib import Path
 
 import yaml
 
-from .errors import InputError, refusing
-from .files import read_text
+from ..base.errors import InputError, refusing
+from ..io.files import read_text
 
 # What is counted, and what it is called.
 QUANTITIES = {

@@ -14,9 +14,9 @@ from typing import BinaryIO
 import nibabel
 import numpy as np
 
-from .errors import InputError, refusing
+from ..base.errors import InputError, refusing
+from ..base.geometry import Grid
 from .files import check_unchanged, replacing
-from .geometry import Grid
 
 SMALLEST_VOXEL_MM3 = 1e-9
 CHUNK = 1 << 20  # bytes

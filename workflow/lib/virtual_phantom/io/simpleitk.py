@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import SimpleITK as sitk
 
-from .geometry import Grid
+from ..base.geometry import Grid
 
 
 def itk_image(array: np.ndarray, grid: Grid) -> sitk.Image:

@@ -17,11 +17,11 @@ import numpy as np
 from pydicom.dataset import Dataset, FileMetaDataset
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian, generate_uid
 
-from . import __version__
-from .errors import InputError
+from .. import __version__
+from ..base.errors import InputError
+from ..base.geometry import Grid
+from ..base.units import whole_hu
 from .files import replacing
-from .geometry import Grid
-from .units import whole_hu
 from .volumes import Volume
 
 NAME = "Virtual Phantom"

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from .errors import InputError
-from .feature_names import FEATURES
-from .files import read_csv
+from ..base.data import RESOURCES
+from ..base.errors import InputError
+from ..features.names import FEATURES
+from ..io.files import read_csv
 
-RESOURCES = Path(__file__).resolve().parents[3] / "resources"
 STORED_OFFSET_HU = 1024
 FIRST_REPOSITIONED = 21  # of 30 acquisitions; Flouris et al., Sci. Rep. 12, 4732 (2022), methods
 ACQUISITIONS = ("fixed", "all")  # without re-positioning, or with

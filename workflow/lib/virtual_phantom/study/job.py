@@ -12,7 +12,7 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from .errors import InputError
+from ..base.errors import InputError
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",

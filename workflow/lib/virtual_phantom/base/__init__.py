@@ -1,0 +1,1 @@
+"""What everything else stands on: errors, units, geometry, and where data lie. Imports nothing of ours."""

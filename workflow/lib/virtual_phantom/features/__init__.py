@@ -1,0 +1,1 @@
+"""The 86 radiomics features: names, extraction, tables."""

@@ -1,0 +1,155 @@
+"""Documents checked against their JSON schemas: defaults filled in, and mistakes told in one line."""
+
+from __future__ import annotations
+
+import copy
+import math
+from functools import cache
+from pathlib import Path
+
+import yaml
+from jsonschema import Draft202012Validator, validators
+from jsonschema.exceptions import best_match
+
+from ..base.data import SCHEMAS
+from ..base.errors import InputError, meant
+
+SCHEMA = SCHEMAS / "config.schema.yaml"
+DEEPEST, MOST_ITEMS = 40, 100_000  # levels and items of a document
+# Python's types are not JSON's: range() takes no 150.0, and callers hand in points as tuples.
+_Validator = validators.extend(
+    Draft202012Validator,
+    type_checker=Draft202012Validator.TYPE_CHECKER.redefine_many(
+        {
+            "integer": lambda _, value: isinstance(value, int) and not isinstance(value, bool),
+            "array": lambda _, value: isinstance(value, list | tuple),
+        }
+    ),
+)
+BOUNDS = {"minimum": "at least", "exclusiveMinimum": "more than", "maximum": "at most", "exclusiveMaximum": "less than"}
+
+
+def validate(document: dict, schema: dict, source: str) -> None:
+    """Raise InputError, one line that begins with `source` and names the key, for what the schema refuses.
+
+    Keys that are not text, which YAML makes of 1 or yes, are refused too.
+    """
+    check_nesting(document, source)
+    _check_keys(document, (), source)
+    error = best_match(_Validator(schema).iter_errors(document), key=_depth_first)
+    if error is not None:
+        raise InputError(_one_line(error, source))
+
+
+def check_nesting(document, source: str) -> None:
+    """Raise InputError for a document that is too deep or too large to be meant: YAML's aliases make one of a few lines
+    that unfolds to billions of items, or holds itself."""
+    waiting, seen = [(document, 0)], 0
+    while waiting:
+        value, depth = waiting.pop()
+        seen += 1
+        if depth > DEEPEST or seen > MOST_ITEMS:
+            raise InputError(f"{source}: is nested too deeply or unfolds to too many items; leave out aliases")
+        if isinstance(value, dict):
+            waiting += [(item, depth + 1) for item in value.values()]
+        elif isinstance(value, list | tuple):
+            waiting += [(item, depth + 1) for item in value]
+
+
+@cache
+def schema_of(*section: str) -> dict:
+    """The schema of a section of the configuration, given by its keys, as `validate` takes it."""
+    whole = part = read_schema(SCHEMA)
+    for key in section:
+        part = part["properties"][key]
+    return {**part, "$defs": whole["$defs"]}
+
+
+def defaults_of(*section: str) -> dict:
+    """What the schema has by default in a section of the configuration, given by its keys."""
+    document: dict = {}
+    fill_defaults(document, schema_of(*section))
+    return document
+
+
+def fill_defaults(document: dict, schema: dict) -> None:
+    """Add to a valid document, in place, every key that it leaves out and the schema has a default for."""
+    for _ in _with_defaults(Draft202012Validator)(schema).iter_errors(document):
+        pass
+
+
+@cache
+def read_schema(path: Path) -> dict:
+    return yaml.safe_load(path.read_text(encoding="utf-8"))
+
+
+def _check_keys(value, path, source):
+    if isinstance(value, dict):
+        for key in value:
+            if not isinstance(key, str):
+                raise InputError(
+                    f"{source}: the key {key} in {_where(path, source)} is not text to YAML; correct it, or put it in "
+                    "quotes if it is a name"
+                )
+    elif not isinstance(value, list | tuple):
+        return
+    for key, item in value.items() if isinstance(value, dict) else enumerate(value):
+        _check_keys(item, (*path, key), source)
+
+
+def _where(path, source):
+    return ".".join(map(str, path)) or Path(source).name
+
+
+def _depth_first(error):
+    return -len(error.absolute_path), error.validator not in ("additionalProperties", "required")
+
+
+def _one_line(error, source):
+    where = _where(error.absolute_path, source)
+    if error.validator == "additionalProperties":
+        known = list(error.schema.get("properties", ()))
+        unknown = sorted(set(error.instance) - set(known), key=str)[0]
+        return f"{source}: unknown key '{unknown}' in {where}; {meant(unknown, known, 'known keys')}"
+    if error.validator == "enum":
+        choices = ", ".join(str(value) for value in error.validator_value)
+        return f"{source}: {where} is '{error.instance}'; use one of {choices}"
+    if error.validator == "pattern" and "title" in error.schema:
+        return f"{source}: {where}: {error.instance!r} must be of {error.schema['title']}"
+    if error.validator == "type" and (number := _number_meant(error.instance, error.validator_value)):
+        kind = "text" if isinstance(error.instance, str) else "not a whole number"
+        return f"{source}: {where}: {error.instance!r} is {kind} to YAML; write {number}"
+    what = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
+    message = " ".join(error.message.split())
+    if error.validator == "minItems":
+        message = f"has {len(error.instance)} entries; give at least {error.validator_value}"
+    elif error.validator in BOUNDS:
+        message += f"; give {BOUNDS[error.validator]} {error.validator_value:g}"
+    place = source if where == source else f"{source}: {where}"
+    return f"{place}: {message[:300]}" + (f" ({what})" if what else "")
+
+
+def _number_meant(value, kinds) -> str | None:
+    """How YAML 1.1, which asks for a point and a signed exponent, writes the number that a value reads as, if one."""
+    kinds = [kinds] if isinstance(kinds, str) else kinds
+    try:
+        number = float(value) if isinstance(value, str | float) else math.nan
+    except ValueError:
+        return None
+    if "number" in kinds and math.isfinite(number):
+        mantissa, exponential, exponent = value.strip().lower().partition("e")
+        if not exponential:
+            return mantissa
+        return f"{mantissa if '.' in mantissa else mantissa + '.0'}e{int(exponent):+d}"
+    return str(int(number)) if "integer" in kinds and number.is_integer() else None
+
+
+def _with_defaults(validator_class):
+    def set_defaults(validator, properties, instance, schema):
+        if isinstance(instance, dict):
+            for key, sub in properties.items():
+                if "default" in sub:
+                    instance.setdefault(key, copy.deepcopy(sub["default"]))
+        yield from validator_class.VALIDATORS["properties"](validator, properties, instance, schema)
+
+    return validators.extend(validator_class, {"properties": set_defaults})

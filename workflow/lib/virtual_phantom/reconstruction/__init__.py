@@ -1,0 +1,1 @@
+"""Images in HU from line integrals: FBP and SIRT."""
