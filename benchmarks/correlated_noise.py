@@ -21,9 +21,9 @@ from scipy import ndimage, stats
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
 
 from virtual_phantom.base.geometry import Grid, circular  # noqa: E402
-from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
-from virtual_phantom.diagnosis.attribute import trial  # noqa: E402
-from virtual_phantom.diagnosis.locate import Half, aligned  # noqa: E402
+from virtual_phantom.diagnosis.core.attribute import trial  # noqa: E402
+from virtual_phantom.diagnosis.core.locate import Half, aligned  # noqa: E402
+from virtual_phantom.diagnosis.projections import observed, prepared  # noqa: E402
 from virtual_phantom.io.volumes import Volume  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.materials import Segmentation  # noqa: E402

@@ -31,13 +31,13 @@ from scipy.optimize import brentq
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
 
 from virtual_phantom.base.geometry import Grid, circular  # noqa: E402
-from virtual_phantom.diagnosis import observed, prepared  # noqa: E402
-from virtual_phantom.diagnosis.attribute import choose, trial  # noqa: E402
-from virtual_phantom.diagnosis.locate import EDGE_SHARE, Half, aligned  # noqa: E402
-from virtual_phantom.diagnosis.model import stacked  # noqa: E402
-from virtual_phantom.diagnosis.numerical import Anchor, model_and_floor  # noqa: E402
-from virtual_phantom.diagnosis.templates import strength, varied, whitened  # noqa: E402
-from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
+from virtual_phantom.diagnosis.core.attribute import choose, trial  # noqa: E402
+from virtual_phantom.diagnosis.core.locate import EDGE_SHARE, Half, aligned  # noqa: E402
+from virtual_phantom.diagnosis.core.templates import strength, varied, whitened  # noqa: E402
+from virtual_phantom.diagnosis.core.verdict import diagnose  # noqa: E402
+from virtual_phantom.diagnosis.projections import observed, prepared  # noqa: E402
+from virtual_phantom.diagnosis.projections.model import stacked  # noqa: E402
+from virtual_phantom.diagnosis.projections.numerical import Anchor, model_and_floor  # noqa: E402
 from virtual_phantom.io.volumes import Volume  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402

@@ -20,10 +20,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib")
 from diagnosis_draws import PHOTONS, scans, scene  # noqa: E402
 
 from virtual_phantom.base.geometry import circular  # noqa: E402
-from virtual_phantom.diagnosis import prepared  # noqa: E402
-from virtual_phantom.diagnosis.attribute import choose, trial, trials  # noqa: E402
-from virtual_phantom.diagnosis.numerical import model_and_floor  # noqa: E402
-from virtual_phantom.diagnosis.verdict import diagnose  # noqa: E402
+from virtual_phantom.diagnosis.core.attribute import choose, trial, trials  # noqa: E402
+from virtual_phantom.diagnosis.core.verdict import diagnose  # noqa: E402
+from virtual_phantom.diagnosis.projections import prepared  # noqa: E402
+from virtual_phantom.diagnosis.projections.numerical import model_and_floor  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.effect import acts_on_images, names  # noqa: E402
 

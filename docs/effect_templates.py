@@ -12,13 +12,13 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 
 from virtual_phantom.base.geometry import grid_of, scan_geometry  # noqa: E402
-from virtual_phantom.diagnosis import separability  # noqa: E402
-from virtual_phantom.diagnosis.fit import Fit  # noqa: E402
-from virtual_phantom.diagnosis.model import Model  # noqa: E402
-from virtual_phantom.diagnosis.observed import scans  # noqa: E402
-from virtual_phantom.diagnosis.prepared import Prepared, prepare  # noqa: E402
-from virtual_phantom.diagnosis.separability import Template  # noqa: E402
-from virtual_phantom.diagnosis.templates import strength  # noqa: E402
+from virtual_phantom.diagnosis.core import separability  # noqa: E402
+from virtual_phantom.diagnosis.core.fit import Fit  # noqa: E402
+from virtual_phantom.diagnosis.core.separability import Template  # noqa: E402
+from virtual_phantom.diagnosis.core.templates import strength  # noqa: E402
+from virtual_phantom.diagnosis.projections.model import Model  # noqa: E402
+from virtual_phantom.diagnosis.projections.observed import scans  # noqa: E402
+from virtual_phantom.diagnosis.projections.prepared import Prepared, prepare  # noqa: E402
 from virtual_phantom.figures.separability import Panel, draw_correlations, draw_templates  # noqa: E402
 from virtual_phantom.figures.style import label, number, save  # noqa: E402
 from virtual_phantom.io.schema import SCHEMA  # noqa: E402

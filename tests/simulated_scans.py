@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from virtual_phantom.diagnosis.attribute import choose, trial
+from virtual_phantom.diagnosis.core.attribute import choose, trial
 from virtual_phantom.io.volumes import Volume
 
 

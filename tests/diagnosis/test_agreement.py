@@ -8,14 +8,14 @@ from scipy import special
 from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis import observed, prepared
-from virtual_phantom.diagnosis.agreement import Regions, agreement, share_within
-from virtual_phantom.diagnosis.agreement_table import agreement_table
-from virtual_phantom.diagnosis.reconstructed import Reconstruction, agreement_of, compared, filled
-from virtual_phantom.diagnosis.regions import Scanned, complete, image_grid, phantom_regions
+from virtual_phantom.diagnosis.images.agreement import Regions, agreement, share_within
+from virtual_phantom.diagnosis.images.compared_regions import Scanned, complete, image_grid, phantom_regions
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections.reconstructed import Reconstruction, agreement_of, compared, filled
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.report.agreement_table import agreement_table
 
 PHOTONS, MU_WATER = 1e5, 0.0193
 SPACING = (2.0, 1.0, 1.0)

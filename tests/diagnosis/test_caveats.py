@@ -6,10 +6,10 @@ from simulated_scans import chosen, noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis import observed
-from virtual_phantom.diagnosis.caveats import check_scans
-from virtual_phantom.diagnosis.prepared import prepare
-from virtual_phantom.diagnosis.verdict import diagnose
+from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.projections import observed
+from virtual_phantom.diagnosis.projections.caveats import check_scans
+from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scene import DiscScene
 

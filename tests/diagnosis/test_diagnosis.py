@@ -11,19 +11,19 @@ from simulated_scans import body, chosen
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis import observed, prepared
-from virtual_phantom.diagnosis.attribute import trial
-from virtual_phantom.diagnosis.locate import ALPHA, Half, locate, variance_z
-from virtual_phantom.diagnosis.numerical import Anchor
-from virtual_phantom.diagnosis.pattern import estimate
-from virtual_phantom.diagnosis.report import page, residual_maps
-from virtual_phantom.diagnosis.store import read_trial, write_trial
-from virtual_phantom.diagnosis.verdict import diagnose
+from virtual_phantom.diagnosis.core.attribute import trial
+from virtual_phantom.diagnosis.core.locate import ALPHA, Half, locate, variance_z
+from virtual_phantom.diagnosis.core.pattern import estimate
+from virtual_phantom.diagnosis.core.store import read_trial, write_trial
+from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections.numerical import Anchor
 from virtual_phantom.io.files import checksum_path
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import DiscScene, VoxelScene
 from virtual_phantom.recordings.projections import Projections
+from virtual_phantom.report.diagnosis import page, residual_maps
 
 PHOTONS = 1e5
 GEOMETRY = circular(

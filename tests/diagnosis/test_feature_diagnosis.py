@@ -7,13 +7,13 @@ from scipy import ndimage
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.diagnosis import features
-from virtual_phantom.diagnosis.feature_verdict import diagnose_features, overlay
-from virtual_phantom.diagnosis.properties import calibration, folds, property_tables
-from virtual_phantom.diagnosis.responses import responses
+from virtual_phantom.diagnosis.features.choice import choice
+from virtual_phantom.diagnosis.features.properties import calibration, folds, property_tables
+from virtual_phantom.diagnosis.features.responses import responses
+from virtual_phantom.diagnosis.features.simulated_variants import MEAN
+from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
 from virtual_phantom.features import extraction
 from virtual_phantom.features.extraction import FEATURES
-from virtual_phantom.property_variants import MEAN
 
 GRID = Grid((10, 36, 52), (2.0, 1.5, 1.5))
 CLASSES = {"cyst_1": "cyst", "cyst_2": "cyst", "liver_1": "liver", "liver_2": "liver"}
@@ -24,7 +24,7 @@ REPEATS = 8
 
 @pytest.fixture(autouse=True)
 def fewer_draws(monkeypatch):
-    monkeypatch.setattr(features, "DRAWS", 199)  # enough for 5 % over six properties
+    monkeypatch.setattr(choice, "DRAWS", 199)  # enough for 5 % over six properties
 
 
 @pytest.fixture(scope="module")

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from virtual_phantom.diagnosis.alignment import nuisances
-from virtual_phantom.diagnosis.attribute import trial
-from virtual_phantom.diagnosis.fit import Fitter
-from virtual_phantom.diagnosis.model import Model
-from virtual_phantom.diagnosis.observed import observe, scans
-from virtual_phantom.diagnosis.scanned import mask_scene
-from virtual_phantom.diagnosis.verdict import excess_rms_removed
-from virtual_phantom.diagnosis.verified import Physics, verified
+from virtual_phantom.diagnosis.core.alignment import nuisances
+from virtual_phantom.diagnosis.core.attribute import trial
+from virtual_phantom.diagnosis.core.fit import Fitter
+from virtual_phantom.diagnosis.core.verdict import excess_rms_removed
+from virtual_phantom.diagnosis.core.verified import Physics, verified
+from virtual_phantom.diagnosis.projections.model import Model
+from virtual_phantom.diagnosis.projections.observed import observe, scans
+from virtual_phantom.diagnosis.projections.scanned import mask_scene
 from virtual_phantom.physics.chain import AIR, Chain
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.spectra import Anode

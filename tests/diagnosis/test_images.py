@@ -9,15 +9,15 @@ from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.attribute import trial
+from virtual_phantom.diagnosis.core.attribute import trial
+from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.images.compared_regions import complete
 from virtual_phantom.diagnosis.images.model import noise_lines
 from virtual_phantom.diagnosis.images.observed import LAGS, Condenser
 from virtual_phantom.diagnosis.images.prepared import prepare
 from virtual_phantom.diagnosis.images.setting import central_slices
 from virtual_phantom.diagnosis.images.whitening import local_variance, whitening
-from virtual_phantom.diagnosis.numerical import model_and_floor
-from virtual_phantom.diagnosis.regions import complete
-from virtual_phantom.diagnosis.verdict import diagnose
+from virtual_phantom.diagnosis.projections.numerical import model_and_floor
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load
 from virtual_phantom.physics.image import with_effects

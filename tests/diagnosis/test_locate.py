@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from virtual_phantom.diagnosis.locate import Half, locate, normal_scores
-from virtual_phantom.diagnosis.observed import Blocks, Observed
+from virtual_phantom.diagnosis.core.locate import Half, locate, normal_scores
+from virtual_phantom.diagnosis.projections.observed import Blocks, Observed
 
 SHAPE = (24, 4, 32)
 

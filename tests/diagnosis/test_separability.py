@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis import observed, prepared
-from virtual_phantom.diagnosis.fit import Problem
-from virtual_phantom.diagnosis.separability import (
+from virtual_phantom.diagnosis.core.fit import Problem
+from virtual_phantom.diagnosis.core.separability import (
     Template,
     correlations,
     described,
@@ -19,7 +18,8 @@ from virtual_phantom.diagnosis.separability import (
     split,
     taken_up_in_range,
 )
-from virtual_phantom.diagnosis.templates import changes, projected
+from virtual_phantom.diagnosis.core.templates import changes, projected
+from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
 from virtual_phantom.physics.scene import DiscScene

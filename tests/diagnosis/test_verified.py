@@ -11,13 +11,14 @@ from scipy import ndimage
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis import attribute, observed, prepared
-from virtual_phantom.diagnosis.attribute import Trial, best_few, trial
-from virtual_phantom.diagnosis.fit import Fit
-from virtual_phantom.diagnosis.scanned import mask_scene
-from virtual_phantom.diagnosis.screening import Screened
-from virtual_phantom.diagnosis.verdict import diagnose, excess_rms_removed
-from virtual_phantom.diagnosis.verified import Physics, stated, verified
+from virtual_phantom.diagnosis.core import attribute
+from virtual_phantom.diagnosis.core.attribute import Trial, best_few, trial
+from virtual_phantom.diagnosis.core.fit import Fit
+from virtual_phantom.diagnosis.core.screening import Screened
+from virtual_phantom.diagnosis.core.verdict import diagnose, excess_rms_removed
+from virtual_phantom.diagnosis.core.verified import Physics, stated, verified
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections.scanned import mask_scene
 from virtual_phantom.io import volumes
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.posed import PosedScene

@@ -12,7 +12,7 @@ import pytest
 from browser import opened, outside_resources
 from PIL import Image
 
-from virtual_phantom.pages import study
+from virtual_phantom.report import study
 
 VOID = {"meta", "img", "input", "br", "link"}
 CONFIG = {"seed": 2022, "results_dir": "r <1>", "statistics": {"threshold": 1.5}}

@@ -11,7 +11,7 @@ from browser import opened, outside_resources
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.io.volumes import Volume
-from virtual_phantom.pages import viewer
+from virtual_phantom.report import viewer
 
 GRID = Grid((6, 20, 30), (2.0, 3.0, 1.5), (0, 0, 5))
 SUBTITLE = "Noise level <loud>."

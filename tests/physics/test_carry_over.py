@@ -12,8 +12,8 @@ from gecatsim.pyfiles.Detection_Lag import Detection_Lag
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis import observed, prepared
-from virtual_phantom.diagnosis.model import Model
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections.model import Model
 from virtual_phantom.io.exchange import read_line_integrals, write_line_integrals
 from virtual_phantom.physics.chain import AIR, Chain, State, between, lagged
 from virtual_phantom.physics.correlation import correlations

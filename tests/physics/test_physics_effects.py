@@ -11,7 +11,7 @@ from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.observed import Scans, observe
+from virtual_phantom.diagnosis.projections.observed import Scans, observe
 from virtual_phantom.physics.chain import Chain, State, displaced, lagged, quadrature, shared
 from virtual_phantom.physics.correlation import correlations
 from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load, names

@@ -7,7 +7,7 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis.model import Model
+from virtual_phantom.diagnosis.projections.model import Model
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load

@@ -15,13 +15,13 @@ from proof_suite import DIAGNOSES, TRUTHS, diagnosis, truth, write_suite
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
-from virtual_phantom.proof.case import Case, collect
-from virtual_phantom.proof.catalogue import REPEATED, XCIST
-from virtual_phantom.proof.example import example, in_words, residual_maps
-from virtual_phantom.proof.page import page, percent
-from virtual_phantom.proof.real import minutes, row
-from virtual_phantom.proof.score import score
-from virtual_phantom.proof.suite import check_recordings
+from virtual_phantom.proof.conceal.case import Case, collect
+from virtual_phantom.proof.conceal.catalogue import REPEATED, XCIST
+from virtual_phantom.proof.conceal.suite import check_recordings
+from virtual_phantom.proof.score.example import example, in_words, residual_maps
+from virtual_phantom.proof.score.real import minutes, row
+from virtual_phantom.proof.score.score import score
+from virtual_phantom.report.proof import page, percent
 from virtual_phantom.statistics.proof_record import pooled, read
 
 ROOT = Path(__file__).resolve().parents[2]

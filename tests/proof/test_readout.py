@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from virtual_phantom.proof.readout import glare, read_out, wide
-from virtual_phantom.proof.xcist import Acquired
+from virtual_phantom.proof.conceal.readout import glare, read_out, wide
+from virtual_phantom.proof.conceal.xcist import Acquired
 
 PITCH = (2.0, 3.0)
 

@@ -10,15 +10,15 @@ import yaml
 from proof_suite import diagnosis, write_suite
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.html import PARAMETERS, render
 from virtual_phantom.figures.style import label
 from virtual_phantom.physics.effect import names
-from virtual_phantom.proof import seal
-from virtual_phantom.proof.case import collect
-from virtual_phantom.proof.catalogue import MODELS, never_concealed
-from virtual_phantom.proof.page import percent
-from virtual_phantom.proof.record import add, coverage_table, summary
-from virtual_phantom.proof.score import score
+from virtual_phantom.proof.conceal import seal
+from virtual_phantom.proof.conceal.case import collect
+from virtual_phantom.proof.conceal.catalogue import MODELS, never_concealed
+from virtual_phantom.proof.score.record import add, coverage_table, summary
+from virtual_phantom.proof.score.score import score
+from virtual_phantom.report.html import PARAMETERS, render
+from virtual_phantom.report.proof import percent
 from virtual_phantom.statistics.proof_record import Held, held, pooled, read, with_coverage
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -9,10 +9,10 @@ from proof_suite import DIAGNOSES, OTHERS, TRUTHS, diagnosis, metric, truth, wri
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.physics.effect import names
-from virtual_phantom.proof.case import Case, checked, collect
-from virtual_phantom.proof.catalogue import MODELS, OTHER, REPEATED, XCIST
-from virtual_phantom.proof.intervals import share
-from virtual_phantom.proof.score import score
+from virtual_phantom.proof.conceal.case import Case, checked, collect
+from virtual_phantom.proof.conceal.catalogue import MODELS, OTHER, REPEATED, XCIST
+from virtual_phantom.proof.score.intervals import share
+from virtual_phantom.proof.score.score import score
 
 COLUMNS = ("before", "after", "floor")
 

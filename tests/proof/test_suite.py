@@ -11,11 +11,11 @@ import yaml
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.physics.effect import acts_on_images, load, names
-from virtual_phantom.proof import seal
-from virtual_phantom.proof.catalogue import CATALOGUE, MODELS, XCIST
-from virtual_phantom.proof.generate import scan_of, write, write_images
-from virtual_phantom.proof.objects import OBJECTS
-from virtual_phantom.proof.suite import (
+from virtual_phantom.proof.conceal import seal
+from virtual_phantom.proof.conceal.catalogue import CATALOGUE, MODELS, XCIST
+from virtual_phantom.proof.conceal.generate import scan_of, write, write_images
+from virtual_phantom.proof.conceal.objects import OBJECTS
+from virtual_phantom.proof.conceal.suite import (
     KERNEL,
     KNOWN,
     PHANTOMS,
@@ -27,7 +27,7 @@ from virtual_phantom.proof.suite import (
     truths,
     views_of,
 )
-from virtual_phantom.proof.xcist import Acquired
+from virtual_phantom.proof.conceal.xcist import Acquired
 from virtual_phantom.recordings.reading import load as read
 
 SETTINGS = {
@@ -128,7 +128,10 @@ def test_whose_models_are_whose():
     """XCIST's own are the effects of which no callback and no readout of the proof reads a setting."""
     assert sorted(name for made in MODELS.values() for name in made) == sorted(CATALOGUE)
     ours = set()
-    for path in [*(LIBRARY / "proof/hooks").glob("*.py"), *(LIBRARY / f"proof/{one}.py" for one in OF_ITS_OWN)]:
+    for path in [
+        *(LIBRARY / "proof/conceal/hooks").glob("*.py"),
+        *(LIBRARY / f"proof/conceal/{one}.py" for one in OF_ITS_OWN),
+    ]:
         for node in ast.walk(ast.parse(path.read_text())):
             ours |= {node.attr} if isinstance(node, ast.Attribute) else set()
             ours |= {node.value} if isinstance(node, ast.Constant) and isinstance(node.value, str) else set()

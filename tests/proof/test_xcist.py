@@ -9,9 +9,16 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import attenuation_per_mm as attenuation
 from virtual_phantom.physics.scene import DiscScene
 from virtual_phantom.physics.spectra import Anode
-from virtual_phantom.proof.catalogue import CATALOGUE
-from virtual_phantom.proof.generate import NOMINAL
-from virtual_phantom.proof.xcist import Materials, Scan, _configured, attenuation_per_mm, energy_of_water, simulate
+from virtual_phantom.proof.conceal.catalogue import CATALOGUE
+from virtual_phantom.proof.conceal.generate import NOMINAL
+from virtual_phantom.proof.conceal.xcist import (
+    Materials,
+    Scan,
+    _configured,
+    attenuation_per_mm,
+    energy_of_water,
+    simulate,
+)
 
 KEV, PHOTONS, VIEWS = 70.0, 2e4, 24
 DETECTOR = {

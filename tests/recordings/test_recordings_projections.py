@@ -18,7 +18,7 @@ from recording_folders import (
 )
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.setting import ready
+from virtual_phantom.diagnosis.projections.setting import ready
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import summary

@@ -1,7 +1,7 @@
 # The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
-from virtual_phantom.diagnosis.candidates import candidates
-from virtual_phantom.proof.objects import OBJECTS
-from virtual_phantom.proof.suite import (
+from virtual_phantom.diagnosis.core.candidates import candidates
+from virtual_phantom.proof.conceal.objects import OBJECTS
+from virtual_phantom.proof.conceal.suite import (
     PHANTOMS,
     PROTOCOLS,
     cases,
@@ -15,8 +15,8 @@ from virtual_phantom.proof.suite import (
 PROOF = PLAN.config["proof"]
 # Callbacks that XCIST imports by name.
 HOOKS = sorted(
-    os.path.relpath(os.path.join(LIBRARY, "virtual_phantom/proof/hooks", name))
-    for name in os.listdir(os.path.join(LIBRARY, "virtual_phantom/proof/hooks"))
+    os.path.relpath(os.path.join(LIBRARY, "virtual_phantom/proof/conceal/hooks", name))
+    for name in os.listdir(os.path.join(LIBRARY, "virtual_phantom/proof/conceal/hooks"))
     if name.endswith(".py")
 )
 try:

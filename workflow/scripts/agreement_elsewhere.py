@@ -2,11 +2,11 @@
 
 import json
 
-from virtual_phantom.diagnosis.attribute import choose, trial
-from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
-from virtual_phantom.diagnosis.regions import Scanned
-from virtual_phantom.diagnosis.setting import ready
-from virtual_phantom.diagnosis.verified import Physics, verified
+from virtual_phantom.diagnosis.core.attribute import choose, trial
+from virtual_phantom.diagnosis.core.verified import Physics, verified
+from virtual_phantom.diagnosis.images.compared_regions import Scanned
+from virtual_phantom.diagnosis.projections.reconstructed import agreement_of_recording
+from virtual_phantom.diagnosis.projections.setting import ready
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.job import job
 

@@ -1,9 +1,9 @@
 """Which property of the images of one protocol and noise level explains that their features miss a recording's."""
 
 from virtual_phantom import phantom
+from virtual_phantom.diagnosis.features.simulated_variants import property_variants
 from virtual_phantom.features import extraction
 from virtual_phantom.io import files, volumes
-from virtual_phantom.property_variants import property_variants
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics.attribution import attribute
 from virtual_phantom.statistics.comparison import common_features, common_rois

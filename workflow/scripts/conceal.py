@@ -1,11 +1,11 @@
 """Scan one concealed case by both protocols and write the recordings, which say nothing of what is concealed."""
 
 from virtual_phantom.io.volumes import read_nifti
-from virtual_phantom.proof import seal
-from virtual_phantom.proof.generate import acquire, concealed_settings, scan_of, write, write_images
-from virtual_phantom.proof.objects import OBJECTS
-from virtual_phantom.proof.suite import PROTOCOLS, scan_seed, views_of
-from virtual_phantom.proof.xcist import energy_of_water
+from virtual_phantom.proof.conceal import seal
+from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_of, write, write_images
+from virtual_phantom.proof.conceal.objects import OBJECTS
+from virtual_phantom.proof.conceal.suite import PROTOCOLS, scan_seed, views_of
+from virtual_phantom.proof.conceal.xcist import energy_of_water
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:

@@ -2,16 +2,16 @@
 
 from dataclasses import replace
 
-from virtual_phantom.diagnosis.attribute import choose, trial, trials
-from virtual_phantom.diagnosis.locate import ALPHA
-from virtual_phantom.diagnosis.prepared import with_noise_of
-from virtual_phantom.diagnosis.reconstructed import agreement_of_recording
-from virtual_phantom.diagnosis.regions import Scanned
-from virtual_phantom.diagnosis.report import page, residual_maps
-from virtual_phantom.diagnosis.setting import ready
-from virtual_phantom.diagnosis.store import RESIDUAL_MAPS, read_trial, write_diagnosis
-from virtual_phantom.diagnosis.verdict import diagnose
-from virtual_phantom.diagnosis.verified import Physics, stated, verified
+from virtual_phantom.diagnosis.core.attribute import choose, trial, trials
+from virtual_phantom.diagnosis.core.locate import ALPHA
+from virtual_phantom.diagnosis.core.store import RESIDUAL_MAPS, read_trial, write_diagnosis
+from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.core.verified import Physics, stated, verified
+from virtual_phantom.diagnosis.images.compared_regions import Scanned
+from virtual_phantom.diagnosis.projections.prepared import with_noise_of
+from virtual_phantom.diagnosis.projections.reconstructed import agreement_of_recording
+from virtual_phantom.diagnosis.projections.setting import ready
+from virtual_phantom.report.diagnosis import page, residual_maps
 from virtual_phantom.statistics.proof_record import read, with_coverage
 from virtual_phantom.study.job import job
 

@@ -1,8 +1,8 @@
 """Fit one effect, or the alignment alone, to a recording."""
 
-from virtual_phantom.diagnosis.attribute import trial
-from virtual_phantom.diagnosis.setting import ready
-from virtual_phantom.diagnosis.store import read_trial, write_trial
+from virtual_phantom.diagnosis.core.attribute import trial
+from virtual_phantom.diagnosis.core.store import read_trial, write_trial
+from virtual_phantom.diagnosis.projections.setting import ready
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:

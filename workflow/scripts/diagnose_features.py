@@ -1,13 +1,13 @@
 """Which property of the images explains features: diagnosis.json, physics.yaml, maps and the report."""
 
-from virtual_phantom.diagnosis.feature_report import page
-from virtual_phantom.diagnosis.feature_verdict import diagnose_features, overlay
-from virtual_phantom.diagnosis.responses import compared, responses
-from virtual_phantom.diagnosis.store import write_diagnosis
+from virtual_phantom.diagnosis.core.store import write_diagnosis
+from virtual_phantom.diagnosis.features.responses import compared, responses
+from virtual_phantom.diagnosis.features.simulated_variants import MEAN
+from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import read_nifti
-from virtual_phantom.property_variants import MEAN
 from virtual_phantom.recordings.reference import where
+from virtual_phantom.report.diagnosis_of_features import page
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:

@@ -3,7 +3,7 @@
 import pandas as pd
 
 from virtual_phantom import phantom
-from virtual_phantom.diagnosis.properties import folds, property_tables
+from virtual_phantom.diagnosis.features.properties import folds, property_tables
 from virtual_phantom.io import files, volumes
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics.comparison import common_rois

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from virtual_phantom.phantom import save
-from virtual_phantom.proof.objects import OBJECTS
-from virtual_phantom.proof.phantoms import build
+from virtual_phantom.proof.conceal.objects import OBJECTS
+from virtual_phantom.proof.conceal.phantoms import build
 from virtual_phantom.study.job import job
 
 PHANTOM_STREAM = 6  # of the study's seed

@@ -13,9 +13,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "lib"))
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.proof import record, seal
-from virtual_phantom.proof.page import tally
-from virtual_phantom.proof.rows import rows
+from virtual_phantom.proof.conceal import seal
+from virtual_phantom.proof.score.rows import rows
+from virtual_phantom.proof.score.score import record
+from virtual_phantom.report.proof import tally
 from virtual_phantom.statistics.proof_record import read
 
 RECORD = Path(__file__).resolve().parents[2] / "resources" / "proof_record.yaml"

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from virtual_phantom.proof import seal
+from virtual_phantom.proof.conceal import seal
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:

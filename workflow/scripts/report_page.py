@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from virtual_phantom.io import files
-from virtual_phantom.pages import study
+from virtual_phantom.report import study
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from virtual_phantom.figures import before_after, confusion, style
 from virtual_phantom.io.files import write_text
-from virtual_phantom.proof.case import collect
-from virtual_phantom.proof.example import example, in_words, residual_maps
-from virtual_phantom.proof.page import page
-from virtual_phantom.proof.real import minutes, row
-from virtual_phantom.proof.score import score
+from virtual_phantom.proof.conceal.case import collect
+from virtual_phantom.proof.score.example import example, in_words, residual_maps
+from virtual_phantom.proof.score.real import minutes, row
+from virtual_phantom.proof.score.score import score
+from virtual_phantom.report.proof import page
 from virtual_phantom.statistics.proof_record import read
 from virtual_phantom.study.job import job
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from virtual_phantom.proof import seal
-from virtual_phantom.proof.suite import salt, truths
+from virtual_phantom.proof.conceal import seal
+from virtual_phantom.proof.conceal.suite import salt, truths
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:

@@ -1,8 +1,8 @@
 """The page to flip through slices."""
 
 from virtual_phantom.io import files, volumes
-from virtual_phantom.pages import viewer
 from virtual_phantom.phantom import read_masks
+from virtual_phantom.report import viewer
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:

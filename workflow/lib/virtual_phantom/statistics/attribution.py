@@ -1,6 +1,6 @@
 """Which property of the simulated images explains most of the features that miss a recording.
 
-A variant is the simulation with one property brought to what was measured (`virtual_phantom.features.variants`). What it removes
+A variant is the simulation with one property brought to what was measured (`features.variants`). What it removes
 of a feature's shift is what that property explains. Properties act together, so the parts need not add up to the whole,
 and a variant may also push features away that agreed: those are counted as broken.
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...base.units import HU_BODY
-from ..locate import Location, blocks, by_value, corrected, extreme, noise_places, steepest
+from ..core.locate import Location, blocks, by_value, corrected, extreme, noise_places, steepest
 from .observed import LAGS, ObservedImages
 
 AXES = ("slices", "rows", "columns")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..look import Look
+from ..core.look import Look
 from .locate import locate
 from .model import scaled
 

@@ -13,9 +13,9 @@ from ...physics.chain import Chain, State
 from ...physics.effect import acts_on_images
 from ...physics.image import with_effects
 from ...physics.spectra import TUNGSTEN, Anode
-from ..alignment import Nuisance, pose_of
-from ..model import Model, Prediction
-from ..numerical import BASE, Anchor
+from ..core.alignment import Nuisance, pose_of
+from ..projections.model import Model, Prediction
+from ..projections.numerical import BASE, Anchor
 from .observed import Condenser, ObservedImages
 
 REALISATIONS = 7  # of noise; one more lane holds the mean

@@ -11,9 +11,9 @@ from ...base.errors import InputError
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
-from ..alignment import nuisances
-from ..fit import Fitter
-from ..prepared import NOMINAL_PHOTONS_SD, Prepared
+from ..core.alignment import nuisances
+from ..core.fit import Fitter
+from ..projections.prepared import NOMINAL_PHOTONS_SD, Prepared
 from .look import IMAGES
 from .model import REALISATIONS, ImagesModel, noise_lines
 from .observed import Condenser

@@ -11,11 +11,11 @@ from ...base.geometry import Grid, ScanGeometry, grid_of, scan_geometry
 from ...physics.chain import Chain
 from ...reconstruction.images import in_hu
 from ...recordings.images import ImagesRecording
-from ..agreement import agreement
-from ..alignment import pose_of
-from ..attribute import Choice
-from ..prepared import Prepared
-from ..regions import Scanned, complete, phantom_regions
+from ..core.alignment import pose_of
+from ..core.attribute import Choice
+from ..projections.prepared import Prepared
+from .agreement import agreement
+from .compared_regions import Scanned, complete, phantom_regions
 from .model import REALISATIONS
 from .prepared import prepare
 

@@ -1,0 +1,251 @@
+"""Which effects explain the difference: chosen one at a time by data that were not fitted, with what could stand in."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from scipy import stats
+from threadpoolctl import threadpool_limits
+
+from ...io.schema import defaults_of
+from ...physics.effect import load
+from . import pattern as patterns
+from .fit import Fit, Fitter
+from .screening import Screened, screened
+
+ALPHA = 0.001  # of an effect's likelihood ratio, over all candidates
+LEAST_GAIN = 4.0  # log score on held-out data that an effect must add
+AS_GOOD = 3.0  # log score by which an effect may be worse and still stand for another: a factor of 20 in odds
+RULED_OUT = 10.0
+MOST_EFFECTS = 4
+MOST_SWAPS = 2  # of a chosen effect for a better one that only pays beside the others
+SCREEN = 0.01  # of the matched filter, times the candidates: what does worse is not fitted beside the chosen ones
+# Of those that the matched filter leaves: fitted are the first few by its gain, if it is this share of the best or, in
+# the place of an effect, of what that one gains; and all with that larger share of the best.
+FEW, LEAST_SHARE, NEAR_BEST = 6, 0.1, 0.5
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A fit, its log score on held-out data, and the p-value of its last effect against the fit without it."""
+
+    fit: Fit
+    score: float
+    p: float
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What `choose` found.
+
+    baseline    alignment alone
+    singles     every candidate alone
+    chosen      the fit that is taken; no effects if none is needed
+    gains       {effect: held-out log score lost without it, the others refitted}
+    stand_ins   {effect: {other: log score lost if it stands in}}, for all others; to first order for those that the
+                matched filter puts far behind
+    p           {effect: chance of such a likelihood ratio without it, times the candidates; None: not fitted here}
+    blur        log score by which the models' own inexactness may set fits apart
+    undecided   {other: log score that it promises to gain beside the chosen ones, to first order}, of those that stand
+                out of the noise: not named, since inexact models of the chosen ones may leave as much
+    """
+
+    baseline: Trial
+    singles: dict[str, Trial]
+    chosen: Trial
+    gains: dict[str, float]
+    stand_ins: dict[str, dict[str, float]]
+    p: dict[str, float | None]
+    blur: float = 0.0
+    undecided: dict[str, float] = field(default_factory=dict)
+
+    def ambiguous_with(self, effect: str) -> list[str]:
+        """Effects that explain the data as well in its place."""
+        return [name for name, lost in self.stand_ins.get(effect, {}).items() if lost < max(AS_GOOD, self.blur)]
+
+    @property
+    def ruled_out(self) -> dict[str, float]:
+        """Effects that the data speak against as an explanation, with what the best place of each would lose. One that
+        may be there beside the chosen ones is not among them."""
+        least: dict[str, float] = {}
+        for others in self.stand_ins.values():
+            for name, lost in others.items():
+                least[name] = min(lost, least.get(name, float("inf")))
+        enough = max(RULED_OUT, self.blur)
+        return {name: lost for name, lost in least.items() if lost >= enough and name not in self.undecided}
+
+
+def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None) -> Trial:
+    """Fit effects and score them.
+
+    given     where to begin
+    against   the fit without the last effect, for its p-value
+    """
+    fit = fitter.fit(effects, None if given is None else given.fit)
+    p = 1.0 if against is None else chance(fit, against.fit, effects[-1])
+    return Trial(fit, fitter.score(fit), p)
+
+
+def chance(fit: Fit, without: Fit, effect: str) -> float:
+    """Of such a fit if the effect is not there: by the likelihood ratio, or, of a gain pattern, by its size."""
+    if load(effect).pattern:
+        return patterns.chance(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
+    lost = max(0.0, without.chi_square - fit.chi_square)
+    return float(stats.chi2.sf(lost, max(1, fit.free - without.free)))
+
+
+_fitter: Fitter | None = None  # of the processes that `trials` forks: too large to be sent with every task
+
+
+def trials(fitter: Fitter, tasks: Sequence[tuple], processes: int = 1) -> list[Trial]:
+    """`trial` of all tasks (effects, given, against), each in a process forked for it alone.
+
+    A fit leaves traced rays behind that the next one would begin from. Forked from one state, with one thread for
+    linear algebra each, results are the same whatever the number of processes.
+    """
+    global _fitter
+    if not tasks:
+        return []
+    _fitter = fitter
+    try:
+        with multiprocessing.get_context("fork").Pool(min(processes, len(tasks)), maxtasksperchild=1) as pool:
+            return pool.map(_trial, tasks, chunksize=1)
+    finally:
+        _fitter = None
+
+
+def _trial(task: tuple) -> Trial:
+    with threadpool_limits(1):
+        return trial(_fitter, *task)
+
+
+def choose(
+    fitter: Fitter,
+    baseline: Trial,
+    singles: Mapping[str, Trial],
+    processes: int = 1,
+    accuracy: Mapping[str, float] | None = None,
+) -> Choice:
+    """Add effects while held-out data gain by them; drop those that are no longer needed; swap those that are worse,
+    beside the others, than what could stand in.
+
+    baseline, singles   from `trial`: alignment alone, and every candidate alone
+    accuracy            {effect: share of its own change of the data by which its model may be wrong}, `default` that of
+                        the others, `numerical` that of the corrections for finite steps: what that leaves over is no
+                        evidence for another effect, and none against one that could stand in. None: what the
+                        configuration has by default
+    """
+    if accuracy is None:
+        accuracy = defaults_of("diagnosis", "model_accuracy")
+    current, tried, found = baseline, dict(singles), {}
+    worth: dict[str, float] = {}  # log score that each effect gained when it was taken
+    steps = accuracy.get("numerical", 0.0) ** 2 * baseline.fit.corrected / 2
+
+    def blur(beside: Trial) -> float:
+        # What an effect gained may be less than it explains, once another that came before has gone.
+        names, total = beside.fit.effects, max(0.0, beside.score - baseline.score)
+        shared = sum(accuracy.get(name, accuracy["default"]) ** 2 * worth[name] for name in names)
+        known = sum(worth[name] for name in names)
+        return steps + (total * shared / known if known else 0.0)
+
+    def least(beside: Trial) -> float:
+        return max(LEAST_GAIN, blur(beside))
+
+    def take(best: Trial) -> Trial:
+        """The effect that is new, and what it replaces."""
+        new, gone = (set(one.fit.effects) - set(other.fit.effects) for one, other in ((best, current), (current, best)))
+        gained = best.score - current.score + sum(worth[name] for name in gone)
+        worth.update(dict.fromkeys(new, max(0.0, gained)))
+        return _without_idle(fitter, best, baseline, singles, processes, least)
+
+    def standing_out(least_gain: float) -> dict[str, Screened]:
+        return {name: one for name, one in found.items() if one.p * len(found) < SCREEN and one.gain > least_gain}
+
+    for more in reversed(range(MOST_EFFECTS if singles else 0)):
+        best_name = max(tried, key=lambda name: tried[name].score)
+        best = tried[best_name]
+        if best.score - current.score < least(current) or best.p * len(singles) > ALPHA:
+            break
+        current = take(best)
+        found = screened(fitter, current.fit, _others(singles, current))
+        # Chi-square is twice the score, and a filter, of first order, may fall short of it by a factor of two.
+        hopeful = [*best_few(standing_out(least(current))), *(name for name, one in found.items() if one.blind)]
+        if not hopeful or not more:
+            break
+        tasks = [((*current.fit.effects, name), current, current) for name in hopeful]
+        tried = dict(zip(hopeful, trials(fitter, tasks, processes), strict=True))
+    for _ in range(MOST_SWAPS + 1):
+        choice, best = _with_stand_ins(fitter, current, baseline, singles, processes)
+        if best is None or best.score - current.score < LEAST_GAIN:
+            break
+        current = take(best)
+    if set(choice.chosen.fit.effects) & set(found):  # swapped since
+        found = screened(fitter, choice.chosen.fit, _others(singles, choice.chosen))
+    undecided = {name: one.gain / 2 for name, one in standing_out(2 * LEAST_GAIN).items()}
+    return replace(choice, blur=blur(choice.chosen), undecided=undecided)
+
+
+def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes) -> tuple[Choice, Trial | None]:
+    """These effects, with what each is worth and what could stand in; and the best fit with a stand-in."""
+    rests = {effect: _less(current.fit.effects, effect) for effect in current.fit.effects}
+    without = dict(zip(rests, _known(fitter, list(rests.values()), current, baseline, singles, processes), strict=True))
+    gains, stand_ins, p, swapped = {}, {}, {}, []
+    for effect, rest in rests.items():
+        gains[effect] = current.score - without[effect].score
+        p[effect] = min(1.0, chance(current.fit, without[effect].fit, effect) * len(singles))
+        others = _others(singles, current)
+        stand_ins[effect] = {}
+        if rest:
+            found = screened(fitter, without[effect].fit, others)
+            first_order = {name: gains[effect] - found[name].gain / 2 for name in others}
+            hopeful = best_few(found, 2 * gains[effect])
+            stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
+            others = [name for name in others if name in hopeful or found[name].blind or first_order[name] < RULED_OUT]
+        sets = [(*rest, name) for name in others]
+        fitted = _known(fitter, sets, without[effect], baseline, singles, processes)
+        stand_ins[effect] |= {name: current.score - one.score for name, one in zip(others, fitted, strict=True)}
+        swapped += fitted
+    best = max(swapped, key=lambda one: one.score, default=None)
+    return Choice(baseline, dict(singles), current, gains, stand_ins, p), best
+
+
+def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
+    """Those with the largest first-order gains, the best first.
+
+    needed   gain in chi-square of what they would stand in for
+    """
+    ranked = sorted(found, key=lambda name: -found[name].gain)
+    best = found[ranked[0]].gain if ranked else 0.0
+    least = LEAST_SHARE * max(best, needed)
+    return [
+        name
+        for rank, name in enumerate(ranked)
+        if found[name].gain >= least and (rank < FEW or found[name].gain >= NEAR_BEST * best)
+    ]
+
+
+def _others(singles: Mapping[str, Trial], chosen: Trial) -> list[str]:
+    return [name for name in singles if name not in chosen.fit.effects]
+
+
+def _less(effects: tuple[str, ...], effect: str) -> tuple[str, ...]:
+    return tuple(name for name in effects if name != effect)
+
+
+def _known(fitter, sets: Sequence[tuple[str, ...]], given, baseline, singles, processes) -> list[Trial]:
+    """Fits of sets of effects, those that were made already and new ones."""
+    fresh = [effects for effects in sets if len(effects) > 1]
+    made = dict(zip(fresh, trials(fitter, [(effects, given) for effects in fresh], processes), strict=True))
+    made |= {(): baseline} | {(name,): one for name, one in singles.items()}
+    return [made[effects] for effects in sets]
+
+
+def _without_idle(fitter, current: Trial, baseline: Trial, singles, processes, least) -> Trial:
+    """Drop effects that later ones have made needless."""
+    for effect in current.fit.effects[:-1]:
+        (without,) = _known(fitter, [_less(current.fit.effects, effect)], current, baseline, singles, processes)
+        if current.score - without.score < least(without):
+            current = without
+    return current

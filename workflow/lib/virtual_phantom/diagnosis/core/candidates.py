@@ -1,0 +1,76 @@
+"""What the configuration asks of a diagnosis: which effects are tried, and on which kinds of recordings.
+
+Apart from `setting`, whose imports take two seconds that every start of the workflow would pay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ...base.errors import InputError
+from ...physics.effect import acts_on_images, load, names, needs_times, require
+
+
+def candidates(settings: dict, kind: str = "projections", timed: bool = True) -> list[str]:
+    """The effects that a recording of a kind is tried against.
+
+    timed   whether the times of its views are known
+
+    Raises InputError for one that the library does not have, that the kind does not show, or that needs a statement
+    which is missing.
+    """
+    hidden = _hidden(kind)
+    if settings.get("nominal_photons") is None:
+        hidden["photon_flux"] = "needs nominal_photons, which it could differ from and which are not stated"
+    if not timed:
+        words = "goes by the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
+        hidden |= {name: words for name in names() if needs_times(name)}
+    chosen = settings.get("effects") or [name for name in names() if name not in hidden]
+    for name in chosen:
+        require(name, "diagnosis.effects")
+        if name in hidden:
+            raise InputError(
+                f"diagnosis.effects: {name} {hidden[name]}{'; take it out' if ';' not in hidden[name] else ''}"
+            )
+    return chosen
+
+
+def check_accuracy(accuracy: Mapping[str, float]) -> None:
+    """Raise InputError for an effect under `diagnosis.model_accuracy` that the library does not have."""
+    for name in accuracy:
+        if name not in ("default", "numerical", *names()):
+            raise InputError(
+                f"diagnosis.model_accuracy: there is no effect '{name}'; there are default, numerical, "
+                f"{', '.join(names())}"
+            )
+
+
+def _hidden(kind: str) -> dict[str, str]:
+    """Effects that recordings of a kind do not show, and why."""
+    if kind == "images":
+        return {name: "has one unknown per detector pixel, which images mix" for name in names() if load(name).pattern}
+    return {name: "acts on images, and projections do not show it" for name in names() if acts_on_images(name)}
+
+
+def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
+    """Raise InputError for a recording under `diagnosis.recordings` that is of features, which are diagnosed by
+    comparison, or of images without the protocol that simulates them, or of projections with one, or that takes its
+    physics from one of another kind.
+
+    recordings   {name: RecordingDocument}
+    """
+    for name, settings in diagnosed.items():
+        where, kind = f"diagnosis.recordings.{name}", recordings[name].content["kind"]
+        if kind == "features":
+            raise InputError(f"{where}: holds features; name comparisons with it under diagnosis.comparisons")
+        if kind == "images" and "protocol" not in settings:
+            raise InputError(f"{where}: holds images; name the protocol that simulates them as `protocol`")
+        if kind == "projections" and "protocol" in settings:
+            raise InputError(f"{where}.protocol: projections have their own geometry; take it out")
+        other = settings.get("physics_from")
+        if other is not None and (of := recordings[other].content["kind"]) != kind:
+            raise InputError(
+                f"{where}.physics_from is '{other}', which holds {of}, not {kind}; name one of the same kind"
+            )
+        if kind == "images" and {"disc", "object"} & set(settings):
+            raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")

@@ -1,0 +1,346 @@
+"""Fits of effects to condensed repeats: Gauss-Newton with Broyden's updates, within plausible ranges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+
+from ...physics.effect import load
+from ..projections.model import Model, stacked, weights
+from ..projections.numerical import BASE, Anchor
+from ..projections.observed import Observed
+from . import pattern as patterns
+from .alignment import SURE, Nuisance
+from .steps import bounded_step, standard_errors, updated
+
+ITERATIONS = 25
+MOST_ANCHORS = 3  # times that numerical errors are computed anew in a fit, each when it has settled
+# Of chi-square between two iterations: in units of noise, and of its excess over noise where the model lacks much.
+CONVERGED, CONVERGED_SHARE = 0.02, 1e-5
+# Share of the expected gain that a step must make for its Jacobian to stay in use.
+AS_EXPECTED = (0.7, 1.4)
+# For derivatives: shares of the plausible range and of the alignment's standard deviation. Path lengths are in single
+# precision, so that smaller steps would measure rounding.
+STEP, ALIGNMENT_STEP = 2e-3, 4e-3
+UNKNOWN_STEP = 1e-3  # of an alignment of which nothing is known
+SIZE_STEP = 4e-5  # 4 um at 100 mm, as for places
+# Marquardt's damping: from none, first to LEAST_DAMPING, then by factors of DAMPING while a step makes the fit worse.
+LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What was fitted, and how well.
+
+    effects      names, in the order in which they were given
+    physics      {effect: {parameter: value}}
+    errors       {effect: {parameter: standard error}}
+    place        the alignment, with place_errors
+    pulled       how far that lies off what the fit knew of it, in standard deviations, where anything was known
+    chi_square   of the data that were fitted, and of the Gaussian knowledge
+    parts        chi-square of mean, variance, correlation and white field, those that are there
+    free         number of effects' parameters
+    anchor       of what numerical errors were computed
+    corrected    chi-square that they make up
+    pattern      [row, column] gain pattern (added to line integrals), or None, and the variance that each of its
+                 constants is left with
+    """
+
+    effects: tuple[str, ...]
+    physics: dict[str, dict[str, float]]
+    errors: dict[str, dict[str, float]]
+    place: dict[str, float]
+    place_errors: dict[str, float]
+    chi_square: float
+    parts: tuple[float, ...]
+    free: int
+    pulled: dict[str, float] = field(default_factory=dict)
+    anchor: Anchor = BASE
+    corrected: float = 0.0
+    pattern: np.ndarray | None = field(default=None, repr=False)
+    pattern_variance: np.ndarray | None = field(default=None, repr=False)
+
+
+class Fitter:
+    """Fits and scores of models of one recording.
+
+    data       what is fitted
+    held_out   what is predicted
+    variance   [view, row, column] of one repeat, whitened, for the weights: the same for all models, so that scores
+               compare
+    floor      numerical error of the predictions, whitened, standard deviation, [view, row, column]
+    """
+
+    def __init__(self, model: Model, data: Observed, held_out: Observed, variance: np.ndarray, floor: np.ndarray):
+        self.model, self.data, self.held_out = model, data, held_out
+        self.weights = weights(data, variance, floor)
+        self.held_weights = weights(held_out, variance, floor)
+
+    def fit(self, effects: tuple[str, ...], given: Fit | None = None) -> Fit:
+        """Refit all parameters of these effects and the alignment, beginning where `given` ended."""
+        problem = Problem(self, effects, given)
+        jacobian = None
+        point = problem.best_start()
+        pattern, residuals = problem.afresh(point)
+        current, damping, as_expected = problem.chi_square(residuals, point), 0.0, False
+        for _ in range(ITERATIONS):
+            fresh = jacobian is None
+            if fresh:
+                jacobian = problem.jacobian(point, residuals, pattern)
+            information, gradient = problem.normal(jacobian, point, residuals)
+            before, enough = current, max(CONVERGED, CONVERGED_SHARE * (current - problem.count))
+            while True:
+                damped = information + damping * np.diag(np.diag(information))
+                step = bounded_step(damped, gradient, point, problem.low, problem.high)
+                expected = float(2 * gradient @ step - step @ information @ step)
+                if expected < enough:
+                    break
+                trial, tried = problem.polished(np.clip(point + step, problem.low, problem.high), pattern)
+                reached = problem.chi_square(tried, trial)
+                if reached <= current:
+                    jacobian = updated(jacobian, (trial - point) / problem.steps, residuals, tried)
+                    point, residuals, current = trial, tried, reached
+                    damping = damping / DAMPING if damping > LEAST_DAMPING else 0.0
+                    break
+                damping = max(LEAST_DAMPING, damping * DAMPING)
+                if damping > MOST_DAMPING or not fresh:
+                    break
+            gained = before - current
+            settled = expected < enough and (fresh or as_expected)
+            if not settled:
+                as_expected = AS_EXPECTED[0] * expected < gained < AS_EXPECTED[1] * expected
+                if problem.patterned:
+                    pattern, residuals = problem.afresh(point)
+                    current = problem.chi_square(residuals, point)
+                settled = gained < enough and fresh
+            # A pattern is estimated in turn with the numbers, which settles slowly.
+            strayed = (settled or problem.patterned) and problem.strays(point)
+            if settled and not strayed:
+                break
+            if strayed:
+                pattern, residuals = problem.afresh(point)
+                current = problem.chi_square(residuals, point)
+            if strayed or not as_expected:
+                jacobian = None
+        errors = standard_errors(information)
+        return problem.result(point, errors, residuals, current, pattern)
+
+    def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
+        """Observed less predicted, by part, of the data held out or of those fitted; the mean's noise made white."""
+        data = self.held_out if held_out else self.data
+        parts = stacked(data, self.model.predict(fit.physics, fit.place, data, fit.anchor))
+        return less_pattern(parts, fit.pattern, data)
+
+    def score(self, fit: Fit) -> float:
+        """Log score of the data held out, up to a constant: minus half of chi-square."""
+        return -0.5 * chi_square(self.held_weights, self.residuals(fit))
+
+
+class Problem:
+    """One choice of effects: its unknowns, what is known of them, and their residuals.
+
+    given    where they begin
+    beside   a further effect that is not fitted, beside which the alignment is known otherwise
+    """
+
+    def __init__(self, fitter: Fitter, effects: tuple[str, ...], given: Fit | None, beside: str | None = None):
+        self.fitter, self.effects = fitter, tuple(effects)
+        self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
+        self.patterned = any(load(name).pattern for name in effects)
+        self.anchor, self.anchored = BASE if given is None else given.anchor, 0
+        self.unknowns = self.model.unknowns(self.effects)
+        aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
+        self.fresh = [given is None or one.effect not in given.physics for one in self.unknowns]
+        values = [
+            one.start if fresh else one.of(given.physics[one.effect][one.name])
+            for one, fresh in zip(self.unknowns, self.fresh, strict=True)
+        ]
+        place = {one.name: one.expected for one in aligned} if given is None else given.place
+        start = np.array([*values, *(place[one.name] for one in aligned)], float)
+        self.low = np.array([one.low for one in self.unknowns] + [one.expected - SURE * one.sd for one in aligned])
+        self.high = np.array([one.high for one in self.unknowns] + [one.expected + SURE * one.sd for one in aligned])
+        self.start = np.clip(start, self.low, self.high)
+        self.aligned = aligned
+        self.count = sum(int((weight > 0).sum()) for weight in self.weights)
+        self.centre = np.array([one.expected for one in (*self.unknowns, *aligned)])
+        width = np.array([one.sd for one in (*self.unknowns, *aligned)])
+        self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)
+        spans = [STEP * (one.high - one.low) for one in self.unknowns]
+        spans += [alignment_step(one) for one in aligned]
+        self.steps = np.array(spans)
+
+    def best_start(self) -> np.ndarray:
+        """Where to begin: numbers of new effects that have several starts are tried at all of them, with the alignment
+        given and the one expected. Elsewhere a fit could end beside the best one."""
+        count = len(self.unknowns)
+        choices = [
+            one.starts if fresh else (value,)
+            for one, fresh, value in zip(self.unknowns, self.fresh, self.start, strict=False)
+        ]
+        if all(len(choice) == 1 for choice in choices):
+            return self.start
+        faint = any(self._new_strengths())
+        places = [self.start[count:], np.array([one.expected for one in self.aligned])]
+        begun = []
+        for place in places:
+            full = [self.polished(np.array([*values, *place]), None) for values in product(*choices)]
+            begun += full
+            if faint:
+                off = self.polished(self._switched_off(np.array([*self.start[:count], *place])), None)
+                begun += [self._between(off, one) for one in full]
+        return min(begun, key=lambda one: self.chi_square(one[1], one[0]))[0]
+
+    def _new_strengths(self) -> list[bool]:
+        """Of every unknown, whether it is of a new effect and has a value where that changes nothing."""
+        return [fresh and one.neutral is not None for one, fresh in zip(self.unknowns, self.fresh, strict=True)]
+
+    def _switched_off(self, point: np.ndarray) -> np.ndarray:
+        """A point with new effects at the values where they change nothing, as far as they have such values."""
+        point = point.copy()
+        for place, new in enumerate(self._new_strengths()):
+            if new:
+                point[place] = self.unknowns[place].neutral
+        return point
+
+    def _between(
+        self, off: tuple[np.ndarray, list[np.ndarray]], full: tuple[np.ndarray, list[np.ndarray]]
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Between two points and their residuals, one as if residuals were straight there: of a strength that starts
+        far too high, the wrong shape would look best that does the least harm."""
+        change = [here - there for here, there in zip(off[1], full[1], strict=True)]
+        square = chi_square(self.weights, change)
+        if not square:
+            return full
+        along = sum(float((w * r * c).sum()) for w, r, c in zip(self.weights, off[1], change, strict=True))
+        point = full[0].copy()
+        for place, new in enumerate(self._new_strengths()):
+            if new:
+                point[place] = off[0][place] + along / square * (full[0][place] - off[0][place])
+        return self.polished(np.clip(point, self.low, self.high), None)
+
+    def strays(self, point: np.ndarray) -> bool:
+        """Whether predictions of a point lie off those of which numerical errors were computed; these are computed
+        there then."""
+        if not self.model.distortions or self.anchored == MOST_ANCHORS:
+            return False
+        physics, place = self._named(point)
+        lines, _ = self.model.predict(physics, place, self.data, self.anchor).design
+        if not self.model.numerical.strayed(self.anchor, lines, self.weights[0].reshape(lines.shape)):
+            return False
+        self.anchor, self.anchored = Anchor.of(physics, place), self.anchored + 1
+        return True
+
+    def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:
+        prediction = self.model.predict(*self._named(point), self.data, self.anchor)
+        return less_pattern(stacked(self.data, prediction), pattern, self.data)
+
+    def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
+        """Effects' parameters and the alignment of a point, by name."""
+        physics = {name: self.model.known(name) for name in self.effects}
+        for one, value in zip(self.unknowns, point, strict=False):
+            physics[one.effect][one.name] = float(one.value(value))
+        aligned = point[len(self.unknowns) :]
+        return physics, {one.name: float(value) for one, value in zip(self.aligned, aligned, strict=True)}
+
+    def polished(self, point: np.ndarray, pattern: np.ndarray | None) -> tuple[np.ndarray, list[np.ndarray]]:
+        """A point with the best scale and offset for its other numbers, in closed form, and its residuals.
+
+        Both are linear, and most effects trade against them: without this, fits creep along narrow curved valleys.
+        """
+        physics, place = self._named(point)
+        prediction = self.model.predict(physics, place, self.data, self.anchor)
+        residuals = less_pattern(stacked(self.data, prediction), pattern, self.data)
+        first = len(self.unknowns)
+        index = [first + [one.name for one in self.aligned].index(name) for name in ("scale", "offset")]
+        changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)
+        design, weight = np.stack([column.ravel() for column in changes]), self.weights[0]
+        information = (design * weight) @ design.T + np.diag(self.knowledge[index])
+        gradient = (design * weight) @ residuals[0] + self.knowledge[index] * (self.centre[index] - point[index])
+        step = bounded_step(information, gradient, point[index], self.low[index], self.high[index])
+        point = point.copy()
+        point[index] = np.clip(point[index] + step, self.low[index], self.high[index])
+        return point, [np.where(weight > 0, residuals[0] - step @ design, 0), *residuals[1:]]
+
+    def afresh(self, point: np.ndarray) -> tuple[np.ndarray | None, list[np.ndarray]]:
+        """The gain pattern at a point, None if there is none, and the residuals that it leaves."""
+        residuals = self.residuals(point, None)
+        if not self.patterned:
+            return None, residuals
+        shape = self.data.mean.shape
+        self.found = patterns.estimate(residuals[0].reshape(shape), self.weights[0].reshape(shape), self.data.whitening)
+        return self.found.values, less_pattern(residuals, self.found.values, self.data)
+
+    def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
+        return chi_square(self.weights, residuals) + float((self.knowledge * (point - self.centre) ** 2).sum())
+
+    def jacobian(self, point, residuals, pattern) -> list[np.ndarray]:
+        """Change of what is predicted per `steps`, by part: [parameter, datum]."""
+        columns = [self.derivative(index, point, residuals, pattern) for index in range(len(point))]
+        return [
+            np.stack([step * column[part] for step, column in zip(self.steps, columns, strict=True)])
+            for part in range(len(residuals))
+        ]
+
+    def normal(self, jacobian, point, residuals) -> tuple[np.ndarray, np.ndarray]:
+        """Information matrix and gradient at a point."""
+        information, gradient = np.diag(self.knowledge), self.knowledge * (self.centre - point)
+        for rows, weight, residual in zip(jacobian, self.weights, residuals, strict=True):
+            weighted = rows * weight
+            information = information + (weighted @ rows.T) / np.outer(self.steps, self.steps)
+            gradient = gradient + (weighted @ residual) / self.steps
+        return information, gradient
+
+    def derivative(self, index, point, residuals, pattern) -> list[np.ndarray]:
+        step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
+        moved = point.copy()
+        moved[index] += step
+        return [(here - there) / step for here, there in zip(residuals, self.residuals(moved, pattern), strict=True)]
+
+    def result(self, point, errors, residuals, total, pattern) -> Fit:
+        physics = {name: self.model.known(name) for name in self.effects}
+        spread: dict[str, dict[str, float]] = {name: {} for name in self.effects}
+        for one, number, error in zip(self.unknowns, point, errors, strict=False):
+            physics[one.effect][one.name] = float(one.value(number))
+            spread[one.effect][one.name] = float(one.value_error(number, error))
+        for name in self.effects:
+            if load(name).pattern:
+                physics[name]["rms"], spread[name]["rms"] = self.found.rms, self.found.error
+        count, aligned = len(self.unknowns), [one.name for one in self.aligned]
+        known = zip(self.aligned, point[count:], strict=True)
+        place = dict(zip(aligned, map(float, point[count:]), strict=True))
+        corrected = np.ravel(self.model.distortion(place, self.anchor)) ** 2
+        return Fit(
+            effects=self.effects,
+            physics=physics,
+            errors=spread,
+            place=place,
+            place_errors=dict(zip(aligned, map(float, errors[count:]), strict=True)),
+            chi_square=total,
+            parts=tuple(float((w * r**2).sum()) for w, r in zip(self.weights, residuals, strict=True)),
+            free=count + self.patterned,
+            pulled={one.name: float(one.off(value)) for one, value in known if np.isfinite(one.sd)},
+            anchor=self.anchor,
+            corrected=float((self.weights[0] * corrected).sum()),
+            pattern=pattern,
+            pattern_variance=self.found.variance if self.patterned else None,
+        )
+
+
+def alignment_step(one: Nuisance) -> float:
+    """The step by which a number of the alignment is varied for derivatives."""
+    if one.name == "size":
+        return SIZE_STEP
+    return ALIGNMENT_STEP * one.sd if np.isfinite(one.sd) else UNKNOWN_STEP
+
+
+def chi_square(weights: list[np.ndarray], residuals: list[np.ndarray]) -> float:
+    return sum(float((weight * residual**2).sum()) for weight, residual in zip(weights, residuals, strict=True))
+
+
+def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Observed) -> list[np.ndarray]:
+    if pattern is None:
+        return parts
+    mean = parts[0].reshape(data.mean.shape) - data.whitened(np.where(data.usable, pattern, 0))
+    return [mean.ravel(), *parts[1:]]

@@ -1,0 +1,369 @@
+"""Where a recording and a model differ beyond noise."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special, stats
+
+from ..projections.observed import FEWEST, Observed
+from .alignment import PLACE
+from .fit import Fit
+
+ALPHA = 0.01  # family-wise, over all domains and all places in them
+EDGE_SHARE = 0.1  # of the rays: those where line integrals change most from column to column count as edges
+BINS = 10
+AXES = ("views", "rows", "columns")
+THIN = 0.05  # of the largest line integral: rays with less pass beside the object
+
+
+@dataclass(frozen=True)
+class Location:
+    """The worst place of a domain.
+
+    domain   what was looked at
+    where    the place, in words
+    z        standardised difference, positive where the recording holds more
+    p        chance of one as large anywhere in the domain without a difference
+    map      z of every place, for figures; [view block, row block, column block] for blocks
+    """
+
+    domain: str
+    where: str
+    z: float
+    p: float
+    map: np.ndarray
+
+    @property
+    def significant(self) -> bool:
+        """Said by `locate` of the family as a whole: p here is after Holm's correction over domains."""
+        return self.p < ALPHA
+
+
+@dataclass(frozen=True)
+class Half:
+    """One half of the data, with residuals and weights by part."""
+
+    residuals: list[np.ndarray]
+    weights: list[np.ndarray]
+    data: Observed
+
+    def in_common(self, other: Half) -> InCommon:
+        """What the mean's residuals have in common with those of another half."""
+        weight = np.sqrt(self.weights[0] * other.weights[0])
+        return InCommon(
+            weight > 0,
+            self.residuals[0] * other.residuals[0] * weight,
+            [weight * error.ravel() ** 2 for error in self.data.numerical],
+            np.ravel(self.data.scatter),
+        )
+
+
+@dataclass(frozen=True)
+class InCommon:
+    """Products of standardised residuals of two halves whose noises are independent, by ray or voxel.
+
+    there       whether it counts in both halves
+    products    their mean is the square of what both have in common, in standard deviations
+    numerical   of every numerical error of the model, one standard deviation of it, what that is expected to give
+    scatter     relative variance of the weights, by which products vary more
+    """
+
+    there: np.ndarray
+    products: np.ndarray
+    numerical: list[np.ndarray]
+    scatter: np.ndarray | float = 0.0
+
+    def z(self, where: np.ndarray | None = None) -> float:
+        """The sum beyond what numerical errors give, over its standard deviation without a difference; at least 0.
+
+        A numerical error c D with c ~ N(0, 1) gives c^2 times its expected sum, which varies by 2^(1/2) of that.
+        """
+        chosen = self.there if where is None else self.there & where
+        numerical = np.array([float(one[chosen].sum()) for one in self.numerical])
+        beyond = float(self.products[chosen].sum()) - numerical.sum()
+        noise = float(np.sum(1 + np.broadcast_to(self.scatter, chosen.shape)[chosen]))
+        return max(0.0, beyond) / float(np.sqrt(max(1.0, noise) + 2 * (numerical**2).sum()))
+
+
+def locate(
+    residuals: list[np.ndarray],
+    weights: list[np.ndarray],
+    data: Observed,
+    constants: np.ndarray | None = None,
+    fitted: Half | None = None,
+    more: Sequence[Location] = (),
+    uncertain: Sequence[np.ndarray] | None = None,
+) -> list[Location]:
+    """Standardised residuals of every domain, the worst first, p corrected over places (Bonferroni) and domains (Holm).
+
+    residuals, weights   by part, as Fitter gives them: the mean's noise made white
+    constants            [row, column] variance that a fitted gain pattern leaves to every pixel's constant
+    fitted               the data that the model was fitted to, if those are others
+    more                 domains that residuals do not show
+    uncertain            by part, [direction, datum]: what the errors of the fit's numbers add (left_by_numbers)
+
+    A domain counts by its worst place or by the sum of squares over all places, whichever is less likely, times two.
+    """
+    shape = data.mean.shape
+    residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
+    predicted = data.mean - data.as_recorded(residual)  # measured values would sort rays by their own noise
+    left = np.zeros(shape[1:]) if constants is None else constants
+    pixels = weight.sum(axis=0)
+    # A sum over views of one pixel also varies by what its constant is not known to.
+    extra = pixels**2 * left
+    of_views = (weight**2 * left).sum((1, 2))
+    numbers = () if uncertain is None else uncertain[0].reshape(-1, *shape)
+    alike = Alike(weight, [*data.numerical, *numbers], data.scatter)
+    found = [
+        extreme(
+            "columns", _marginal(residual, weight, (0, 1), extra.sum(0), alike), lambda i: f"column {i} of {shape[2]}"
+        ),
+        extreme("rows", _marginal(residual, weight, (0, 2), extra.sum(1), alike), lambda i: f"row {i} of {shape[1]}"),
+        extreme("views", _marginal(residual, weight, (1, 2), of_views, alike), lambda i: f"view {i} of {shape[0]}"),
+        blocks("projections", _block_z(residual, weight, data, left, alike), data, weighed=data.weighed),
+        _path_lengths(residual, weight, predicted, alike),
+        _edges(residual, weight, predicted, numbers, data),
+        _pixels(_marginal(residual, weight, 0, extra, alike), pixels),
+    ]
+    if fitted is not None:
+        common = Half(residuals, weights, data).in_common(fitted)
+        if common.there.any():  # halves of the views have no ray in common
+            found.append(_both_halves(common, _steep(weight, _slope(predicted)).ravel()))
+    pairs = [f"neighbouring {name}" for name in AXES[::-1]]
+    found += noise_places(residuals, weights, data, pairs, fitted=fitted, uncertain=uncertain)
+    if data.white is not None:
+        z = residuals[-1] * np.sqrt(weights[-1])
+        found.append(extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))
+    return corrected([*found, *more])
+
+
+def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
+    """How far a fit has pulled its alignment off what it knew of it: a difference that residuals no longer show.
+
+    numerical   names of the model's numerical errors, of whose size nothing is known
+    Where the object lies is nobody's physics, and is left out.
+    """
+    z = {name: value for name, value in fit.pulled.items() if name not in numerical and name not in PLACE}
+    if not z:
+        return []
+    names, values = list(z), np.array(list(z.values()))
+    words = "{}, {:.1f} standard deviations off the known"
+    return [extreme("alignment", values, lambda i: words.format(names[i], abs(values[i])))]
+
+
+def noise_places(
+    residuals, weights, data: Observed, pairs: list[str], axes=AXES, fitted=None, uncertain=None
+) -> list[Location]:
+    """Places of difference in the noise's variance over blocks, its level, and its correlations between `pairs`.
+
+    Level and correlations are few numbers, known to the fit no better than to the data held out: both errors count.
+    Where what is `uncertain` of the fit is not given, the fit's errors are those of the data fitted.
+    """
+    if data.variance is None:
+        return []
+    if fitted is not None and fitted.data.variance is None:
+        fitted = None  # a single repeat, whose noise is known from elsewhere
+    level, total = residuals[1] @ weights[1], weights[1].sum()
+    single = weights[1] / data.alone
+    of_blocks = variance_z(residuals[1], single)
+    with np.errstate(divide="ignore"):
+        error = 1 / weights[2]
+        if uncertain is not None:
+            both = 1 / total + ((uncertain[1] @ weights[1] / total) ** 2).sum()
+            error = error + (uncertain[2] ** 2).sum(axis=0)
+            of_blocks = of_blocks / np.sqrt(1 + single * (uncertain[1] ** 2).sum(axis=0))
+        else:
+            both = 1 / total + (1 / fitted.weights[1].sum() if fitted else 0)
+            error = error + (1 / fitted.weights[2] if fitted else 0)
+    z = float(level / total / np.sqrt(both))
+    return [
+        blocks("noise variance", of_blocks, data, axes),
+        Location("noise level", "everywhere", z, _two_sided(z, 1), np.array([z])),
+        extreme("noise correlation", residuals[2] / np.sqrt(error), lambda i: f"between {pairs[i]}"),
+    ]
+
+
+def variance_z(residual: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Normal scores of sample variances; 0 where there is none.
+
+    residual, weight   of their logarithms, unbiased, and the inverse variances of these
+    The cube root of a chi-square is nearly normal (E. B. Wilson and M. M. Hilferty, PNAS 17, 684, 1931); its logarithm
+    has a long lower tail, where blocks have few degrees of freedom.
+    """
+    freedom = 2 * np.where(weight > 0, weight, 1.0)  # the variance of the logarithm is 2 over the degrees of freedom
+    ratio = np.exp(residual + special.digamma(freedom / 2) - np.log(freedom / 2))
+    spread = 2 / (9 * freedom)
+    return np.where(weight > 0, (np.cbrt(ratio) - 1 + spread) / np.sqrt(spread), 0.0)
+
+
+def corrected(found: list[Location]) -> list[Location]:
+    """The worst first, p corrected over domains (Holm)."""
+    found = sorted(found, key=lambda one: one.p)
+    held, largest = [], 0.0
+    for rank, one in enumerate(found):
+        largest = max(largest, min(1.0, one.p * (len(found) - rank)))
+        held.append(Location(one.domain, one.where, one.z, largest, one.map))
+    return held
+
+
+@dataclass(frozen=True)
+class Alike:
+    """What makes sums of weighted rays vary more than their weights say.
+
+    distortions   [view, row, column] each: by which all rays of a sum may be off together, one standard deviation
+    scatter       [view, row, column] relative variance of the weights, which are unbiased: a weight's square is larger
+                  by so much, on average, than the square of its mean
+    """
+
+    weight: np.ndarray
+    distortions: Sequence[np.ndarray]
+    scatter: np.ndarray | float = 0.0
+
+    def __call__(self, total) -> np.ndarray | float:
+        """What they add to the variance of sums, which `total` makes of weighted rays, of many blocks."""
+        return total(self.weight * self.scatter) + self.of_block(total)
+
+    def of_block(self, total) -> np.ndarray | float:
+        """The same of rays that share one weight's error, which changes a sum's law but not its variance."""
+        return sum((total(self.weight * one) ** 2 for one in self.distortions), 0.0)
+
+
+def _marginal(residual, weight, axes, extra, alike: Alike) -> np.ndarray:
+    total = weight.sum(axis=axes)
+    extra = extra + alike(lambda one: one.sum(axis=axes))
+    return (residual * weight).sum(axis=axes) / np.sqrt(np.where(total > 0, total + extra, np.inf))
+
+
+def _block_z(residual, weight, data, left, alike) -> np.ndarray:
+    total = data.blocks.sum(weight)
+    views, parts = weight.shape[0], data.blocks.shape[0]
+    starts = [-(-views * i // parts) for i in range(parts)]  # as Blocks.of divides them
+    pixels = np.add.reduceat(weight, starts, axis=0)
+    extra = np.zeros(data.blocks.count) + alike.of_block(data.blocks.sum)
+    for part, start in enumerate(starts):
+        extra += np.bincount(data.blocks.index[start].ravel(), (pixels[part] ** 2 * left).ravel(), data.blocks.count)
+    return data.blocks.sum(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
+
+
+def _two_sided(z: float, places: int) -> float:
+    """Bonferroni over places."""
+    return float(min(1.0, 2 * stats.norm.sf(abs(z)) * places))
+
+
+def _likely(z: np.ndarray) -> float:
+    """Chance of the worst place, or of the sum of squares, whichever is less, times two."""
+    tested = z[z != 0]
+    if not tested.size:
+        return 1.0
+    worst = _two_sided(float(np.abs(tested).max()), tested.size)
+    return min(1.0, 2 * min(worst, float(stats.chi2.sf((tested**2).sum(), tested.size))))
+
+
+def extreme(domain: str, z: np.ndarray, words) -> Location:
+    """A domain by its worst place, `words` saying which it is."""
+    worst = int(np.argmax(np.abs(z)))
+    return Location(domain, words(worst), float(z[worst]), _likely(z), z)
+
+
+def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
+    """As rare as these, of a normal distribution, where a variance was measured: Student's t, by D. L. Wallace's bound
+    (Ann. Math. Stat. 30, 1124, 1959, his 8n + 1 over 8n + 3).
+
+    weighed   relative variance of the weights, 2 over the degrees of freedom; 0: known
+    z has a variance of 1, as unbiased weights give it, and t one of n / (n - 2).
+    """
+    weighed = np.broadcast_to(weighed, z.shape)
+    measured = (weighed > 0) & (weighed < 2 / FEWEST)
+    n = 2 / np.where(measured, weighed, 1)
+    square = z**2 * n / np.where(measured, n - 2, 1)
+    scores = np.sign(z) * np.sqrt(n * np.log1p(square / n)) * (8 * n + 1) / (8 * n + 3)
+    return np.where(measured, scores, z)
+
+
+def blocks(domain: str, z: np.ndarray, data: Observed, axes=AXES, weighed: np.ndarray | float = 0.0) -> Location:
+    """A domain of blocks of the data, whose axes have these names.
+
+    weighed   relative variance of the weights that z rests on
+    """
+    worst = int(np.argmax(np.abs(z)))
+    place = np.unravel_index(worst, data.blocks.shape)
+    ranges = [
+        f"{name} {n * i // parts} to {n * (i + 1) // parts - 1}"
+        for name, n, i, parts in zip(axes, data.mean.shape, place, data.blocks.shape, strict=True)
+    ]
+    likely = _likely(normal_scores(z, weighed))
+    return Location(domain, ", ".join(ranges), float(z[worst]), likely, z.reshape(data.blocks.shape))
+
+
+def _path_lengths(residual, weight, predicted, alike) -> Location:
+    """By line integral: what depends on the amount of matter alone."""
+    inside = (weight > 0) & (predicted > THIN * predicted.max())
+    return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside, alike)
+
+
+def by_value(domain: str, words: str, residual, weight, values, inside, alike: Alike | None = None) -> Location:
+    """Sums over tenths of the data that lie `inside`, in the order of `values`; `words` take a tenth's bounds."""
+    edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
+    index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
+
+    def by_tenth(one):
+        return np.bincount(index.ravel(), one.ravel(), BINS + 1)[:BINS]
+
+    total, extra = by_tenth(weight), 0.0 if alike is None else alike(by_tenth)
+    z = by_tenth(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
+    return extreme(domain, z, lambda i: words.format(edges[i], edges[i + 1]))
+
+
+def _edges(residual, weight, predicted, numbers, data: Observed) -> Location:
+    """Where line integrals change most: blur, geometry and motion show there."""
+    slope = _slope(predicted)
+    # All rays of a block have their weights from one measured variance.
+    of_weights = float((data.blocks.sum(_steep(weight, slope)) ** 2 * data.weighed).sum())
+    return steepest("rays", residual, weight, slope, numbers, of_weights)
+
+
+def _slope(predicted) -> np.ndarray:
+    return np.abs(np.gradient(predicted, axis=2)) if predicted.shape[2] > 1 else np.zeros_like(predicted)
+
+
+def _steep(weight, slope) -> np.ndarray:
+    return (weight > 0) & (slope >= np.quantile(slope[weight > 0], 1 - EDGE_SHARE))
+
+
+def steepest(
+    what: str, residual, weight, slope, numbers: Sequence[np.ndarray] = (), of_weights: float = 0.0
+) -> Location:
+    """Excess of chi-square where a slope is largest.
+
+    numbers      what the errors of a fit's numbers add
+    of_weights   variance that errors of the weights add
+    """
+    chosen = _steep(weight, slope)
+    count = int(chosen.sum())
+    square = float((weight[chosen] * residual[chosen] ** 2).sum())
+    expected = count + sum(float((weight[chosen] * one[chosen] ** 2).sum()) for one in numbers)
+    square *= count / max(1.0, expected)
+    z = (square - count) / np.sqrt(2 * count + of_weights)
+    freedom = 2 * count**2 / (2 * count + of_weights)  # of the chi-square with this mean and variance, but for a factor
+    p = float(stats.chi2.sf(square * freedom / count, freedom))
+    return Location("edges", f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))
+
+
+def _both_halves(common: InCommon, steep: np.ndarray) -> Location:
+    """What the data fitted and those held out have in common: of all rays, and of the steepest.
+
+    Unlike a sum of squares this does not ask how large the noise is, and it sees what is spread too thinly over all
+    rays to stand out at any place.
+    """
+    words = ("all rays", f"the {100 * EDGE_SHARE:.0f} % steepest rays")
+    return extreme("both halves", np.array([common.z(), common.z(steep)]), lambda i: words[i])
+
+
+def _pixels(z, pixels) -> Location:
+    """Constants of single pixels over all views: rings."""
+    square, count = float((z**2).sum()), int((pixels > 0).sum())
+    excess = (square - count) / np.sqrt(2 * max(count, 1))
+    return Location("pixels", "all pixels, mean over views", float(excess), float(stats.chi2.sf(square, count)), z)

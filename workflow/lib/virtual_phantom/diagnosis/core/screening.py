@@ -1,0 +1,153 @@
+"""Matched filters of what a fit leaves over: what every effect would gain beside it, to first order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import lsq_linear
+
+from ...physics.effect import Parameter, load
+from .fit import Fit, Fitter, Problem
+from .pattern import chance, estimate
+from .templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_knowledge
+
+SIZES = (1 / 3, 3.0)  # by which a fit may change an effect without a neutral value from where it begins
+ALIKE = 1e-4  # of a template's length: by how much path lengths in single precision let two differ that are alike
+
+
+@dataclass(frozen=True)
+class Screened:
+    """An effect's matched filter on what a fit leaves over.
+
+    p      chance of such a gain without the effect, over all shapes that were tried
+    gain   of chi-square and of what is known of the fit's numbers, to first order
+    blind  its template is nothing, so that only a fit can tell: slices of typical thickness that lie as far apart
+    """
+
+    p: float
+    gain: float
+    blind: bool = False
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What a fit leaves over of the data that were fitted, whitened, with what is known of its numbers below.
+
+    basis      (row, column) orthonormal: what the fit's numbers can take up
+    residual   (row,) without that
+    inward     [number, row] what numbers change that the data press against their bounds, back into their range,
+               without that: an effect may relieve them, but by themselves they take up nothing more
+    """
+
+    basis: np.ndarray
+    residual: np.ndarray
+    inward: np.ndarray
+
+    @classmethod
+    def of(cls, problem: Problem, columns: np.ndarray, residual: np.ndarray) -> Remainder:
+        """columns, residual   of the whitened data, by `data_changes` and of the fit"""
+        columns = with_knowledge(columns, problem)
+        known = np.sqrt(problem.knowledge) * (problem.centre - problem.start)
+        residual = np.concatenate([residual, known])
+        outward = columns.T @ residual
+        low, high = problem.start <= problem.low, problem.start >= problem.high
+        at_bound = (low & (outward < 0)) | (high & (outward > 0))
+        basis = np.linalg.qr(columns[:, ~at_bound])[0]
+        inward = (columns * np.where(low, 1, -1))[:, at_bound].T
+        return cls(basis, residual - basis @ (basis.T @ residual), inward - (inward @ basis) @ basis.T)
+
+    def gain(self, rows: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+        """What templates [row, ...] without what the fit takes up gain at best in amounts from `low` to `high`."""
+        none, any_ = np.zeros(len(self.inward)), np.full(len(self.inward), np.inf)
+        return explained(
+            np.vstack([rows, self.inward]), self.residual, np.concatenate([low, none]), np.concatenate([high, any_])
+        )
+
+
+def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
+    """Every effect's matched filter on what a fit leaves over of the data that were fitted, with the shape that serves
+    it best of those that fits begin with."""
+    parts = fitter.residuals(fit, held_out=False)
+    columns = data_changes(Problem(fitter, fit.effects, fit), fit.pattern)
+    remainders: dict[tuple, Remainder] = {}
+    found = {}
+    for name in names:
+        if load(name).pattern:
+            found[name] = _pattern(fitter, parts)
+            continue
+        # Beside a spectrum other things are known of the alignment.
+        problem = Problem(fitter, fit.effects, fit, beside=name)
+        if problem.aligned not in remainders:
+            remainders[problem.aligned] = Remainder.of(problem, columns, whitened(parts, fitter.weights))
+        tried = shapes(fitter, name)
+        found[name] = _best(
+            fitter.model.parameters(name),
+            templates(fitter, fit, name, tried),
+            len(tried),
+            remainders[problem.aligned],
+        )
+    return found
+
+
+def shapes(fitter: Fitter, name: str) -> list[dict[str, float]]:
+    """Where fits of an effect may begin, of its parameters without a neutral value: all combinations."""
+    unknowns = [one for one in fitter.model.unknowns((name,)) if one.neutral is None]
+    return [
+        {one.name: one.value(number) for one, number in zip(unknowns, values, strict=True)}
+        for values in product(*(one.starts for one in unknowns))
+    ]
+
+
+def _pattern(fitter: Fitter, parts: list[np.ndarray]) -> Screened:
+    """Of a gain pattern, which is estimated at once."""
+    shape = fitter.data.mean.shape
+    mean, weight = parts[0].reshape(shape), fitter.weights[0].reshape(shape)
+    pattern = estimate(mean, weight, fitter.data.whitening)
+    found = fitter.data.whitened(np.where(fitter.data.usable, pattern.values, 0))
+    gain = float((weight * (2 * mean - found) * found).sum())
+    return Screened(chance(pattern.rms, pattern.error), gain)
+
+
+def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: Remainder) -> Screened:
+    """Of an effect, from its parameters and templates [shape and parameter, datum], with the best of `count` shapes."""
+    low, high = amounts(parameters)
+    lengths = (rows**2).sum(axis=1).reshape(count, -1)
+    rows = projected(rows, left.basis).reshape(count, len(low), -1)
+    found = Screened(1.0, 0.0, blind=not lengths.any())
+    for one, length in zip(rows, lengths, strict=True):
+        seen = (one**2).sum(axis=1) > SMALL * np.maximum(length, 1e-300)
+        if seen.any():
+            gain = left.gain(one[seen], low[seen], high[seen])
+            p = min(1.0, float(stats.chi2.sf(gain, int(seen.sum()))) * count)
+            found = max(found, Screened(p, gain), key=lambda tried: tried.gain)
+    return found
+
+
+def amounts(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
+    """The least and the most that an effect's range allows of each of its templates."""
+    parameters = varied(parameters)
+    if not parameters:  # it cannot be faint
+        return np.array([SIZES[0]]), np.array([SIZES[1]])
+    ends = [
+        sorted((one.number(end) - none) / (one.number(strength(one)) - none) for end in (one.low, one.high))
+        for one, none in ((one, one.number(one.neutral)) for one in parameters)
+    ]
+    return tuple(np.array(ends).T)
+
+
+def explained(rows: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
+    """By how much templates [row, datum] can lower a residual's square, at least 0, in amounts from `low` to `high`."""
+    lengths = np.sqrt((rows**2).sum(axis=1))
+    rows, low, high = rows[lengths > 0], low[lengths > 0], high[lengths > 0]
+    lengths = lengths[lengths > 0]
+    basis, triangle = np.linalg.qr((rows / lengths[:, None]).T)
+    inside = basis.T @ residual
+    # Without a price on amounts, the difference of two templates that are alike would count as a third.
+    matrix = np.vstack([triangle, ALIKE * np.eye(len(rows))])
+    target = np.concatenate([inside, np.zeros(len(rows))])
+    solved = lsq_linear(matrix, target, (low * lengths, high * lengths), method="bvls")
+    return max(0.0, float(inside @ inside - 2 * solved.cost))

@@ -1,0 +1,58 @@
+"""Files of a diagnosis: fits as JSON, so that every candidate can be a job of its own, and what all of it leaves."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from ...base.errors import refusing
+from ...io.files import read_text, replacing, write_text
+from ..projections.numerical import Anchor
+from .attribute import Trial
+from .fit import Fit
+
+PATTERNS = ("pattern", "pattern_variance")
+RESIDUAL_MAPS = ("residuals before", "residuals after")  # beside the maps of domains
+
+
+def write_trial(trial: Trial, path: str | Path) -> None:
+    """Write a fit, its score and its p-value."""
+    fit = asdict(trial.fit)
+    for name in PATTERNS:
+        fit[name] = None if fit[name] is None else fit[name].tolist()
+    content = {"fit": fit, "score": trial.score, "p": trial.p}
+    write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
+
+
+def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mapping[str, np.ndarray]) -> None:
+    """What every diagnosis leaves: diagnosis.json, physics.yaml, the report and the maps by domain.
+
+    output   paths, as attributes diagnosis, physics, report and maps
+    """
+    folder = Path(output.maps)
+    folder.mkdir(parents=True, exist_ok=True)
+    for domain, values in maps.items():
+        with replacing(folder / f"{domain}.npy") as temporary, temporary.open("wb") as file:
+            np.save(file, values)
+    text = f"# {content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
+    write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)
+    write_text(page, output.report)
+    write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", output.diagnosis)
+
+
+def read_trial(path: str | Path) -> Trial:
+    """Read what `write_trial` wrote. Raises InputError if it is missing or something else."""
+    kinds = (OSError, ValueError, KeyError, TypeError)
+    with refusing(f"{path}: is no fit of a diagnosis", *kinds, advice="make it anew"):
+        content = json.loads(read_text(path))
+        fit = content["fit"]
+        fit["effects"], fit["parts"] = tuple(fit["effects"]), tuple(fit["parts"])
+        fit["anchor"] = Anchor(**fit["anchor"])
+        for name in PATTERNS:
+            fit[name] = None if fit[name] is None else np.array(fit[name])
+        return Trial(Fit(**fit), content["score"], content["p"])

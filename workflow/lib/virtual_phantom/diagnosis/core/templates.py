@@ -1,0 +1,88 @@
+"""First-order distortions of effects: what one of typical strength changes of every part of the data, whitened by the
+weights, and what of that alignment and the effects already fitted could take up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ...physics.effect import Parameter
+from ..projections.model import stacked
+from .fit import Fit, Fitter, Problem
+
+SMALL = 1e-9  # of a template's square: what is left of one that the alignment takes up entirely
+
+
+def whitened(parts: list[np.ndarray], weights: list[np.ndarray]) -> np.ndarray:
+    return np.concatenate([part * np.sqrt(weight) for part, weight in zip(parts, weights, strict=True)])
+
+
+def data_changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
+    """Change of the whitened data per unit of every parameter and number of the alignment: [datum, unknown]."""
+    residuals = problem.residuals(problem.start, pattern)
+    columns = [
+        whitened(problem.derivative(index, problem.start, residuals, pattern), problem.weights)
+        for index in range(len(problem.start))
+    ]
+    return np.stack(columns, axis=1)
+
+
+def with_knowledge(columns: np.ndarray, problem: Problem) -> np.ndarray:
+    """Changes of the data with what is known of the unknowns below, as rows of their own, so that each can only be
+    taken up as far: [datum and piece of knowledge, unknown]."""
+    return np.vstack([columns, np.diag(np.sqrt(problem.knowledge))])
+
+
+def changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
+    """Both of these."""
+    return with_knowledge(data_changes(problem, pattern), problem)
+
+
+def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
+    """Whitened data [row, datum] less all that an orthonormal basis [datum and piece of knowledge, column] spans:
+    [row, datum and piece of knowledge]."""
+    known = basis.shape[0] - rows.shape[1]
+    rows = np.hstack([rows, np.zeros((len(rows), known))])
+    return rows - (rows @ basis) @ basis.T
+
+
+def varied(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """Those that have a neutral value: each has a template of its own."""
+    return tuple(parameter for parameter in parameters if parameter.neutral is not None)
+
+
+def strength(parameter: Parameter) -> float:
+    """What a template has of a parameter; where the typical case has none of it, its range says how much is much."""
+    if parameter.typical != parameter.neutral:
+        return parameter.typical
+    far = max(parameter.low, parameter.high, key=lambda end: abs(end - parameter.neutral))
+    return parameter.neutral + (far - parameter.neutral) / 20
+
+
+def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str, float]] = ({},)) -> np.ndarray:
+    """Change of the whitened data that an effect makes by each parameter alone that has a neutral value, at typical
+    strength; of an effect without such a parameter, its change at typical values: [shape and parameter, datum].
+    Parameters are in the order of `varied`.
+
+    shapes   values of parameters without a neutral value, where they are not typical
+    """
+    every = fitter.model.parameters(name)
+    now = fitter.model.predict(fit.physics, fit.place, fitter.data, fit.anchor)
+    before = stacked(fitter.data, now)
+    ranges = {one.name: one for one in fitter.model.unknowns((name,))}
+    typical = {
+        parameter.name: one.value(min(max(parameter.number(parameter.typical), one.low), one.high))
+        for parameter, one in ((parameter, ranges[parameter.name]) for parameter in every)
+    }
+    typical |= fitter.model.known(name)
+    parameters = varied(every)
+    off = {parameter.name: parameter.neutral for parameter in parameters}
+    rows = []
+    for shape in shapes:
+        for strong in [{parameter.name: strength(parameter)} for parameter in parameters] or [{}]:
+            values = typical | dict(shape) | off | strong
+            changed = fitter.model.predict(fit.physics | {name: values}, fit.place, fitter.data, fit.anchor)
+            after = stacked(fitter.data, changed)
+            rows.append(whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
+    return np.stack(rows)

@@ -1,0 +1,236 @@
+"""What a diagnosis says: the verdict, the physics with its parameters, what is left, and what to measure next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...physics.effect import load
+from ..projections.caveats import caveats
+from ..projections.model import Model
+from ..projections.prepared import Prepared
+from .attribute import Choice, Trial
+from .fit import Fit
+from .locate import Half, Location, aligned
+from .steps import NORMAL_95
+
+LEFT_SD = 3.0
+NO_SIGNED_MAP = ("edges", "both halves")  # sums of squares and products
+VERDICTS = ("match", "mismatch explained", "mismatch partly explained", "unexplained")
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that is reported.
+
+    before, after   places of difference on held-out data, with alignment alone and with the effects chosen
+    content         what diagnosis.json holds
+    """
+
+    choice: Choice
+    before: list[Location]
+    after: list[Location]
+    content: dict
+
+
+def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
+    """Judge a choice of effects on the data held out."""
+    fitter, locate = prepared.fitter, prepared.look.places
+
+    def places(fit):
+        fitted, held = _halves(prepared, fit)
+        return locate(
+            held.residuals,
+            held.weights,
+            held.data,
+            fit.pattern_variance,
+            fitted=fitted,
+            more=aligned(fit, fitter.model.distortions),
+            **({} if prepared.look.uncertain is None else {"uncertain": prepared.look.uncertain(fitter, fit)}),
+        )
+
+    before, after = places(choice.baseline.fit), places(choice.chosen.fit)
+    effects = choice.chosen.fit.effects
+    left = [place for place in after if place.significant]
+    verdict = VERDICTS[(1 if not left else 2) if effects else (0 if not left else 3)]
+    removed = excess_removed(prepared, choice.baseline, choice.chosen, left) if effects else None
+    metrics = {
+        "fit": metrics_of(prepared, choice, held_out=False),
+        "held_out": metrics_of(prepared, choice, held_out=True),
+    }
+    ambiguous = {name: choice.ambiguous_with(name) for name in effects}
+    content = {
+        "recording": recording,
+        "verdict": verdict,
+        "sentence": sentence(recording, verdict, choice, before, after, removed),
+        "locations": [_location(place) for place in before],
+        "effects": [_effect(name, choice, fitter.model) for name in effects],
+        "ambiguous_with": ambiguous,
+        "ruled_out": choice.ruled_out,
+        "undecided": choice.undecided,
+        "alignment": {
+            name: {"value": value, "ci95": _interval(value, choice.chosen.fit.place_errors[name])}
+            for name, value in choice.chosen.fit.place.items()
+        },
+        **metrics,
+        "excess_removed": removed,
+        "excess_rms_removed": excess_rms_removed(**metrics["held_out"][f"rms_{prepared.look.unit}"])
+        if effects
+        else None,
+        "remainder_sd": remainder_sd(prepared, choice.chosen),
+        "unexplained": [_location(place) for place in left],
+        "next_measurement": next_measurements(choice, bool(left)),
+        "held_out_data": prepared.held,
+        "noise_from_one_repeat": prepared.single,
+        "caveats": caveats(prepared, choice, fitter.model.tube_kvp),
+    }
+    return Diagnosis(choice, before, after, content)
+
+
+def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[Location]) -> float | None:
+    """Share of the difference beyond noise, on held-out data, that the effects remove; None if there is none.
+
+    standing   places that are significant after
+
+    Removed is what the log score gains, twice (chi-square). Left is the largest sum of products of fitted and held-out
+    standardised residuals, whose noises are independent, where it stands LEFT_SD standard deviations above 0: over the
+    places of any domain that still stands out, since a sum over all rays alone would drown a difference of a few places
+    in their noise; and over all rays, less what the model's own numerical errors put into both.
+    """
+    gained = 2 * (chosen.score - baseline.score)
+    if not gained > 0:
+        return None
+    locate = prepared.look.places
+    fitted, held = _halves(prepared, chosen.fit)
+    sums = []
+    if domains := {place.domain for place in standing} - set(NO_SIGNED_MAP):
+        maps = [
+            {
+                place.domain: place.map.ravel()
+                for place in locate(half.residuals, half.weights, half.data, chosen.fit.pattern_variance)
+            }
+            for half in (fitted, held)
+        ]
+        sums += [(maps[0][domain] * maps[1][domain], 0.0) for domain in domains & maps[0].keys()]
+    common = held.in_common(fitted)
+    sums.append((common.products, sum(float(one.sum()) for one in common.numerical)))
+    left = [float(one.sum()) - error for one, error in sums if one.sum() - error > LEFT_SD * np.sqrt((one**2).sum())]
+    return gained / (gained + max(left, default=0.0))
+
+
+def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
+    """What a fit leaves in common on fitted and held-out data, over all rays or voxels, in standard deviations of what
+    noise alone gives, at least 0; beyond what the model's own numerical errors put into both. None where the halves
+    share no ray.
+
+    `excess_removed` is a share of what was there: beside a large difference it hides a remainder that this shows.
+    """
+    fitted, held = _halves(prepared, chosen.fit)
+    common = held.in_common(fitted)
+    return common.z() if common.there.any() else None
+
+
+def _halves(prepared: Prepared, fit: Fit) -> tuple[Half, Half]:
+    """What a fit leaves of the data fitted and of those held out."""
+    fitter = prepared.fitter
+    fitted = Half(fitter.residuals(fit, held_out=False), fitter.weights, prepared.data)
+    return fitted, Half(fitter.residuals(fit), fitter.held_weights, prepared.held_out)
+
+
+def excess_rms_removed(before: float, after: float, floor: float) -> float | None:
+    """Share of the root mean square beyond noise that is removed: 1 - sqrt((after^2 - floor^2) / (before^2 - floor^2)).
+
+    Noise adds in squares, so that what is left after the root is that of the mean difference alone. None if there is
+    no excess before.
+    """
+    if before <= floor:
+        return None
+    return float(1 - np.sqrt(max(0.0, after**2 - floor**2) / (before**2 - floor**2)))
+
+
+def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
+    """Numbers before, after, and what noise alone would give."""
+    fitter = prepared.fitter
+    data = prepared.held_out if held_out else prepared.data
+    weights = fitter.held_weights if held_out else fitter.weights
+    found = {}
+    parts = ["mean", *(["noise_variance", "noise_correlation"] if data.variance is not None else [])]
+    parts += ["white_field"] if data.white is not None else []
+    residuals = {
+        key: fitter.residuals(one.fit, held_out) for key, one in (("before", choice.baseline), ("after", choice.chosen))
+    }
+    rms = {
+        key: float(np.sqrt((prepared.look.difference(prepared, one.fit, held_out) ** 2).mean()))
+        for key, one in (("before", choice.baseline), ("after", choice.chosen))
+    }
+    floor = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
+    found[f"rms_{prepared.look.unit}"] = {**rms, "floor": floor}
+    for place, name in enumerate(parts):
+        count = int((weights[place] > 0).sum())
+        if not count:
+            continue
+        found[f"chi_square_{name}"] = {
+            key: float((weights[place] * value[place] ** 2).sum()) / count for key, value in residuals.items()
+        } | {"floor": 1.0}
+    found["log_score"] = {"before": choice.baseline.score, "after": choice.chosen.score} if held_out else {}
+    return {key: value for key, value in found.items() if value}
+
+
+def _effect(name: str, choice: Choice, model: Model) -> dict:
+    effect, fit = load(name), choice.chosen.fit
+    parameters = {one.name: one for one in (*effect.parameters, *model.parameters(name))}
+    units = {key: one.unit for key, one in parameters.items()}
+    ranges = {key: (one.low, one.high) for key, one in parameters.items()}
+    return {
+        "name": name,
+        "physics": effect.physics,
+        "parameters": {
+            key: {
+                "value": value,
+                "ci95": _interval(value, fit.errors[name].get(key, 0.0), *ranges[key]),
+                "unit": units[key],
+            }
+            for key, value in fit.physics[name].items()
+        },
+        "evidence": {"held_out_gain": choice.gains[name], "p": choice.p[name]},
+    }
+
+
+def _interval(value: float, error: float, low: float = -np.inf, high: float = np.inf) -> list[float]:
+    return [float(max(low, value - NORMAL_95 * error)), float(min(high, value + NORMAL_95 * error))]
+
+
+def _location(place: Location) -> dict:
+    return {"domain": place.domain, "where": place.where, "z": place.z, "p": place.p, "map": f"{place.domain}.npy"}
+
+
+def next_measurements(choice: Choice, something_left: bool) -> list[str]:
+    """What would settle the verdict: for every ambiguous effect its own and its rivals' tests."""
+    found = []
+    for name in choice.chosen.fit.effects:
+        if rivals := choice.ambiguous_with(name):
+            found += [f"{name} or {rival}: {load(one).settled_by}" for rival in rivals for one in (name, rival)]
+    if something_left and not found:
+        found = ["the same scan again after the air and geometry calibrations, to see whether what is left stays"]
+    return list(dict.fromkeys(found))
+
+
+def sentence(recording: str, verdict: str, choice: Choice, before, after, removed) -> str:
+    """The verdict in words."""
+    if verdict == "match":
+        return f"{recording} and the simulation agree: what they differ by is noise and alignment."
+    worst = next((place for place in before if place.significant), before[0])
+    seen = f"most in {worst.domain} ({worst.where})"
+    names = []
+    for name in choice.chosen.fit.effects:
+        rivals = choice.ambiguous_with(name)
+        names.append(" or ".join(one.replace("_", " ") for one in (name, *rivals)))
+    if verdict == "unexplained":
+        return f"{recording} and the simulation differ, {seen}, and no effect of the library explains it."
+    share = "" if removed is None else f", which removes {100 * removed:.1f} % of the difference on data not fitted"
+    text = f"{recording} and the simulation differ, {seen}; left out was {' and '.join(names)}{share}."
+    if verdict == "mismatch partly explained":
+        rest = next(place for place in after if place.significant)
+        text += f" What remains lies most in {rest.domain} ({rest.where})."
+    return text

@@ -1,0 +1,103 @@
+"""Physics that was found on one recording, held against another: only the alignment is fitted there."""
+
+from __future__ import annotations
+
+import copy
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ...base.errors import InputError, refusing
+from ...io.files import read_text
+from ...physics.effect import READOUT_UNITS, checked, load
+from .attribute import Choice, Trial, trial
+from .fit import Fitter
+from .steps import NORMAL_95
+
+
+@dataclass(frozen=True)
+class Physics:
+    """What a diagnosis found.
+
+    recording   where
+    effects     {effect: {parameter: value}}, with `errors`, their standard errors, and `units`
+    scale       (value, standard error) of all line integrals, where a spectrum makes it the material's density
+    not_taken   effects that belong to one scan: patterns of its pixels, which diagnosis.json does not hold
+    """
+
+    recording: str
+    effects: dict[str, dict[str, float]]
+    errors: dict[str, dict[str, float]]
+    units: dict[str, dict[str, str]]
+    scale: tuple[float, float] | None
+    not_taken: tuple[str, ...]
+
+    @classmethod
+    def read(cls, path: str | Path, needed: bool = True) -> Physics:
+        """From a diagnosis.json. Raises InputError if it is missing or broken, or, where some is `needed`, found no
+        physics to take."""
+        kinds = (OSError, ValueError, KeyError, TypeError)
+        with refusing(f"{path}: is no diagnosis", *kinds, advice="make it anew"):
+            content = json.loads(read_text(path))
+            found = {one["name"]: one["parameters"] for one in content["effects"]}
+            recording, scale = content["recording"], content["alignment"]["scale"]
+            taken = {name: values for name, values in found.items() if not load(name).pattern}
+            effects = checked({n: {k: v["value"] for k, v in values.items()} for n, values in taken.items()}, str(path))
+            errors = {n: {k: _error(v) for k, v in values.items()} for n, values in taken.items()}
+            units = {n: {k: v["unit"] for k, v in values.items()} for n, values in taken.items()}
+            density = (scale["value"], _error(scale)) if "spectrum" in effects else None
+        if needed and not effects:
+            raise InputError(f"{path}: found no effect that another recording could be held against; drop physics_from")
+        return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))))
+
+
+def _error(parameter: dict) -> float:
+    """The longer side: at a bound of the plausible range the other was cut."""
+    low, high = parameter["ci95"]
+    return max(high - parameter["value"], parameter["value"] - low) / NORMAL_95
+
+
+def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: bool) -> Choice:
+    """Fit the alignment alone beside physics found elsewhere.
+
+    baseline        the simulator with nothing but alignment
+    same_material   the object is of the material that the other one was of: with a spectrum, the scale is its density
+                    and is held where it was found, within its error
+    An effect's gain is what data that were not fitted lose without it, the others kept and the alignment refitted.
+    As nothing of an effect was fitted here, it has no p-value (None). Raises InputError for a parameter in a unit that
+    this recording does not have.
+    """
+    for name, units in physics.units.items():
+        counted = {one.name for one in load(name).parameters if READOUT_UNITS in one.unit}
+        for one in fitter.model.parameters(name):
+            if one.name in counted & units.keys() and units[one.name] != one.unit:
+                raise InputError(
+                    f"{physics.recording}: {one.name} of its {name} is in {units[one.name]}, and this recording's in "
+                    f"{one.unit}; take the physics from a recording of the same kind"
+                )
+    model, held = fitter.model, copy.copy(fitter)
+    density = physics.scale if physics.scale is not None and same_material else model.density
+    held.model = copy.copy(model)  # of projections or of images
+    held.model.fixed, held.model.density = physics.effects, density
+    chosen = trial(held, tuple(physics.effects), baseline)
+    gains = {}
+    for name in physics.effects:
+        rest = tuple(other for other in physics.effects if other != name)
+        gains[name] = chosen.score - (trial(held, rest, chosen).score if rest else baseline.score)
+    chosen = replace(chosen, fit=replace(chosen.fit, errors=physics.errors))
+    return Choice(baseline, {}, chosen, gains, {}, dict.fromkeys(physics.effects))
+
+
+def stated(content: dict, physics: Physics) -> dict:
+    """What diagnosis.json holds, with where the physics is from."""
+    left = (
+        f" Not taken was the {', '.join(physics.not_taken).replace('_', ' ')} of that scan."
+        if physics.not_taken
+        else ""
+    )
+    told = f" The physics is as found on {physics.recording}; only the alignment was fitted here.{left}"
+    return content | {
+        "sentence": content["sentence"] + told,
+        "effects": [one | {"taken_from": physics.recording} for one in content["effects"]],
+        "not_taken": list(physics.not_taken),
+    }

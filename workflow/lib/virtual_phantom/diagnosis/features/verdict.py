@@ -1,0 +1,219 @@
+"""What a diagnosis of features says: verdict, the property that explains most, what is left, what next."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from ..core.verdict import VERDICTS
+from .choice import MATERIAL, Trial, shift, stand_ins, trials
+from .places import Place, Places, places
+from .properties import FOLDS, Property, calibration
+from .responses import Responses, finer, removed
+
+RESAMPLES = 200
+TAIL = 2.5  # per cent, on either side of an interval
+FINER_DATA = (
+    "images of the same scans: tables of features keep neither places nor spatial frequencies, images show edges and "
+    "the power of the noise",
+    "projections of the same scans: effects before the reconstruction are told apart there",
+)
+
+
+@dataclass(frozen=True)
+class FeatureDiagnosis:
+    """Everything that is reported: places before and after on held-out regions, every trial, and diagnosis.json."""
+
+    before: Places
+    after: Places
+    trials: dict[Property, Trial]
+    content: dict
+
+
+def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str], mean: str) -> FeatureDiagnosis:
+    """Locate, attribute and judge.
+
+    name           of the comparison
+    not_compared   {feature: why}
+    mean           the feature that is an ROI's mean HU, for the HU calibration's values
+    """
+    before, found = places(data, data.baseline), trials(data)
+    best, trial = next(iter(found.items()))
+    differ = bool(before.significant)
+    chosen = differ and trial.counts
+    after = places(data, trial.after) if chosen else before
+    left = after.significant
+    verdict = VERDICTS[(2 if left else 1) if chosen else (3 if differ else 0)]
+    rivals = [one.name for one in stand_ins(found)] if chosen else []
+    content = {
+        "recording": name,
+        "verdict": verdict,
+        "sentence": sentence(name, verdict, best, trial, rivals, before, after),
+        "locations": [_place(place) for place in before.significant],
+        "effects": [_effect(data, best, trial, mean)] if chosen else [],
+        "ambiguous_with": {best.name: rivals} if chosen else {},
+        "ruled_out": {one.name: each.held_out for one, each in found.items() if differ and each.held_out < MATERIAL},
+        "fit": _metrics(data, trial if chosen else None, held_out=False),
+        "held_out": _metrics(data, trial if chosen else None, held_out=True),
+        "excess_removed": trial.held_out if chosen else None,
+        "unexplained": [_place(place) for place in left],
+        "next_measurement": _next(best, rivals, found, bool(left)),
+        "held_out_data": "regions: each half judged by strengths fitted on the other",
+        "candidates": {
+            one.name: {
+                "fitted": each.fitted,
+                "held_out": each.held_out,
+                "p": each.p,
+                "strengths": {str(fold): value for fold, value in each.strengths.items()},
+                "regions": dict(zip(data.rois, each.regions.tolist(), strict=True)),
+            }
+            for one, each in found.items()
+        },
+        "not_compared": dict(not_compared),
+        "axes": {"features": data.features, "regions": data.rois},
+    }
+    return FeatureDiagnosis(before, after, found, content)
+
+
+def overlay(data: Responses, content: dict) -> dict:
+    """The effect found as a configuration of the study; empty where the library has no effect for the property."""
+    known = {one.name for one in data.curves if one.is_effect}
+    physics = {
+        effect["name"]: {key: one["value"] for key, one in effect["parameters"].items()}
+        for effect in content["effects"]
+        if effect["name"] in known
+    }
+    return {"physics": physics, "noise": {"model": "physical"}} if physics else {"physics": {}}
+
+
+def sentence(name: str, verdict: str, best: Property, trial: Trial, rivals, before: Places, after: Places) -> str:
+    """The verdict in words."""
+    if verdict == "match":
+        return f"{name}: features of recording and simulation differ by no more than their repeats do."
+    text = f"{name}: features of recording and simulation differ, most in {_words(before.places[0])}"
+    share = f"{100 * trial.held_out:.0f} % of the difference on regions not fitted"
+    if verdict == "unexplained":
+        nearest = f"; nearest comes {best.name.replace('_', ' ')}, with {share}" if trial.held_out > 0 else ""
+        return f"{text}, and no single property of the images explains it{nearest}."
+    names = " or ".join(one.replace("_", " ") for one in (best.name, *rivals))
+    text += f"; {names} removes {share}."
+    if verdict == "mismatch partly explained":
+        text += f" What remains lies most in {_words(after.places[0])}."
+    return text
+
+
+def _words(place: Place) -> str:
+    return f"the {place.domain}: {place.where}" if place.domain != "mean" else f"means of {place.where}"
+
+
+def _place(place: Place) -> dict:
+    return {
+        "domain": place.domain,
+        "where": place.where,
+        "z": place.z,
+        "p": place.p,
+        "map": f"{place.domain}.npy",
+        "feature": place.feature,
+        "differing": place.differing,
+        "features": place.features,
+    }
+
+
+def _effect(data: Responses, one: Property, trial: Trial, mean: str) -> dict:
+    return {
+        "name": one.name,
+        "physics": one.physics,
+        "parameters": _parameters(data, one, mean),
+        "evidence": {"held_out_gain": trial.held_out, "p": trial.p},
+    }
+
+
+def _parameters(data: Responses, one: Property, mean: str) -> dict:
+    """Strengths fitted on all regions, with 95 % intervals of a bootstrap over regions and repeats."""
+    rng = np.random.default_rng(np.random.SeedSequence(0))
+    draws = [_draw(data, rng) for _ in range(RESAMPLES)]
+    tried: dict[str, list[float]] = {}
+    everything = np.arange(len(data.rois)), None, None
+    if one.name == "hu_calibration":
+        units, fit = {"scale": "1", "offset_hu": "HU"}, _calibrated(data, mean)
+    elif one.parameter is not None:
+        units, fit = dict([one.parameter]), _strength(data, one)
+        tried[one.parameter[0]] = data.curves[one][FOLDS[0]].strengths[[0, -1]].tolist()
+    else:
+        return {}
+    value, spread = fit(*everything), [fit(*draw) for draw in draws]
+    return {
+        key: {
+            "value": value[key],
+            "ci95": [float(np.percentile([draw[key] for draw in spread], q)) for q in (TAIL, 100 - TAIL)],
+            "unit": unit,
+            "tried": tried.get(key),
+        }
+        for key, unit in units.items()
+    }
+
+
+def _draw(data: Responses, rng):
+    """ROIs, simulated repeats and recorded repeats by ROI, with replacement."""
+    rois = rng.integers(len(data.rois), size=len(data.rois))
+    ours = rng.integers(len(data.baseline), size=len(data.baseline))
+    return rois, ours, [rng.integers(len(one), size=len(one)) for one in data.recorded]
+
+
+def _calibrated(data: Responses, mean: str):
+    column = data.features.index(mean)
+
+    def fit(rois, ours, theirs):
+        simulated = data.baseline[slice(None) if ours is None else ours][..., column].mean(axis=0)
+        recorded = [
+            (one if theirs is None else one[theirs[index]])[:, column].mean() for index, one in enumerate(data.recorded)
+        ]
+        return calibration(simulated[rois], np.array(recorded)[rois])
+
+    return fit
+
+
+def _strength(data: Responses, one: Property):
+    curve = finer(one, data.curves[one][FOLDS[0]])  # a property with a strength is the same in all folds
+    own = [shift(data, curve.values), shift(data, data.baseline)]
+
+    def fit(rois, ours, theirs):
+        after, before = own
+        if ours is not None:
+            centre = np.stack([each[rows].mean(axis=0) for each, rows in zip(data.recorded, theirs, strict=True)])
+            after = (curve.values[:, ours].mean(axis=1) - centre) / data.unit
+            before = (data.baseline[ours].mean(axis=0) - centre) / data.unit
+        gains = removed(before[rois], after[:, rois], data.floor[rois]).sum(axis=(1, 2))
+        return {one.parameter[0]: float(curve.strengths[np.argmax(gains)])}
+
+    return fit
+
+
+def _metrics(data: Responses, trial: Trial | None, held_out: bool) -> dict:
+    """Squared and absolute standardised shifts of the means before, after, and of noise alone."""
+    before = shift(data, data.baseline)
+    after = before
+    if trial is not None:
+        after = shift(data, trial.after if held_out else trial.kept)
+    half = stats.norm.ppf(0.75)  # of a normal distribution's |x|, the median
+    return {
+        "mean_squared_shift": {
+            "before": float((before**2).mean()),
+            "after": float((after**2).mean()),
+            "floor": float(data.floor.mean()),
+        },
+        "median_absolute_shift": {
+            "before": float(np.median(np.abs(before))),
+            "after": float(np.median(np.abs(after))),
+            "floor": float(half * np.sqrt(np.median(data.floor))),
+        },
+    }
+
+
+def _next(best: Property, rivals: list[str], found: Mapping[Property, Trial], left: bool) -> list[str]:
+    by_name = {one.name: one for one in found}
+    tests = [f"{best.name} or {rival}: {by_name[one].settled_by}" for rival in rivals for one in (best.name, rival)]
+    return list(dict.fromkeys(tests)) + (list(FINER_DATA) if left else [])

@@ -1,0 +1,131 @@
+"""Where reconstructed images are compared: their grid, the voxels with complete data, ROIs and the object's edge."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy import ndimage
+
+from ...base.errors import InputError
+from ...base.geometry import Grid, ScanGeometry
+from ...base.parallel_rays import ParallelRays
+from ...base.units import HU_AIR, HU_BODY, attenuation_to_hu
+from ...io.volumes import Volume, read_nifti
+from ...phantom import read_masks
+from ...physics.scene import DiscScene, Pose
+from ...statistics.image_quality import LEAST_ROI_VOXELS
+from ...statistics.resolution import signed_distance_mm
+from ..projections.scanned import read_mask
+from .agreement import INNER_VOXELS, Regions
+
+MOST_VOXELS, MOST_SLICES = 128, 8
+AIR_VOXELS = 8  # around the object: what its edge needs
+PRISM_MM = 1000.0  # slice of an object that is alike along z: beyond any beam's height
+SUBDIVIDED = 5  # samples per voxel and direction, of the edge
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """The study's phantom, or an object given as a mask, if that was scanned.
+
+    fine   HU, what projections were taken of
+    rois   bool masks [z, y, x] by name, on `grid`
+    """
+
+    fine: Volume
+    rois: Mapping[str, np.ndarray]
+    grid: Grid
+
+    @classmethod
+    def read(cls, fine: str | Path, image: str | Path, rois_csv: str | Path) -> Scanned:
+        """What the study's rule `phantom` wrote. Raises InputError as volumes.read_nifti and phantom.read_masks."""
+        grid = read_nifti(image).grid
+        return cls(read_nifti(fine), read_masks(rois_csv, grid)[1], grid)
+
+    @classmethod
+    def of_mask(cls, mask: str | Path) -> Scanned:
+        """A homogeneous object: no ROIs but itself. Raises InputError as scanned.read_mask."""
+        share, grid = (volume := read_mask(mask)).array, volume.grid
+        if grid.shape[0] == 1:  # alike along z: two slices, between whose centres nothing changes
+            share = np.repeat(share, 2, axis=0)
+            grid = Grid(share.shape, (PRISM_MM, *grid.spacing[1:]))
+        return cls(Volume(attenuation_to_hu(share, 1.0), grid), {}, grid)
+
+    @property
+    def radius_mm(self) -> float:
+        """How far from the isocentre's axis the object reaches."""
+        _, y, x = self.fine.grid.axes_mm()
+        return float(np.hypot(y[:, None], x)[(self.fine.array > HU_BODY).any(axis=0)].max())
+
+
+def image_grid(geometry: ScanGeometry, radius_mm: float) -> Grid:
+    """Central slices around an object of a radius: voxels as large as the detector's pixels at the isocentre, or larger
+    where more than MOST_VOXELS of them would be needed. Slices lie a detector row apart, so that they share little
+    noise, where views all around see them."""
+    reach = min(radius_mm, geometry.field_of_view_radius_mm)
+    voxel = max(geometry.column_pitch_mm / geometry.magnification, 2 * reach / (MOST_VOXELS - 2 * AIR_VOXELS))
+    # The projector asks for a grid within the source's orbit.
+    most = min(MOST_VOXELS, int(np.sqrt(2) * geometry.source_to_isocentre_mm / voxel) - 1)
+    across = min(most, int(np.ceil(2 * reach / voxel)) + 2 * AIR_VOXELS)
+    height = geometry.row_pitch_mm / geometry.magnification
+    slices = MOST_SLICES
+    if not geometry.feed_per_rotation_mm:
+        seen = (geometry.rows - 1) * (1 - reach / geometry.source_to_isocentre_mm)
+        slices = min(slices, 1 + int(seen))
+    return Grid((slices, across, across), (height, voxel, voxel))
+
+
+def complete(geometry: ScanGeometry, grid: Grid) -> np.ndarray:
+    """bool [z, y, x]: voxels that rays of every direction pass.
+
+    Raises InputError as ParallelRays, or if there is no such voxel.
+    """
+    rays = ParallelRays(geometry)
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    valid = np.hypot(x, y) < geometry.field_of_view_radius_mm - grid.spacing[1]
+    valid[valid] = rays.directions_seen(np.stack([x[valid], y[valid], z[valid]], axis=1)) == rays.half_turn
+    if not valid.any():
+        raise InputError("scan: no voxel around the isocentre is seen from every direction; images cannot be compared")
+    return valid
+
+
+def disc_regions(grid: Grid, valid: np.ndarray, disc: DiscScene, pose: Pose) -> Regions:
+    """A disc and the air around it."""
+    _, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    distance = np.hypot(x - pose.x_mm, y - pose.y_mm) - disc.radius_mm * pose.size
+    return Regions(grid.spacing, _object_and_air(distance, valid, grid), distance, valid)
+
+
+def phantom_regions(grid: Grid, valid: np.ndarray, scanned: Scanned, pose: Pose) -> Regions:
+    """The ROIs of the study's phantom, those parts of them that the images show; where they show fewer than two, the
+    object and the air around it. The edge is that of the body to air."""
+    fine_shape = (grid.shape[0], *(n * SUBDIVIDED for n in grid.shape[1:]))
+    fine = Grid(fine_shape, (grid.spacing[0], *(step / SUBDIVIDED for step in grid.spacing[1:])))
+    body = _sampled(scanned.fine.array, scanned.fine.grid, fine, pose, order=1, outside=HU_AIR) > HU_BODY
+    distance = signed_distance_mm(body, grid.spacing, SUBDIVIDED)
+    rois = {}
+    for name, mask in scanned.rois.items():
+        shown = (_sampled(mask.astype(np.uint8), scanned.grid, grid, pose, order=0, outside=0) > 0) & valid
+        if shown.sum() >= LEAST_ROI_VOXELS:
+            rois[name] = shown
+    return Regions(grid.spacing, rois if len(rois) > 1 else _object_and_air(distance, valid, grid), distance, valid)
+
+
+def _object_and_air(distance_mm: np.ndarray, valid: np.ndarray, grid: Grid) -> dict[str, np.ndarray]:
+    margin = INNER_VOXELS * grid.spacing[1]
+    return {"object": valid & (distance_mm < -margin), "air": valid & (distance_mm > margin)}
+
+
+def _sampled(array: np.ndarray, of: Grid, at: Grid, pose: Pose, order: int, outside: float) -> np.ndarray:
+    """What lies at the voxels of a grid once the object, an array [z, y, x] on a grid of its own, has its pose."""
+    z, y, x = np.meshgrid(*at.axes_mm(), indexing="ij", sparse=True)
+    x, y, z = x - pose.x_mm, y - pose.y_mm, z - pose.z_mm
+    turn = np.deg2rad(pose.turn_deg)
+    places = (z, np.cos(turn) * y - np.sin(turn) * x, np.cos(turn) * x + np.sin(turn) * y)
+    index = [
+        place / (pose.size * step) + (n - 1) / 2 for place, step, n in zip(places, of.spacing, of.shape, strict=True)
+    ]
+    return ndimage.map_coordinates(array, np.broadcast_arrays(*index), order=order, mode="constant", cval=outside)

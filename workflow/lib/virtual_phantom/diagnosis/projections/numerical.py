@@ -1,0 +1,111 @@
+"""Errors of the model's own steps: what more rays per pixel and larger voxels change, of the model as it is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...base.geometry import ScanGeometry
+from ...base.recent import Kept
+from ...physics.chain import Chain
+from ...physics.effect import load
+from ...physics.posed import PosedScene
+from ...physics.scene import DiscScene
+from ...physics.spectra import TUNGSTEN, Anode
+from ..core.alignment import POSES, pose_of
+
+# Chi-square by which predictions may move until errors are computed anew. On the proof's scans, a detector that is 0.15
+# pixels off moves them by 10^5; errors left where they were are then taken for a focal spot, by 200.
+MOST_STRAY = 500.0
+KEPT = 4
+FINER = 2  # times as many rays per pixel and direction as the model has: what these change is its error
+
+
+def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tuple[Chain, Chain]:
+    """The chain that fits ask, its rays following those that were traced, and the one of more rays for Numerical.
+
+    scene   path lengths in closed form need not be followed
+    more    keywords of Chain
+    """
+    fitted = scene if isinstance(scene, DiscScene) else PosedScene(scene, samples)
+    return (
+        Chain(fitted, geometry, samples=samples, **more),
+        Chain(scene, geometry, samples=FINER * samples, **more),
+    )
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """What is modelled when errors are computed.
+
+    physics   {effect: {parameter: value}}
+    place     the numbers of the alignment that move the object
+    """
+
+    physics: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    place: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float]) -> Anchor:
+        """That of settings of effects and of the alignment."""
+        smooth = {name: dict(values) for name, values in physics.items() if not load(name).pattern}
+        return cls(smooth, {name: place[name] for name in POSES if name in place})
+
+    @property
+    def key(self) -> tuple:
+        """Equal for anchors that are the same, and hashable."""
+        physics = tuple((name, *sorted(values.items())) for name, values in sorted(self.physics.items()))
+        return physics, tuple(sorted(self.place.items()))
+
+
+BASE = Anchor()
+
+
+class Numerical:
+    """What finer steps change of the line integrals.
+
+    chain    the simulator
+    finer    the same with more rays per pixel, all of them traced, or None
+    coarser  the same of voxels twice as large, or None
+    Both differences follow the object's edges and lose what a blur takes off them, so that they are wanted of the
+    effects that are fitted, where these let the rays run.
+    """
+
+    def __init__(self, chain: Chain, finer: Chain | None, coarser: Chain | None, anode: Anode = TUNGSTEN):
+        self._chain, self._finer, self._coarser, self._anode = chain, finer, coarser, anode
+        self._kept = Kept(KEPT)
+        self.names = tuple(name for name, one in (("rays", finer), ("voxels", coarser)) if one is not None)
+
+    def at(self, anchor: Anchor = BASE) -> dict[str, np.ndarray]:
+        """{name: [view, row, column]}, by how much each step falls short of a finer one."""
+        return self._made(anchor)[0]
+
+    def strayed(self, anchor: Anchor, lines: np.ndarray, weights: np.ndarray) -> bool:
+        """Whether line integrals lie too far off those of an anchor.
+
+        lines, weights   [view, row, column], inverse variances
+        """
+        return float((weights * (lines - self._made(anchor)[1]) ** 2).sum()) > MOST_STRAY
+
+    def _made(self, anchor: Anchor) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Errors, and the line integrals themselves."""
+        return self._kept.get(anchor.key, lambda: self._make(anchor))
+
+    def _make(self, anchor: Anchor) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        def lines(chain: Chain) -> np.ndarray:
+            return chain.state(anchor.physics, pose_of(anchor.place), anode=self._anode).line_integrals()
+
+        errors = {}
+        if self._finer is None and self._coarser is None:
+            return errors, lines(self._chain)
+        # Copies, whose path lengths go when they have served. All are traced: the simulator of a fit may follow rays to
+        # first order, which is no error of its steps.
+        traced = self._chain if self._finer is None else self._finer.copy(samples=self._chain.samples)
+        here = lines(traced)
+        if self._finer is not None:
+            errors["rays"] = lines(self._finer.copy()) - here
+        if self._coarser is not None:
+            errors["voxels"] = here - lines(self._coarser.copy())
+        return errors, here

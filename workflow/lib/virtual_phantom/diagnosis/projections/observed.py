@@ -1,0 +1,255 @@
+"""What repeats of a scan say: their mean, how it varies, and how neighbours vary together.
+
+A recording is condensed to numbers with known errors, so that effects that change only the noise are fitted like those
+that change the mean:
+
+    mean           line integrals of every ray, over repeats
+    variance       logarithm of the sample variance over repeats, relative to a first model, over blocks of rays
+    correlation    of the differences of repeats between neighbouring columns, rows and views
+    white          smooth shape of the white field
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.polynomial import legendre
+from scipy import special
+
+from ...base.errors import InputError
+from ..core.correlated import WHITE, Correlations, Whitening
+
+VIEW_BLOCKS, COLUMN_BLOCKS, ROW_BLOCKS = 12, 8, 4
+LEAST_TRANSMISSION = 1e-5  # what fewer photons are read as: such rays are left out
+PLATEAU = 0.001  # share of rays that may have one value by chance; integer counts in air repeat
+FEWEST = 8  # degrees of freedom from which on the mean of an inverse says anything
+WHITE_COLUMNS, WHITE_ROWS = 4, 2  # highest orders of the white field's shape
+WHITE_TOLERANCE = 0.005  # by which pixels' sensitivities may shape a white field smoothly
+
+
+@dataclass(frozen=True)
+class Scans:
+    """Repeats of one scan as line integrals.
+
+    repeats   [repeat, view, row, column], float32
+    white     [row, column] mean counts without an object; None where line integrals are all there is
+    usable    [view, row, column] rays that measured something in every repeat
+    """
+
+    repeats: np.ndarray
+    white: np.ndarray | None
+    usable: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.repeats)
+
+    def every(self, step: int) -> Scans:
+        """One view of so many."""
+        return self if step == 1 else replace(self, repeats=self.repeats[:, ::step], usable=self.usable[::step])
+
+
+def scans(acquisitions) -> Scans:
+    """Repeats of a recording of projections (recordings.projections.Projections)."""
+    arrays, usable, whites = [], None, []
+    for acquisition in acquisitions:
+        array = acquisition.line_integrals(LEAST_TRANSMISSION)
+        good = np.isfinite(array)
+        if not acquisition.log:
+            good &= array < -np.log(LEAST_TRANSMISSION) * 0.999
+            whites.append(acquisition.white - acquisition.dark)
+        good &= ~saturated(-array if acquisition.log else acquisition.data)
+        arrays.append(np.where(good, array, 0).astype(np.float32))
+        usable = good if usable is None else usable & good
+    return Scans(np.stack(arrays), np.mean(whites, axis=0) if whites else None, usable)
+
+
+def saturated(signal: np.ndarray) -> np.ndarray:
+    """bool: rays at the highest signal of a scan, as read out, if more stand there than noise puts on one value."""
+    highest = signal == np.nanmax(signal)
+    return highest & (highest.mean() > PLATEAU)
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """A division of the rays into blocks of views, rows and columns."""
+
+    index: np.ndarray  # [view, row, column], number of the block
+    count: int
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def of(cls, shape: tuple[int, int, int], parts=(VIEW_BLOCKS, ROW_BLOCKS, COLUMN_BLOCKS)) -> Blocks:
+        parts = tuple(min(part, n) for part, n in zip(parts, shape, strict=True))
+        axes = [np.arange(n) * part // n for part, n in zip(parts, shape, strict=True)]
+        index = (axes[0][:, None, None] * parts[1] + axes[1][:, None]) * parts[2] + axes[2]
+        return cls(index, int(np.prod(parts)), parts)
+
+    def sum(self, array: np.ndarray) -> np.ndarray:
+        return np.bincount(self.index.ravel(), np.broadcast_to(array, self.index.shape).ravel(), self.count)
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        return values[self.index]
+
+
+@dataclass(frozen=True)
+class Observed:
+    """The condensed repeats.
+
+    mean              [view, row, column]
+    n                 number of repeats
+    usable            rays that count
+    variance          (block,) mean of the sample variance over `reference`, so scaled that its logarithm is unbiased;
+                      None of a single repeat
+    variance_error    (block,) standard error of its logarithm, as sums over many blocks have it: of noise that
+                      neighbours share, those of blocks side by side vary together
+    correlation       (column, row, view), with correlation_error; entries of an axis of one pixel are missing (NaN)
+    white             coefficients of the white field's shape, or None
+    numerical         [view, row, column] each: distortions alike in many rays by which predictions may be off (one
+                      standard deviation), whitened
+    alone             variance of a single block's logarithm over the square of `variance_error`
+    whitening         what makes the mean's noise white, or None where it is
+    weighed           (block,) relative variance of the mean's weights, which are measured block by block
+    """
+
+    mean: np.ndarray
+    n: int
+    usable: np.ndarray
+    blocks: Blocks
+    reference: np.ndarray
+    variance: np.ndarray | None
+    variance_error: np.ndarray | None
+    correlation: np.ndarray | None
+    correlation_error: np.ndarray | None
+    white: np.ndarray | None
+    numerical: tuple[np.ndarray, ...] = ()
+    alone: np.ndarray | float = 1.0
+    whitening: Whitening | None = None
+    weighed: np.ndarray | float = 0.0
+
+    def whitened(self, residual: np.ndarray) -> np.ndarray:
+        """A residual of the mean [view, row, column], its noise made white."""
+        return residual if self.whitening is None else self.whitening(residual)
+
+    def as_recorded(self, whitened: np.ndarray) -> np.ndarray:
+        """A whitened residual [view, row, column] as it was."""
+        return whitened if self.whitening is None else self.whitening.inverse(whitened)
+
+    @property
+    def scatter(self) -> np.ndarray:
+        """Relative variance of the weight of every ray, [view, row, column], or of all of them alike."""
+        weighed = np.asarray(self.weighed)
+        return self.blocks.spread(weighed) if weighed.ndim else weighed
+
+    @property
+    def counted(self) -> np.ndarray:
+        """Usable rays that count in the mean: whitening takes away those beside missing ones."""
+        return self.usable if self.whitening is None else self.whitening.counted
+
+
+def observe(
+    taken: Scans,
+    reference: np.ndarray,
+    blocks: Blocks | None = None,
+    correlations: Correlations = WHITE,
+    whitening: Whitening | None = None,
+) -> Observed:
+    """Condense repeats.
+
+    reference      [view, row, column] variance of a first model: what variances are divided by, so that what is left
+                   varies little within a block
+    correlations   of the noise
+    whitening      as Observed has it
+    Raises InputError if no ray is usable.
+    """
+    if not taken.usable.any():
+        raise InputError("no ray of the recording measured anything; is the object opaque, or are the fields swapped?")
+    blocks = blocks or Blocks.of(taken.usable.shape)
+    n = len(taken)
+    mean = taken.repeats.mean(axis=0, dtype=np.float64)
+    variance = variance_error = correlation = correlation_error = None
+    alone: np.ndarray | float = 1.0
+    if n > 1:
+        weight = taken.usable / reference
+        rays = blocks.sum(taken.usable)
+        deviations = [(one - mean) * np.sqrt(weight) for one in taken.repeats]
+        square = sum(deviation**2 for deviation in deviations)
+        together, within = _fewer(correlations, blocks)
+        half = rays * (n - 1) / 2 / within
+        alone = within / together
+        with np.errstate(invalid="ignore", divide="ignore"):
+            # Logarithms of sample variances lie below that of the variance on average: by a standard error over all
+            # blocks, were it left so.
+            variance = blocks.sum(square) / (rays * (n - 1)) * np.exp(np.log(half) - special.digamma(half))
+            variance_error = np.sqrt(special.polygamma(1, half) / alone)
+        variance[rays == 0] = np.nan
+        correlation, correlation_error = np.full(3, np.nan), np.full(3, np.nan)
+        for place, axis in enumerate((2, 1, 0)):
+            length = taken.usable.shape[axis]
+            if length < 2:
+                continue
+            low, high = (np.take(taken.usable, range(a, length - 1 + a), axis) for a in (0, 1))
+            pairs = int((low & high).sum())
+            if not pairs:
+                continue
+            products = sum(
+                float((np.take(d, range(length - 1), axis) * np.take(d, range(1, length), axis)).sum())
+                for d in deviations
+            )
+            correlation[place] = products / (pairs * square[taken.usable].mean())
+            fewer = correlations.variance_of_neighbours(axis, taken.usable.shape)
+            correlation_error[place] = np.sqrt(fewer / (pairs * (n - 1)))
+    return Observed(
+        mean=mean,
+        n=n,
+        usable=taken.usable,
+        blocks=blocks,
+        reference=reference,
+        variance=variance,
+        variance_error=variance_error,
+        correlation=correlation,
+        correlation_error=correlation_error,
+        white=None if taken.white is None else white_shape(taken.white),
+        alone=alone,
+        whitening=whitening,
+    )
+
+
+def _fewer(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarray]:
+    """By what correlated noise makes the variance of sums of squares larger: over all rays, and (block,) over each."""
+    if correlations.white:
+        return 1.0, np.ones(blocks.count)
+    shape = blocks.index.shape
+    together = np.prod([correlations.variance_of_squares(axis, length) for axis, length in enumerate(shape)])
+    within = []
+    for axis, (length, parts) in enumerate(zip(shape, blocks.shape, strict=True)):
+        ends = [-(-length * i // parts) for i in range(parts + 1)]  # as Blocks.of divides them
+        places = (slice(*pair) for pair in pairwise(ends))
+        within.append([correlations.variance_of_squares(axis, length, place) for place in places])
+    return float(together), np.multiply.outer(np.multiply.outer(*within[:2]), within[2]).ravel()
+
+
+def white_shape(white: np.ndarray) -> np.ndarray:
+    """Coefficients of the logarithm of a white field [row, column] in Legendre polynomials of columns, then of rows.
+
+    The constant and pixels without signal are left out.
+    """
+    good = white > 0
+    matrix = _shapes(*white.shape)[:, good].T
+    return np.linalg.lstsq(matrix, np.log(white[good]), rcond=None)[0][1:]
+
+
+@cache
+def _shapes(rows: int, columns: int) -> np.ndarray:
+    """The constant, then the polynomials of columns and of rows: [shape, row, column]."""
+    terms = [(0, order) for order in range(1, min(WHITE_COLUMNS, columns - 1) + 1)]
+    terms += [(order, 0) for order in range(1, min(WHITE_ROWS, rows - 1) + 1)]
+
+    def polynomial(length, order):
+        position = np.linspace(-1, 1, length) if length > 1 else np.zeros(1)
+        return legendre.legval(position, [0] * order + [1])
+
+    shapes = [np.ones((rows, columns))]
+    return np.stack(shapes + [polynomial(rows, r)[:, None] * polynomial(columns, c)[None, :] for r, c in terms])

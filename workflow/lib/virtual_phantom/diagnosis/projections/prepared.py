@@ -1,0 +1,248 @@
+"""A recording made ready for fits: split into what is fitted and what is held out, with its noise and the floor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.errors import InputError
+from ...physics.chain import Chain
+from ...physics.spectra import TUNGSTEN, Anode
+from ..core.alignment import nuisances
+from ..core.correlated import WHITE, Correlations, Whitening, estimated, of_state
+from ..core.fit import Fit, Fitter
+from ..core.look import PROJECTIONS, Look
+from .model import Model
+from .numerical import Numerical
+from .observed import FEWEST, Blocks, Observed, Scans, observe
+
+HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
+NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
+MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
+SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20 000 are taken for distances or offsets
+# Of a numerical distortion: what is left of it once it is fitted, as errors of higher order are alike in no two rays.
+LEFT = {"rays": 1.0, "voxels": 1 / 3}
+MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
+BY_VIEW = "every second view"
+ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
+SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What all fits of a recording share.
+
+    held      what is held out, in words
+    single    True if the noise had to be taken from neighbouring views of a single repeat
+    photons   per pixel in air, as estimated from the variances
+    look      how its differences are looked at
+    step      one view of so many was fitted or held out
+    lacking   what of the scan's times is not stated, in words
+    """
+
+    fitter: Fitter
+    data: Observed
+    held_out: Observed
+    variance: np.ndarray
+    held: str
+    single: bool
+    photons: float
+    look: Look = PROJECTIONS
+    step: int = 1
+    lacking: str | None = None
+
+    @property
+    def usable(self) -> np.ndarray:
+        """Rays that measured something, [view, row, column], fitted or held out."""
+        if self.held == BY_VIEW:  # each half leaves out the other's views
+            return self.data.usable | self.held_out.usable
+        return self.data.usable & self.held_out.usable
+
+
+def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
+    """What is fitted, what is held out, and how that is said."""
+    if further is not None and len(further):
+        return taken, further, "repeats kept for it"
+    if len(taken) >= HALVES:
+        parts = [replace(taken, repeats=taken.repeats[first::2]) for first in (0, 1)]
+        return *parts, "every second repeat"
+    views = np.arange(taken.usable.shape[0])[:, None, None]
+    parts = [replace(taken, usable=taken.usable & (views % 2 == odd)) for odd in (0, 1)]
+    return *parts, BY_VIEW
+
+
+def prepare(
+    taken: Scans,
+    further: Scans | None,
+    chain: Chain,
+    *,
+    anode: Anode = TUNGSTEN,
+    tube_kvp: float | None = None,
+    nominal_photons: float | None = None,
+    known: dict[str, float] | None = None,
+    floor_chain: Chain | None = None,
+    coarse_chain: Chain | None = None,
+    step: int = 1,
+    lacking: str | None = None,
+) -> Prepared:
+    """Noise, floor and alignment of a recording.
+
+    chain             the simulator
+    anode, tube_kvp   as the label on the scanner says
+    nominal_photons   per pixel in air, if it is stated
+    known             standard deviations of the alignment, by name, where the defaults do not hold
+    floor_chain, coarse_chain   as Numerical takes them: what they change is fitted as numerical distortions, and what
+                      that leaves is the floor
+    step              fit and hold out one view of so many, with the noise estimated from all
+    lacking           as Prepared has it
+    Raises InputError if the repeats do not vary.
+    """
+    state = chain.state({}, photons=1.0, anode=anode)
+    clean = state.line_integrals()
+    unit = np.exp(clean)  # variance of one photon per pixel in air
+    noise, single = _noise(taken, clean)
+    photons = 1 / float(np.mean(noise[taken.usable] / unit[taken.usable]))
+    if not np.isfinite(photons) or photons > MOST_PHOTONS:
+        raise InputError("the repeats of the recording do not vary: are they copies of one file?")
+    if step > 1:
+        taken, further = taken.every(step), None if further is None else further.every(step)
+        chain = every(chain, step)
+        floor_chain, coarse_chain = (None if one is None else every(one, step) for one in (floor_chain, coarse_chain))
+        clean, unit, noise = clean[::step], unit[::step], noise[::step]
+    reference = unit / photons
+    blocks = Blocks.of(taken.usable.shape)
+    whole = observe(taken, reference, blocks)
+    variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
+    numerical = Numerical(chain, floor_chain, coarse_chain, anode)
+    left = tuple(LEFT[name] * one for name, one in numerical.at().items())
+    fitted, held, words = split(taken, further)
+    correlations = WHITE if single else _correlations(taken, clean, variance)
+    data, held_out = (
+        _whitened(observe(part, reference, blocks, correlations), correlations, clean, left) for part in (fitted, held)
+    )
+    floor = _floor(data)
+    apart = [taken] if words == BY_VIEW else [fitted, held]
+    weighed = variance
+    if not single:
+        weighed, freedom = _of_one_repeat(apart, reference, clean, correlations, blocks)
+        scatter = 2 / np.maximum(freedom, 1)
+        data, held_out = (replace(one, weighed=scatter) for one in (data, held_out))
+    if data.whitening is not None:
+        weighed = weighed * data.whitening.amplification
+    aligned = nuisances(
+        # A single repeat's noise is an estimate of its own and not among the data, so nothing else would hold it.
+        np.log(nominal_photons or photons),
+        NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf,
+        {"size": SIZE_SD} | (known or {}),
+        numerical.names,
+    )
+    fitter = Fitter(Model(chain, aligned, anode, tube_kvp, numerical=numerical), data, held_out, weighed, floor)
+    return Prepared(fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking)
+
+
+def with_noise_of(prepared: Prepared, fit: Fit) -> Prepared:
+    """The same with noise that neighbours share as a fit has it, if it is that of a single repeat, which was taken for
+    white; differences of repeats say it otherwise.
+
+    The second difference of views that are correlated by r1 and, two apart, r2 has 6 - 8 r1 + 2 r2 of their variance.
+    """
+    model, data = prepared.fitter.model, prepared.data
+    if not prepared.single or data.whitening is not None or prepared.look is not PROJECTIONS:
+        return prepared
+    correlations = of_state(model.predict(fit.physics, fit.place, data, fit.anchor).state)
+    if correlations.white:
+        return prepared
+    clean = model.chain.state({}, photons=1.0, anode=model.anode).line_integrals()
+    data, held_out = (_whitened(one, correlations, clean, one.numerical) for one in (data, prepared.held_out))
+    first, memory = correlations.views
+    variance = prepared.variance * SECOND_DIFFERENCE / (SECOND_DIFFERENCE - 8 * first + 2 * first * memory)
+    weighed = variance * np.exp(-clean) * data.whitening.variance(clean) * data.whitening.amplification
+    floor = _floor(data)
+    fitter = Fitter(model, data, held_out, weighed, floor)
+    return replace(prepared, fitter=fitter, data=data, held_out=held_out, variance=variance)
+
+
+def every(chain: Chain, step: int) -> Chain:
+    """The chain of one view of so many."""
+    return chain.copy(chain.geometry.every(step))
+
+
+def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Variance of every ray of one repeat: over repeats, or, of a single one, from second differences over views."""
+    if len(taken) > 1:
+        return taken.repeats.var(axis=0, ddof=1, dtype=np.float64) + 1e-30, False
+    residual = taken.repeats[0] - clean
+    second = np.zeros_like(residual)
+    second[1:-1] = residual[:-2] - 2 * residual[1:-1] + residual[2:]
+    second[0], second[-1] = second[1], second[-2]
+    blocks = Blocks.of(residual.shape)
+    square = np.where(taken.usable, second**2 * np.exp(-clean), np.nan).ravel()
+    order = np.argsort(blocks.index.ravel(), kind="stable")
+    parts = np.split(square[order], np.cumsum(np.bincount(blocks.index.ravel(), minlength=blocks.count))[:-1])
+    level = np.array([_mean_square(part[np.isfinite(part)]) for part in parts]) / SECOND_DIFFERENCE
+    return blocks.spread(np.maximum(level, 1e-30)) * np.exp(clean), True
+
+
+def _mean_square(squares: np.ndarray) -> float:
+    """Of normal noise, from its squares. Where there are enough, by their median: edges that move from view to view
+    have second differences of their own, which would count as noise in a mean."""
+    if squares.size < ENOUGH_FOR_MEDIAN:
+        return float(squares.mean()) if squares.size else 0.0
+    return float(np.median(squares)) / MEDIAN_SQUARE
+
+
+def _floor(data: Observed) -> np.ndarray:
+    """Numerical error of the predictions, whitened, standard deviation, [view, row, column]."""
+    return np.sqrt(sum((one**2 for one in data.numerical), np.zeros(data.mean.shape)))
+
+
+def _correlations(taken: Scans, clean: np.ndarray, variance: np.ndarray) -> Correlations:
+    """Of the noise of repeats, from their differences."""
+    mean, sd = taken.repeats.mean(axis=0, dtype=np.float64), np.sqrt(variance)
+    return estimated([(one - mean) / sd for one in taken.repeats], clean, taken.usable, len(taken) - 1)
+
+
+def _whitened(data: Observed, correlations: Correlations, clean: np.ndarray, numerical) -> Observed:
+    """The same with what makes its noise white, and with the numerical distortions whitened."""
+    if correlations.white:
+        return replace(data, numerical=tuple(numerical))
+    data = replace(data, whitening=Whitening(correlations, clean, data.usable))
+    return replace(data, numerical=tuple(data.whitened(np.where(data.usable, one, 0)) for one in numerical))
+
+
+def _of_one_repeat(
+    parts: Sequence[Scans], reference: np.ndarray, clean: np.ndarray, correlations: Correlations, blocks: Blocks
+) -> tuple[np.ndarray, np.ndarray]:
+    """Variance of every ray of one repeat, whitened, over the whitening's amplification: that of a first model times
+    what repeats say of blocks; and (block,) by how many degrees of freedom.
+
+    parts   of which each says how it varies about its own mean: a variance about the mean of all would depend on by how
+            much the means of those fitted and of those held out differ, and their products would not be 0 on average
+    So scaled that its inverse, the weight, is unbiased: 1 / chi-square of n degrees of freedom is 1 / (n - 2) on
+    average.
+    """
+    square, freedom = np.zeros(blocks.count), np.zeros(blocks.count)
+    shape = reference
+    for part in parts:
+        white = None if correlations.white else Whitening(correlations, clean, part.usable)
+        counted = part.usable
+        if white is not None:
+            shape, counted = white.variance(clean) * reference / np.exp(clean), white.counted
+        mean = part.repeats.mean(axis=0, dtype=np.float64)
+        for one in part.repeats:
+            deviation = np.where(part.usable, one - mean, 0)
+            deviation = deviation if white is None else white(deviation)
+            square += blocks.sum(np.where(counted, deviation**2 / shape, 0))
+        freedom += blocks.sum(counted) * (len(part) - 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        level = square / np.where(freedom > FEWEST, freedom - 2, freedom)
+    if not correlations.white:
+        level = level / white.amplification
+    return shape * blocks.spread(_filled(level)), freedom
+
+
+def _filled(values: np.ndarray) -> np.ndarray:
+    """Blocks without a ray take the median; none of their rays counts."""
+    return np.where(np.isfinite(values), values, np.nanmedian(values))

@@ -1,0 +1,137 @@
+"""Agreement of a recording with models of it, in images that are reconstructed alike."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ...base.errors import InputError
+from ...base.geometry import Grid, ScanGeometry
+from ...base.units import attenuation_to_hu
+from ...projectors import projector
+from ...reconstruction.fbp import fbp
+from ...recordings.recording import Recording
+from ..core.alignment import pose_of
+from ..core.attribute import Choice
+from ..core.fit import Fit
+from ..images.agreement import agreement
+from ..images.compared_regions import Scanned, complete, disc_regions, image_grid, phantom_regions
+from ..images.setting import agreement_of_images
+from .observed import LEAST_TRANSMISSION, Scans, scans
+from .prepared import HALVES, Prepared, split
+
+
+def agreement_of_recording(
+    recording: Recording,
+    prepared: Prepared,
+    choice: Choice,
+    settings: Mapping,
+    stream: int,
+    scanned: Scanned | None = None,
+    threads: int = 1,
+) -> dict:
+    """Agreement of a model with the repeats held out: of images as they are, of projections in images made of them.
+
+    settings   what the recording was made ready with: seed, mu_water_per_mm, and of images the protocol
+    stream     of the study's seed, for simulated noise of projections
+    """
+    if recording.kind == "images":
+        return agreement_of_images(prepared, choice, scanned, settings["protocol"]["algorithm"])
+    further = scans(recording.held_out) if len(recording.held_out) else None
+    repeats = compared(scans(recording.repeats), further).every(prepared.step)
+    seed = np.random.SeedSequence(settings["seed"], spawn_key=(stream,))
+    return agreement_of(repeats, prepared, choice, settings["mu_water_per_mm"], seed, scanned, threads)
+
+
+def agreement_of(
+    repeats: Scans,
+    prepared: Prepared,
+    choice: Choice,
+    mu_water_per_mm: float,
+    seed: np.random.SeedSequence,
+    scanned: Scanned | None = None,
+    threads: int = 1,
+) -> dict:
+    """agreement.agreement of repeats of projections (see `compared`), with the ROIs' names, repeats and the grid.
+
+    scanned   None for a disc
+    "before" is the model with nothing but alignment, "after" the chosen one, each drawn as often as there are repeats.
+    All are reconstructed by filtered back-projection. Edge and ROIs lie where the chosen model puts the object;
+    features are those of the study's ROIs. Where the scan cannot be reconstructed, there are no metrics
+    but the reason.
+    """
+    chain, fits = prepared.fitter.model.chain, {"before": choice.baseline.fit, "after": choice.chosen.fit}
+    pose = pose_of(choice.chosen.fit.place)
+    try:
+        radius = chain.scene.radius_mm if scanned is None else scanned.radius_mm
+        grid = image_grid(chain.geometry, radius)
+        valid = complete(chain.geometry, grid)
+        if scanned is None:
+            regions = disc_regions(grid, valid, chain.scene, pose)
+        else:
+            regions = phantom_regions(grid, valid, scanned, pose)
+        reconstruct = Reconstruction(chain.geometry, grid, mu_water_per_mm, repeats.usable, threads)
+        recorded = reconstruct(repeats.repeats)
+        simulated = {}
+        for (column, fit), branch in zip(fits.items(), seed.spawn(len(fits)), strict=True):
+            lines = simulated_repeats(prepared, fit, len(repeats), np.random.default_rng(branch))
+            simulated[column] = reconstruct(lines)
+    except InputError as error:
+        return {"metrics": {}, "left_out": {"images": str(error)}}
+    return agreement(recorded, simulated, regions, features=scanned is not None and bool(scanned.rois)) | {
+        "rois": list(regions.rois),
+        "repeats": len(repeats),
+        "algorithm": "fbp",
+        "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
+    }
+
+
+def compared(taken: Scans, further: Scans | None) -> Scans:
+    """The repeats that were held out (prepared.split); all of them where every second view was held out instead."""
+    if not further and len(taken) < HALVES:
+        return taken
+    return split(taken, further)[1]
+
+
+def simulated_repeats(prepared: Prepared, fit: Fit, count: int, random: np.random.Generator) -> np.ndarray:
+    """Noisy line integrals [repeat, view, row, column] of a fitted model with its alignment and gain pattern."""
+    state = prepared.fitter.model.predict(fit.physics, fit.place, prepared.held_out, fit.anchor).state
+    air = state.measured_air * state.photons
+    pattern = 0.0 if fit.pattern is None else fit.pattern
+    transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))
+    lines = (fit.place["offset"] + pattern - fit.place["scale"] * np.log(one) for one in transmissions)
+    numerical = prepared.fitter.model.distortion(fit.place, fit.anchor)
+    return np.stack([(one + numerical).astype(np.float32) for one in lines])
+
+
+class Reconstruction:
+    """Filtered back-projection of stacks of line integrals onto one grid.
+
+    usable   [view, row, column]: the other rays take values between their neighbours', in recordings and simulations
+    """
+
+    def __init__(
+        self, geometry: ScanGeometry, grid: Grid, mu_water_per_mm: float, usable: np.ndarray, threads: int = 1
+    ):
+        self.geometry, self.grid, self.mu_water_per_mm = geometry, grid, mu_water_per_mm
+        self.usable, self.threads = usable, threads
+
+    def __call__(self, line_integrals: np.ndarray) -> np.ndarray:
+        """HU [repeat, z, y, x] of [repeat, view, row, column]. Raises InputError as fbp.fbp."""
+        lines = filled(line_integrals, self.usable)
+        engine = projector("cpu", self.geometry, self.grid, len(lines), self.threads)
+        return attenuation_to_hu(fbp(engine, lines), self.mu_water_per_mm)
+
+
+def filled(line_integrals: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Line integrals [repeat, view, row, column], interpolated linearly along the columns where rays are not usable;
+    0 where a whole row is not."""
+    if usable.all():
+        return line_integrals
+    lines = line_integrals.copy()
+    for view, row in np.argwhere(~usable.all(axis=2)):
+        good, bad = np.flatnonzero(usable[view, row]), np.flatnonzero(~usable[view, row])
+        for one in lines[:, view, row]:
+            one[bad] = np.interp(bad, good, one[good]) if good.size else 0
+    return lines

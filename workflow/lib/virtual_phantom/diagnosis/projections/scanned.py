@@ -1,0 +1,70 @@
+"""What was scanned, as a scene: the study's phantom, a disc, or a homogeneous object given as a mask."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...base.errors import InputError
+from ...base.geometry import Grid
+from ...base.units import HU_AIR
+from ...io import volumes
+from ...io.volumes import Volume
+from ...phantom import block_mean
+from ...physics.materials import Segmentation
+from ...physics.prism import PrismScene
+from ...physics.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
+
+PARTIAL_TOLERANCE = 1e-3
+
+
+def scene_of(settings: dict, phantom: str | Path | None, mu_water_per_mm: float, materials: dict, threads: int = 1):
+    """The scene of a diagnosed recording.
+
+    settings   diagnosis.recordings.<name> of the configuration: `disc`, `object` or neither, for the study's phantom
+    phantom    image of the study's phantom, HU
+    Raises InputError as mask_scene.
+    """
+    if "disc" in settings:
+        return DiscScene(settings["disc"]["diameter_mm"], settings["disc"]["material"])
+    if "object" in settings:
+        return mask_scene(settings["object"]["mask"], settings["object"]["material"], threads)
+    return VoxelScene.of(volumes.read_nifti(phantom), Segmentation(**materials), mu_water_per_mm, threads)
+
+
+def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, threads: int = 1) -> VoxelScene:
+    """The study's phantom with voxels twice as large, each the mean of eight: what voxels do to line integrals.
+
+    A side of an odd number of voxels gets a plane of air more, and the grid stays where it was.
+    """
+    volume = volumes.read_nifti(phantom)
+    odd = [n % 2 for n in volume.grid.shape]
+    padded = np.pad(volume.array, [(0, more) for more in odd], constant_values=HU_AIR)
+    spacing = tuple(2 * step for step in volume.grid.spacing)
+    coarse = Volume(block_mean(padded, 2), Grid(tuple(n // 2 for n in padded.shape), spacing))
+    scene = VoxelScene.of(coarse, Segmentation(**materials), mu_water_per_mm, threads)
+    return scene.moved(np.array([more * step / 2 for more, step in zip(odd, volume.grid.spacing, strict=True)])[::-1])
+
+
+def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene | PrismScene:
+    """A homogeneous object: the share of every voxel (0 to 1) that it fills, the image's centre at the isocentre.
+
+    A single slice stands for an object that is alike along z and longer than the beam is high.
+    Raises InputError if the mask is missing, broken, empty, or holds values outside 0 to 1.
+    """
+    volume = read_mask(mask)
+    if volume.grid.shape[0] == 1:
+        return PrismScene(volume.array[0], volume.grid, material)
+    return VoxelScene(volume.array[None], volume.grid, (material,), DISC_ENERGY_KEV, threads)
+
+
+def read_mask(mask: str | Path) -> Volume:
+    """The shares of mask_scene, float32 [z, y, x]. Raises InputError as mask_scene."""
+    volume = volumes.read_nifti(mask)
+    share, grid = volume.array, volume.grid
+    if not np.isfinite(share).all() or share.min() < -PARTIAL_TOLERANCE or share.max() > 1 + PARTIAL_TOLERANCE:
+        raise InputError(f"{mask}: holds values outside 0 to 1; give the share of every voxel that the object fills")
+    if not share.max() > 0:
+        raise InputError(f"{mask}: is empty; mark the voxels that the object fills with 1")
+    return Volume(np.clip(share, 0, 1).astype(np.float32), grid)

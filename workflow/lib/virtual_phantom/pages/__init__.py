@@ -1,1 +1,0 @@
-"""Pages of the study: one HTML file each, with all that they need inside."""

@@ -1,0 +1,1 @@
+"""Recordings of an independent simulator, in which physics is concealed and sealed."""

@@ -1,0 +1,173 @@
+"""Which cases a suite has, and what is concealed in each: drawn from the suite's seed alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+
+from ...base.errors import InputError
+from .catalogue import CATALOGUE, IMAGE, STRENGTHS
+from .objects import OBJECTS
+
+PHANTOMS = tuple(OBJECTS)
+KERNEL = "reconstruction_kernel"
+LEAST_ROWS = 6  # for the four slices of an image
+PROTOCOLS = ("scan", "held_out_protocol")  # sections of the configuration
+TRUTH, SALT, SCAN = range(3)  # branches of a case's seed
+KNOWN = tuple(name for name, one in CATALOGUE.items() if one.known and not one.of_images)
+UNKNOWN = tuple(name for name, one in CATALOGUE.items() if not one.known)
+
+
+def cases(settings: Mapping) -> list[str]:
+    """Names of all cases, which tell nothing of what is concealed."""
+    count = len(_plan(settings)) + len(_plan_of_images(settings))
+    return [f"case_{number:02d}" for number in range(1, 1 + count)]
+
+
+def kind_of(case: str, settings: Mapping) -> str:
+    """What a case records: no secret, and told by its number. Images come after all projections."""
+    return "projections" if _number(case) <= len(_plan(settings)) else "images"
+
+
+def phantom_of(case: str) -> str:
+    """What is scanned in a case: no secret, and told by its number alone."""
+    return PHANTOMS[_number(case) % len(PHANTOMS)]
+
+
+def views_of(kind: str, settings: Mapping) -> tuple[int, int]:
+    """Of the scans by PROTOCOLS. Images of few views are mostly streaks, which no two reconstructions share."""
+    times = settings["images"]["views_times"] if kind == "images" else 1
+    return tuple(settings[one]["views"] * times for one in PROTOCOLS)
+
+
+def _number(case: str) -> int:
+    return int(case.rpartition("_")[2])
+
+
+def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
+    """Raise InputError for names that are not under `diagnosis.recordings`, or are like those of cases."""
+    for name in names:
+        if re.fullmatch(r"case_[0-9]+", name):
+            raise InputError(f"proof.recordings: '{name}' is the name of a case; give the recording another one")
+        if name not in diagnosed:
+            known = ", ".join(diagnosed) or "none"
+            raise InputError(f"proof.recordings: '{name}' is not under diagnosis.recordings ({known}); add it there")
+
+
+def check_tried(settings: Mapping) -> None:
+    """Raise InputError for effects that are concealed in images and not tried there."""
+    images = settings["images"]
+    concealed = [KERNEL, *images["effects"]] if images["strengths"] or images["effects"] else []
+    for name in concealed:
+        if name not in images["tried"]:
+            raise InputError(f"proof.images.tried: lacks '{name}', which is concealed; add it")
+
+
+def truths(settings: Mapping) -> dict[str, dict]:
+    """{case: truth}, as seal.sealed takes them.
+
+    settings   the section `proof` of the configuration: seed, effects, strengths, and how many cases of nothing, of
+               pairs and of unknown effects
+    """
+    plan = []
+    for branch, part in ((0, _plan(settings)), (2, _plan_of_images(settings))):
+        order = np.random.default_rng(_branch(settings["seed"], branch)).permutation(len(part))
+        plan += [part[place] for place in order]
+    return {
+        case: _truth(case, kind_of(case, settings), *plan[number], settings["seed"], number)
+        for number, case in enumerate(cases(settings))
+    }
+
+
+def salt(seed: int, number: int) -> str:
+    """64 hexadecimal digits of a case of its own."""
+    words = _branch(seed, 1, number, SALT).generate_state(8)
+    return "".join(f"{word:08x}" for word in words)
+
+
+def scan_seed(seed: int, number: int) -> np.random.SeedSequence:
+    """Of the noise of a case's scans."""
+    return _branch(seed, 1, number, SCAN)
+
+
+def _branch(seed: int, *key: int) -> np.random.SeedSequence:
+    return np.random.SeedSequence(seed, spawn_key=key)
+
+
+def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
+    """(category, strength, effect) of projections; effects of pairs are drawn later."""
+    effects = settings.get("effects") or list(KNOWN)
+    for name in effects:
+        if name not in KNOWN:
+            raise InputError(f"proof.effects: '{name}' cannot be concealed; use some of {', '.join(KNOWN)}")
+    plan = [("single", strength, name) for name in effects for strength in settings["strengths"]]
+    plan += [("none", None, None)] * settings["none"]
+    plan += [("pair", None, None)] * settings["pairs"]
+    plan += [("unknown", None, UNKNOWN[number % len(UNKNOWN)]) for number in range(settings["unknown"])]
+    return plan
+
+
+def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
+    """As _plan. Other reconstructions than the library's have other kernels, so that each case conceals one, and a pair
+    is that and an effect."""
+    wanted = settings["images"]
+    if (wanted["strengths"] or wanted["effects"]) and settings["scan"]["rows"] < LEAST_ROWS:
+        raise InputError(
+            f"proof.scan.rows: {settings['scan']['rows']} rows see too few slices from everywhere for proof.images; "
+            f"give {LEAST_ROWS}, or no images: {{strengths: [], effects: []}}"
+        )
+    for name in wanted["effects"]:
+        if name == KERNEL or name not in CATALOGUE or not CATALOGUE[name].known:
+            names = ", ".join(one for one in CATALOGUE if one != KERNEL and CATALOGUE[one].known)
+            raise InputError(f"proof.images.effects: '{name}' cannot be concealed beside a kernel; use some of {names}")
+    plan = [("single", strength, KERNEL) for strength in wanted["strengths"]]
+    return plan + [("pair", None, name) for name in wanted["effects"]]
+
+
+def _truth(case, kind, category, strength, effect, seed, number) -> dict:
+    random = np.random.default_rng(_branch(seed, 1, number, TRUTH))
+    names = [] if effect is None else [effect]
+    if category == "pair":
+        names = _pair(random) if effect is None else [KERNEL, effect]
+    drawn = []
+    for name in names:
+        # Of pairs and unknown effects no weak ones: what cannot be seen cannot be told apart. But the kernel beside an
+        # effect on images is as near the diagnosis's own as a reconstruction gets.
+        near = kind == "images" and name == KERNEL
+        size = strength or ("weak" if near else str(random.choice(STRENGTHS[1:])))
+        made, comparable = CATALOGUE[name].draw(size, random)
+        if kind == "images":  # which have no readout units
+            comparable = {key: value for key, value in comparable.items() if "_units" not in key}
+        drawn.append(
+            {
+                "name": name,
+                "known": CATALOGUE[name].known,
+                "strength": size,
+                "settings": made,
+                "comparable": comparable,
+            }
+        )
+    where = {domain for name in names for domain in CATALOGUE[name].where}
+    if kind == "images":
+        where = set(IMAGE)
+    return {
+        "case": case,
+        "number": number,
+        "kind": kind,
+        "phantom": phantom_of(case),
+        "category": category,
+        "strength": strength or (drawn[0]["strength"] if category == "unknown" else None),
+        "effects": drawn,
+        "where": sorted(where),
+    }
+
+
+def _pair(random: np.random.Generator) -> list[str]:
+    """Two effects of different groups, in the order of the catalogue."""
+    while True:
+        first, second = sorted(random.choice(len(KNOWN), 2, replace=False))
+        groups = [CATALOGUE[KNOWN[index]].alike for index in (first, second)]
+        if not groups[0] or groups[0] != groups[1]:
+            return [KNOWN[first], KNOWN[second]]

@@ -1,0 +1,260 @@
+"""Scans by XCIST/CatSim (M. Wu et al., Phys. Med. Biol. 67, 194002, 2022), the simulator that the proof conceals with.
+
+Its projector (distance-driven), cross-sections, spectra, scatter kernel, crosstalk, lag and noise are used as they
+are; what it lacks is made by `conceal.hooks`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import tempfile
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ...base.errors import InputError
+
+CELLS_DIVIDED = 4  # finer cells per detector cell and direction, whose transmissions are averaged
+HOOKS = "virtual_phantom.proof.conceal.hooks."
+ENERGY_BINS = 20
+TARGET_ANGLE_DEG = 7.0  # of its anode, whose spectra are tabulated
+FOCAL_SPOT_SAMPLES = 3  # along either side, evenly spaced
+SPOT_STRETCHED = (1 - FOCAL_SPOT_SAMPLES**-2) ** -0.5  # so that they vary as much as the whole side
+ENERGIES_KEV = (40.0, 120.0)  # between which that of the monochromatic beam is looked for
+# What the hooks do when nothing is asked of them.
+IDLE = {
+    "detector_columns_px": 0.0,
+    "axis_shift_mm": 0.0,
+    "velocity_mm_per_s": (0.0, 0.0, 0.0),
+    "modulation": (0.0, 0.0),
+    "off_focal_share": 0.0,
+    "off_focal_width_mm": 20.0,
+    "heel_depth_mm": 0.0,
+}
+
+
+@dataclass(frozen=True)
+class Scan:
+    """What XCIST is asked for.
+
+    views ... row_pitch_mm   a flat detector on a circle, as ScanGeometry has them; one turn from +y
+    kev       energy of the monochromatic beam; ignored with a `kvp` among the settings
+    photons   noise-equivalent quanta per pixel in air, in the middle of the detector
+    rotation_ms   time of the turn
+    settings  {name: value} of what is concealed: those of IDLE, and the names that `_configured` reads
+    """
+
+    views: int
+    columns: int
+    rows: int
+    column_pitch_mm: float
+    row_pitch_mm: float
+    source_to_isocentre_mm: float
+    source_to_detector_mm: float
+    kev: float
+    photons: float
+    rotation_ms: float = 1000.0
+    settings: dict = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Acquired:
+    """readings [repeat, view, row, column] and air [row, column], in the detector's linear unit, float32."""
+
+    readings: np.ndarray
+    air: np.ndarray
+
+
+@dataclass(frozen=True)
+class Materials:
+    """An object for XCIST: volume fractions of its materials.
+
+    fractions   {material of XCIST: float32 [z, y, x]}, axes along the scanner frame
+    voxel_mm    edge in the plane, and height along z
+    """
+
+    fractions: dict[str, np.ndarray]
+    voxel_mm: tuple[float, float]
+
+    def write(self, folder: Path) -> Path:
+        """XCIST's files: row 0 at +y, slice 0 at -z, x fastest."""
+        names = list(self.fractions)
+        slices, rows, columns = self.fractions[names[0]].shape
+        plane, height = self.voxel_mm
+        many = {
+            "volumefractionmap_filename": [f"{number}.raw" for number in range(len(names))],
+            "volumefractionmap_datatype": ["float"] * len(names),
+            "cols": [columns] * len(names),
+            "rows": [rows] * len(names),
+            "slices": [slices] * len(names),
+            "x_size": [plane] * len(names),
+            "y_size": [plane] * len(names),
+            "z_size": [height] * len(names),
+            "x_offset": [(columns + 1) / 2] * len(names),
+            "y_offset": [(rows + 1) / 2] * len(names),
+            "z_offset": [(slices + 1) / 2] * len(names),
+        }
+        for file, fraction in zip(many["volumefractionmap_filename"], self.fractions.values(), strict=True):
+            np.ascontiguousarray(fraction[:, ::-1], np.float32).tofile(folder / file)
+        path = folder / "object.json"
+        path.write_text(json.dumps({"n_materials": len(names), "mat_name": names, **many}))
+        return path
+
+
+def attenuation_per_mm(material: str, kev: float) -> float:
+    """XCIST's linear attenuation of one of its materials, 1/mm."""
+    from gecatsim.pyfiles.GetMu import GetMu
+
+    return float(GetMu(material, np.array([kev], np.float32))[0]) / 10
+
+
+def energy_of_water(mu_per_mm: float) -> float:
+    """Energy in keV at which XCIST's water attenuates so much. Raises InputError if there is none."""
+    most, least = (attenuation_per_mm("water", kev) for kev in ENERGIES_KEV)
+    if not least <= mu_per_mm <= most:
+        raise InputError(
+            f"mu_water_per_mm: the proof's water attenuates {least:.4f} to {most:.4f} per mm "
+            f"({ENERGIES_KEV[0]:g} to {ENERGIES_KEV[1]:g} keV), not {mu_per_mm:g}; change it or leave the proof out"
+        )
+    return brentq(lambda kev: attenuation_per_mm("water", kev) - mu_per_mm, *ENERGIES_KEV)
+
+
+def simulate(scan: Scan, materials: Materials, repeats: int, seed: np.random.SeedSequence) -> Acquired:
+    """Scan an object, in a process of its own: XCIST's library keeps one scan's state."""
+    with get_context("fork").Pool(1) as pool:
+        return pool.apply(_simulate, (scan, materials, repeats, seed))
+
+
+def _simulate(scan, materials, repeats, seed):
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)  # the C library tells of every allocation; this process is its own
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
+        path = materials.write(Path(folder))
+        cfg = _air(_configured(scan, path))
+        # XCIST's quanta grow with the tube current; each stands for so much of the reading.
+        quanta = central(cfg.hooks.quanta, scan)
+        current = scan.photons * scan.settings.get("flux_factor", 1.0) / quanta
+        quantum_kev = central(cfg.hooks.views[0][0].T, scan) / quanta
+        cfg = _air(_configured(scan, path, current))
+        air = cfg.hooks.views[0][0]
+        cfg = _configured(scan, path, current, quantum_kev)
+        cfg.hooks.repeats = repeats
+        cfg.hooks.lag = [None] * repeats
+        _seed(cfg, seed.spawn(1)[0])
+        cfg.sim.thisScanType = [0, 0, 1, 0]
+        _one_scan(cfg)
+    return Acquired(np.stack(cfg.hooks.views, axis=1), air)
+
+
+def central(values: np.ndarray, scan: Scan) -> float:
+    """Mean of values [column and row, column by column] over the detector's middle."""
+    middle = values.reshape(scan.columns, scan.rows)[(scan.columns - 1) // 2 : scan.columns // 2 + 1]
+    return float(middle[:, (scan.rows - 1) // 2 : scan.rows // 2 + 1].mean())
+
+
+def _air(cfg):
+    cfg.sim.thisScanType = [1, 0, 0, 0]
+    return _one_scan(cfg)
+
+
+def _one_scan(cfg):
+    from gecatsim.pyfiles.OneScan import one_scan
+
+    return one_scan(cfg)
+
+
+def _seed(cfg, seed):
+    """Quantum noise comes from XCIST's C library, electronic noise from numpy's global state."""
+    from gecatsim.pyfiles.C_set_random_seed import C_set_random_seed
+
+    first, second, third = (int(word) for word in seed.generate_state(3) >> 2)
+    C_set_random_seed(cfg, first + 1, second + 1)
+    np.random.seed(third)  # noqa: NPY002
+
+
+def _configured(scan: Scan, path: Path, current: float = 1.0, quantum_kev: float = 0.0):
+    from gecatsim import CFG
+
+    cfg = CFG()
+    settings = IDLE | scan.settings
+    physics, scanner, protocol, phantom = cfg.physics, cfg.scanner, cfg.protocol, cfg.phantom
+    phantom.filename = str(path)
+    phantom.projectorNumThreads = 1
+    scanner.sid = scan.source_to_isocentre_mm + settings.get("isocentre_mm", 0.0)
+    scanner.sdd = scan.source_to_detector_mm + settings.get("detector_mm", 0.0)
+    scanner.detectorColsPerMod = scanner.detectorColCount = scan.columns  # a single module is flat
+    scanner.detectorRowsPerMod = scanner.detectorRowCount = scan.rows
+    scanner.detectorColSize, scanner.detectorRowSize = scan.column_pitch_mm, scan.row_pitch_mm
+    scanner.detectorColOffset = scanner.detectorRowOffset = 0.0
+    scanner.detectorColFillFraction = scanner.detectorRowFillFraction = 1.0
+    scanner.detectorPrefilter = []
+    scanner.detectionGain = 1.0
+    scanner.detectionCallback = HOOKS + "detection"
+    scanner.focalspotCallback = HOOKS + "source"
+    scanner.focalspotShape = "uniform"
+    scanner.targetAngle = TARGET_ANGLE_DEG
+    protocol.scanTrajectory = HOOKS + "gantry"
+    protocol.viewsPerRotation = protocol.viewCount = scan.views
+    protocol.stopViewId = scan.views - 1
+    protocol.rotationTime = scan.rotation_ms / 1000
+    protocol.mA = current
+    protocol.flatFilter = []
+    protocol.bowtie = "" if "bowtie" not in settings else _scaled_bowtie(settings, path.parent)
+    protocol.wobbleDistance = settings.get("wobble_mm", 0.0)
+    protocol.dutyRatio = settings.get("duty", 1.0)
+    # XCIST begins to expose with the view's interval; views are named by the middle of their exposure.
+    protocol.startAngle = 360 / scan.views * (1 - protocol.dutyRatio) / 2
+    physics.colSampleCount = physics.rowSampleCount = 1
+    phantom.projectorCallback = HOOKS + "projector"
+    physics.fluxCallback = HOOKS + "flux"
+    physics.recalcFlux = 1
+    physics.outputCallback = HOOKS + "output"
+    physics.viewSampleCount = settings.get("subviews", 1)
+    if "kvp" in settings:
+        physics.energyCount = ENERGY_BINS
+        protocol.spectrumFilename = f"tungsten_tar{TARGET_ANGLE_DEG:.1f}_{settings['kvp']:.0f}_filt.dat"
+        protocol.flatFilter = ["Al", settings["aluminium_mm"]]
+    else:
+        physics.energyCount = 1
+        physics.monochromatic = scan.kev
+    width, length = settings.get("focal_spot_mm", (0.0, 0.0))
+    samples = FOCAL_SPOT_SAMPLES if width or length else 1
+    physics.srcXSampleCount = physics.srcYSampleCount = samples
+    scanner.focalspotWidth, scanner.focalspotLength = (max(SPOT_STRETCHED * side, 1e-3) for side in (width, length))
+    if "scatter_scale" in settings:
+        physics.scatterCallback = "Scatter_ConvolutionModel"
+        physics.scatterScaleFactor = settings["scatter_scale"]
+    if "crosstalk" in settings:
+        physics.crosstalkCallback = "CalcCrossTalk"
+        physics.col_crosstalk, physics.row_crosstalk = settings["crosstalk"]
+    if "optical_crosstalk" in settings:
+        physics.opticalCrosstalkCallback = "CalcOptCrossTalk"
+        physics.col_crosstalk_opt, physics.row_crosstalk_opt = settings["optical_crosstalk"]
+    if "lag_share" in settings:
+        physics.lagCallback = "Detection_Lag"
+        physics.lag_taus = [np.float32(settings["lag_ms"]), np.float32(1.0)]
+        physics.lag_alphas = [settings["lag_share"], 0.0]
+    physics.enableElectronicNoise = int("electronic_photons" in settings)
+    scanner.eNoise = settings.get("electronic_photons", 0.0) * quantum_kev
+    cfg.hooks = SimpleNamespace(
+        **settings, cells_divided=CELLS_DIVIDED, views=[], lag=[None], current=1.0, repeats=1, quanta=None, photons=None
+    )
+    return cfg
+
+
+def _scaled_bowtie(settings: dict, folder: Path) -> str:
+    """One of XCIST's bowties, all thicknesses scaled."""
+    from gecatsim.pyfiles.CommonTools import my_path
+
+    table = np.loadtxt(my_path.find("bowtie", settings["bowtie"], ".txt"), comments=["#", "%"])
+    table[:, 1:] *= settings["bowtie_scale"]
+    path = folder / "bowtie.txt"
+    np.savetxt(path, table)
+    return str(path)

@@ -1,0 +1,1 @@
+"""Seals opened, and verdicts held against what was concealed."""

@@ -1,0 +1,60 @@
+"""The case that is shown, and its maps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ...base.errors import InputError
+from ...diagnosis.core.store import RESIDUAL_MAPS
+from ...figures.style import label
+from ...io.files import check_unchanged
+from ..conceal.case import Case
+
+MEAN = "projections"  # the domain of the mean, ray by ray
+SHOWN_FIRST = ("strong", "medium", "weak", None)
+
+
+def example(cases: Sequence[Case]) -> Case:
+    """A typical case: of those with one effect (else of all) that changes the mean, which maps show, of the largest
+    strength there is, the one whose excess removed is the median (the lower of two). Never the best one, and whether
+    it is right plays no part.
+
+    Raises InputError if there are no cases.
+    """
+    if not cases:
+        raise InputError("proof: there are no cases; nothing can be scored")
+    taken = [case for case in cases if case.category == "single"] or list(cases)
+    taken = [case for case in taken if MEAN in case.truth["where"]] or taken
+    strength = next(one for one in SHOWN_FIRST if any(case.strength == one for case in taken))
+    taken = [case for case in taken if case.strength == strength]
+    ranked = sorted(taken, key=lambda case: (case.diagnosis["excess_removed"] or 0.0, case.name))
+    return ranked[(len(ranked) - 1) // 2]
+
+
+def in_words(case: Case) -> tuple[str, str]:
+    """What is concealed, and what was named."""
+    strength = f" ({case.strength})" if case.strength and case.concealed else ""
+    concealed = " and ".join(map(label, case.concealed)) or "nothing"
+    return concealed + strength, " and ".join(map(label, case.named)) or "nothing"
+
+
+def residual_maps(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
+    """Standardised residuals [down, across] before and after, from the maps of a diagnosis.
+
+    Raises InputError if one is missing or no such map.
+    """
+    found = []
+    for name in RESIDUAL_MAPS:
+        path = Path(folder) / f"{name}.npy"
+        check_unchanged(path, "diagnose it anew")
+        try:
+            values = np.load(path, allow_pickle=False)
+        except Exception as error:  # numpy raises many types on broken files
+            raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); diagnose it anew") from None
+        if values.ndim != 2 or not np.isfinite(values).all():
+            raise InputError(f"{path}: is no map of finite numbers; diagnose the recording anew")
+        found.append(values)
+    return found[0], found[1]

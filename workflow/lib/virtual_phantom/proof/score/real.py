@@ -1,0 +1,42 @@
+"""Real recordings beside the concealed ones: shown by the same page, not scored, since nobody knows their truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...base.errors import InputError
+from ...io.files import check_unchanged
+from ..conceal import seal
+from ..conceal.case import complete
+
+
+def row(path: str | Path) -> dict:
+    """What a diagnosis.json says, in short. Raises InputError if it is broken."""
+    check_unchanged(path, "diagnose it anew")
+    found = complete(seal.read(path), path)
+    return {
+        "recording": found["recording"],
+        "verdict": found["verdict"],
+        "sentence": found["sentence"],
+        "named": [effect["name"] for effect in found["effects"]],
+        "ambiguous_with": {name: list(others) for name, others in found["ambiguous_with"].items()},
+        "excess_removed": found["excess_removed"],
+        "excess_rms_removed": found.get("excess_rms_removed"),
+        "caveats": list(found.get("caveats", [])),
+    }
+
+
+def minutes(benchmarks: Sequence[str | Path], cores: int = 2) -> float | None:
+    """What jobs took by Snakemake's benchmarks, shared by so many cores, in minutes; None without any.
+
+    Raises InputError for a file that is none.
+    """
+    seconds = []
+    for path in benchmarks:
+        try:
+            header, *lines = Path(path).read_text().splitlines()
+            seconds += [float(line.split("\t")[header.split("\t").index("s")]) for line in lines]
+        except (OSError, ValueError, IndexError):
+            raise InputError(f"{path}: is no benchmark of a job; delete it and run the job again") from None
+    return sum(seconds) / 60 / cores if seconds else None

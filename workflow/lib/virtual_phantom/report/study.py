@@ -1,0 +1,111 @@
+"""The report of a study: one HTML file with its figures, its tables and what they were made by.
+
+Captions are those of Snakemake's own report (workflow/report): reStructuredText with the rule's parameters filled in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from platform import python_version
+from types import SimpleNamespace
+
+import pandas as pd
+import yaml
+from docutils.core import publish_parts
+from jinja2 import Environment, StrictUndefined
+
+from .. import __version__
+from ..figures import style
+from ..io.files import read_csv, sha256
+from .html import FOOT, data_url, number
+from .study_parts import PAGE
+
+# What results depend on.
+PACKAGES = (
+    *("snakemake", "numpy", "scipy", "numba", "pandas", "pyradiomics", "SimpleITK", "nibabel", "scikit-learn"),
+    *("scikit-image", "xraylib", "spekpy", "matplotlib"),
+)
+MOST_ROWS = 1000  # longer tables are linked to
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A figure: its picture (PNG), section, title, and its caption's template with what it names."""
+
+    path: Path
+    section: str
+    title: str
+    caption: Path
+    params: Mapping
+    wildcards: Mapping
+
+
+def page(
+    figures: Sequence[Shown],
+    tables: Mapping[str, Path],
+    embedded: Mapping[str, Path],
+    links: Mapping[str, str],
+    config: Mapping,
+) -> str:
+    """The page as HTML.
+
+    tables    CSV files by title, in the order in which they are shown
+    embedded  pages (diagnoses) by title, to be shown inside
+    links     addresses beside the page by what they are called
+    config    the complete configuration
+    """
+    sections: dict[str, list] = {}
+    for figure in figures:
+        sections.setdefault(figure.section, []).append(
+            {
+                "name": figure.path.stem,
+                "title": figure.title,
+                "picture": data_url(figure.path.read_bytes()),
+                "caption": caption(figure, config),
+            }
+        )
+    frames = {title: read_csv(path) for title, path in tables.items()}
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    environment.filters |= {"cell": cell, "heading": lambda name: str(name).replace("_", " ")}
+    return environment.from_string(PAGE + FOOT).render(
+        sections=sections,
+        tables=[
+            {"title": title, "name": tables[title].stem, "frame": frame, "shown": len(frame) <= MOST_ROWS}
+            for title, frame in frames.items()
+        ],
+        embedded={title: path.read_text(encoding="utf-8") for title, path in embedded.items()},
+        links=links,
+        config=yaml.safe_dump(config, sort_keys=False, allow_unicode=True),
+        version=__version__,
+        python=python_version(),
+        packages={name: metadata.version(name) for name in PACKAGES},
+        checksums={str(path): sha256(path) for path in tables.values()},
+    )
+
+
+def caption(figure: Shown, config: Mapping) -> str:
+    """A figure's caption as HTML."""
+    names = SimpleNamespace(
+        params=SimpleNamespace(**figure.params), wildcards=SimpleNamespace(**figure.wildcards), config=config
+    )
+    template = Environment(undefined=StrictUndefined).from_string(figure.caption.read_text(encoding="utf-8"))
+    # A config's names are data, not directives: files cannot be included, nor raw HTML.
+    settings = {"file_insertion_enabled": False, "raw_enabled": False, "_disable_config": True, "report_level": 3}
+    return publish_parts(template.render(snakemake=names), writer="html5", settings_overrides=settings)["body"]
+
+
+def cell(value: str | float) -> dict:
+    """How a value is written, what it is sorted by, and whether it is a number."""
+    if isinstance(value, str):
+        return {
+            "text": style.feature_label(value) if value.startswith("original_") else value,
+            "key": value,
+            "n": False,
+        }
+    if pd.isna(value):
+        return {"text": "", "key": "", "n": True}
+    whole = float(value).is_integer()
+    return {"text": str(int(value)) if whole else number(value), "key": repr(float(value)), "n": True}
