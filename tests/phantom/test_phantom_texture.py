@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import kurtosis, skew
 
+from virtual_phantom.base import streams
 from virtual_phantom.phantom.shapes import Ellipsoid
-from virtual_phantom.phantom.texture import Component, Field, Texture, lognormal_shape, stream
+from virtual_phantom.phantom.texture import Component, Field, Texture, lognormal_shape
 
 SEED = np.random.SeedSequence(7)
 
@@ -53,10 +54,10 @@ def test_same_place_same_value_on_any_axes():
 
 def test_each_name_has_its_own_stream_whatever_the_order():
     draw = lambda s: np.random.default_rng(s).random()  # noqa: E731
-    assert draw(stream(SEED, "liver", 0)) == draw(stream(SEED, "liver", 0))
-    draws = {draw(stream(SEED, *names)) for names in (("liver", 0), ("liver", 1), ("spleen", 0))}
+    assert draw(streams.named(SEED, "liver", 0)) == draw(streams.named(SEED, "liver", 0))
+    draws = {draw(streams.named(SEED, *names)) for names in (("liver", 0), ("liver", 1), ("spleen", 0))}
     assert len(draws) == 3
-    assert draw(stream(np.random.SeedSequence(8), "liver", 0)) not in draws
+    assert draw(streams.named(np.random.SeedSequence(8), "liver", 0)) not in draws
 
 
 @pytest.mark.parametrize("seed", range(3))

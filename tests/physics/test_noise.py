@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from virtual_phantom.base import streams
 from virtual_phantom.base.counts import Counts
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.physics.noise import acquisition_seed, simulate_counts
+from virtual_phantom.physics.noise import simulate_counts
 
 SEED = np.random.SeedSequence(7)
 
@@ -106,8 +107,8 @@ def test_streams_differ_in_every_argument_and_repeat():
         (1, "views150", "dose1", 0),
         (1, "views150", "dose10", 1),
     ]
-    first = [np.random.Generator(np.random.PCG64(acquisition_seed(*a))).integers(2**63) for a in arguments]
-    again = [np.random.Generator(np.random.PCG64(acquisition_seed(*a))).integers(2**63) for a in arguments]
+    first = [np.random.Generator(np.random.PCG64(streams.acquisition(*a))).integers(2**63) for a in arguments]
+    again = [np.random.Generator(np.random.PCG64(streams.acquisition(*a))).integers(2**63) for a in arguments]
     assert first == again
     assert len(set(first)) == len(first)
 

@@ -10,6 +10,7 @@ import pytest
 import SimpleITK as sitk
 from recording_folders import write_yaml
 
+from virtual_phantom.base import streams
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, helical
 from virtual_phantom.base.units import attenuation_to_hu
@@ -17,7 +18,7 @@ from virtual_phantom.io.simpleitk import itk_image, itk_resample, matrix_of
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import Roi, ct
 from virtual_phantom.physics.line_integrals import clean_line_integrals
-from virtual_phantom.physics.noise import acquisition_seed, simulate_counts
+from virtual_phantom.physics.noise import simulate_counts
 from virtual_phantom.projectors import projector
 from virtual_phantom.reconstruction import fbp
 from virtual_phantom.recordings.alignment import align_recording, carried_rois, check_same_phantom
@@ -239,7 +240,7 @@ def simulated_scan(source: Volume, transform, grid: Grid, noise_level=1e-5) -> V
         row_pitch_mm=3.2,
     )
     clean = clean_line_integrals(Volume(array, grid), geometry, MU_WATER, threads=2)
-    counts = simulate_counts(clean, noise_level, "physical", acquisition_seed(1, "a", "b", 0))
+    counts = simulate_counts(clean, noise_level, "physical", streams.acquisition(1, "a", "b", 0))
     image = fbp.fbp(projector("cpu", geometry, grid, 1, 2), counts.line_integrals(0.5)[None])[0]
     return Volume(attenuation_to_hu(image, MU_WATER).astype(np.float32), grid)
 

@@ -1,13 +1,16 @@
 """The noise of no two acquisitions is related but where a study asks for it, and depends on nothing else drawn."""
 
+import ast
 import itertools
 
 import numpy as np
 import pytest
 
+from virtual_phantom.base import streams
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.chain import State
-from virtual_phantom.physics.noise import acquire, acquisition_seed, common_seed
+from virtual_phantom.physics.noise import acquire
+from virtual_phantom.study.dependencies import LIBRARY
 
 LINES = np.full((10, 20, 50), 1.0)
 LABELS = list(itertools.product(("views150", "views300"), ("dose10", "double"), range(10)))
@@ -37,7 +40,7 @@ def test_shifted_streams_are_uncorrelated():
 
 def test_no_two_of_many_acquisitions_have_one_stream():
     labels = itertools.product((f"views{n}" for n in range(100, 120)), ("a", "b", "ab"), range(100))
-    states = {tuple(acquisition_seed(1, *one).generate_state(4)) for one in labels}
+    states = {tuple(streams.acquisition(1, *one).generate_state(4)) for one in labels}
     assert len(states) == 20 * 3 * 100
 
 
@@ -85,4 +88,22 @@ def test_photons_are_drawn_whatever_else_is():
 def test_unknown_draws_are_refused():
     with pytest.raises(ValueError, match="draws 'shared': use independent or common"):
         counts("a", "b", 0, draws="shared")
-    assert common_seed(1, 0).generate_state(4).tolist() != common_seed(1, 1).generate_state(4).tolist()
+    assert (
+        streams.common_acquisition(1, 0).generate_state(4).tolist()
+        != streams.common_acquisition(1, 1).generate_state(4).tolist()
+    )
+
+
+def test_one_module_owns_all_streams():
+    """Of the library and its scripts; XCIST's own state is seeded from a stream, as it has no other way."""
+    makers = {"SeedSequence", "default_rng", "RandomState", "PCG64", "seed"}
+    found = set()
+    for path in [*LIBRARY.rglob("*.py"), *(LIBRARY.parents[1] / "scripts").rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute) and node.attr in makers and ast.unparse(node.value).endswith("random"):
+                found.add(path.name)
+    assert found == {"streams.py", "xcist.py"}
+
+
+def test_branches_differ():
+    assert len(set(streams.Branch)) == len(streams.Branch.__members__)

@@ -2,6 +2,7 @@
 
 import json
 
+from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.core.attribute import choose, trial
 from virtual_phantom.diagnosis.core.verified import Physics, verified
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
@@ -9,8 +10,6 @@ from virtual_phantom.diagnosis.projections.reconstructed import agreement_of_rec
 from virtual_phantom.diagnosis.projections.setting import ready
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.job import job
-
-AGREEMENT_STREAM = 5  # of the study's seed: noise of the images for the table of agreement
 
 with job(snakemake) as log:
     params, given = snakemake.params, snakemake.input
@@ -23,6 +22,6 @@ with job(snakemake) as log:
         choice = choose(prepared.fitter, baseline, {})
     scanned = Scanned.read(given.phantom, given.image, given.rois)
     table = agreement_of_recording(
-        recording, prepared, choice, params.model, AGREEMENT_STREAM, scanned, snakemake.threads
+        recording, prepared, choice, params.model, Branch.AGREEMENT_ELSEWHERE, scanned, snakemake.threads
     )
     write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", snakemake.output[0])

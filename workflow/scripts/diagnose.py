@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.core.attribute import choose, trial, trials
 from virtual_phantom.diagnosis.core.locate import ALPHA
 from virtual_phantom.diagnosis.core.store import RESIDUAL_MAPS, read_trial, write_diagnosis
@@ -14,8 +15,6 @@ from virtual_phantom.diagnosis.projections.setting import ready
 from virtual_phantom.report.diagnosis import page, residual_maps
 from virtual_phantom.statistics.proof_record import read, with_coverage
 from virtual_phantom.study.job import job
-
-AGREEMENT_STREAM = 3  # of the study's seed: noise of the images for the table of agreement
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
@@ -54,7 +53,7 @@ with job(snakemake) as log:
     elif "mask" in given.keys():
         scanned = Scanned.of_mask(given.mask)
     table = agreement_of_recording(
-        recording, prepared, found.choice, params.model, AGREEMENT_STREAM, scanned, snakemake.threads
+        recording, prepared, found.choice, params.model, Branch.AGREEMENT, scanned, snakemake.threads
     )
     found.content["agreement"] = table
     fit = found.choice.chosen.fit

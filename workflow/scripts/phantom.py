@@ -2,20 +2,17 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from virtual_phantom.base.geometry import grid_of
+from virtual_phantom.base.streams import Branch, branch
 from virtual_phantom.phantom import ct, layout, save, synthetic
 from virtual_phantom.study.job import job
-
-PHANTOM_STREAM = 0  # the phantom's own branch of the study's seed
 
 with job(snakemake) as log:
     settings, sampling = snakemake.params.phantom, snakemake.params.grid
     grid = grid_of(sampling)
     oversampling = sampling["oversampling"]
     if settings["source"] == "synthetic":
-        seed = np.random.SeedSequence(snakemake.params.seed, spawn_key=(PHANTOM_STREAM,))
+        seed = branch(snakemake.params.seed, Branch.PHANTOM)
         phantom = synthetic.build(layout.read_layout(settings["layout"]), grid, oversampling, seed)
     else:
         phantom = ct.load(settings["ct"], grid, oversampling)

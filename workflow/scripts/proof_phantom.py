@@ -2,19 +2,16 @@
 
 from pathlib import Path
 
-import numpy as np
-
+from virtual_phantom.base.streams import Branch, branch
 from virtual_phantom.phantom import save
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.proof.conceal.phantoms import build
 from virtual_phantom.study.job import job
 
-PHANTOM_STREAM = 6  # of the study's seed
-
 with job(snakemake) as log:
     params = snakemake.params
     one = OBJECTS[snakemake.wildcards.phantom]
-    seed = np.random.SeedSequence(params.seed, spawn_key=(PHANTOM_STREAM,))
+    seed = branch(params.seed, Branch.PROOF_PHANTOM)
     phantom = build(one, snakemake.input.layout, params.scan["columns"], params.scan["rows"], seed)
     save(phantom, Path(snakemake.output.image).parent)
     log.info("scanned on %s, known on %s", phantom.fine.grid, phantom.image.grid)

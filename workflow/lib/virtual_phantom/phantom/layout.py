@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 
 from ..base.errors import InputError
+from ..base.streams import Stream
 from ..io.schema import check_nesting
 from .shapes import Ellipsoid, Tube
 from .texture import Component, Texture
@@ -51,7 +52,7 @@ def read_layout(path: str | Path) -> dict:
     return layout
 
 
-def parse(layout: dict, seed: np.random.SeedSequence) -> tuple[list[Paint], list[RoiSpec]]:
+def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
     """What to paint, in order, and the ROIs, on which the textures of their tissues are conditioned.
 
     Raises InputError, naming the entry, on anything unknown, missing or impossible.
@@ -94,7 +95,7 @@ def _roi(entry: dict, where: str) -> tuple[RoiSpec, Ellipsoid]:
         raise InputError(f"phantom layout, {where}: {error}") from None
 
 
-def _tissue(name: str, entry: dict, seed: np.random.SeedSequence) -> tuple[float, Texture]:
+def _tissue(name: str, entry: dict, seed: Stream) -> tuple[float, Texture]:
     where = f"tissues: {name}"
     _keys(entry, where, {"hu"}, {"texture"})
     for component in entry.get("texture", []):

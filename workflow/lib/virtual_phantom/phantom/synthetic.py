@@ -10,6 +10,7 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..base.geometry import Grid
+from ..base.streams import Stream
 from ..base.units import HU_AIR
 from ..io.volumes import Volume
 from . import HALF_COVERED, Phantom, Roi, block_mean
@@ -19,7 +20,7 @@ from .shapes import coverage, fade, window
 SLAB_SLICES = 8  # slices of the reconstruction grid painted at a time: bounds the memory
 
 
-def build(layout: dict, grid: Grid, oversampling: int, seed: np.random.SeedSequence) -> Phantom:
+def build(layout: dict, grid: Grid, oversampling: int, seed: Stream) -> Phantom:
     """Paint the phantom on `grid` refined by `oversampling`, and average it down to `grid`.
 
     Shapes and textures are the same at every grid and oversampling; equal seeds give equal phantoms.

@@ -10,13 +10,14 @@ Distributions 1, 2nd ed., chapter 14).
 from __future__ import annotations
 
 import math
-import zlib
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.fft import fftfreq, irfftn, rfftfreq, rfftn
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
+
+from ..base.streams import Stream, generator, named
 
 NODES = 96  # lattice nodes per axis: the field repeats after 48 correlation lengths
 STEPS_PER_LENGTH = 2  # lattice nodes per correlation length
@@ -40,12 +41,6 @@ class Component:
             raise ValueError("a texture needs sd_hu >= 0, correlation_mm > 0 and a skewness between -5 and 5")
 
 
-def stream(seed: np.random.SeedSequence, *names: str | int) -> np.random.SeedSequence:
-    """A random stream of its own for each name, the same however many others are drawn."""
-    keys = tuple(zlib.crc32(str(name).encode()) for name in names)
-    return np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, *keys))
-
-
 def lognormal_shape(skewness: float) -> float:
     """s of the lognormal exp(s g) whose skewness is |skewness|."""
 
@@ -58,10 +53,10 @@ def lognormal_shape(skewness: float) -> float:
 class Field:
     """A component drawn from its seed."""
 
-    def __init__(self, component: Component, seed: np.random.SeedSequence):
+    def __init__(self, component: Component, seed: Stream):
         self.component = component
         self.step_mm = component.correlation_mm / STEPS_PER_LENGTH
-        noise = np.random.default_rng(seed).standard_normal((NODES,) * 3)
+        noise = generator(seed).standard_normal((NODES,) * 3)
         k = 2 * np.pi * fftfreq(NODES) * STEPS_PER_LENGTH
         kx = 2 * np.pi * rfftfreq(NODES) * STEPS_PER_LENGTH
         spectrum = rfftn(noise) * np.exp(-(k[:, None, None] ** 2 + k[:, None] ** 2 + kx**2) / 4)
@@ -90,9 +85,9 @@ class Field:
 class Texture:
     """The sum of a tissue's components; zero where there are none."""
 
-    def __init__(self, components: tuple[Component, ...], name: str, seed: np.random.SeedSequence):
+    def __init__(self, components: tuple[Component, ...], name: str, seed: Stream):
         self.components = components
-        self._fields = [Field(c, stream(seed, name, i)) for i, c in enumerate(components)]
+        self._fields = [Field(c, named(seed, name, i)) for i, c in enumerate(components)]
         self._mean, self._gain = 0.0, 1.0
 
     def sample(self, z: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:

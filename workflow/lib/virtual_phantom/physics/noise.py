@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from ..base.counts import Counts
 from ..base.errors import InputError
+from ..base.streams import Stream, acquisition, common_acquisition, generator
 from .poisson import poisson_counts
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ MODELS = ("astra", "physical")
 INDEPENDENT, COMMON = "independent", "common"
 
 
-def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, seed: np.random.SeedSequence) -> Counts:
+def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, stream: Stream) -> Counts:
     """One noisy acquisition of clean line integrals [view, row, column] (dimensionless).
 
     noise_level   A = 1 / I0, where I0 is the mean number of photons per pixel without an object
@@ -41,23 +41,9 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
         raise InputError("the projections are empty: the phantom attenuates no ray; check the phantom and the grid")
     white = 1 / noise_level
     expected = white * np.exp(-line_integrals.astype(np.float64) / scale)
-    counts = poisson_counts(expected, np.random.Generator(np.random.PCG64(seed)))
+    counts = poisson_counts(expected, generator(stream))
     kind = np.uint16 if counts.max(initial=0) < 2**16 else np.uint32
     return Counts(counts.astype(kind), white, scale)
-
-
-def acquisition_seed(study_seed: int, geometry: str, noise: str, seed: int) -> np.random.SeedSequence:
-    """The random stream of one acquisition: the same whatever the order of jobs, distinct for every argument."""
-
-    def words(label):
-        return np.frombuffer(hashlib.sha256(label.encode()).digest()[:8], dtype=np.uint32).tolist()
-
-    return np.random.SeedSequence(study_seed, spawn_key=(1, *words(geometry), *words(noise), seed))
-
-
-def common_seed(study_seed: int, seed: int) -> np.random.SeedSequence:
-    """The random stream that all geometries, noise levels and physics have in common in one repeat."""
-    return np.random.SeedSequence(study_seed, spawn_key=(1, seed))
 
 
 def acquire(
@@ -82,12 +68,13 @@ def acquire(
     """
     if draws not in (INDEPENDENT, COMMON):
         raise ValueError(f"draws '{draws}': use {INDEPENDENT} or {COMMON}")
-    stream = common_seed(study_seed, seed) if draws == COMMON else acquisition_seed(study_seed, geometry, noise, seed)
+    labels = (study_seed, seed) if draws == COMMON else (study_seed, geometry, noise, seed)
+    stream = (common_acquisition if draws == COMMON else acquisition)(*labels)
     if state is None:
         return simulate_counts(line_integrals, noise_level, model, stream)
     lit = replace(state, photons=state.photons / noise_level)
     air = lit.measured_air
     white = air.mean(axis=0)
     # Where the tube current is modulated, a monitor corrects every view for it.
-    data = lit.counts(np.random.Generator(np.random.PCG64(stream))) * (white / air)
+    data = lit.counts(generator(stream)) * (white / air)
     return Counts(data.astype(np.float32), (white * lit.photons).astype(np.float32), 1.0)

@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from ..base.errors import InputError
+from ..base.streams import generator
 from ..features.names import FAMILIES, family
 from .comparison import LEVEL, MARGIN_SD, common_rois, in_sd, samples, spread
 
@@ -86,12 +87,10 @@ def attribute(
             )
     unit = np.stack([spread(theirs[roi]) for roi in rois])
     size = np.stack([np.abs(np.concatenate([theirs[roi], ours[baseline][roi]])).max(axis=0) for roi in rois])
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     measured = _means(theirs, rois, resamples, rng)
     shared = rng.integers(2**63)  # every variant draws the same repeats
-    difference = {
-        name: _means(each, rois, resamples, np.random.default_rng(shared)) - measured for name, each in ours.items()
-    }
+    difference = {name: _means(each, rois, resamples, generator(shared)) - measured for name, each in ours.items()}
     shift = {name: np.abs(in_sd(each, unit, size)) for name, each in difference.items()}
     missed = shift[baseline][0] > margin_sd
     others = [name for name in variants if name != baseline]

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 from ..base.errors import InputError
+from ..base.streams import generator
 from .repeats import share_drawn, spread
 
 KINDS = ("stability", "discrimination")
@@ -107,7 +108,7 @@ def unrelated_overlaps(heads: np.ndarray, shared: np.ndarray) -> np.ndarray:
     """
     values, vectors = np.linalg.eigh(shared)
     root = vectors * np.sqrt(np.clip(values, 0, None))
-    lists = np.random.default_rng(np.random.SeedSequence(NULL_SEED)).standard_normal((UNRELATED, len(shared))) @ root.T
+    lists = generator(NULL_SEED).standard_normal((UNRELATED, len(shared))) @ root.T
     lengths = np.arange(1, len(shared) + 1)
     return np.array([np.tril(heads[:, order]).sum(axis=1) for order in np.argsort(-lists, axis=1)]) / lengths
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pandas as pd
 
+from ..base.streams import generator, root
 from . import wilcoxon
 
 DRAWS = 30  # subsamples: their SD is known to 13 %, 1 / sqrt(2 (30 - 1))
@@ -30,8 +31,8 @@ def subsamples(table: pd.DataFrame, repeats: int, unit: str, shared: bool) -> It
         of_group = dict.fromkeys(of_group, common)
     of = min(map(len, of_group.values()))
     repeats = min(repeats, of)
-    for stream in np.random.SeedSequence(SEED).spawn(DRAWS if repeats < of else 1):
-        rng = np.random.default_rng(stream)
+    for stream in root(SEED).spawn(DRAWS if repeats < of else 1):
+        rng = generator(stream)
         one = rng.choice(common, repeats, replace=False) if shared else None
         chosen = {g: one if shared else rng.choice(units, repeats, replace=False) for g, units in of_group.items()}
         keep = np.concatenate([rows.index[rows[unit].isin(chosen[group])] for group, rows in table.groupby("group")])

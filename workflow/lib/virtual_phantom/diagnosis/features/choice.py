@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from ...base.streams import generator
 from ...statistics.comparison import ALPHA, holm_adjusted
 from .properties import FOLDS, Property
 from .responses import Curve, Responses, finer, removed, weight
@@ -118,7 +119,7 @@ def _assembled(data: Responses, curves: Mapping[int, Curve], chosen: Mapping[int
 
 def _chance(data: Responses, before: np.ndarray, moved: Mapping, seed: int) -> np.ndarray:
     """p of every property, corrected."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    rng = generator(seed)
     # Every property weighs alike, however strong it was tried.
     ends = [np.square(own[fold][end]) for own in moved.values() for fold in FOLDS for end in (0, -1)]
     size = np.sqrt(np.mean([end / end.mean() for end in ends if end.any()], axis=0))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from ...base.streams import generator
 from ..core.verdict import VERDICTS
 from .choice import MATERIAL, Trial, shift, stand_ins, trials
 from .places import Place, Places, places
@@ -133,7 +134,7 @@ def _effect(data: Responses, one: Property, trial: Trial, mean: str) -> dict:
 
 def _parameters(data: Responses, one: Property, mean: str) -> dict:
     """Strengths fitted on all regions, with 95 % intervals of a bootstrap over regions and repeats."""
-    rng = np.random.default_rng(np.random.SeedSequence(0))
+    rng = generator(0)
     draws = [_draw(data, rng) for _ in range(RESAMPLES)]
     tried: dict[str, list[float]] = {}
     everything = np.arange(len(data.rois)), None, None

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...base.recent import Kept
+from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
 from ...physics.chain import Chain, State
 from ...physics.effect import acts_on_images
@@ -21,7 +22,7 @@ from .observed import Condenser, ObservedImages
 REALISATIONS = 7  # of noise; one more lane holds the mean
 WATER_SD = 0.3  # of the scale beside a spectrum: scanners set HU by scans of water, whatever their energies
 IMAGES_KEPT = 6
-EARLIER = 0  # branch of the realisations' seed
+EARLIER = 0  # branch of the realisations' stream
 
 
 class ImagesModel(Model):
@@ -37,7 +38,7 @@ class ImagesModel(Model):
         aligned: tuple[Nuisance, ...],
         reconstruct: Callable[[np.ndarray], np.ndarray],
         spacing_mm: tuple[float, float, float],
-        seed: np.random.SeedSequence,
+        seed: Stream,
         anode: Anode = TUNGSTEN,
         tube_kvp: float | None = None,
     ):
@@ -102,12 +103,12 @@ def scaled(hu: np.ndarray, place: Mapping[str, float]) -> np.ndarray:
     return place["scale"] * (hu - HU_AIR) + HU_AIR + place["offset"]
 
 
-def noise_lines(state: State, count: int, seed: np.random.SeedSequence) -> np.ndarray:
+def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:
     """Noise of line integrals [realisation, view, row, column], to first order and normal: quantum noise as neighbours
     share it, and electronic noise. The same seed gives the same underlying draws in every state."""
     # What was before the scan is drawn with afterglow alone, and so from a stream of its own.
-    random = np.random.default_rng(seed)
-    earlier = np.random.default_rng(np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, EARLIER)))
+    random = generator(seed)
+    earlier = generator(below(seed, EARLIER))
     signal = state.read(state.signal) if state.dark is None else state.measured
     lines = np.empty((count, *signal.shape), np.float32)
     for one in lines:

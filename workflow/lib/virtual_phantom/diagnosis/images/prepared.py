@@ -8,6 +8,7 @@ import numpy as np
 from scipy import fft, stats
 
 from ...base.errors import InputError
+from ...base.streams import Stream
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
@@ -34,7 +35,7 @@ def prepare(
     reconstruct: Callable[[np.ndarray], np.ndarray],
     spacing_mm: tuple[float, float, float],
     valid: np.ndarray,
-    seed: np.random.SeedSequence,
+    seed: Stream,
     *,
     anode: Anode = TUNGSTEN,
     tube_kvp: float | None = None,

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...base.errors import InputError
 from ...base.geometry import Grid, ScanGeometry, grid_of, scan_geometry
+from ...base.streams import Branch, branch
 from ...physics.chain import Chain
 from ...reconstruction.images import in_hu
 from ...recordings.images import ImagesRecording
@@ -21,7 +22,6 @@ from .prepared import prepare
 
 MOST_SLICES = 24  # more would add little but time
 LEAST_SLICES = 4
-STREAM = 4  # of the study's seed: noise of simulated images
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def ready_images(
         reconstruct,
         grid.spacing,
         valid[slices],
-        np.random.SeedSequence(seed, spawn_key=(STREAM,)),
+        branch(seed, Branch.SIMULATED_IMAGES),
         **stated,
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...base.errors import InputError
 from ...base.geometry import Grid, ScanGeometry
+from ...base.streams import Branch, Stream, branch, generator
 from ...base.units import attenuation_to_hu
 from ...projectors import projector
 from ...reconstruction.fbp import fbp
@@ -27,20 +28,20 @@ def agreement_of_recording(
     prepared: Prepared,
     choice: Choice,
     settings: Mapping,
-    stream: int,
+    purpose: Branch,
     scanned: Scanned | None = None,
     threads: int = 1,
 ) -> dict:
     """Agreement of a model with the repeats held out: of images as they are, of projections in images made of them.
 
     settings   what the recording was made ready with: seed, mu_water_per_mm, and of images the protocol
-    stream     of the study's seed, for simulated noise of projections
+    purpose    what simulated noise of projections is drawn for
     """
     if recording.kind == "images":
         return agreement_of_images(prepared, choice, scanned, settings["protocol"]["algorithm"])
     further = scans(recording.held_out) if len(recording.held_out) else None
     repeats = compared(scans(recording.repeats), further).every(prepared.step)
-    seed = np.random.SeedSequence(settings["seed"], spawn_key=(stream,))
+    seed = branch(settings["seed"], purpose)
     return agreement_of(repeats, prepared, choice, settings["mu_water_per_mm"], seed, scanned, threads)
 
 
@@ -49,7 +50,7 @@ def agreement_of(
     prepared: Prepared,
     choice: Choice,
     mu_water_per_mm: float,
-    seed: np.random.SeedSequence,
+    seed: Stream,
     scanned: Scanned | None = None,
     threads: int = 1,
 ) -> dict:
@@ -74,8 +75,8 @@ def agreement_of(
         reconstruct = Reconstruction(chain.geometry, grid, mu_water_per_mm, repeats.usable, threads)
         recorded = reconstruct(repeats.repeats)
         simulated = {}
-        for (column, fit), branch in zip(fits.items(), seed.spawn(len(fits)), strict=True):
-            lines = simulated_repeats(prepared, fit, len(repeats), np.random.default_rng(branch))
+        for (column, fit), stream in zip(fits.items(), seed.spawn(len(fits)), strict=True):
+            lines = simulated_repeats(prepared, fit, len(repeats), generator(stream))
             simulated[column] = reconstruct(lines)
     except InputError as error:
         return {"metrics": {}, "left_out": {"images": str(error)}}

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...base.streams import Branch, branch, generator
 from ..chain import State
 from ..effect import Effect, Parameter
 
@@ -14,8 +15,8 @@ def apply(state: State, values: dict[str, float]) -> None:
 def _row(detector: int, row: int, state: State) -> np.ndarray:
     """Of a row by its place, standard normal (columns,). The pattern is the detector's own: the same in every scan of
     it, of whatever rows the collimator leaves."""
-    key = 2, detector, int(row < 0), abs(int(row))
-    return np.random.default_rng(np.random.SeedSequence(0, spawn_key=key)).normal(size=state.geometry.columns)
+    stream = branch(0, Branch.GAIN_PATTERN, detector, int(row < 0), abs(int(row)))
+    return generator(stream).normal(size=state.geometry.columns)
 
 
 EFFECT = Effect(

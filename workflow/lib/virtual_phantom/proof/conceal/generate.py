@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 
 from ...base.geometry import grid_of
+from ...base.streams import Stream, generator
 from ...io.files import write_text
 from ...io.hdf5 import new_file
 from ...io.volumes import Volume, write_nifti
@@ -51,9 +52,7 @@ def concealed_settings(truth: Mapping) -> dict:
     return merged
 
 
-def acquire(
-    scan: Scan, one: Object, fine: Volume, mu_water_per_mm: float, repeats: int, seed: np.random.SeedSequence
-) -> Acquired:
+def acquire(scan: Scan, one: Object, fine: Volume, mu_water_per_mm: float, repeats: int, seed: Stream) -> Acquired:
     """Scan the fine phantom (HU) and read it out.
 
     seed   of this scan's noise; the pixels' own gains are drawn from it too
@@ -65,7 +64,7 @@ def acquire(
         scan.settings,
         (scan.column_pitch_mm, scan.row_pitch_mm),
         scan.rotation_ms / 1000,
-        np.random.default_rng(pixels),
+        generator(pixels),
     )
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.geometry import Grid
+from ...base.streams import Stream
 from ...io.volumes import Volume
 from ...phantom import Phantom, Roi, layout, synthetic
 from .objects import Object
@@ -18,7 +19,7 @@ VOXELS_PER_PIXEL = 3  # that the diagnosis is given, at the isocentre
 REACH = 1.3  # of the beam's height at the isocentre: what its cone sees of the phantom's near and far side
 
 
-def build(one: Object, layout_file: str | Path, columns: int, rows: int, seed: np.random.SeedSequence) -> Phantom:
+def build(one: Object, layout_file: str | Path, columns: int, rows: int, seed: Stream) -> Phantom:
     """The phantom cut to the height that a detector of columns x rows sees: `fine` is scanned, `image` is known.
 
     Raises InputError as synthetic.build.

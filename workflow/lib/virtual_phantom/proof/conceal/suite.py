@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from ...base.errors import InputError
+from ...base.streams import Stream, branch, generator
 from .catalogue import CATALOGUE, IMAGE, STRENGTHS
 from .objects import OBJECTS
 
@@ -72,8 +73,8 @@ def truths(settings: Mapping) -> dict[str, dict]:
                pairs and of unknown effects
     """
     plan = []
-    for branch, part in ((0, _plan(settings)), (2, _plan_of_images(settings))):
-        order = np.random.default_rng(_branch(settings["seed"], branch)).permutation(len(part))
+    for purpose, part in ((0, _plan(settings)), (2, _plan_of_images(settings))):
+        order = generator(branch(settings["seed"], purpose)).permutation(len(part))
         plan += [part[place] for place in order]
     return {
         case: _truth(case, kind_of(case, settings), *plan[number], settings["seed"], number)
@@ -83,17 +84,13 @@ def truths(settings: Mapping) -> dict[str, dict]:
 
 def salt(seed: int, number: int) -> str:
     """64 hexadecimal digits of a case of its own."""
-    words = _branch(seed, 1, number, SALT).generate_state(8)
+    words = branch(seed, 1, number, SALT).generate_state(8)
     return "".join(f"{word:08x}" for word in words)
 
 
-def scan_seed(seed: int, number: int) -> np.random.SeedSequence:
+def scan_seed(seed: int, number: int) -> Stream:
     """Of the noise of a case's scans."""
-    return _branch(seed, 1, number, SCAN)
-
-
-def _branch(seed: int, *key: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed, spawn_key=key)
+    return branch(seed, 1, number, SCAN)
 
 
 def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
@@ -127,7 +124,7 @@ def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None
 
 
 def _truth(case, kind, category, strength, effect, seed, number) -> dict:
-    random = np.random.default_rng(_branch(seed, 1, number, TRUTH))
+    random = generator(branch(seed, 1, number, TRUTH))
     names = [] if effect is None else [effect]
     if category == "pair":
         names = _pair(random) if effect is None else [KERNEL, effect]

@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from ...base.errors import InputError
+from ...base.streams import Stream
 
 CELLS_DIVIDED = 4  # finer cells per detector cell and direction, whose transmissions are averaged
 HOOKS = "virtual_phantom.proof.conceal.hooks."
@@ -126,7 +127,7 @@ def energy_of_water(mu_per_mm: float) -> float:
     return brentq(lambda kev: attenuation_per_mm("water", kev) - mu_per_mm, *ENERGIES_KEV)
 
 
-def simulate(scan: Scan, materials: Materials, repeats: int, seed: np.random.SeedSequence) -> Acquired:
+def simulate(scan: Scan, materials: Materials, repeats: int, seed: Stream) -> Acquired:
     """Scan an object, in a process of its own: XCIST's library keeps one scan's state."""
     with get_context("fork").Pool(1) as pool:
         return pool.apply(_simulate, (scan, materials, repeats, seed))
