@@ -128,10 +128,8 @@ def test_whose_models_are_whose():
     """XCIST's own are the effects of which no callback and no readout of the proof reads a setting."""
     assert sorted(name for made in MODELS.values() for name in made) == sorted(CATALOGUE)
     ours = set()
-    for path in [
-        *(LIBRARY / "proof/conceal/hooks").glob("*.py"),
-        *(LIBRARY / f"proof/conceal/{one}.py" for one in OF_ITS_OWN),
-    ]:
+    folder = LIBRARY / "conceal"
+    for path in [*(folder / "hooks").glob("*.py"), *(folder / f"{one}.py" for one in OF_ITS_OWN)]:
         for node in ast.walk(ast.parse(path.read_text())):
             ours |= {node.attr} if isinstance(node, ast.Attribute) else set()
             ours |= {node.value} if isinstance(node, ast.Constant) and isinstance(node.value, str) else set()

@@ -14,7 +14,7 @@ from virtual_phantom.base.geometry import Grid
 from virtual_phantom.features import extraction
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.io.volumes import Volume
-from virtual_phantom.statistics import comparison, measured
+from virtual_phantom.statistics import comparison, measured, multiplicity
 from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
 MEAN = "original_firstorder_Mean"
@@ -77,9 +77,7 @@ def test_p_values_are_scipys():
 
 def test_holm_by_hand():
     """Sorted 0.01 0.02 0.03 0.5 times 4 3 2 1: 0.04 0.06 0.06 0.5, never falling."""
-    assert comparison.holm_adjusted(np.array([0.03, 0.01, 0.5, 0.02])).tolist() == pytest.approx(
-        [0.06, 0.04, 0.5, 0.06]
-    )
+    assert multiplicity.holm(np.array([0.03, 0.01, 0.5, 0.02])).tolist() == pytest.approx([0.06, 0.04, 0.5, 0.06])
 
 
 @pytest.mark.parametrize("shift, n, m", [(0.0, 10, 10), (0.8, 10, 10), (-3.0, 10, 10), (20.0, 8, 10), (2.0, 5, 4)])

@@ -18,6 +18,7 @@ from ..features.extraction import SETTINGS
 from ..features.names import FAMILIES, FEATURES, family
 from ..features.tables import finite_values
 from . import COMPARED_REPEATS
+from .multiplicity import benjamini_yekutieli, holm
 
 # One repeat SD: a single scan of the recording is off its mean by as much in one of three cases anyway.
 MARGIN_SD = 1.0
@@ -126,11 +127,11 @@ def compare(
     for kind in ("mean", "sd"):
         p = table[f"p_{kind}"].to_numpy()
         tested = np.isfinite(p)
-        q, holm = np.full(p.shape, np.nan), np.full(p.shape, np.nan)
+        q, family_wise = np.full(p.shape, np.nan), np.full(p.shape, np.nan)
         if tested.any():
-            q[tested] = stats.false_discovery_control(p[tested], method="by")
-            holm[tested] = holm_adjusted(p[tested])
-        table = table.assign(**{f"q_{kind}": q, f"holm_{kind}": holm})
+            q[tested] = benjamini_yekutieli(p[tested])
+            family_wise[tested] = holm(p[tested])
+        table = table.assign(**{f"q_{kind}": q, f"holm_{kind}": family_wise})
         equivalent = table[f"{kind}_equivalent"]
         table[f"{kind}_agrees"] = np.select([equivalent, q < ALPHA], ["yes", "no"], "undecided")
     table = table.assign(margin_sd=margin_sd, sd_factor=sd_factor)
@@ -217,15 +218,6 @@ def ratio_interval(ratio: np.ndarray, n: int, m: int, level: float) -> tuple[np.
     """Interval of a ratio of SDs of n and m normal values."""
     tail = (1 - level) / 2
     return tuple(ratio / np.sqrt(stats.f.ppf(q, n - 1, m - 1)) for q in (1 - tail, tail))
-
-
-def holm_adjusted(p: np.ndarray) -> np.ndarray:
-    """Holm's step-down adjusted p-values: an error of 5 % in all of the comparisons together."""
-    order = np.argsort(p, kind="stable")
-    steps = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
-    adjusted = np.empty_like(p)
-    adjusted[order] = np.minimum(steps, 1)
-    return adjusted
 
 
 def _compare_roi(ours: np.ndarray, theirs: np.ndarray, margin_sd: float, sd_factor: float) -> dict[str, np.ndarray]:

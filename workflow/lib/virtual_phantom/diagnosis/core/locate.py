@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special, stats
 
+from ...statistics.multiplicity import bonferroni, holm
 from ..projections.observed import FEWEST, Observed
 from .alignment import PLACE
 from .fit import Fit
@@ -202,11 +203,8 @@ def variance_z(residual: np.ndarray, weight: np.ndarray) -> np.ndarray:
 def corrected(found: list[Location]) -> list[Location]:
     """The worst first, p corrected over domains (Holm)."""
     found = sorted(found, key=lambda one: one.p)
-    held, largest = [], 0.0
-    for rank, one in enumerate(found):
-        largest = max(largest, min(1.0, one.p * (len(found) - rank)))
-        held.append(Location(one.domain, one.where, one.z, largest, one.map))
-    return held
+    together = holm(np.array([one.p for one in found]))
+    return [replace(one, p=float(p)) for one, p in zip(found, together, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -250,7 +248,7 @@ def _block_z(residual, weight, data, left, alike) -> np.ndarray:
 
 def _two_sided(z: float, places: int) -> float:
     """Bonferroni over places."""
-    return float(min(1.0, 2 * stats.norm.sf(abs(z)) * places))
+    return float(bonferroni(2 * stats.norm.sf(abs(z)), places))
 
 
 def _likely(z: np.ndarray) -> float:

@@ -17,7 +17,8 @@ import numpy as np
 from scipy import stats
 
 from ...base.streams import generator
-from ...statistics.comparison import ALPHA, holm_adjusted
+from ...statistics.comparison import ALPHA
+from ...statistics.multiplicity import holm
 from .properties import FOLDS, Property
 from .responses import Curve, Responses, finer, removed, weight
 
@@ -136,7 +137,7 @@ def _chance(data: Responses, before: np.ndarray, moved: Mapping, seed: int) -> n
         random = size * (rng.normal(size=len(repeats)) @ repeats) / np.sqrt(len(repeats))
         random *= np.sqrt((before**2).mean() / (random**2).mean())
         reached += np.array([_score(data, random, own) for own in scaled.values()]) >= real
-    return holm_adjusted((1 + reached) / (1 + DRAWS))
+    return holm((1 + reached) / (1 + DRAWS))
 
 
 def _score(data: Responses, before: np.ndarray, moved: Mapping[int, np.ndarray]) -> float:

@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from ...statistics.comparison import compare, holm_adjusted
+from ...statistics.comparison import compare
+from ...statistics.multiplicity import bonferroni, holm
 from ..core.locate import ALPHA
 from .responses import Responses
 
@@ -93,7 +94,7 @@ def places(data: Responses, simulated: np.ndarray) -> Places:
         maps[domain] = sign * stats.norm.isf(np.maximum(np.nan_to_num(p, nan=1.0), SMALLEST) / 2)
         tested = np.isfinite(p)
         corrected = np.full(p.shape, np.nan)
-        corrected[tested] = np.minimum(1.0, len(tests) * holm_adjusted(p[tested]))
+        corrected[tested] = bonferroni(holm(p[tested]), len(tests))
         for family in dict.fromkeys(families):
             rows = np.flatnonzero(families == family)
             for column, name in enumerate(names):
