@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scanner import SCANNER
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.base.geometry import Grid, ScanGeometry, circular, helical
+from virtual_phantom.base.geometry import Grid, OrbitGeometry, circular, helical
 
 DETECTOR = dict(
     **SCANNER,
@@ -94,4 +94,4 @@ def test_geometry_is_immutable():
     with pytest.raises(ValueError):
         geometry.angles_rad[0] = 1
     with pytest.raises(InputError, match="one source height for every view"):
-        ScanGeometry(**DETECTOR, angles_rad=np.zeros(3), source_z_mm=np.zeros(2), views_per_rotation=3)
+        OrbitGeometry(**DETECTOR, angles_rad=np.zeros(3), source_z_mm=np.zeros(2), views_per_rotation=3)

@@ -10,7 +10,7 @@ import pytest
 from recording_folders import write_yaml
 from scipy.io import loadmat
 
-from virtual_phantom.base.geometry import Grid, ScanGeometry
+from virtual_phantom.base.geometry import Grid, OrbitGeometry
 from virtual_phantom.projectors import projector
 from virtual_phantom.reconstruction import fbp
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
@@ -31,7 +31,7 @@ def first_turn(recording):
     """Line integrals of the 720 views of one turn, thinned to every second, as FDK takes them, and their geometry."""
     whole = recording.geometry
     kept = slice(0, 720, 2)
-    geometry = ScanGeometry(
+    geometry = OrbitGeometry(
         whole.source_to_isocentre_mm,
         whole.source_to_detector_mm,
         whole.columns,

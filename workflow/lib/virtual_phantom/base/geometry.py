@@ -8,17 +8,20 @@ Right-handed scanner frame in mm, the axes of NIfTI's RAS world frame: +x to the
     detector rows    ( 0,        0,        1  )        unit vector of increasing row
 
 and the detector's centre lies opposite the source at distance source_to_detector_mm from it. Arrays are indexed
-volume[z, y, x] and projections[view, row, column], each index running along the positive axis.
+volume[z, y, x] and projections[view, row, column], each index running along the positive axis. Scans in general, and
+where rays run, are in vectors.py.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from .errors import InputError
+from .vectors import ScanGeometry
 
 
 @dataclass(frozen=True)
@@ -86,60 +89,27 @@ class Grid:
         return f"{nx} x {ny} x {nz} voxels of {dx:g} x {dy:g} x {dz:g} mm (x, y, z) centred at {self.centre_mm}"
 
 
-@dataclass(frozen=True)
-class ScanGeometry:
-    """Where source and flat detector are in every view (see the module's docstring for the frame).
+@dataclass(frozen=True, kw_only=True)
+class OrbitGeometry(ScanGeometry):
+    """A circular or helical scan (see the module's docstring for the frame).
 
     angles_rad     view angles, radians, (views,)
     source_z_mm    source height in every view, mm, (views,); constant for a circular scan
-    column_offset_px, row_offset_px   shift of the detector's centre along its columns and rows, in pixels
     views_per_rotation  how many views make one turn; weights of FDK need it
-    view_interval_ms  from the middle of one view to that of the next; None: not known
-    exposure_ms    how long the beam is on in every view's interval, in its middle, while the detector integrates over
-                   all of it; None: throughout
-    view_times     middle of each view, in intervals from the middle of the scan, (views,); None: one after another,
-                   view i of N at i + 1/2 - N/2
+    The detector's reference point is the foot of the perpendicular from the source.
     """
 
     source_to_isocentre_mm: float
     source_to_detector_mm: float
-    columns: int
-    rows: int
-    column_pitch_mm: float
-    row_pitch_mm: float
     angles_rad: np.ndarray
     source_z_mm: np.ndarray
     views_per_rotation: float
-    column_offset_px: float = 0.0
-    row_offset_px: float = 0.0
-    view_interval_ms: float | None = None
-    exposure_ms: float | None = None
-    view_times: np.ndarray | None = None
 
     def __post_init__(self):
-        if self.view_times is None:
-            views = np.size(self.angles_rad)
-            object.__setattr__(self, "view_times", np.arange(views) + 0.5 - views / 2)
-        for name in ("angles_rad", "source_z_mm", "view_times"):
-            values = np.array(getattr(self, name), dtype=np.float64)
-            values.setflags(write=False)
-            object.__setattr__(self, name, values)
+        self._freeze("angles_rad", "source_z_mm")
         if self.angles_rad.ndim != 1 or self.angles_rad.size < 1 or self.angles_rad.shape != self.source_z_mm.shape:
             raise InputError("scan geometry: need at least one view, and one source height for every view angle")
-        if self.view_times.shape != self.angles_rad.shape:
-            raise InputError("scan geometry: need one time for every view angle")
-        interval = self.view_interval_ms
-        if interval is not None and not 0 < interval < math.inf:
-            raise InputError(f"scan geometry: view_interval_ms {interval} must be positive")
-        if self.exposure_ms is not None and not 0 <= self.exposure_ms <= (interval or math.inf):
-            raise InputError(
-                f"scan geometry: exposure_ms {self.exposure_ms} must be from 0 to view_interval_ms {interval}"
-            )
-        if self.columns < 1 or self.rows < 1 or min(self.column_pitch_mm, self.row_pitch_mm) <= 0:
-            raise InputError(
-                f"detector of {self.columns} columns x {self.rows} rows, {self.column_pitch_mm} x {self.row_pitch_mm} "
-                "mm: all four must be positive"
-            )
+        self._check()
         if not 0 < self.source_to_isocentre_mm < self.source_to_detector_mm:
             raise InputError(
                 f"source_to_isocentre_mm {self.source_to_isocentre_mm} must be positive and less than "
@@ -150,34 +120,31 @@ class ScanGeometry:
     def views(self) -> int:
         return self.angles_rad.size
 
-    @property
-    def times_s(self) -> np.ndarray:
-        """When each view is exposed, in the middle of its interval, seconds from the middle of the scan, (views,).
+    @cached_property
+    def source_mm(self) -> np.ndarray:
+        sine, cosine = np.sin(self.angles_rad), np.cos(self.angles_rad)
+        radius = self.source_to_isocentre_mm
+        return np.stack([-radius * sine, radius * cosine, self.source_z_mm], axis=1)
 
-        Raises InputError if the scan's times are not known."""
-        return self.view_times * self.known_interval_ms / 1000
+    @cached_property
+    def toward_mm(self) -> np.ndarray:
+        sine, cosine = np.sin(self.angles_rad), np.cos(self.angles_rad)
+        distance = self.source_to_detector_mm
+        return np.stack([distance * sine, -distance * cosine, np.zeros(self.views)], axis=1)
 
-    @property
-    def duration_s(self) -> float:
-        """From the begin of the first view's interval to the end of the last one's. Raises InputError as times_s."""
-        return (self.view_times[-1] - self.view_times[0] + self.views_apart) * self.known_interval_ms / 1000
+    @cached_property
+    def detector_mm(self) -> np.ndarray:
+        return self.source_mm + self.toward_mm
 
-    @property
-    def known_interval_ms(self) -> float:
-        """view_interval_ms. Raises InputError if it is not known."""
-        if self.view_interval_ms is None:
-            raise InputError(
-                "scan: the time from view to view is not known, by which afterglow, motion and the drift of a dark "
-                "signal go; state scan.view_interval_ms or scan.rotation_time_ms"
-            )
-        return self.view_interval_ms
+    @cached_property
+    def column_direction(self) -> np.ndarray:
+        return np.stack([np.cos(self.angles_rad), np.sin(self.angles_rad), np.zeros(self.views)], axis=1)
 
-    @property
-    def views_apart(self) -> int:
-        """How many of the scanner's views lie from one view to the next: 1, unless only some are kept (`every`)."""
-        return 1 if self.views < 2 else round(self.view_times[1] - self.view_times[0])
+    @cached_property
+    def row_direction(self) -> np.ndarray:
+        return np.tile([0.0, 0.0, 1.0], (self.views, 1))
 
-    def every(self, step: int) -> ScanGeometry:
+    def every(self, step: int) -> OrbitGeometry:
         """One view of so many, each at its time."""
         return replace(
             self,
@@ -187,18 +154,9 @@ class ScanGeometry:
             views_per_rotation=self.views_per_rotation / step,
         )
 
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """Of its projections: views, rows, columns."""
-        return self.views, self.rows, self.columns
-
-    @property
-    def key(self) -> tuple:
-        """Equal for geometries whose rays are the same, and hashable."""
-        return tuple(
-            value.tobytes() if isinstance(value := getattr(self, one.name), np.ndarray) else value
-            for one in fields(self)
-        )
+    def turned(self, angle_rad: float) -> OrbitGeometry:
+        """Source and detector turned about z, from +x to +y."""
+        return replace(self, angles_rad=self.angles_rad + angle_rad)
 
     @property
     def magnification(self) -> float:
@@ -218,37 +176,26 @@ class ScanGeometry:
         fan = math.atan(half * self.column_pitch_mm / self.source_to_detector_mm)
         return self.source_to_isocentre_mm * math.sin(fan)
 
-    def column_positions_mm(self) -> np.ndarray:
-        """Column centres along the detector, mm from the ray through the isocentre's axis, (columns,)."""
-        return (np.arange(self.columns) - (self.columns - 1) / 2 + self.column_offset_px) * self.column_pitch_mm
-
-    def row_positions_mm(self) -> np.ndarray:
-        """Row centres along the detector, mm from the source's own height, (rows,)."""
-        return (np.arange(self.rows) - (self.rows - 1) / 2 + self.row_offset_px) * self.row_pitch_mm
-
     def solid_angles(self) -> np.ndarray:
-        """Solid angle under which the source sees each pixel, over that of a pixel at the foot of the perpendicular:
-        the inverse square of the distance times the cosine of the incidence, so its cube. [row, column]."""
+        """As ScanGeometry.solid_angles; alike in every view."""
         off = np.hypot(self.column_positions_mm(), self.row_positions_mm()[:, None])
-        return (1 + (off / self.source_to_detector_mm) ** 2) ** -1.5
+        return (1 + (off / self.source_to_detector_mm) ** 2)[None] ** -1.5
 
-    def ray(self, view: int, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:
-        """Source and detector-pixel centre (x, y, z) in mm of one ray: the definition, not the fast path."""
-        b = self.angles_rad[view]
-        z = self.source_z_mm[view]
-        source = np.array([-math.sin(b), math.cos(b), 0]) * self.source_to_isocentre_mm + [0, 0, z]
-        away = np.array([math.sin(b), -math.cos(b), 0]) * self.source_to_detector_mm
-        along = np.array([math.cos(b), math.sin(b), 0]) * self.column_positions_mm()[column]
-        return source, source + away + along + [0, 0, self.row_positions_mm()[row]]
+
+def orbit_of(geometry: ScanGeometry, who: str) -> OrbitGeometry:
+    """The geometry, for what only a circle or helix can do. Raises InputError, which says who, for any other."""
+    if not isinstance(geometry, OrbitGeometry):
+        raise InputError(f"{who} needs a circular or helical scan; the scan geometry is given view by view")
+    return geometry
 
 
 def circular(
     *, views: int, turns: float = 1.0, start_angle_rad: float = 0.0, direction: int = 1, **detector
-) -> ScanGeometry:
-    """`views` evenly spaced over `turns` turns at one table position. `detector` holds ScanGeometry's other fields."""
+) -> OrbitGeometry:
+    """`views` evenly spaced over `turns` turns at one table position. `detector` holds OrbitGeometry's other fields."""
     views_per_rotation = views / turns
     angles = start_angle_rad + direction * 2 * np.pi * np.arange(views) / views_per_rotation
-    return ScanGeometry(
+    return OrbitGeometry(
         angles_rad=angles, source_z_mm=np.zeros(views), views_per_rotation=views_per_rotation, **detector
     )
 
@@ -262,7 +209,7 @@ def helical(
     start_angle_rad: float = 0.0,
     direction: int = 1,
     **detector,
-) -> ScanGeometry:
+) -> OrbitGeometry:
     """`views` evenly spaced on a helix centred on the isocentre.
 
     pitch   table feed per turn over the detector's height as seen at the isocentre (IEC 60601-2-44)
@@ -279,7 +226,7 @@ def helical(
     views_per_rotation = views / turns
     turn = (np.arange(views) - (views - 1) / 2) / views_per_rotation
     angles = start_angle_rad + direction * 2 * np.pi * np.arange(views) / views_per_rotation
-    return ScanGeometry(angles_rad=angles, source_z_mm=turn * feed, views_per_rotation=views_per_rotation, **detector)
+    return OrbitGeometry(angles_rad=angles, source_z_mm=turn * feed, views_per_rotation=views_per_rotation, **detector)
 
 
 def grid_of(settings: dict) -> Grid:
@@ -290,7 +237,7 @@ def grid_of(settings: dict) -> Grid:
     return Grid(tuple(settings["shape"]), tuple(settings["spacing_mm"]))
 
 
-def scan_geometry(scan: dict, projections: int, grid: Grid) -> ScanGeometry:
+def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
     """The geometry of a complete `scan` section of the configuration with `projections` views around `grid`."""
     detector = {
         key: scan[key]

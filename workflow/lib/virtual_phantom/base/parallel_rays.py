@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from .errors import InputError
-from .geometry import ScanGeometry
+from .geometry import ScanGeometry, orbit_of
 
 
 class ParallelRays:
@@ -22,10 +22,12 @@ class ParallelRays:
     view_of_angle   fractional view of the central ray of each angle
     periodic        whole turns in one plane: view 0 follows the last view
 
-    Raises InputError for a scan of one view or one column, or of less than half a turn and the fan.
+    Raises InputError for a scan that is no circle or helix, of one view or one column, or of less than half a turn and
+    the fan.
     """
 
     def __init__(self, geometry: ScanGeometry):
+        geometry = orbit_of(geometry, "filtered back-projection")
         if geometry.views < 2 or geometry.columns < 2:
             raise InputError("scan: one view or one detector column cannot be reconstructed; give it more")
         self.geometry = geometry

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..base.errors import InputError
-from ..base.geometry import Grid, ScanGeometry
+from ..base.geometry import Grid, OrbitGeometry
 from ..io.volumes import Volume
 from ..projectors import projector
 from ..reconstruction.fbp import fbp
@@ -16,7 +16,7 @@ SMALLEST_TRANSMISSION = 1e-5
 
 
 @style.styled()
-def draw_projections(line_integrals: np.ndarray, geometry: ScanGeometry, title: str) -> Figure:
+def draw_projections(line_integrals: np.ndarray, geometry: OrbitGeometry, title: str) -> Figure:
     """The sinogram of the middle row, and the slice through the isocentre by filtered back-projection.
 
     line_integrals   [view, row, column]; pixels that are not finite are shown, and reconstructed, as 0

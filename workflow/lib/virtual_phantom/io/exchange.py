@@ -18,12 +18,12 @@ import numpy as np
 
 from ..base.counts import Counts
 from ..base.errors import InputError
-from ..base.geometry import ScanGeometry
+from ..base.geometry import OrbitGeometry, ScanGeometry, orbit_of
 from .files import check_unchanged
 from .hdf5 import new_file
 
 _ARRAYS = ("angles_rad", "source_z_mm", "view_times")  # the last of all views that follow each other: not stored
-_SCALARS = [f.name for f in fields(ScanGeometry) if f.name not in _ARRAYS]
+_SCALARS = [f.name for f in fields(OrbitGeometry) if f.name not in _ARRAYS]
 # Cheap and lossless: the bytes of noise do not compress, the zeros above them do.
 _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
 
@@ -54,7 +54,7 @@ def write_line_integrals(
             group.attrs.update(physics.numbers)
 
 
-def read_physics(path: str | Path) -> tuple[Physics, ScanGeometry] | None:
+def read_physics(path: str | Path) -> tuple[Physics, OrbitGeometry] | None:
     """What `write_line_integrals` kept of an acquisition chain, arrays as float64, and the geometry; None of the
     baseline. Raises InputError as read_line_integrals."""
     with opened(path) as file:
@@ -78,7 +78,7 @@ def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> No
         file["exchange"].create_dataset("data_dark", data=np.zeros(frame), **_COMPRESSION)
 
 
-def read_line_integrals(path: str | Path) -> tuple[np.ndarray, ScanGeometry]:
+def read_line_integrals(path: str | Path) -> tuple[np.ndarray, OrbitGeometry]:
     """Line integrals [view, row, column] and their geometry. Raises InputError for a missing, broken or other file."""
     with opened(path) as file:
         data = file["exchange/data"]
@@ -87,7 +87,7 @@ def read_line_integrals(path: str | Path) -> tuple[np.ndarray, ScanGeometry]:
         return data[...], _geometry(file)
 
 
-def read_counts(path: str | Path) -> tuple[Counts, ScanGeometry]:
+def read_counts(path: str | Path) -> tuple[Counts, OrbitGeometry]:
     """One noisy acquisition and its geometry. Raises InputError for a missing, broken or other file."""
     with opened(path) as file:
         data = file["exchange/data"]
@@ -99,6 +99,7 @@ def read_counts(path: str | Path) -> tuple[Counts, ScanGeometry]:
 
 
 def _write(file, data, geometry):
+    geometry = orbit_of(geometry, "a file of projections")
     exchange = file.create_group("exchange")
     dataset = exchange.create_dataset("data", data=data, chunks=(1, *data.shape[1:]), **_COMPRESSION)
     exchange.create_dataset("theta", data=np.rad2deg(geometry.angles_rad)).attrs["units"] = "degree"
@@ -114,8 +115,8 @@ def _write(file, data, geometry):
 
 def _geometry(file):
     acquisition = file["acquisition"]
-    scalars = {name: acquisition.attrs[name].item() for name in _SCALARS if name in acquisition.attrs}
-    return ScanGeometry(
+    scalars = {name: np.asarray(acquisition.attrs[name]).item() for name in _SCALARS if name in acquisition.attrs}
+    return OrbitGeometry(
         angles_rad=acquisition["angles_rad"][...], source_z_mm=acquisition["source_z_mm"][...], **scalars
     )
 

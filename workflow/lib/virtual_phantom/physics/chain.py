@@ -326,7 +326,7 @@ class Chain:
         """
         state = State(self.geometry, photons or self.photons, sensor=self.sensor, readout=self.readout, **extra)
         if self.illumination == SOLID_ANGLE:
-            state.fluence = self.geometry.solid_angles()[None]
+            state.fluence = self.geometry.solid_angles()
         effects = sorted((load(name) for name in physics), key=lambda effect: STAGES.index(effect.stage))
         before = [effect for effect in effects if STAGES.index(effect.stage) < STAGES.index("scatter")]
         for effect in before:

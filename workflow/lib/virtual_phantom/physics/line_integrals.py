@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.errors import InputError
-from ..base.geometry import Grid, ScanGeometry
+from ..base.geometry import Grid, ScanGeometry, orbit_of
 from ..base.parallel_rays import ParallelRays
 from ..base.units import HU_BODY, hu_to_attenuation
 from ..io.volumes import Volume
@@ -65,7 +65,7 @@ def _refuse_truncation(phantom, geometry):
     _, y, x = phantom.grid.axes_mm()
     occupied = (phantom.array > HU_BODY).any(axis=0)
     reach = float(np.max(np.hypot(y[:, None], x[None, :]), where=occupied, initial=0))
-    radius = geometry.field_of_view_radius_mm
+    radius = orbit_of(geometry, "a check of the field of view").field_of_view_radius_mm
     if reach > radius:
         raise InputError(
             f"scan: the phantom reaches {reach:.0f} mm from the isocentre, the field of view only {radius:.0f} mm; "

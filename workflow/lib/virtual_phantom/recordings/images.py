@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.errors import InputError
-from ..base.geometry import Grid, ScanGeometry
+from ..base.geometry import Grid, OrbitGeometry
 from ..io.volumes import Volume, length_unit
 from ..phantom import Roi
 from ..phantom.ct import draw, read_hu
@@ -103,7 +103,7 @@ def _check_size(path: Path, grid: Grid) -> None:
         raise InputError(f"{path}: has voxels of {max(grid.spacing):g} mm; are its lengths in mm?")
 
 
-def _geometry(document: Document) -> ScanGeometry | None:
+def _geometry(document: Document) -> OrbitGeometry | None:
     """The geometry if the scan section is complete and simulable; what stands in an incomplete one is still checked."""
     scan = document.content.get("scan", {})
     if not missing_for_geometry(scan) and scan.get("detector", "flat") == "flat":

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 
 from ..base.errors import InputError
-from ..base.geometry import ScanGeometry
+from ..base.geometry import OrbitGeometry
 from ..io.exchange import opened
 from ..io.volumes import check_fits
 from .document import Document
@@ -100,7 +100,7 @@ def load(document: Document) -> ProjectionsRecording:
     return ProjectionsRecording(document, provenance, geometry, tuple(notes), repeats, held_out, logs[first])
 
 
-def read(path: Path, geometry: ScanGeometry) -> Projections:
+def read(path: Path, geometry: OrbitGeometry) -> Projections:
     """Read one acquisition of a known geometry.
 
     Raises InputError if the file is missing, truncated or another; if views, rows, columns or angles are not the
@@ -134,7 +134,7 @@ def _is_log(path: Path, value) -> bool:
     return words[word]
 
 
-def _check_shape(path: Path, data: h5py.Dataset, geometry: ScanGeometry) -> None:
+def _check_shape(path: Path, data: h5py.Dataset, geometry: OrbitGeometry) -> None:
     if data.dtype.kind not in "uif":
         raise InputError(f"{path}: /exchange/data holds {data.dtype}, not numbers")
     if data.ndim != 3:
@@ -154,7 +154,7 @@ def _has_theta(path: Path) -> bool:
         return "exchange/theta" in file
 
 
-def _check_theta(path: Path, file: h5py.File, geometry: ScanGeometry) -> None:
+def _check_theta(path: Path, file: h5py.File, geometry: OrbitGeometry) -> None:
     if "exchange/theta" not in file:
         return
     theta = np.asarray(file["exchange/theta"][...], float)

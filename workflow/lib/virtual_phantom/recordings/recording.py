@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from ..base.geometry import ScanGeometry
+from ..base.geometry import OrbitGeometry
 from .document import Document
 
 Content = TypeVar("Content")
@@ -52,7 +52,7 @@ class Recording:
 
     document: Document
     provenance: Provenance
-    geometry: ScanGeometry | None
+    geometry: OrbitGeometry | None
     notes: tuple[str, ...]
 
     @property

@@ -1,4 +1,4 @@
-"""The scan section of recording.yaml: a ScanGeometry where it says enough, and lengths that cannot be millimetres."""
+"""The scan section of recording.yaml: a OrbitGeometry where it says enough, and lengths that cannot be millimetres."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..base.errors import InputError
-from ..base.geometry import ScanGeometry
+from ..base.geometry import OrbitGeometry
 
 DETECTOR = ("source_to_isocentre_mm", "source_to_detector_mm", "columns", "rows", "column_pitch_mm", "row_pitch_mm")
 REQUIRED = ("trajectory", *DETECTOR, "views", "views_per_rotation", "start_angle_deg", "direction")
@@ -21,12 +21,12 @@ TIME_TOLERANCE = 0.01  # by which stated times may be rounded
 
 
 def missing_for_geometry(scan: dict) -> list[str]:
-    """The keys that a ScanGeometry still needs; empty if the section is complete."""
+    """The keys that a OrbitGeometry still needs; empty if the section is complete."""
     needed = (*REQUIRED, *HELICAL) if scan.get("trajectory") == "helical" else REQUIRED
     return [key for key in needed if key not in scan]
 
 
-def scan_geometry(scan: dict, source: str) -> ScanGeometry:
+def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
     """The geometry of a recording of projections.
 
     scan     the scan section; offsets and, for a circular scan, start_z_mm count as 0 where they are absent
@@ -47,7 +47,7 @@ def scan_geometry(scan: dict, source: str) -> ScanGeometry:
     check_lengths(scan, source)
     interval, exposure = times(scan, source)
     turns = np.arange(scan["views"]) / scan["views_per_rotation"]
-    return ScanGeometry(
+    return OrbitGeometry(
         **{key: scan[key] for key in DETECTOR},
         angles_rad=math.radians(scan["start_angle_deg"]) + scan["direction"] * 2 * np.pi * turns,
         source_z_mm=scan.get("start_z_mm", 0.0) + scan.get("table_feed_mm", 0.0) * turns,

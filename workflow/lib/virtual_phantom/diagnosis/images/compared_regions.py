@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from ...base.errors import InputError
-from ...base.geometry import Grid, ScanGeometry
+from ...base.geometry import Grid, OrbitGeometry
 from ...base.parallel_rays import ParallelRays
 from ...base.units import HU_AIR, HU_BODY, attenuation_to_hu
 from ...io.volumes import Volume, read_nifti
@@ -61,7 +61,7 @@ class Scanned:
         return float(np.hypot(y[:, None], x)[(self.fine.array > HU_BODY).any(axis=0)].max())
 
 
-def image_grid(geometry: ScanGeometry, radius_mm: float) -> Grid:
+def image_grid(geometry: OrbitGeometry, radius_mm: float) -> Grid:
     """Central slices around an object of a radius: voxels as large as the detector's pixels at the isocentre, or larger
     where more than MOST_VOXELS of them would be needed. Slices lie a detector row apart, so that they share little
     noise, where views all around see them."""
@@ -78,7 +78,7 @@ def image_grid(geometry: ScanGeometry, radius_mm: float) -> Grid:
     return Grid((slices, across, across), (height, voxel, voxel))
 
 
-def complete(geometry: ScanGeometry, grid: Grid) -> np.ndarray:
+def complete(geometry: OrbitGeometry, grid: Grid) -> np.ndarray:
     """bool [z, y, x]: voxels that rays of every direction pass.
 
     Raises InputError as ParallelRays, or if there is no such voxel.

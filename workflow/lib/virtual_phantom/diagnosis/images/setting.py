@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.errors import InputError
-from ...base.geometry import Grid, ScanGeometry, grid_of, scan_geometry
+from ...base.geometry import Grid, OrbitGeometry, grid_of, scan_geometry
 from ...base.streams import Branch, branch
 from ...physics.chain import Chain
 from ...reconstruction.images import in_hu
@@ -41,7 +41,7 @@ class Protocol:
     engine: str
 
     @property
-    def geometry(self) -> ScanGeometry:
+    def geometry(self) -> OrbitGeometry:
         return scan_geometry(self.scan, self.projections, grid_of(self.grid))
 
 

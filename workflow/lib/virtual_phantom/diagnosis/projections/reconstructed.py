@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ...base.errors import InputError
-from ...base.geometry import Grid, ScanGeometry
+from ...base.geometry import Grid, OrbitGeometry
 from ...base.streams import Branch, Stream, branch, generator
 from ...base.units import attenuation_to_hu
 from ...projectors import projector
@@ -113,7 +113,7 @@ class Reconstruction:
     """
 
     def __init__(
-        self, geometry: ScanGeometry, grid: Grid, mu_water_per_mm: float, usable: np.ndarray, threads: int = 1
+        self, geometry: OrbitGeometry, grid: Grid, mu_water_per_mm: float, usable: np.ndarray, threads: int = 1
     ):
         self.geometry, self.grid, self.mu_water_per_mm = geometry, grid, mu_water_per_mm
         self.usable, self.threads = usable, threads

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...base.geometry import orbit_of
 from ..chain import State
 from ..effect import Effect, Parameter
 
@@ -9,7 +10,7 @@ REFERENCE_DEG = 20.0
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    geometry = state.geometry
+    geometry = orbit_of(state.geometry, "bowtie")
     fan_deg = np.rad2deg(np.arctan2(geometry.column_positions_mm(), geometry.source_to_detector_mm))
     thickness = values["at_20deg_mm"] * (fan_deg / REFERENCE_DEG) ** 2
     state.filters = (*state.filters, ("aluminium", thickness[None, :]))

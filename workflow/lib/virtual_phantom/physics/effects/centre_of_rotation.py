@@ -1,15 +1,11 @@
 """Centre of rotation beside the central ray."""
 
-import numpy as np
-
 from ..chain import State
 from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    angles = state.geometry.angles_rad
-    along = np.stack([np.cos(angles), np.sin(angles), np.zeros(angles.size)], axis=1)
-    moved = values["shift_mm"] * along
+    moved = values["shift_mm"] * state.geometry.column_direction
     state.motion_mm = moved if state.motion_mm is None else state.motion_mm + moved
 
 

@@ -2,12 +2,13 @@
 
 import numpy as np
 
+from ...base.geometry import orbit_of
 from ..chain import State
 from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    angles = state.geometry.angles_rad
+    angles = orbit_of(state.geometry, "current_modulation").angles_rad
     wave = values["cosine"] * np.cos(2 * angles) + values["sine"] * np.sin(2 * angles)
     state.fluence = state.fluence * (1 + wave)[:, None, None]
 

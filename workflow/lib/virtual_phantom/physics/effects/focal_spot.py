@@ -18,7 +18,7 @@ def apply(state: State, values: dict[str, float]) -> None:
     geometry, width, length = state.geometry, values["width_mm"], values["length_mm"]
     # The length is what the detector sees of a spot on an inclined anode, whose ends are not equally far (line focus).
     away = -length / math.tan(math.radians(state.anode.angle_deg))
-    blur = geometry.source_to_detector_mm / geometry.source_to_isocentre_mm - 1
+    blur = geometry.magnification - 1
     across = points(width, blur * width / geometry.column_pitch_mm)
     along = points(length, blur * length / geometry.row_pitch_mm if geometry.rows > 1 else 0.0)
     state.sources = tuple(

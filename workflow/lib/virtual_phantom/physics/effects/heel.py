@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...base.geometry import orbit_of
 from ..chain import State
 from ..effect import Effect, Parameter
 
@@ -10,7 +11,7 @@ LEAST_ANGLE_DEG = 1.0  # of a ray to the anode's surface: flatter ones are taken
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    geometry, depth_mm = state.geometry, values["depth_um"] / 1000
+    geometry, depth_mm = orbit_of(state.geometry, "heel"), values["depth_um"] / 1000
     cone = np.arctan2(geometry.row_positions_mm(), geometry.source_to_detector_mm)
     anode = abs(np.deg2rad(state.anode.angle_deg))
     # The end of the focal spot that is nearer to the isocentre is the anode's: rays to that side leave at a flat angle.

@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
+from ...base.geometry import orbit_of
 from ..chain import State
 from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
-    geometry = state.geometry
+    geometry = orbit_of(state.geometry, "source_distance")
     state.geometry = replace(
         geometry,
         source_to_isocentre_mm=geometry.source_to_isocentre_mm + values["isocentre_mm"],

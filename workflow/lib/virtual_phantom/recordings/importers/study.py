@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import InputError
-from ...base.geometry import ScanGeometry
+from ...base.geometry import OrbitGeometry
 from ...io.exchange import read_counts
 from ..recording import Recording
 from . import write_folder
@@ -43,7 +43,7 @@ def import_study(source: str | Path, folder: str | Path, phantom: str | None = N
     return write_folder(folder, content, write)
 
 
-def scan_of(geometry: ScanGeometry) -> dict:
+def scan_of(geometry: OrbitGeometry) -> dict:
     """The scan section of a geometry of evenly spaced views."""
     step = float(np.diff(geometry.angles_rad).mean())
     helical = geometry.feed_per_rotation_mm != 0
