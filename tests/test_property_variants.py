@@ -6,7 +6,7 @@ from scipy import ndimage
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.diagnosis.features.choice import simulated_variants as properties
+from virtual_phantom.diagnosis.features import simulated_variants as properties
 from virtual_phantom.features import extraction
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.statistics.attribution import attribute

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.diagnosis.features.choice import choice
+from virtual_phantom.diagnosis.features import choice
 from virtual_phantom.diagnosis.features.properties import calibration, folds, property_tables
 from virtual_phantom.diagnosis.features.responses import responses
 from virtual_phantom.diagnosis.features.simulated_variants import MEAN

@@ -58,8 +58,17 @@ def found_on(disc, scale, effects=TRUTH, **extra):
     }
     content = {
         "recording": disc,
-        "effects": [{"name": name, "parameters": values} for name, values in parameters.items()],
+        "effects": [
+            {"name": name, "physics": "", "parameters": values, "evidence": {"held_out_gain": 9.0, "p": 0.0}}
+            for name, values in parameters.items()
+        ],
         "alignment": {"scale": {"value": scale, "ci95": [scale - 0.001, scale + 0.001]}},
+        "verdict": "mismatch explained",
+        "sentence": "",
+        "excess_removed": 1.0,
+        "held_out_data": "",
+        **{key: {} for key in ("ambiguous_with", "ruled_out", "fit", "held_out")},
+        **{key: [] for key in ("locations", "unexplained", "next_measurement")},
     }
     return content | extra
 
@@ -106,6 +115,8 @@ def test_intervals_that_were_cut_at_a_bound_stay_as_long(tmp_path):
     content["effects"] = [
         {
             "name": "focal_spot",
+            "physics": "",
+            "evidence": {"held_out_gain": 9.0, "p": 0.0},
             "parameters": {key: {"value": value, "ci95": ends, "unit": "mm"} for key, (value, ends) in spot.items()},
         }
     ]

@@ -13,9 +13,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "lib"))
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.io.documents import SCORE, read_document
 from virtual_phantom.proof.conceal import seal
+from virtual_phantom.proof.score import record
 from virtual_phantom.proof.score.rows import rows
-from virtual_phantom.proof.score.score import record
 from virtual_phantom.report.proof import tally
 from virtual_phantom.statistics.proof_record import read
 
@@ -39,12 +40,12 @@ def main() -> int:
     asked = parser.parse_args()
     try:
         if asked.task == "add":
-            record.add(asked.record, seal.read(asked.score), asked.state, asked.note, unseen=not asked.seen)
+            record.add(asked.record, read_document(asked.score, SCORE), asked.state, asked.note, unseen=not asked.seen)
         if asked.task == "coverage":
             print("\n".join(record.coverage_table(seal.read(asked.first), seal.read(asked.second))))
             return 0
         if asked.task == "rows":
-            print("\n".join(rows(seal.read(asked.score))))
+            print("\n".join(rows(read_document(asked.score, SCORE))))
             return 0
         shown = record.summary(read(asked.record))
     except InputError as error:

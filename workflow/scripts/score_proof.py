@@ -1,10 +1,10 @@
 """Open the seals of the blind test and score it: score.json, the page, the confusion matrix and an example."""
 
-import json
 import os
 from pathlib import Path
 
 from virtual_phantom.figures import before_after, confusion, style
+from virtual_phantom.io.documents import SCORE, write_document
 from virtual_phantom.io.files import write_text
 from virtual_phantom.proof.conceal.case import collect
 from virtual_phantom.proof.score.example import example, in_words, residual_maps
@@ -24,7 +24,7 @@ with job(snakemake) as log:
         Path(path).parent.name: Path(os.path.relpath(Path(path).with_name("report.html"), Path(output.page).parent))
         for path in [*given.diagnoses, *given.real]
     }
-    write_text(json.dumps(found, indent=1, allow_nan=False) + "\n", output.score)
+    write_document(found, output.score, SCORE)
     write_text(page(found, maps, {case: path.as_posix() for case, path in reports.items()}), output.page)
     style.save(confusion.draw(found["confusion"]), [output.confusion_png, output.confusion_pdf])
     shown = example(cases)

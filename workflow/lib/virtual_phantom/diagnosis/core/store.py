@@ -11,6 +11,7 @@ import numpy as np
 import yaml
 
 from ...base.errors import refusing
+from ...io.documents import DIAGNOSIS, write_document
 from ...io.files import read_text, replacing, write_text
 from ..projections.numerical import Anchor
 from .attribute import Trial
@@ -42,7 +43,7 @@ def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mappi
     text = f"# {content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
     write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)
     write_text(page, output.report)
-    write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", output.diagnosis)
+    write_document(content, output.diagnosis, DIAGNOSIS)
 
 
 def read_trial(path: str | Path) -> Trial:

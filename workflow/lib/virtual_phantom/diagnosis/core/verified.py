@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import copy
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...base.errors import InputError, refusing
-from ...io.files import read_text
+from ...io.documents import DIAGNOSIS, read_document
 from ...physics.effect import READOUT_UNITS, checked, load
 from .attribute import Choice, Trial, trial
 from .fit import Fitter
@@ -38,7 +37,7 @@ class Physics:
         physics to take."""
         kinds = (OSError, ValueError, KeyError, TypeError)
         with refusing(f"{path}: is no diagnosis", *kinds, advice="make it anew"):
-            content = json.loads(read_text(path))
+            content = read_document(path, DIAGNOSIS)
             found = {one["name"]: one["parameters"] for one in content["effects"]}
             recording, scale = content["recording"], content["alignment"]["scale"]
             taken = {name: values for name, values in found.items() if not load(name).pattern}

@@ -1,0 +1,59 @@
+"""Documents with a schema: refused when they are written and when they are read, in a line that names the key."""
+
+import json
+
+import pytest
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.io.documents import DIAGNOSIS, SCORE, read_document, schema_of_kind, write_document
+
+DOCUMENT = {
+    "recording": "disc",
+    "verdict": "match",
+    "sentence": "disc and the simulation agree",
+    "excess_removed": None,
+    "held_out_data": "every second view",
+    **{key: {} for key in ("ambiguous_with", "ruled_out", "fit", "held_out")},
+    **{key: [] for key in ("locations", "effects", "unexplained", "next_measurement")},
+}
+
+
+def test_a_document_comes_back(tmp_path):
+    write_document(DOCUMENT, tmp_path / "d.json", DIAGNOSIS)
+    assert read_document(tmp_path / "d.json", DIAGNOSIS) == DOCUMENT
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"verdict": "perhaps"}, "verdict"),
+        ({"excess_removed": 1.5}, "excess_removed"),
+        ({"unheard": 1}, "unheard"),
+        ({"locations": [{"domain": "views", "where": "view 1", "z": 4.0, "p": 2.0, "map": "views.npy"}]}, "p"),
+        ({"effects": [{"name": "scatter"}]}, "physics"),
+    ],
+)
+def test_what_the_schema_refuses_is_neither_written_nor_read(tmp_path, change, named):
+    path = tmp_path / "d.json"
+    with pytest.raises(InputError, match=named) as error:
+        write_document(DOCUMENT | change, path, DIAGNOSIS)
+    assert "\n" not in str(error.value) and not path.exists()
+    path.write_text(json.dumps(DOCUMENT | change))
+    with pytest.raises(InputError, match=named) as error:
+        read_document(path, DIAGNOSIS)
+    assert str(error.value).startswith(f"{path}: is no diagnosis.json") and "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("text", [None, "{", "[1]", '{"verdict": NaN}'])
+def test_other_files_are_refused(tmp_path, text):
+    if text is not None:
+        (tmp_path / "d.json").write_text(text)
+    with pytest.raises(InputError, match="is no score.json"):
+        read_document(tmp_path / "d.json", SCORE)
+
+
+@pytest.mark.parametrize("kind", [DIAGNOSIS, SCORE])
+def test_every_key_of_a_schema_is_of_a_kind(kind):
+    """Required keys are described, so that none is misspelt."""
+    schema = schema_of_kind(kind)
+    assert set(schema["required"]) <= set(schema["properties"])
