@@ -129,7 +129,8 @@ class Model:
         """
         photons = float(np.exp(place["log_photons"]))
         state = self.chain.state(
-            {name: values for name, values in physics.items() if not acts_on_images(name)},
+            # A pattern of pixels changes no unit, and which one it is nobody knows.
+            {name: values for name, values in physics.items() if not (acts_on_images(name) or load(name).pattern)},
             photons=photons,
             anode=self.anode,
         )
