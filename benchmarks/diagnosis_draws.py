@@ -37,7 +37,7 @@ from virtual_phantom.diagnosis.core.templates import strength, varied, whitened 
 from virtual_phantom.diagnosis.core.verdict import diagnose  # noqa: E402
 from virtual_phantom.diagnosis.projections import observed, prepared  # noqa: E402
 from virtual_phantom.diagnosis.projections.model import stacked  # noqa: E402
-from virtual_phantom.diagnosis.projections.numerical import Anchor, model_and_floor  # noqa: E402
+from virtual_phantom.diagnosis.projections.numerical import LinearisationPoint, model_and_floor  # noqa: E402
 from virtual_phantom.io.volumes import Volume  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
@@ -141,9 +141,9 @@ def left_over(given, physics, fit):
     it is significant."""
     fitter, held_out = given.fitter, given.held_out
     place = {one.name: one.expected for one in fitter.model.aligned}
-    truth = fitter.model.predict(physics, place, held_out, Anchor.of(physics, place))
+    truth = fitter.model.predict(physics, place, held_out, LinearisationPoint.of(physics, place))
     gain = fitter.model.chain.state(physics).gain
-    found = fitter.model.predict(fit.physics, fit.place, held_out, fit.anchor)
+    found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearisation)
     parts = [there - here for there, here in zip(stacked(held_out, found), stacked(held_out, truth), strict=True)]
     shape = held_out.mean.shape
     pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))

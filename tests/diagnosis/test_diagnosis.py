@@ -17,7 +17,7 @@ from virtual_phantom.diagnosis.core.pattern import estimate
 from virtual_phantom.diagnosis.core.store import read_trial, write_trial
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.numerical import Anchor
+from virtual_phantom.diagnosis.projections.numerical import LinearisationPoint
 from virtual_phantom.io.files import checksum_path
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation
@@ -234,11 +234,11 @@ def test_one_repeat_that_is_fitted_is_held_against_several(scene):
 
 def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp_path):
     given, found = diagnosed(scene, {"gain_pattern": CONCEALED["gain_pattern"]}, ("gain_pattern", "scatter"))
-    moved = Anchor({"detector_offset": {"columns_px": 0.3}}, {"x_mm": 0.1})
-    elsewhere = replace(found.choice.chosen, fit=replace(found.choice.chosen.fit, anchor=moved, corrected=2.5))
+    moved = LinearisationPoint({"detector_offset": {"columns_px": 0.3}}, {"x_mm": 0.1})
+    elsewhere = replace(found.choice.chosen, fit=replace(found.choice.chosen.fit, linearisation=moved, corrected=2.5))
     write_trial(elsewhere, tmp_path / "fit.json")
     again = read_trial(tmp_path / "fit.json")
-    assert again.fit.anchor == moved and again.fit.anchor.key == moved.key and again.fit.corrected == 2.5
+    assert again.fit.linearisation == moved and again.fit.linearisation.key == moved.key and again.fit.corrected == 2.5
     assert again.fit.physics == found.choice.chosen.fit.physics and again.score == found.choice.chosen.score
     np.testing.assert_array_equal(again.fit.pattern, found.choice.chosen.fit.pattern)
     (tmp_path / "fit.json").write_text("{}")

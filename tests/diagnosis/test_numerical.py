@@ -11,7 +11,13 @@ from virtual_phantom.diagnosis.core.attribute import choose, trial
 from virtual_phantom.diagnosis.core.pattern import estimate
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.numerical import BASE, MOST_STRAY, Anchor, Numerical, model_and_floor
+from virtual_phantom.diagnosis.projections.numerical import (
+    BASE,
+    MOST_STRAY,
+    LinearisationPoint,
+    Numerical,
+    model_and_floor,
+)
 from virtual_phantom.diagnosis.projections.scanned import coarse_scene
 from virtual_phantom.io.volumes import Volume, read_nifti, write_nifti
 from virtual_phantom.phantom import block_mean
@@ -79,7 +85,9 @@ def test_voxels_twice_as_large_as_those_scanned_are_a_match(known):
 
 
 def offset(pixels):
-    return Anchor.of({"detector_offset": {"columns_px": pixels}, "gain_pattern": {"rms": 0.01}}, {"offset": 0.1})
+    return LinearisationPoint.of(
+        {"detector_offset": {"columns_px": pixels}, "gain_pattern": {"rms": 0.01}}, {"offset": 0.1}
+    )
 
 
 def test_errors_follow_the_rays(known):
@@ -111,10 +119,10 @@ def test_a_fit_takes_errors_along(known):
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=SOLID_ANGLE).state(truth)
     fitter = prepared_from(known, state).fitter
     fit = fitter.fit(("detector_offset",), fitter.fit(()))
-    assert fit.anchor.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
+    assert fit.linearisation.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
     blurred = fitter.fit(("detector_offset", "focal_spot"), fit)
     assert fit.chi_square - blurred.chi_square < 12  # one in 400 by chance, of two numbers
-    left_behind = replace(fit, anchor=BASE)
+    left_behind = replace(fit, linearisation=BASE)
     worse, better = (
         sum((w * r**2).sum() for w, r in zip(fitter.weights, fitter.residuals(one, False), strict=True))
         for one in (left_behind, fit)
@@ -128,7 +136,7 @@ def test_a_gain_pattern_is_estimated_of_the_errors_that_are_taken_along(known):
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=SOLID_ANGLE).state(truth)
     fitter = prepared_from(known, state).fitter
     fit = fitter.fit(("detector_offset", "gain_pattern"), fitter.fit(()))
-    assert fit.anchor.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
+    assert fit.linearisation.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
     bare = fitter.residuals(replace(fit, pattern=None), held_out=False)[0].reshape(GEOMETRY.shape)
     weight = fitter.weights[0].reshape(GEOMETRY.shape)
     np.testing.assert_allclose(fit.pattern, estimate(bare, weight).values, atol=2e-5)

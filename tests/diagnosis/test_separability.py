@@ -64,7 +64,7 @@ def test_noise_has_no_share_in_the_mean_and_flux_is_in_closed_form(disc):
     (flux,) = described(fitter, fit, ["photon_flux"])
     # 0.7 of the photons m: the logarithm's variance is 1/m + 3/(2 m^2), in every block.
     data = fitter.data
-    inverse = fitter.model.predict({}, fit.place, data).state.variance()
+    inverse = fitter.model.predict({}, fit.nuisance, data).state.variance()
     now, fewer = (data.blocks.sum((v + 1.5 * v**2) / data.reference) for v in (inverse, inverse / 0.7))
     expected = (np.log(fewer / now) ** 2) @ fitter.weights[1]
     part = split(fitter, flux.whole)["noise variance"]

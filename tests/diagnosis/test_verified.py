@@ -97,7 +97,7 @@ def test_physics_of_another_recording_removes_the_excess(other):
     baseline = trial(given.fitter, ())
     choice = verified(given.fitter, baseline, physics, same_material=True)
     assert choice.chosen.fit.physics == TRUTH and choice.chosen.fit.free == 0
-    assert choice.chosen.fit.place["scale"] == pytest.approx(DENSITY, abs=0.003)
+    assert choice.chosen.fit.nuisance["scale"] == pytest.approx(DENSITY, abs=0.003)
     assert all(gain > 100 for gain in choice.gains.values())
     content = stated(diagnose("notch", given, choice).content, physics)
     json.dumps(content, allow_nan=False)

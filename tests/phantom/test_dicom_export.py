@@ -132,7 +132,7 @@ def test_equal_images_make_equal_files_and_others_other_uids(exported, tmp_path)
     "image, message",
     [
         (Volume(PHANTOM.array, dataclasses.replace(GRID, centre_mm=(0, 0, 0))), "is on another grid"),
-        (Volume(np.where(PHANTOM.array > 50, np.nan, 0), GRID), "not finite; reconstruct it anew"),
+        (Volume(np.where(PHANTOM.array > 50, np.nan, 0), GRID), "not finite; reconstruct it again"),
         (Volume(PHANTOM.array + 40000, GRID), "CT numbers beyond 16 bits"),
     ],
 )

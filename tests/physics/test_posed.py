@@ -1,4 +1,4 @@
-"""Path lengths that follow pose, motion and geometry to first order, against those traced anew."""
+"""Path lengths that follow pose, motion and geometry to first order, against those traced again."""
 
 from dataclasses import replace
 
@@ -66,16 +66,16 @@ PLACES = {
 def test_rays_nearby_are_followed(traced, place):
     posed = PosedScene(traced)
     start = posed.path_lengths(GEOMETRY, Pose())
-    anew = traced.path_lengths(*PLACES[place])
-    changed = np.abs(anew - start).max()
+    again = traced.path_lengths(*PLACES[place])
+    changed = np.abs(again - start).max()
     followed = posed.path_lengths(*PLACES[place])
     assert changed > 1e-3
-    assert not np.array_equal(followed, anew)  # it was followed, not traced
-    assert np.abs(followed - anew).max() < 0.05 * changed
+    assert not np.array_equal(followed, again)  # it was followed, not traced
+    assert np.abs(followed - again).max() < 0.05 * changed
 
 
 def test_slopes_are_what_small_steps_change(traced):
-    """Against differences of sums traced anew, of rays that cross planes of x and of y."""
+    """Against differences of sums traced again, of rays that cross planes of x and of y."""
     rays = traced.rays(GEOMETRY)
     assert 0.2 < rays.along_x.mean() < 0.8
     slopes = traced.slopes(rays)

@@ -81,7 +81,7 @@ def test_rays_nearby_are_followed_without_tracing():
     distance = replace(GEOMETRY, source_to_isocentre_mm=410.005)
     near = Pose(x_mm=0.001, y_mm=-0.001, z_mm=5.0, turn_deg=0.0005, size=1.00001)
     for place in ((GEOMETRY, near, None), (GEOMETRY, Pose(), motion), (distance, Pose(), None)):
-        anew, followed = scene.path_lengths(*place), posed.path_lengths(*place)
-        changed = np.abs(anew - start).max()
+        again, followed = scene.path_lengths(*place), posed.path_lengths(*place)
+        changed = np.abs(again - start).max()
         assert changed > 1e-5
-        assert 0 < np.abs(followed - anew).max() < 0.05 * changed
+        assert 0 < np.abs(followed - again).max() < 0.05 * changed

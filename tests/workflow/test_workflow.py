@@ -330,7 +330,7 @@ def made_first(folder, *protocols):
 
 
 def test_one_core_and_another_order_make_the_same_features(study, tmp_path):
-    """features.csv byte for byte, with all that hangs on one geometry, both algorithms, made anew by one core.
+    """features.csv byte for byte, with all that hangs on one geometry, both algorithms, made again by one core.
 
     What the study made last is made first.
     """
@@ -348,7 +348,7 @@ def first_table(protocol):
 
 
 def test_four_cores_and_no_compiled_kernels_make_the_same_images_and_features(study, tmp_path):
-    """One protocol's images and tables byte for byte: two jobs of two threads at a time, all kernels compiled anew."""
+    """One protocol's images and tables byte for byte: two jobs of two threads at a time, all kernels compiled again."""
     copy, kernels = without(study, tmp_path / "r", "fbp_150"), tmp_path / "kernels"
     shutil.rmtree(copy / "logs" / "kernels")
     targets = [copy / "features" / "fbp_150" / noise / "seed00.csv" for noise in ("dose10", "dose10_plus12")]

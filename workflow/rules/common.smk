@@ -23,7 +23,7 @@ from virtual_phantom.projectors import choose_engine
 
 try:
     for path in workflow.configfiles:
-        check_unchanged(path, "make it anew")
+        check_unchanged(path, "make it again")
     PLAN = Plan(
         check(
             config,

@@ -60,7 +60,7 @@ try:
                     file.path,
                     file.sha256,
                     ABDOMEN_CT,
-                    "delete it, and it is fetched anew; or name a file of your own under phantom.ct",
+                    "delete it, and it is fetched again; or name a file of your own under phantom.ct",
                 )
 except InputError as error:
     sys.exit(f"Error: {error}")

@@ -57,7 +57,7 @@ with job(snakemake) as log:
     )
     found.content["agreement"] = table
     fit = found.choice.chosen.fit
-    overlay = {"physics": prepared.fitter.model.of_study(fit.physics, fit.place), "noise": {"model": "physical"}}
+    overlay = {"physics": prepared.fitter.model.of_study(fit.physics, fit.nuisance), "noise": {"model": "physical"}}
     shown = residual_maps(found, prepared)
     maps = {place.domain: place.map for place in found.before} | dict(zip(RESIDUAL_MAPS, shown, strict=True))
     write_diagnosis(output, found.content, overlay, page(found, prepared, ALPHA, shown), maps)

@@ -42,9 +42,9 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     rois = list(dict.fromkeys(table["roi"]))
     features = table[["feature", "family"]].drop_duplicates().reset_index(drop=True)
     if len(table) != len(rois) * len(features) or table.duplicated(["roi", "feature"]).any():
-        raise InputError(f"{name}: not one row for every ROI and feature; make the table anew")
+        raise InputError(f"{name}: not one row for every ROI and feature; make the table again")
     if missing := sorted(set(features["feature"]) - set(ranking["feature"])):
-        raise InputError(f"ranks of the comparison: lack {missing[0]}; make the table anew")
+        raise InputError(f"ranks of the comparison: lack {missing[0]}; make the table again")
     features = features.sort_values("family", kind="stable", key=lambda column: column.map(_order(column)))
     y = _rows(features["family"])
     wide = {

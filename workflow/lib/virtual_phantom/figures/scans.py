@@ -30,7 +30,9 @@ def draw(phantom: Volume, reconstructions: Mapping[str, Volume], z: int) -> Figu
             raise InputError(f"reconstruction {title}: grid {volume.grid} is not the phantom's {phantom.grid}")
         differences[title] = volume.array[z].astype(np.float64) - original
         if not np.isfinite(differences[title]).all():
-            raise InputError(f"reconstruction {title}: slice {z} holds values that are not finite; reconstruct it anew")
+            raise InputError(
+                f"reconstruction {title}: slice {z} holds values that are not finite; reconstruct it again"
+            )
     limit = round_up(np.percentile(np.abs([difference[body] for difference in differences.values()]), 98))
 
     box = axial.body_box_mm(phantom, [z])

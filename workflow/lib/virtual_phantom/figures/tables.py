@@ -13,7 +13,7 @@ def check_table(table: pandas.DataFrame, name: str, *, text: Iterable[str] = (),
     text, numbers = list(text), list(numbers)
     absent = [column for column in text + numbers if column not in table.columns]
     if absent:
-        raise InputError(f"{name}: lacks the column {', '.join(absent)}; make the table anew")
+        raise InputError(f"{name}: lacks the column {', '.join(absent)}; make the table again")
     if table.empty:
         raise InputError(f"{name}: has no rows; there is nothing to draw, check the stage that makes it")
     for column in numbers:

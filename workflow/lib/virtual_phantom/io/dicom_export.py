@@ -54,7 +54,7 @@ def series(image: Volume, phantom: Volume, scan: Scan) -> list[Dataset]:
     """
     if not image.grid.matches(phantom.grid):
         raise InputError(f"{scan.label}: is on another grid ({image.grid}) than the phantom ({phantom.grid})")
-    values, beyond = whole_hu(image.array, f"{scan.label}: holds values that are not finite; reconstruct it anew")
+    values, beyond = whole_hu(image.array, f"{scan.label}: holds values that are not finite; reconstruct it again")
     if beyond:
         raise InputError(f"{scan.label}: holds CT numbers beyond 16 bits, which DICOM CT images have")
     pixels = lps(values)

@@ -21,12 +21,12 @@ def write_document(content: dict, path: str | Path, kind: str) -> None:
 
 def read_document(path: str | Path, kind: str) -> dict:
     """Read a document of this kind. Raises InputError if it is missing, no JSON, or refused by its schema."""
-    with refusing(f"{path}: is no {kind}.json", OSError, ValueError, advice="make it anew"):
+    with refusing(f"{path}: is no {kind}.json", OSError, ValueError, advice="make it again"):
         content = json.loads(read_text(path))
     try:
         validate(content, schema_of_kind(kind), f"{kind}.json")
     except InputError as error:
-        raise InputError(f"{path}: is no {kind}.json ({error}); make it anew") from error
+        raise InputError(f"{path}: is no {kind}.json ({error}); make it again") from error
     return content
 
 

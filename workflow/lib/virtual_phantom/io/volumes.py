@@ -152,5 +152,5 @@ def read_repeats(paths: Sequence[str | Path]) -> tuple[np.ndarray, Grid]:
     repeats = [read_nifti(path) for path in paths]
     grid = repeats[0].grid
     if odd := [path for path, one in zip(paths, repeats, strict=True) if not one.grid.matches(grid)]:
-        raise InputError(f"{odd[0]}: is on another grid than {paths[0]}; make the images anew")
+        raise InputError(f"{odd[0]}: is on another grid than {paths[0]}; make the images again")
     return np.stack([one.array for one in repeats]).astype(np.float64), grid

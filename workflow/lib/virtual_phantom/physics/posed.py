@@ -1,5 +1,5 @@
 """A voxel scene for fits: path lengths follow small changes of pose, motion and geometry to first order, without being
-traced anew."""
+traced again."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def cache_folder() -> Path:
 def _tube(kvp: float, anode: Anode) -> tuple[np.ndarray, np.ndarray]:
     angle = abs(anode.angle_deg)
     kept = cache_folder() / f"{anode.target}_{kvp:g}kV_{angle:g}deg_{STEP_KEV:g}keV.npy"
-    with contextlib.suppress(Exception):  # missing, or broken by another program: made anew
+    with contextlib.suppress(Exception):  # missing, or broken by another program: made again
         check_unchanged(kept)
         energies, fluence = np.load(kept, allow_pickle=False)
         return energies, fluence

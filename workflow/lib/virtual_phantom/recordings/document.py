@@ -81,7 +81,7 @@ def _parse(path: Path) -> dict:
     # Numbers and dates that are none, and nesting without end, are no YAMLErrors.
     with refusing(f"{path}: cannot be read as YAML", OSError, ValueError, RecursionError, yaml.YAMLError):
         try:
-            content = yaml.safe_load(read_text(path, "make it anew"))
+            content = yaml.safe_load(read_text(path, "make it again"))
         except FileNotFoundError:
             raise InputError(f"{path}: no such file; a recording is a folder with a {FILE_NAME} in it") from None
     if not isinstance(content, dict):

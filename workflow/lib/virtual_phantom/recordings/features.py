@@ -91,7 +91,7 @@ def read(path: Path, features: tuple[str, ...], conditions: list[str]) -> pd.Dat
     somewhere or there twice; if a column is named as a feature but is none of ours; if two rows are of one ROI of one
     image, or an image has two conditions or an ROI two tissue classes; if a feature is not a finite number.
     """
-    check_unchanged(path, "make it anew")
+    check_unchanged(path, "make it again")
     try:
         head = pd.read_csv(path, header=None, nrows=1, dtype=str).iloc[0].tolist()
         table = pd.read_csv(path, dtype=dict.fromkeys(KEYS, str))

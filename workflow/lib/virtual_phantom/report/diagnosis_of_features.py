@@ -20,7 +20,7 @@ PAGE = (
     + """{% endif %}
 <p class="note">It removes {{ (100 * e.evidence.held_out_gain)|round(1) }} % of the difference on regions that were not
 fitted; chance that it would as much of a difference of another origin, over all properties:
-{{ e.evidence.p|chance }}. Values are fitted on all regions; intervals are of regions and repeats drawn anew.</p>
+{{ e.evidence.p|chance }}. Values are fitted on all regions; intervals are of regions and repeats drawn again.</p>
 {% endfor %}{% endif %}
 <h2>Where they differ</h2>
 <img alt="median shift by family and region, before and after" src="{{ shifts }}">

@@ -53,7 +53,7 @@ def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], repo
     """
     for name in [*(case["case"] for case in score["cases"]), *(one["recording"] for one in score["recordings"])]:
         if name not in maps:
-            raise InputError(f"{name}: has no maps; diagnose it anew")
+            raise InputError(f"{name}: has no maps; diagnose it again")
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     environment.filters |= {
         "label": style.label,

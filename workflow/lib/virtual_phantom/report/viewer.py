@@ -98,7 +98,7 @@ def thinning(shape: tuple[int, int, int], volumes: int) -> tuple[int, int, int]:
 
 def hu_to_show(volume: Volume, name: str) -> np.ndarray:
     """Whole HU, int16 with the low byte first. Raises InputError naming the volume if it is not finite."""
-    whole, _ = whole_hu(volume.array, f"viewer, {name}: holds values that are not finite; reconstruct it anew")
+    whole, _ = whole_hu(volume.array, f"viewer, {name}: holds values that are not finite; reconstruct it again")
     return whole.astype("<i2")
 
 

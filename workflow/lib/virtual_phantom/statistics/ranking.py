@@ -168,6 +168,6 @@ def lengths_above(overlaps: pd.DataFrame, kind: str) -> int:
 def _check(scores: pd.DataFrame, name: str) -> None:
     columns = [f"{kind}_percent" for kind in KINDS]
     if missing := [column for column in ("feature", *columns) if column not in scores]:
-        raise InputError(f"{name}: lacks the column {missing[0]}; make the table anew")
+        raise InputError(f"{name}: lacks the column {missing[0]}; make the table again")
     if not np.isfinite(scores[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)).all():
-        raise InputError(f"{name}: holds values that are not finite numbers; make the table anew")
+        raise InputError(f"{name}: holds values that are not finite numbers; make the table again")

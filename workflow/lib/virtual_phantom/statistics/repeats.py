@@ -64,7 +64,7 @@ def share_drawn(scores: pd.DataFrame) -> float:
 
 
 def spread(values: np.ndarray, share: float) -> np.ndarray:
-    """SD over draws (the first axis) that as many repeats taken anew would have; NaN of a single draw.
+    """SD over draws (the first axis) that as many repeats taken again would have; NaN of a single draw.
 
     share   `share_drawn`: subsamples of n of N repeats overlap, so that their SD is that of n new ones times
             sqrt(1 - n / N), exactly so for means (Cochran, Sampling Techniques, 3rd edition, 1977, theorem 2.2)

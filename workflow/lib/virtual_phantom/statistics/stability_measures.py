@@ -99,7 +99,7 @@ def cube(table: pd.DataFrame, features: Sequence[str], source: str = "features")
     rows = pd.MultiIndex.from_frame(table[keys])
     if (double := rows.duplicated()).any():
         roi, group, seed = rows[double][0]
-        raise InputError(f"{source}: two rows for ROI {roi}, group {group}, seed {seed}; make the table anew")
+        raise InputError(f"{source}: two rows for ROI {roi}, group {group}, seed {seed}; make the table again")
     if len(missing := wanted.difference(rows)):
         roi, group, seed = missing[0]
         raise InputError(f"{source}: no row for ROI {roi}, group {group}, seed {seed}; every group needs every one")

@@ -57,6 +57,6 @@ def nuisances(
     return (Nuisance("log_photons", "1", log_photons, photons_sd), *rest)
 
 
-def pose_of(place: Mapping[str, float]) -> Pose:
+def pose_of(nuisance: Mapping[str, float]) -> Pose:
     """The object's pose in an alignment."""
-    return Pose(**{name: place[name] for name in POSES if name in place})
+    return Pose(**{name: nuisance[name] for name in POSES if name in nuisance})

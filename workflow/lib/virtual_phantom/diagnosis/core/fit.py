@@ -9,14 +9,14 @@ import numpy as np
 
 from ...physics.effect import load
 from ..projections.model import Model, stacked, weights
-from ..projections.numerical import BASE, Anchor
+from ..projections.numerical import BASE, LinearisationPoint
 from ..projections.observed import Observed
 from . import pattern as patterns
 from .alignment import SURE, Nuisance
 from .steps import bounded_step, standard_errors, updated
 
 ITERATIONS = 25
-MOST_ANCHORS = 3  # times that numerical errors are computed anew in a fit, each when it has settled
+MOST_LINEARISATIONS = 3  # times that numerical errors are computed again in a fit, each when it has settled
 # Of chi-square between two iterations: in units of noise, and of its excess over noise where the model lacks much.
 CONVERGED, CONVERGED_SHARE = 0.02, 1e-5
 # Share of the expected gain that a step must make for its Jacobian to stay in use.
@@ -34,30 +34,30 @@ LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
 class Fit:
     """What was fitted, and how well.
 
-    effects      names, in the order in which they were given
-    physics      {effect: {parameter: value}}
-    errors       {effect: {parameter: standard error}}
-    place        the alignment, with place_errors
-    pulled       how far that lies off what the fit knew of it, in standard deviations, where anything was known
-    chi_square   of the data that were fitted, and of the Gaussian knowledge
-    parts        chi-square of mean, variance, correlation and white field, those that are there
-    free         number of effects' parameters
-    anchor       of what numerical errors were computed
-    corrected    chi-square that they make up
-    pattern      [row, column] gain pattern (added to line integrals), or None, and the variance that each of its
-                 constants is left with
+    effects        names, in the order in which they were given
+    physics        {effect: {parameter: value}}
+    errors         {effect: {parameter: standard error}}
+    nuisance       nuisance parameters, with nuisance_errors
+    pulled         how far that lies off what the fit knew of it, in standard deviations, where anything was known
+    chi_square     of the data that were fitted, and of the Gaussian knowledge
+    parts          chi-square of mean, variance, correlation and white field, those that are there
+    free           number of effects' parameters
+    linearisation  where numerical errors were computed
+    corrected      chi-square that they make up
+    pattern        [row, column] gain pattern (added to line integrals), or None, and the variance that each of its
+                   constants is left with
     """
 
     effects: tuple[str, ...]
     physics: dict[str, dict[str, float]]
     errors: dict[str, dict[str, float]]
-    place: dict[str, float]
-    place_errors: dict[str, float]
+    nuisance: dict[str, float]
+    nuisance_errors: dict[str, float]
     chi_square: float
     parts: tuple[float, ...]
     free: int
     pulled: dict[str, float] = field(default_factory=dict)
-    anchor: Anchor = BASE
+    linearisation: LinearisationPoint = BASE
     corrected: float = 0.0
     pattern: np.ndarray | None = field(default=None, repr=False)
     pattern_variance: np.ndarray | None = field(default=None, repr=False)
@@ -130,7 +130,7 @@ class Fitter:
     def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
         """Observed less predicted, by part, of the data held out or of those fitted; the mean's noise made white."""
         data = self.held_out if held_out else self.data
-        parts = stacked(data, self.model.predict(fit.physics, fit.place, data, fit.anchor))
+        parts = stacked(data, self.model.predict(fit.physics, fit.nuisance, data, fit.linearisation))
         return less_pattern(parts, fit.pattern, data)
 
     def score(self, fit: Fit) -> float:
@@ -149,7 +149,7 @@ class Problem:
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned = any(load(name).pattern for name in effects)
-        self.anchor, self.anchored = BASE if given is None else given.anchor, 0
+        self.linearisation, self.linearised = BASE if given is None else given.linearisation, 0
         self.unknowns = self.model.unknowns(self.effects)
         aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
         self.fresh = [given is None or one.effect not in given.physics for one in self.unknowns]
@@ -157,8 +157,8 @@ class Problem:
             one.start if fresh else one.of(given.physics[one.effect][one.name])
             for one, fresh in zip(self.unknowns, self.fresh, strict=True)
         ]
-        place = {one.name: one.expected for one in aligned} if given is None else given.place
-        start = np.array([*values, *(place[one.name] for one in aligned)], float)
+        nuisance = {one.name: one.expected for one in aligned} if given is None else given.nuisance
+        start = np.array([*values, *(nuisance[one.name] for one in aligned)], float)
         self.low = np.array([one.low for one in self.unknowns] + [one.expected - SURE * one.sd for one in aligned])
         self.high = np.array([one.high for one in self.unknowns] + [one.expected + SURE * one.sd for one in aligned])
         self.start = np.clip(start, self.low, self.high)
@@ -223,17 +223,17 @@ class Problem:
     def strays(self, point: np.ndarray) -> bool:
         """Whether predictions of a point lie off those of which numerical errors were computed; these are computed
         there then."""
-        if not self.model.distortions or self.anchored == MOST_ANCHORS:
+        if not self.model.distortions or self.linearised == MOST_LINEARISATIONS:
             return False
-        physics, place = self._named(point)
-        lines, _ = self.model.predict(physics, place, self.data, self.anchor).design
-        if not self.model.numerical.strayed(self.anchor, lines, self.weights[0].reshape(lines.shape)):
+        physics, nuisance = self._named(point)
+        lines, _ = self.model.predict(physics, nuisance, self.data, self.linearisation).design
+        if not self.model.numerical.strayed(self.linearisation, lines, self.weights[0].reshape(lines.shape)):
             return False
-        self.anchor, self.anchored = Anchor.of(physics, place), self.anchored + 1
+        self.linearisation, self.linearised = LinearisationPoint.of(physics, nuisance), self.linearised + 1
         return True
 
     def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:
-        prediction = self.model.predict(*self._named(point), self.data, self.anchor)
+        prediction = self.model.predict(*self._named(point), self.data, self.linearisation)
         return less_pattern(stacked(self.data, prediction), pattern, self.data)
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
@@ -249,8 +249,8 @@ class Problem:
 
         Both are linear, and most effects trade against them: without this, fits creep along narrow curved valleys.
         """
-        physics, place = self._named(point)
-        prediction = self.model.predict(physics, place, self.data, self.anchor)
+        physics, nuisance = self._named(point)
+        prediction = self.model.predict(physics, nuisance, self.data, self.linearisation)
         residuals = less_pattern(stacked(self.data, prediction), pattern, self.data)
         first = len(self.unknowns)
         index = [first + [one.name for one in self.aligned].index(name) for name in ("scale", "offset")]
@@ -309,19 +309,19 @@ class Problem:
                 physics[name]["rms"], spread[name]["rms"] = self.found.rms, self.found.error
         count, aligned = len(self.unknowns), [one.name for one in self.aligned]
         known = zip(self.aligned, point[count:], strict=True)
-        place = dict(zip(aligned, map(float, point[count:]), strict=True))
-        corrected = np.ravel(self.model.distortion(place, self.anchor)) ** 2
+        nuisance = dict(zip(aligned, map(float, point[count:]), strict=True))
+        corrected = np.ravel(self.model.distortion(nuisance, self.linearisation)) ** 2
         return Fit(
             effects=self.effects,
             physics=physics,
             errors=spread,
-            place=place,
-            place_errors=dict(zip(aligned, map(float, errors[count:]), strict=True)),
+            nuisance=nuisance,
+            nuisance_errors=dict(zip(aligned, map(float, errors[count:]), strict=True)),
             chi_square=total,
             parts=tuple(float((w * r**2).sum()) for w, r in zip(self.weights, residuals, strict=True)),
             free=count + self.patterned,
             pulled={one.name: float(one.off(value)) for one, value in known if np.isfinite(one.sd)},
-            anchor=self.anchor,
+            linearisation=self.linearisation,
             corrected=float((self.weights[0] * corrected).sum()),
             pattern=pattern,
             pattern_variance=self.found.variance if self.patterned else None,

@@ -56,13 +56,13 @@ def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
 def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
     """What a gain pattern of typical strength changes: predictions have none, so that it is asked of the chain."""
     effect, data = load(name), fitter.data
-    photons = float(np.exp(fit.place["log_photons"]))
+    photons = float(np.exp(fit.nuisance["log_photons"]))
     without, with_it = (
         fitter.model.chain.state(physics, photons=photons, anode=fitter.model.anode).line_integrals()
         for physics in (fit.physics, fit.physics | {name: effect.values({})})
     )
     mean = data.whitened(np.where(data.usable, with_it - without, 0)).ravel()
-    rest = stacked(data, fitter.model.predict(fit.physics, fit.place, data, fit.anchor))[1:]
+    rest = stacked(data, fitter.model.predict(fit.physics, fit.nuisance, data, fit.linearisation))[1:]
     return whitened([mean, *(np.zeros_like(part) for part in rest)], fitter.weights)
 
 

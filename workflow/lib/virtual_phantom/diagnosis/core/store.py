@@ -13,7 +13,7 @@ import yaml
 from ...base.errors import refusing
 from ...io.documents import DIAGNOSIS, write_document
 from ...io.files import read_text, replacing, write_text
-from ..projections.numerical import Anchor
+from ..projections.numerical import LinearisationPoint
 from .attribute import Trial
 from .fit import Fit
 
@@ -49,11 +49,11 @@ def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mappi
 def read_trial(path: str | Path) -> Trial:
     """Read what `write_trial` wrote. Raises InputError if it is missing or something else."""
     kinds = (OSError, ValueError, KeyError, TypeError)
-    with refusing(f"{path}: is no fit of a diagnosis", *kinds, advice="make it anew"):
+    with refusing(f"{path}: is no fit of a diagnosis", *kinds, advice="make it again"):
         content = json.loads(read_text(path))
         fit = content["fit"]
         fit["effects"], fit["parts"] = tuple(fit["effects"]), tuple(fit["parts"])
-        fit["anchor"] = Anchor(**fit["anchor"])
+        fit["linearisation"] = LinearisationPoint(**fit["linearisation"])
         for name in PATTERNS:
             fit[name] = None if fit[name] is None else np.array(fit[name])
         return Trial(Fit(**fit), content["score"], content["p"])

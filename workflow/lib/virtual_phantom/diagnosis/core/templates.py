@@ -68,7 +68,7 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     shapes   values of parameters without a neutral value, where they are not typical
     """
     every = fitter.model.parameters(name)
-    now = fitter.model.predict(fit.physics, fit.place, fitter.data, fit.anchor)
+    now = fitter.model.predict(fit.physics, fit.nuisance, fitter.data, fit.linearisation)
     before = stacked(fitter.data, now)
     ranges = {one.name: one for one in fitter.model.unknowns((name,))}
     typical = {
@@ -82,7 +82,7 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     for shape in shapes:
         for strong in [{parameter.name: strength(parameter)} for parameter in parameters] or [{}]:
             values = typical | dict(shape) | off | strong
-            changed = fitter.model.predict(fit.physics | {name: values}, fit.place, fitter.data, fit.anchor)
+            changed = fitter.model.predict(fit.physics | {name: values}, fit.nuisance, fitter.data, fit.linearisation)
             after = stacked(fitter.data, changed)
             rows.append(whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
     return np.stack(rows)

@@ -70,8 +70,8 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "ruled_out": choice.ruled_out,
         "undecided": choice.undecided,
         "alignment": {
-            name: {"value": value, "ci95": _interval(value, choice.chosen.fit.place_errors[name])}
-            for name, value in choice.chosen.fit.place.items()
+            name: {"value": value, "ci95": _interval(value, choice.chosen.fit.nuisance_errors[name])}
+            for name, value in choice.chosen.fit.nuisance.items()
         },
         **metrics,
         "excess_removed": removed,

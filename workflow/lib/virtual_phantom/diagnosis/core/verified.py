@@ -36,7 +36,7 @@ class Physics:
         """From a diagnosis.json. Raises InputError if it is missing or broken, or, where some is `needed`, found no
         physics to take."""
         kinds = (OSError, ValueError, KeyError, TypeError)
-        with refusing(f"{path}: is no diagnosis", *kinds, advice="make it anew"):
+        with refusing(f"{path}: is no diagnosis", *kinds, advice="make it again"):
             content = read_document(path, DIAGNOSIS)
             found = {one["name"]: one["parameters"] for one in content["effects"]}
             recording, scale = content["recording"], content["alignment"]["scale"]

@@ -11,8 +11,8 @@ from .model import scaled
 
 def _hu(prepared, fit, held_out: bool) -> np.ndarray:
     data = prepared.held_out if held_out else prepared.data
-    mean = prepared.fitter.model.images(fit.physics, fit.place)[0]
-    return (data.hu - scaled(mean, fit.place))[data.usable]
+    mean = prepared.fitter.model.images(fit.physics, fit.nuisance)[0]
+    return (data.hu - scaled(mean, fit.nuisance))[data.usable]
 
 
 IMAGES = Look(

@@ -16,7 +16,7 @@ from ...physics.image import with_effects
 from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import Nuisance, pose_of
 from ..projections.model import Model, Prediction
-from ..projections.numerical import BASE, Anchor
+from ..projections.numerical import BASE, LinearisationPoint
 from .observed import Condenser, ObservedImages
 
 REALISATIONS = 7  # of noise; one more lane holds the mean
@@ -56,30 +56,30 @@ class ImagesModel(Model):
     def predict(
         self,
         physics: Mapping[str, Mapping[str, float]],
-        place: Mapping[str, float],
+        nuisance: Mapping[str, float],
         data: ObservedImages,
-        anchor: Anchor = BASE,
+        linearisation: LinearisationPoint = BASE,
     ) -> Prediction:
         """The prediction for settings of effects and of the alignment: `mean` is whitened."""
         white = self.condenser.white
-        mean, noise, _ = self.images(physics, place)
-        statistics = self.condenser.noise(place["scale"] * noise)
+        mean, noise, _ = self.images(physics, nuisance)
+        statistics = self.condenser.noise(nuisance["scale"] * noise)
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(statistics.variance)
         design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
-        return Prediction(white(scaled(mean, place)), log_variance, statistics.correlation, None, None, design)
+        return Prediction(white(scaled(mean, nuisance)), log_variance, statistics.correlation, None, None, design)
 
-    def repeats(self, physics, place, count: int) -> np.ndarray:
+    def repeats(self, physics, nuisance, count: int) -> np.ndarray:
         """Simulated images [repeat, z, y, x] in HU, at most REALISATIONS."""
-        mean, noise, _ = self.images(physics, place)
-        return scaled(mean + noise[:count], place)
+        mean, noise, _ = self.images(physics, nuisance)
+        return scaled(mean + noise[:count], nuisance)
 
-    def images(self, physics, place) -> tuple[np.ndarray, np.ndarray, State]:
+    def images(self, physics, nuisance) -> tuple[np.ndarray, np.ndarray, State]:
         """Mean [z, y, x] and noise [realisation, z, y, x] in HU before scale and offset, and the state of the chain."""
         on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
         before = {name: dict(values) for name, values in physics.items() if name not in on_images}
-        photons = float(np.exp(place["log_photons"]))
-        pose = pose_of(place)
+        photons = float(np.exp(nuisance["log_photons"]))
+        pose = pose_of(nuisance)
         state = self.chain.state(before, pose, photons=photons, anode=self.anode)
         key = (tuple((name, *sorted(values.items())) for name, values in sorted(before.items())), photons)
 
@@ -98,9 +98,9 @@ class ImagesModel(Model):
         return with_effects(image, self.spacing_mm, on_images), changed, state
 
 
-def scaled(hu: np.ndarray, place: Mapping[str, float]) -> np.ndarray:
+def scaled(hu: np.ndarray, nuisance: Mapping[str, float]) -> np.ndarray:
     """Images in HU with the scale and offset of an alignment."""
-    return place["scale"] * (hu - HU_AIR) + HU_AIR + place["offset"]
+    return nuisance["scale"] * (hu - HU_AIR) + HU_AIR + nuisance["offset"]
 
 
 def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:

@@ -120,11 +120,11 @@ def agreement_of_images(prepared: Prepared, choice: Choice, scanned: Scanned, al
     """
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALISATIONS)
-    pose = pose_of(choice.chosen.fit.place)
+    pose = pose_of(choice.chosen.fit.nuisance)
     grid = Grid(repeats.shape[1:], model.spacing_mm)
     regions = phantom_regions(grid, prepared.data.usable | prepared.held_out.usable, scanned, pose)
     simulated = {
-        column: model.repeats(fit.physics, fit.place, count)
+        column: model.repeats(fit.physics, fit.nuisance, count)
         for column, fit in (("before", choice.baseline.fit), ("after", choice.chosen.fit))
     }
     return agreement(repeats, simulated, regions) | {

@@ -14,7 +14,7 @@ from ...physics.effect import LOGARITHM, READOUT_UNITS, Parameter, acts_on_image
 from ...physics.spectra import KVP, TUNGSTEN, Anode
 from ..core.alignment import SURE, Nuisance, pose_of
 from ..core.steps import NORMAL_95
-from .numerical import BASE, Anchor, Numerical
+from .numerical import BASE, LinearisationPoint, Numerical
 from .observed import WHITE_TOLERANCE, Observed, white_shape
 
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
@@ -122,12 +122,12 @@ class Model:
         """Parameters of an effect that are not fitted."""
         return self.chain.held(name) | dict(self.fixed.get(name, {}))
 
-    def of_study(self, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float]) -> dict:
+    def of_study(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
         """Settings of effects as a study takes them, whose readout units are photons.
 
-        place   the alignment, whose photons per pixel they are
+        nuisance  the alignment, whose photons per pixel they are
         """
-        photons = float(np.exp(place["log_photons"]))
+        photons = float(np.exp(nuisance["log_photons"]))
         state = self.chain.state(
             # A pattern of pixels changes no unit, and which one it is nobody knows.
             {name: values for name, values in physics.items() if not (acts_on_images(name) or load(name).pattern)},
@@ -169,33 +169,34 @@ class Model:
         """Names of the numerical errors among the numbers of the alignment."""
         return () if self.numerical is None else self.numerical.names
 
-    def distortion(self, place: Mapping[str, float], anchor: Anchor = BASE) -> np.ndarray | float:
+    def distortion(self, nuisance: Mapping[str, float], linearisation: LinearisationPoint = BASE) -> np.ndarray | float:
         """Numerical error that an alignment takes off the line integrals.
 
-        anchor   of what it is computed
+        linearisation  where it is computed
         """
         if self.numerical is None:
             return 0.0
-        return sum(place[name] * change for name, change in self.numerical.at(anchor).items())
+        return sum(nuisance[name] * change for name, change in self.numerical.at(linearisation).items())
 
     def predict(
         self,
         physics: Mapping[str, Mapping[str, float]],
-        place: Mapping[str, float],
+        nuisance: Mapping[str, float],
         data: Observed,
-        anchor: Anchor = BASE,
+        linearisation: LinearisationPoint = BASE,
     ) -> Prediction:
         """The prediction for settings of effects and of the alignment. A gain pattern is fitted elsewhere: it has no
         mean of its own here.
 
-        anchor   of what numerical errors are computed
+        linearisation  where numerical errors are computed
         """
         shown = {name: values for name, values in physics.items() if not load(name).pattern}
-        state = self.chain.state(shown, pose_of(place), photons=float(np.exp(place["log_photons"])), anode=self.anode)
+        photons = float(np.exp(nuisance["log_photons"]))
+        state = self.chain.state(shown, pose_of(nuisance), photons=photons, anode=self.anode)
         # The logarithm of noisy counts lies above that of their mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()
-        mean = place["scale"] * lines + place["offset"] + self.distortion(place, anchor) + above
+        mean = nuisance["scale"] * lines + nuisance["offset"] + self.distortion(nuisance, linearisation) + above
         ratio = np.where(data.usable, variance / data.reference, 0)
         correlation = correlations(state, np.where(data.usable, 1 / data.reference, 0))
         with np.errstate(invalid="ignore", divide="ignore"):

@@ -16,7 +16,7 @@ from ...physics.scene import DiscScene
 from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import POSES, pose_of
 
-# Chi-square by which predictions may move until errors are computed anew. On the proof's scans, a detector that is 0.15
+# Chi-square by which predictions may move until errors are computed again. On the proof's scans, a detector that is 0.15
 # pixels off moves them by 10^5; errors left where they were are then taken for a focal spot, by 200.
 MOST_STRAY = 500.0
 KEPT = 4
@@ -37,30 +37,30 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
 
 
 @dataclass(frozen=True)
-class Anchor:
+class LinearisationPoint:
     """What is modelled when errors are computed.
 
     physics   {effect: {parameter: value}}
-    place     the numbers of the alignment that move the object
+    nuisance  the numbers of the alignment that move the object
     """
 
     physics: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    place: Mapping[str, float] = field(default_factory=dict)
+    nuisance: Mapping[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, physics: Mapping[str, Mapping[str, float]], place: Mapping[str, float]) -> Anchor:
+    def of(cls, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> LinearisationPoint:
         """That of settings of effects and of the alignment."""
         smooth = {name: dict(values) for name, values in physics.items() if not load(name).pattern}
-        return cls(smooth, {name: place[name] for name in POSES if name in place})
+        return cls(smooth, {name: nuisance[name] for name in POSES if name in nuisance})
 
     @property
     def key(self) -> tuple:
-        """Equal for anchors that are the same, and hashable."""
+        """Equal for linearisation points that are the same, and hashable."""
         physics = tuple((name, *sorted(values.items())) for name, values in sorted(self.physics.items()))
-        return physics, tuple(sorted(self.place.items()))
+        return physics, tuple(sorted(self.nuisance.items()))
 
 
-BASE = Anchor()
+BASE = LinearisationPoint()
 
 
 class Numerical:
@@ -78,24 +78,26 @@ class Numerical:
         self._kept = Kept(KEPT)
         self.names = tuple(name for name, one in (("rays", finer), ("voxels", coarser)) if one is not None)
 
-    def at(self, anchor: Anchor = BASE) -> dict[str, np.ndarray]:
+    def at(self, linearisation: LinearisationPoint = BASE) -> dict[str, np.ndarray]:
         """{name: [view, row, column]}, by how much each step falls short of a finer one."""
-        return self._made(anchor)[0]
+        return self._made(linearisation)[0]
 
-    def strayed(self, anchor: Anchor, lines: np.ndarray, weights: np.ndarray) -> bool:
-        """Whether line integrals lie too far off those of an anchor.
+    def strayed(self, linearisation: LinearisationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
+        """Whether line integrals lie too far off those of a linearisation point.
 
         lines, weights   [view, row, column], inverse variances
         """
-        return float((weights * (lines - self._made(anchor)[1]) ** 2).sum()) > MOST_STRAY
+        return float((weights * (lines - self._made(linearisation)[1]) ** 2).sum()) > MOST_STRAY
 
-    def _made(self, anchor: Anchor) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    def _made(self, linearisation: LinearisationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Errors, and the line integrals themselves."""
-        return self._kept.get(anchor.key, lambda: self._make(anchor))
+        return self._kept.get(linearisation.key, lambda: self._make(linearisation))
 
-    def _make(self, anchor: Anchor) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    def _make(self, linearisation: LinearisationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
         def lines(chain: Chain) -> np.ndarray:
-            return chain.state(anchor.physics, pose_of(anchor.place), anode=self._anode).line_integrals()
+            return chain.state(
+                linearisation.physics, pose_of(linearisation.nuisance), anode=self._anode
+            ).line_integrals()
 
         errors = {}
         if self._finer is None and self._coarser is None:

@@ -151,7 +151,7 @@ def with_noise_of(prepared: Prepared, fit: Fit) -> Prepared:
     model, data = prepared.fitter.model, prepared.data
     if not prepared.single or data.whitening is not None or prepared.look is not PROJECTIONS:
         return prepared
-    correlations = of_state(model.predict(fit.physics, fit.place, data, fit.anchor).state)
+    correlations = of_state(model.predict(fit.physics, fit.nuisance, data, fit.linearisation).state)
     if correlations.white:
         return prepared
     clean = model.chain.state({}, photons=1.0, anode=model.anode).line_integrals()

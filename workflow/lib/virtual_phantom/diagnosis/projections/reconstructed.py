@@ -63,7 +63,7 @@ def agreement_of(
     but the reason.
     """
     chain, fits = prepared.fitter.model.chain, {"before": choice.baseline.fit, "after": choice.chosen.fit}
-    pose = pose_of(choice.chosen.fit.place)
+    pose = pose_of(choice.chosen.fit.nuisance)
     try:
         radius = chain.scene.radius_mm if scanned is None else scanned.radius_mm
         grid = image_grid(chain.geometry, radius)
@@ -97,12 +97,12 @@ def compared(taken: Scans, further: Scans | None) -> Scans:
 
 def simulated_repeats(prepared: Prepared, fit: Fit, count: int, random: np.random.Generator) -> np.ndarray:
     """Noisy line integrals [repeat, view, row, column] of a fitted model with its alignment and gain pattern."""
-    state = prepared.fitter.model.predict(fit.physics, fit.place, prepared.held_out, fit.anchor).state
+    state = prepared.fitter.model.predict(fit.physics, fit.nuisance, prepared.held_out, fit.linearisation).state
     air = state.measured_air * state.photons
     pattern = 0.0 if fit.pattern is None else fit.pattern
     transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))
-    lines = (fit.place["offset"] + pattern - fit.place["scale"] * np.log(one) for one in transmissions)
-    numerical = prepared.fitter.model.distortion(fit.place, fit.anchor)
+    lines = (fit.nuisance["offset"] + pattern - fit.nuisance["scale"] * np.log(one) for one in transmissions)
+    numerical = prepared.fitter.model.distortion(fit.nuisance, fit.linearisation)
     return np.stack([(one + numerical).astype(np.float32) for one in lines])
 
 

@@ -175,7 +175,7 @@ def checked(truth: dict, source: str | Path) -> dict:
         if not isinstance(truth["where"], list) or not isinstance(truth["phantom"], str):
             raise ValueError("where is no list, or phantom no name")
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{source}: is no truth of a case ({' '.join(str(error).split())}); make it anew") from None
+        raise InputError(f"{source}: is no truth of a case ({' '.join(str(error).split())}); make it again") from None
     return truth
 
 
@@ -195,9 +195,9 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
     missing = [key for key in needed if key not in diagnosis]
     if missing or diagnosis["verdict"] not in VERDICTS:
         what = f"it has no {', '.join(missing)}" if missing else f"verdict {diagnosis['verdict']!r}"
-        raise InputError(f"{source}: is no diagnosis that can be scored ({what}); diagnose the case anew")
+        raise InputError(f"{source}: is no diagnosis that can be scored ({what}); diagnose the case again")
     if recording not in (None, diagnosis["recording"]):
-        raise InputError(f"{source}: is the diagnosis of {diagnosis['recording']!r}; diagnose {recording} anew")
+        raise InputError(f"{source}: is the diagnosis of {diagnosis['recording']!r}; diagnose {recording} again")
     return diagnosis
 
 

@@ -55,7 +55,7 @@ def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None
     """The document that binds a diagnosis before its seal is opened, and its table of agreement by another protocol, if
     there is one. Raises InputError if there is no such file, or it was changed since it was written."""
     for _, path in _bound(diagnosis, other):
-        check_unchanged(path, "diagnose it anew")
+        check_unchanged(path, "diagnose it again")
     return {"case": case} | {key: hashlib.sha256(_bytes(path)).hexdigest() for key, path in _bound(diagnosis, other)}
 
 
@@ -87,7 +87,7 @@ def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
         found = digest(document)
         same = truth["case"] == case
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(f"{path}: is no sealed truth ({error!r}); make the suite anew") from None
+        raise InputError(f"{path}: is no sealed truth ({error!r}); make the suite again") from None
     if case != Path(path).stem:
         raise InputError(f"{path}: holds the truth of {case}; put every sealed file back in its place")
     if case not in seals:
@@ -95,7 +95,7 @@ def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
     if not same or found != seals[case]:
         raise InputError(
             f"{path}: truth or salt of {case} were changed after the seal was published (SHA-256 {found[:12]}..., "
-            f"published {seals[case][:12]}...); restore the file or make the suite anew"
+            f"published {seals[case][:12]}...); restore the file or make the suite again"
         )
     return truth
 
@@ -108,16 +108,16 @@ def check_verdict(diagnosis: str | Path, verdict: str | Path, other: str | Path 
     """
     bound = read(verdict)
     if "diagnosis_sha256" not in bound or "case" not in bound:
-        raise InputError(f"{verdict}: is no verdict; diagnose the case anew")
+        raise InputError(f"{verdict}: is no verdict; diagnose the case again")
     given = dict(_bound(diagnosis, other))
     if set(given) != set(bound) - {"case"}:
-        raise InputError(f"{verdict}: is not of the files that {bound['case']} has now; diagnose it anew")
+        raise InputError(f"{verdict}: is not of the files that {bound['case']} has now; diagnose it again")
     contents = {key: _bytes(path) for key, path in given.items()}
     for key, content in contents.items():
         if hashlib.sha256(content).hexdigest() != bound[key]:
             raise InputError(
                 f"{given[key]}: was changed after its verdict was given ({verdict}); restore the file or diagnose "
-                f"{bound['case']} anew"
+                f"{bound['case']} again"
             )
     return _object(contents["diagnosis_sha256"], diagnosis)
 

@@ -49,12 +49,12 @@ def residual_maps(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
     found = []
     for name in RESIDUAL_MAPS:
         path = Path(folder) / f"{name}.npy"
-        check_unchanged(path, "diagnose it anew")
+        check_unchanged(path, "diagnose it again")
         try:
             values = np.load(path, allow_pickle=False)
         except Exception as error:  # numpy raises many types on broken files
-            raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); diagnose it anew") from None
+            raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())}); diagnose it again") from None
         if values.ndim != 2 or not np.isfinite(values).all():
-            raise InputError(f"{path}: is no map of finite numbers; diagnose the recording anew")
+            raise InputError(f"{path}: is no map of finite numbers; diagnose the recording again")
         found.append(values)
     return found[0], found[1]

@@ -13,7 +13,7 @@ from ..conceal.case import complete
 
 def row(path: str | Path) -> dict:
     """What a diagnosis.json says, in short. Raises InputError if it is broken."""
-    check_unchanged(path, "diagnose it anew")
+    check_unchanged(path, "diagnose it again")
     found = complete(seal.read(path), path)
     return {
         "recording": found["recording"],

@@ -39,7 +39,7 @@ def add(path: str | Path, score: Mapping, state: str, note: str, unseen: bool = 
 
     Raises InputError if the record is broken or has the seed, or the score is none that says its seed.
     """
-    with refusing("the score: is none that the record could keep", KeyError, TypeError, advice="score the suite anew"):
+    with refusing("the score: is none that the record could keep", KeyError, TypeError, advice="score the suite again"):
         entry = {
             "seed": score["suite"]["seed"],
             "unseen": unseen,

@@ -9,7 +9,7 @@ from .rates import estimate
 
 # Two because estimates far from the measured scale are good to that, and two for a slower node with busy neighbours.
 SAFETY = 4.0
-# Of any job: Python from a shared file system that is slow, kernels compiled anew for another processor.
+# Of any job: Python from a shared file system that is slow, kernels compiled again for another processor.
 FLOOR_MINUTES = 10
 # Of features: rates count images, and regions as large as organs take many times what those of the measured study took.
 FLOORS = {"extract": 30}

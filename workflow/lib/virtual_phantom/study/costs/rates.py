@@ -30,7 +30,7 @@ def read_rates(path: str | Path) -> dict:
         sound = False
     if not sound:
         raise InputError(
-            f"{path}: needs seconds (stage: {{unit: rate}}) and bytes (kind: rate), no rate under 0; write it anew "
+            f"{path}: needs seconds (stage: {{unit: rate}}) and bytes (kind: rate), no rate under 0; write it again "
             "with benchmarks/fit_rates.py"
         )
     return rates
