@@ -37,3 +37,9 @@ def test_imports_inside_a_script_and_inside_functions_count():
     names = {file.name for file in files_behind(SCRIPTS / "reconstruct.py")}
     assert {"reconstruct.py", "noise.py", "lanes.py", "astra_cuda.py", "cpu.py", "volumes.py"} <= names
     assert not {"extraction.py", "wilcoxon.py", "errors.py"} & names
+
+
+def test_templates_count_with_the_pages_that_they_make():
+    names = {file.name for file in files_behind(SCRIPTS / "viewer.py")}
+    assert {"viewer.html.j2", "viewer.js.j2", "html.py"} <= names
+    assert not [file for file in files_behind(SCRIPTS / "reconstruct.py") if file.suffix == ".j2"]

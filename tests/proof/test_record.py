@@ -17,7 +17,7 @@ from virtual_phantom.proof.conceal.case import collect
 from virtual_phantom.proof.conceal.catalogue import MODELS, never_concealed
 from virtual_phantom.proof.score.record import add, coverage_table, summary
 from virtual_phantom.proof.score.score import score
-from virtual_phantom.report.html import PARAMETERS, render
+from virtual_phantom.report.html import render_diagnosis
 from virtual_phantom.report.proof import percent
 from virtual_phantom.statistics.proof_record import Held, held, pooled, read, with_coverage
 
@@ -97,11 +97,11 @@ def test_a_diagnosis_tells_beside_each_interval_how_often_such_held(record):
     whole = {"count": 6, "n": 10}
     assert first["amount"]["ci95_held"] == {"count": 1, "n": 4, "effects": ["scatter"], "all": whole}
     assert first["amount"]["ci95"] == [0.0, 0.2] and second["x_mm"]["ci95_held"]["count"] is None
-    texts = [render(PARAMETERS, said, e=one) for one in said["effects"]]
+    texts = [render_diagnosis("parameters", said, e=one) for one in said["effects"]]
     assert "held the truth in 1 of 4 of scatter, and in 6 of 10 of all effects' parameters." in unescape(texts[0])
     assert "in 6 of 10 of all effects' parameters; of this effect none was counted." in unescape(texts[1])
     plain = diagnosis("a", "mismatch explained", values)["effects"][0]
-    assert "held the truth" not in render(PARAMETERS, said, e=plain)
+    assert "held the truth" not in render_diagnosis("parameters", said, e=plain)
 
 
 def test_a_score_is_added_once_below_what_is_there(record, found):

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from jinja2 import Environment
-
 from ..figures import style
+from .html import render
 
 ALGORITHMS = {"fbp": "filtered back-projection", "sirt": "SIRT"}
 NAMES = {
@@ -15,36 +14,20 @@ NAMES = {
     "resolution": "resolution (frequency at MTF 0.5)",
     "features": "features within a repeat SD",
 }
-TABLE = """{% if table.metrics %}
-<table><tr><th>in reconstructed images</th><th>recorded</th><th>before</th><th>after</th><th>noise alone</th></tr>
-{% for name, m in table.metrics.items() %}<tr><td>{{ names[name] }}</td><td class="n">{{ m.recorded|quantity(m.unit) }}
-</td><td class="n">{{ m.before|compared(m.unit) }}</td><td class="n">{{ m.after|compared(m.unit) }}</td>
-<td class="n">{{ m|floor }}</td></tr>
-{% endfor %}</table>
-<p class="note">{{ table.repeats }} recorded and as many simulated scans, by {{ table.algorithm|algorithm }} onto
-{{ table.grid.shape[2] }} × {{ table.grid.shape[1] }} × {{ table.grid.shape[0] }} voxels of
-{{ table.grid.spacing_mm[2]|short }} × {{ table.grid.spacing_mm[1]|short }} × {{ table.grid.spacing_mm[0]|short }} mm.
-Contrasts are of {{ table.rois|join(', ')|replace('_', ' ') }}. In brackets: simulated against recorded. Noise alone:
-standard error of that difference after; of spectra the difference, of features the share that is expected where
-nothing but noise differs.</p>{% endif %}
-{% for name, reason in table.left_out.items() %}<p class="note">
-{{ 'Images were not compared' if name == 'images' else 'Not measured in images: ' ~ names[name] }} ({{ reason }}).</p>
-{% endfor %}"""
 
 
 def agreement_table(table: dict | None) -> str:
     """What agreement.agreement found, with rois, repeats and grid, as HTML; nothing for None."""
     if table is None:
         return ""
-    environment = Environment(autoescape=True)
-    environment.filters |= {
+    filters = {
         "quantity": _quantity,
         "compared": _compared,
         "floor": _floor,
         "short": style.number,
         "algorithm": lambda name: ALGORITHMS[name],
     }
-    return environment.from_string(TABLE).render(table=table, names=NAMES)
+    return render("agreement_of_images", filters, table=table, names=NAMES)
 
 
 def _quantity(value: float | None, unit: str) -> str:

@@ -20,8 +20,7 @@ from jinja2 import Environment, StrictUndefined
 from .. import __version__
 from ..figures import style
 from ..io.files import read_csv, sha256
-from .html import FOOT, data_url, number
-from .study_parts import PAGE
+from .html import data_url, number, render
 
 # What results depend on.
 PACKAGES = (
@@ -68,9 +67,10 @@ def page(
             }
         )
     frames = {title: read_csv(path) for title, path in tables.items()}
-    environment = Environment(autoescape=True, undefined=StrictUndefined)
-    environment.filters |= {"cell": cell, "heading": lambda name: str(name).replace("_", " ")}
-    return environment.from_string(PAGE + FOOT).render(
+    filters = {"cell": cell, "heading": lambda name: str(name).replace("_", " ")}
+    return render(
+        "study",
+        filters,
         sections=sections,
         tables=[
             {"title": title, "name": tables[title].stem, "frame": frame, "shown": len(frame) <= MOST_ROWS}

@@ -12,14 +12,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
 
 from ..base.errors import InputError
 from ..base.units import whole_hu
 from ..figures import axial, style
 from ..io.volumes import Volume
-from .html import FOOT
-from .viewer_parts import PAGE
+from .html import render
 
 MOST_BYTES = 10_500_000  # of voxels; as text in a page, at worst, a third more: 14 MB
 MOST_ACROSS = 256  # larger slices are thinned before slices are left out
@@ -75,8 +73,9 @@ def page(
         ],
         "rois": [{"name": style.label(name), "colour": colours[name]} for name in masks],
     }
-    environment = Environment(autoescape=True, undefined=StrictUndefined)
-    return environment.from_string(PAGE + FOOT).render(
+    return render(
+        "viewer",
+        {},
         content=content,
         subtitle=subtitle,
         packed={name: pack(shown(hu_to_show(volume, name), steps)) for name, volume in volumes.items()}

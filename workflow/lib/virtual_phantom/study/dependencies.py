@@ -8,12 +8,16 @@ from functools import cache
 from pathlib import Path
 
 LIBRARY = Path(__file__).resolve().parents[1]
+TEMPLATES = "templates"  # folder beside the modules that fill them in
 # They word mistakes and write logs; no result depends on them.
 WITHOUT_EFFECT = (("base", "errors"), ("study", "job"))
 
 
 def files_behind(script: str | Path) -> list[Path]:
-    """The script and every file of the library that it imports, directly or not, sorted; also in functions."""
+    """The script and every file of the library that it imports, directly or not, sorted; also in functions.
+
+    With the templates of pages that lie beside them.
+    """
     found: set[Path] = set()
     waiting = [Path(script).resolve()]
     while waiting:
@@ -21,7 +25,7 @@ def files_behind(script: str | Path) -> list[Path]:
         if path not in found:
             found.add(path)
             waiting += imported(path)
-    return sorted(found)
+    return sorted(found | {page for path in found for page in (path.parent / TEMPLATES).glob("*.j2")})
 
 
 @cache
