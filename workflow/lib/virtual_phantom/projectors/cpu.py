@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry
@@ -21,8 +22,9 @@ ONE_BY_ONE_UP_TO = 7
 class CpuProjector:
     """Forward and back-projection of `lanes` realisations at once between a grid and a scan geometry.
 
-    centre_mm   of the grid from the isocentre (x, y, z), mm, whatever grid.centre_mm says of its world;
-                `back_parallel` asks for (0, 0, 0)
+    geometry    upright: InputError if the detector's rows do not lie above each other along z
+    centre_mm   of the grid from the isocentre (x, y, z), mm, in all views or in each, (views, 3); whatever
+                grid.centre_mm says of its world; `back_parallel` asks for (0, 0, 0)
 
     Stacks that a caller hands in or gets back are [lane, z, y, x] and [lane, view, row, column]. Between the two
     calls `pack_*` and `unpack_*` they stay in the kernels' own layout (see kernels.py), on which sums and products
@@ -37,27 +39,35 @@ class CpuProjector:
         grid: Grid,
         lanes: int = 1,
         threads: int = 1,
-        centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        centre_mm: ArrayLike = (0.0, 0.0, 0.0),
     ):
-        half_diagonal = np.hypot(*grid.extent_mm[1:]) / 2 + np.hypot(*centre_mm[:2])
-        if half_diagonal >= geometry.source_to_isocentre_mm:
+        above = geometry.upright("engine cpu")
+        orbit_mm = float(np.hypot(*geometry.source_mm[:, :2].T).min())
+        x, y, z = np.asarray(centre_mm, dtype=np.float64).T
+        half_diagonal = np.hypot(*grid.extent_mm[1:]) / 2 + np.hypot(x, y).max()
+        if half_diagonal >= orbit_mm:
             raise InputError(
                 f"grid: its corners lie {half_diagonal:.0f} mm from the isocentre, outside the source's orbit of "
-                f"{geometry.source_to_isocentre_mm:g} mm; shrink the grid or move the source out"
+                f"{orbit_mm:g} mm; shrink the grid or move the source out"
             )
         self.geometry, self.grid, self.lanes, self.threads = geometry, grid, lanes, threads
         self._lanes = (0,) * lanes
-        self._sine, self._cosine = np.sin(geometry.angles_rad), np.cos(geometry.angles_rad)
-        self._source_z = np.array(geometry.source_z_mm) - centre_mm[2]
-        self._geometry = (
-            geometry.source_to_isocentre_mm,
-            geometry.source_to_detector_mm,
-            float(geometry.column_positions_mm()[0]),
-            geometry.column_pitch_mm,
-            float(geometry.row_positions_mm()[0]),
-            geometry.row_pitch_mm,
-            float(centre_mm[0]),
-            float(centre_mm[1]),
+        self._scan = kernels.Scan(
+            shape=grid.shape,
+            spacing=grid.spacing,
+            columns=geometry.columns,
+            rows=geometry.rows,
+            column_pitch=float(geometry.column_pitch_mm),
+            row_pitch=float(geometry.row_pitch_mm),
+            cosine=above.cosine,
+            sine=above.sine,
+            depth=above.depth + x * above.sine - y * above.cosine,
+            beside=above.beside - x * above.cosine - y * above.sine,
+            radius=above.depth,
+            distance=above.distance,
+            first_column=above.first_column,
+            source_z=above.source_z - z,
+            first_row=above.first_row,
         )
 
     def empty_volume(self) -> np.ndarray:
@@ -122,15 +132,10 @@ class CpuProjector:
                 volume.reshape(-1),
                 projections.reshape(-1),
                 self._start(views),
+                len(projections),
                 first,
                 last,
-                self.grid.shape,
-                self.grid.spacing,
-                self._detector(projections),
-                self._sine,
-                self._cosine,
-                self._source_z,
-                self._geometry,
+                self._scan,
                 kernels.empty_lines(),
                 self._lanes,
             )
@@ -176,34 +181,37 @@ class CpuProjector:
         volume = self.empty_volume()
         nz, ny, nx = self.grid.shape
         seen = np.zeros((ny, nx, nz), dtype=np.float32)
-        z, views = self._source_z, -(-len(rays.angles_rad) // rays.half_turn)
+        orbit, views = rays.geometry, -(-len(rays.angles_rad) // rays.half_turn)
+        scan = parallel.ParallelScan(
+            shape=self.grid.shape,
+            spacing=self.grid.spacing,
+            columns=len(rays.t_mm),
+            rows=orbit.rows,
+            half_turn=rays.half_turn,
+            sine=np.sin(rays.angles_rad),
+            cosine=np.cos(rays.angles_rad),
+            view_of_angle=rays.view_of_angle,
+            view_step=rays.view_step,
+            source_z=float(orbit.source_z_mm[0]),
+            source_step=float(orbit.source_z_mm[1] - orbit.source_z_mm[0]),
+            radius=float(orbit.source_to_isocentre_mm),
+            distance=float(orbit.source_to_detector_mm),
+            first_row=float(orbit.row_positions_mm()[0]),
+            row_pitch=float(orbit.row_pitch_mm),
+            first_t=float(rays.t_mm[0]),
+            t_pitch=float(rays.t_pitch_mm),
+            full=float(full_rows),
+        )
 
         def run(first, last):
-            near, height, slope = np.empty((3, views), np.float32)
             parallel.back_project_parallel(
                 volume.reshape(-1),
                 seen,
                 projections.reshape(-1),
                 first,
                 last,
-                self.grid.shape,
-                self.grid.spacing,
-                len(rays.t_mm),
-                self.geometry.rows,
-                rays.half_turn,
-                np.sin(rays.angles_rad),
-                np.cos(rays.angles_rad),
-                rays.view_of_angle,
-                float(z[0]),
-                float(z[1] - z[0]),
-                rays.view_step,
-                self._geometry,
-                float(rays.t_mm[0]),
-                rays.t_pitch_mm,
-                full_rows,
-                np.empty(nz, np.float32),
-                np.empty((views, nz), np.float32),
-                (near, np.empty(views, np.intp), height, slope),
+                scan,
+                parallel.empty_room(nz, views),
                 self._lanes,
             )
 
@@ -214,37 +222,12 @@ class CpuProjector:
     def _start(self, views: slice) -> int:
         return views.indices(self.geometry.views)[0]
 
-    def _detector(self, projections) -> tuple[int, int, int]:
-        return projections.shape[0], self.geometry.columns, self.geometry.rows
-
     def _trace(self, volume, projections, first_view, transpose):
-        kernels.trace(
-            volume.reshape(-1),
-            projections.reshape(-1),
-            first_view,
-            self.grid.shape,
-            self.grid.spacing,
-            self._detector(projections),
-            self._sine,
-            self._cosine,
-            self._source_z,
-            self._geometry,
-            transpose,
-            kernels.empty_lines(),
-            self._lanes,
-        )
+        flat, pixels, views = volume.reshape(-1), projections.reshape(-1), len(projections)
+        kernels.trace(flat, pixels, first_view, views, self._scan, transpose, kernels.empty_lines(), self._lanes)
 
     def _scale(self, projections, first_view):
-        kernels.path_lengths(
-            projections.reshape(-1),
-            first_view,
-            self.grid.spacing,
-            self._detector(projections),
-            self._sine,
-            self._cosine,
-            self._geometry,
-            self._lanes,
-        )
+        kernels.path_lengths(projections.reshape(-1), first_view, len(projections), self._scan, self._lanes)
 
     def _share_out(self, run, count):
         share_out(run, count, self.threads)

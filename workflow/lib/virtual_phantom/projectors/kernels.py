@@ -5,8 +5,8 @@ Flat float32 arrays, laid out with one voxel or pixel of zeros around them so th
     volume       [y + 2, x + 2, z + 2, lane]
     projections  [view, column + 2, row + 2, lane]
 
-z and the detector rows run along the same line in space, so for one detector column (or one voxel column) the in-plane
-interpolation is common to all of them and the inner loop walks through contiguous memory.
+z and the detector rows run along the same line in space (vectors.Upright), so for one detector column (or one voxel
+column) the in-plane interpolation is common to all of them and the inner loop walks through contiguous memory.
 
 Joseph's method (P. M. Joseph, IEEE Trans. Med. Imaging 1, 192, 1982): step through the planes across the ray's main
 direction, interpolate bilinearly in each, scale by the path between planes. The ray's main direction is taken in the
@@ -17,6 +17,7 @@ voxel-driven back is the pair of ASTRA's 3D algorithms (W. van Aarle et al., Ult
 
 import math
 from collections import namedtuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -34,6 +35,31 @@ TILE, FEW, WIDER = 16, 4, 64
 Lines = namedtuple("Lines", "pair near weight height slope start stop")
 
 
+class Scan(NamedTuple):
+    """Grid and scan as the kernels take them: mm, and arrays of one entry per view.
+
+    shape, spacing      of the grid, (z, y, x)
+    cosine ... first_row   as vectors.Upright has them, source_z, depth and beside from the grid's centre
+    radius              depth of the isocentre: what back-projected views are weighed by
+    """
+
+    shape: tuple[int, int, int]
+    spacing: tuple[float, float, float]
+    columns: int
+    rows: int
+    column_pitch: float
+    row_pitch: float
+    cosine: np.ndarray
+    sine: np.ndarray
+    depth: np.ndarray
+    beside: np.ndarray
+    radius: np.ndarray
+    distance: np.ndarray
+    first_column: np.ndarray
+    source_z: np.ndarray
+    first_row: np.ndarray
+
+
 def empty_lines() -> Lines:
     """Room for what a kernel works out at once, for each thread its own."""
     pair, start, stop = np.empty((3, WIDER), np.intp)
@@ -47,14 +73,14 @@ def tile_width(lanes):
 
 
 @njit(**OPTIONS)
-def _ray(view, column, sine, cosine, geometry):
+def _ray(view, column, scan):
     """In-plane source position, from the grid's centre, and direction to the detector column (all the way to it)."""
-    radius, distance, first_column, column_pitch = geometry[0], geometry[1], geometry[2], geometry[3]
-    s, c = sine[view], cosine[view]
-    along = first_column + column * column_pitch
+    s, c = scan.sine[view], scan.cosine[view]
+    depth, beside, distance = scan.depth[view], scan.beside[view], scan.distance[view]
+    along = scan.first_column[view] + column * scan.column_pitch
     return (
-        -radius * s - geometry[6],
-        radius * c - geometry[7],
+        beside * c - depth * s,
+        beside * s + depth * c,
         distance * s + along * c,
         -distance * c + along * s,
     )
@@ -97,96 +123,58 @@ def _set_line(lines, k, position, scale, height, slope, cells, n):
 
 
 @njit(**OPTIONS)
-def _columns_of_tile(view, x0, x1, y0, y1, shape, spacing, columns, sine, cosine, geometry):
+def _columns_of_tile(view, x0, x1, y0, y1, scan):
     """Detector columns [first, last) whose rays can meet the padded voxel columns [x0, x1) x [y0, y1)."""
-    _, ny, nx = shape
-    _, dy, dx = spacing
-    radius, distance, first_column, column_pitch = geometry[0], geometry[1], geometry[2], geometry[3]
+    _, ny, nx = scan.shape
+    _, dy, dx = scan.spacing
+    columns, s, c = scan.columns, scan.sine[view], scan.cosine[view]
     low, high = columns, -1
     for x in (x0 - 1, x1):
         for y in (y0 - 1, y1):
             # Padded index i is the voxel i - 1.
-            at_x = (x - 1 - (nx - 1) * 0.5) * dx + geometry[6]
-            at_y = (y - 1 - (ny - 1) * 0.5) * dy + geometry[7]
-            depth = radius + at_x * sine[view] - at_y * cosine[view]
+            at_x = (x - 1 - (nx - 1) * 0.5) * dx
+            at_y = (y - 1 - (ny - 1) * 0.5) * dy
+            depth = scan.depth[view] + at_x * s - at_y * c
             if depth <= 0:
                 return 0, columns
-            column = ((at_x * cosine[view] + at_y * sine[view]) * distance / depth - first_column) / column_pitch
+            along = (at_x * c + at_y * s - scan.beside[view]) * scan.distance[view] / depth
+            column = (along - scan.first_column[view]) / scan.column_pitch
             low = min(low, int(math.floor(column)))
             high = max(high, int(math.ceil(column)))
     return max(0, low), min(columns, high + 1)
 
 
 @njit(**OPTIONS)
-def trace(
-    volume, projections, first_view, shape, spacing, detector, sine, cosine, source_z, geometry, transpose, lines, lanes
-):
-    """Joseph projection of every view from `first_view` on, or (transpose) its exact adjoint.
+def trace(volume, projections, first_view, views, scan, transpose, lines, lanes):
+    """Joseph projection of `views` views from `first_view` on, or (transpose) its exact adjoint.
 
-    shape (z, y, x), spacing (z, y, x) mm, detector (views in `projections`, columns, rows), geometry
-    (source to isocentre, source to detector, first column, column pitch, first row, row pitch, x and y of the grid's
-    centre) mm; source_z from the grid's centre, mm.
     Adds to `projections` what `path_lengths` must then scale; transpose adds to `volume` and needs scaled projections.
     A sample belongs to the tile of the first of the voxel columns that it is interpolated from. `lines`: see Lines.
     """
-    _, ny, nx = shape
+    _, ny, nx = scan.shape
     width = tile_width(lanes)
     for x0 in range(0, nx + 1, width):
         for y0 in range(0, ny + 1, width):
             tile = (x0, min(x0 + width, nx + 1), y0, min(y0 + width, ny + 1))
-            for i in range(detector[0]):
-                view = first_view + i
-                first, last = _columns_of_tile(view, *tile, shape, spacing, detector[1], sine, cosine, geometry)
+            for i in range(views):
+                first, last = _columns_of_tile(first_view + i, *tile, scan)
                 for column in range(first, last):
-                    _trace_ray(
-                        volume,
-                        projections,
-                        i,
-                        view,
-                        column,
-                        tile,
-                        shape,
-                        spacing,
-                        detector,
-                        sine,
-                        cosine,
-                        source_z,
-                        geometry,
-                        transpose,
-                        lines,
-                        lanes,
-                    )
+                    _trace_ray(volume, projections, i, first_view + i, column, tile, scan, transpose, lines, lanes)
 
 
 @njit(inline="always", **OPTIONS)
-def _trace_ray(
-    volume,
-    projections,
-    i,
-    view,
-    column,
-    tile,
-    shape,
-    spacing,
-    detector,
-    sine,
-    cosine,
-    source_z,
-    geometry,
-    transpose,
-    lines,
-    lanes,
-):
+def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, lines, lanes):
     """The part of one detector column's rays, all rows, that lies in a tile."""
     count = len(lanes)
-    nz, ny, nx = shape
-    dz, dy, dx = spacing
-    _, columns, rows = detector
-    sx, sy, rx, ry = _ray(view, column, sine, cosine, geometry)
+    nz, ny, nx = scan.shape
+    dz, dy, dx = scan.spacing
+    columns, rows = scan.columns, scan.rows
+    sx, sy, rx, ry = _ray(view, column, scan)
     pixel = ((i * (columns + 2) + column + 1) * (rows + 2) + 1) * count
     step_x, step_y = (nz + 2) * count, (nx + 2) * (nz + 2) * count
     # In slices.
-    row_pitch, first_row, middle = geometry[5] / dz, geometry[4] / dz, source_z[view] / dz + (nz - 1) * 0.5 + 1.0
+    row_pitch, first_row = scan.row_pitch / dz, scan.first_row[view] / dz
+    middle = scan.source_z[view] / dz + (nz - 1) * 0.5 + 1.0
     if abs(rx) >= abs(ry):
         first_plane, last_plane, first_other, last_other = tile[0], tile[1], tile[2], tile[3]
         n, step, step_other = nx, step_x, step_y
@@ -224,70 +212,58 @@ def _trace_ray(
 
 
 @njit(**OPTIONS)
-def path_lengths(projections, first_view, spacing, detector, sine, cosine, geometry, lanes):
+def path_lengths(projections, first_view, views, scan, lanes):
     """Multiply each pixel by the length of its ray between two planes, mm: the last factor of Joseph's sum."""
     count = len(lanes)
-    views, columns, rows = detector
+    columns, rows = scan.columns, scan.rows
     for i in range(views):
+        first_row = scan.first_row[first_view + i]
         for column in range(columns):
-            _, _, rx, ry = _ray(first_view + i, column, sine, cosine, geometry)
-            per_length = spacing[2] / abs(rx) if abs(rx) >= abs(ry) else spacing[1] / abs(ry)
+            _, _, rx, ry = _ray(first_view + i, column, scan)
+            per_length = scan.spacing[2] / abs(rx) if abs(rx) >= abs(ry) else scan.spacing[1] / abs(ry)
             pixel = ((i * (columns + 2) + column + 1) * (rows + 2) + 1) * count
             for row in range(rows):
-                rz = geometry[4] + row * geometry[5]
+                rz = first_row + row * scan.row_pitch
                 length = np.float32(per_length * math.sqrt(rx * rx + ry * ry + rz * rz))
                 for lane in range(count):
                     projections[pixel + row * count + lane] *= length
 
 
 @njit(**OPTIONS)
-def back_project(
-    volume,
-    projections,
-    first_view,
-    first_y,
-    last_y,
-    shape,
-    spacing,
-    detector,
-    sine,
-    cosine,
-    source_z,
-    geometry,
-    lines,
-    lanes,
-):
-    """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
+def back_project(volume, projections, first_view, views, first_y, last_y, scan, lines, lanes):
+    """Add the voxel-driven back-projection of `views` views to rows first_y to last_y - 1 of the volume.
 
     Each view counts by (source to isocentre / depth)^2: the weight of FDK, and how densely rays lie, which the
     transpose of a forward projection has by itself. ASTRA's BP3D_CUDA does the same, but for a constant
     (github.com/astra-toolbox/astra-toolbox/issues/594).
     """
     count = len(lanes)
-    nz, ny, nx = shape
-    dz, dy, dx = spacing
-    views, columns, rows = detector
-    radius, distance, first_column, column_pitch, first_row, row_pitch, centre_x, centre_y = geometry
+    nz, ny, nx = scan.shape
+    dz, dy, dx = scan.spacing
+    columns, rows = scan.columns, scan.rows
     step = (rows + 2) * count
-    # In pixels: what lies 1 mm off at a depth of 1 mm, and where the detector's zero is.
-    across_pitch, across_middle = distance / column_pitch, 1.0 - first_column / column_pitch
-    up_pitch, up_middle = distance / row_pitch, 1.0 - first_row / row_pitch
     width = tile_width(lanes)
     for y0 in range(first_y, last_y, width):
         for x0 in range(0, nx, width):
             for i in range(views):
                 view = first_view + i
-                s, c = sine[view], cosine[view]
-                lowest = -(nz - 1) * 0.5 * dz - source_z[view]
+                s, c = scan.sine[view], scan.cosine[view]
+                depth, beside, radius = scan.depth[view], scan.beside[view], scan.radius[view]
+                # In pixels: what lies 1 mm off at a depth of 1 mm, and where the detector's zero is.
+                across_pitch = scan.distance[view] / scan.column_pitch
+                across_middle = 1.0 - scan.first_column[view] / scan.column_pitch
+                up_pitch = scan.distance[view] / scan.row_pitch
+                up_middle = 1.0 - scan.first_row[view] / scan.row_pitch
+                lowest = -(nz - 1) * 0.5 * dz - scan.source_z[view]
                 for y in range(y0, min(y0 + width, last_y)):
-                    position_y = (y - (ny - 1) * 0.5) * dy + centre_y
+                    position_y = (y - (ny - 1) * 0.5) * dy
                     for k in range(min(width, nx - x0)):
-                        position_x = (x0 + k - (nx - 1) * 0.5) * dx + centre_x
-                        closer = 1.0 / (radius + position_x * s - position_y * c)
+                        position_x = (x0 + k - (nx - 1) * 0.5) * dx
+                        closer = 1.0 / (depth + position_x * s - position_y * c)
                         _set_line(
                             lines,
                             k,
-                            (position_x * c + position_y * s) * closer * across_pitch + across_middle,
+                            (position_x * c + position_y * s - beside) * closer * across_pitch + across_middle,
                             (radius * closer) ** 2,
                             lowest * closer * up_pitch + up_middle,
                             dz * closer * up_pitch,

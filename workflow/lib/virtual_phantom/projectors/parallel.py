@@ -4,6 +4,8 @@ Layout and interpolation are those of kernels.py, angles in place of views and d
 """
 
 import math
+from collections import namedtuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -24,48 +26,66 @@ def _row_weight(height, rows, full):
     return s * s * (np.float32(3.0) - np.float32(2.0) * s)
 
 
+class ParallelScan(NamedTuple):
+    """Grid and rebinned scan as the kernel takes them; lengths in mm.
+
+    shape, spacing      of the grid, (z, y, x)
+    columns             distances t of each angle, from first_t on, t_pitch apart
+    half_turn           angles per half turn
+    sine, cosine        of the angles
+    view_of_angle       fractional view whose central ray has the angle
+    source_z, source_step   height of the source in view 0, and what each view adds
+    full                share of the rows, from the middle, that count fully
+    """
+
+    shape: tuple[int, int, int]
+    spacing: tuple[float, float, float]
+    columns: int
+    rows: int
+    half_turn: int
+    sine: np.ndarray
+    cosine: np.ndarray
+    view_of_angle: np.ndarray
+    view_step: float
+    source_z: float
+    source_step: float
+    radius: float
+    distance: float
+    first_row: float
+    row_pitch: float
+    first_t: float
+    t_pitch: float
+    full: float
+
+
+# Room for sums, for as many views as have one direction: total (z,), shares (view, z) and four times (view,).
+Room = namedtuple("Room", "total shares near at height slope")
+
+
+def empty_room(slices: int, views: int) -> Room:
+    """For each thread its own."""
+    near, height, slope = np.empty((3, views), np.float32)
+    shares = np.empty((views, slices), np.float32)
+    return Room(np.empty(slices, np.float32), shares, near, np.empty(views, np.intp), height, slope)
+
+
 @njit(**OPTIONS)
-def back_project_parallel(
-    volume,
-    seen,
-    projections,
-    first_y,
-    last_y,
-    shape,
-    spacing,
-    columns,
-    rows,
-    half_turn,
-    sine,
-    cosine,
-    view_of_angle,
-    source_z0,
-    source_step,
-    view_step,
-    geometry,
-    first_t,
-    t_pitch,
-    full,
-    total,
-    shares,
-    rays,
-    lanes,
-):
+def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room, lanes):
     """Add parallel-rebinned projections [angle, t + 2, row + 2, lane] to rows first_y to last_y - 1 of the volume.
 
     Every voxel takes each direction of rays once: views of the same direction, half turns apart, share it in the ratio
     of their row weights. `seen` [y, x, z] counts the directions that any view gave.
-    half_turn   angles per half turn
-    view_of_angle   fractional view whose central ray has the angle
-    total (z,), shares (view, z) and rays, four times (view,)   room for sums, for as many views as have one direction
     """
     count = len(lanes)
-    nz, ny, nx = shape
-    dz, dy, dx = spacing
-    radius, distance, first_row, row_pitch = geometry[0], geometry[1], geometry[4], geometry[5]
+    nz, ny, nx = scan.shape
+    dz, dy, dx = scan.spacing
+    radius, distance, first_row, row_pitch = scan.radius, scan.distance, scan.first_row, scan.row_pitch
+    columns, rows, half_turn, full = scan.columns, scan.rows, scan.half_turn, scan.full
+    sine, cosine, view_of_angle, view_step = scan.sine, scan.cosine, scan.view_of_angle, scan.view_step
+    first_t, t_pitch, source_z0, source_step = scan.first_t, scan.t_pitch, scan.source_z, scan.source_step
+    total, shares, near, at, height, slope = room
     angles = len(sine)
     step = (rows + 2) * count
-    near, at, height, slope = rays
     width = tile_width(lanes)
     for y0 in range(first_y, last_y, width):
         for x0 in range(0, nx, width):

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import fft
 
 from ..base.errors import InputError
+from ..base.geometry import orbit_of
 from ..base.parallel_rays import ParallelRays
 
 # Rows of the detector, as a share from its middle, that count fully where views of one direction overlap.
@@ -26,7 +27,8 @@ def fbp(projector, line_integrals: np.ndarray, *, normalise: str = "coverage") -
                 turn. Right for one circular turn; on a helix every voxel comes out scaled by the share of views that
                 see it, as with ASTRA's FDK_CUDA.
 
-    Raises InputError for another word, and with "coverage" for a scan that ParallelRays refuses.
+    Raises InputError for another word, a scan that is no circle or helix, and with "coverage" one that ParallelRays
+    refuses.
     """
     if normalise == "none":
         return _fdk(projector, line_integrals)
@@ -36,7 +38,7 @@ def fbp(projector, line_integrals: np.ndarray, *, normalise: str = "coverage") -
 
 
 def _fdk(projector, line_integrals):
-    geometry = projector.geometry
+    geometry = orbit_of(projector.geometry, "filtered back-projection")
     u, v = geometry.column_positions_mm(), geometry.row_positions_mm()
     distance = geometry.source_to_detector_mm
     cosine = (distance / np.sqrt(distance**2 + u[None, :] ** 2 + v[:, None] ** 2)).astype(np.float32)
@@ -50,8 +52,8 @@ def _fdk(projector, line_integrals):
 
 
 def _weighted(projector, line_integrals):
-    geometry = projector.geometry
-    rays = ParallelRays(geometry)
+    rays = ParallelRays(projector.geometry)
+    geometry = rays.geometry
     u, v = geometry.column_positions_mm(), geometry.row_positions_mm()
     flat = geometry.source_to_detector_mm**2 + u[None, :] ** 2
     cosine = np.sqrt(flat / (flat + v[:, None] ** 2)).astype(np.float32)
