@@ -89,9 +89,9 @@ def test_an_orbit_seen_from_above_is_itself(geometry):
 def test_bundles_hold_every_ray_in_its_place(roll):
     geometry = rolled(circular(views=3, start_angle_rad=0.4, row_offset_px=0.3, **DETECTOR), roll)
     to, rows = geometry.bundles()
-    assert to.shape[1:] == ((21, 3) if roll == 0 else (7 * 21, 3))
-    ways = np.broadcast_to(to[:, None], (3, len(rows), *to.shape[1:])) + rows[:, None, None] * [0, 0, 1]
-    ways = ways.reshape(*geometry.shape, 3)
+    assert to.shape == (3, 3, 21 if roll == 0 else 7 * 21)
+    ways = to[:, :, None] + np.array([0, 0, 1])[:, None, None, None] * rows[:, None]
+    ways = np.moveaxis(ways.reshape(3, *geometry.shape), 0, -1)
     for place in ((0, 0, 0), (1, 6, 20), (2, 5, 3)):
         source, pixel = geometry.ray(*place)
         np.testing.assert_allclose(ways[place], pixel - source, atol=1e-9)

@@ -77,7 +77,7 @@ def test_rays_nearby_are_followed(traced, place):
 def test_slopes_are_what_small_steps_change(traced):
     """Against differences of sums traced again, of rays that cross planes of x and of y."""
     rays = traced.rays(GEOMETRY)
-    assert 0.2 < rays.along_x.mean() < 0.8
+    assert 0.2 < rays.bundles.along_x.mean() < 0.8
     slopes = traced.slopes(rays)
     step = 0.05  # mm: nearly all crossings stay between the same voxels
     moved = Pose(z_mm=step)

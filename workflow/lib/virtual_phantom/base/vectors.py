@@ -161,11 +161,6 @@ class ScanGeometry:
         """Row centres along the detector, mm from its reference point, (rows,)."""
         return (np.arange(self.rows) - (self.rows - 1) / 2 + self.row_offset_px) * self.row_pitch_mm
 
-    def toward_columns_mm(self) -> np.ndarray:
-        """From the source to every column in the height of the reference point, (views, columns, 3)."""
-        along = self.column_positions_mm()[:, None] * self.column_direction[:, None]
-        return self.toward_mm[:, None] + along
-
     def ray(self, view: int, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:
         """Source and detector-pixel centre (x, y, z) in mm of one ray: the definition, not the fast path."""
         source = self.source_mm[view]
@@ -180,16 +175,16 @@ class ScanGeometry:
 
     def bundles(self) -> tuple[np.ndarray, np.ndarray]:
         """All rays, in bundles that share their shadow in the plane across z: the way from the source to the detector,
-        (views, bundle, 3), and what is added to its z by each row, (row,).
+        (x, y and z; view; bundle), and what is added to its z by each row, (row,).
 
         Of an upright detector a bundle is a column, of any other one pixel after another, a row at a time. Reshaped to
         (views, rows, columns), what is worked out as [view, row, bundle] is in its place.
         """
-        to, rows = self.toward_columns_mm(), self.row_positions_mm()
+        toward, along, up = (each.T[..., None] for each in (self.toward_mm, self.column_direction, self.row_direction))
+        to, rows = toward + along * self.column_positions_mm(), self.row_positions_mm()
         if self.is_upright:
             return to, rows
-        up = rows[:, None, None] * self.row_direction[:, None, None]
-        return (to[:, None] + up).reshape(self.views, -1, 3), np.zeros(1)
+        return (to[:, :, None] + up[:, :, None] * rows[:, None]).reshape(3, self.views, -1), np.zeros(1)
 
     def upright(self, who: str) -> Upright:
         """The scan seen from above. Raises InputError, which says who needs it, if the detector is not upright."""
@@ -210,8 +205,8 @@ class ScanGeometry:
     def solid_angles(self) -> np.ndarray:
         """Solid angle under which the source sees each pixel, over that of a pixel at the foot of the perpendicular:
         the inverse square of the distance times the cosine of the incidence, so its cube. [view or 1, row, column]."""
-        to, rows = self.bundles()
-        squared = to[:, None, :, 0] ** 2 + to[:, None, :, 1] ** 2 + (to[:, None, :, 2] + rows[:, None]) ** 2
+        (to_x, to_y, to_z), rows = self.bundles()
+        squared = (to_x**2 + to_y**2)[:, None] + (to_z[:, None] + rows[:, None]) ** 2
         cosine = _dot(self.toward_mm, self.normal)[:, None, None] / np.sqrt(squared.reshape(self.shape))
         return cosine**3
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..base.geometry import ScanGeometry
+from ..base.geometry import ScanGeometry, orbit_of
 from ..base.recent import Kept
 from .effect import (
     OF_AIR,
@@ -436,6 +436,7 @@ def displaced(geometry: ScanGeometry, column_mm: float, row_mm: float, away_mm: 
     """
     if not column_mm and not row_mm and not away_mm:
         return geometry
+    geometry = orbit_of(geometry, "focal_spot")
     radius, distance = geometry.source_to_isocentre_mm, geometry.source_to_detector_mm
     turn = -column_mm / radius
     return replace(

@@ -19,12 +19,12 @@ MEMORY_BYTES, LEAST_KEPT, MOST_KEPT = 4e8, 10, 32
 class Traced:
     """Path lengths of one set of rays, and what a displacement of the rays changes."""
 
-    def __init__(self, scene: VoxelScene, geometry: ScanGeometry, pose: Pose, motion_mm, edge_mm: np.ndarray):
-        """scene     a VoxelScene or what has its methods
-        edge_mm   Rays.extremes_mm of the outline
+    def __init__(self, scene: VoxelScene, geometry: ScanGeometry, pose: Pose, motion_mm, edge: Rays):
+        """scene   a VoxelScene or what has its methods
+        edge    the rays of the outline
         """
-        self.scene, self.edge_mm = scene, edge_mm
-        self.shape, self.rows_mm = geometry.shape, geometry.row_positions_mm()
+        self.scene, self.edge_mm, self.rises_mm = scene, edge.extremes_mm(), edge.rises_mm
+        self.shape = geometry.shape
         self._given = geometry, pose, motion_mm
         self._rays: Rays | None = None
         self._slopes: np.ndarray | None = None
@@ -35,7 +35,7 @@ class Traced:
         if self._rays is None:
             self._rays = self.scene.rays(*self._given)
             self._slopes = self.scene.slopes(self._rays)
-        rays = self.scene.rays(geometry, pose, motion_mm, self._rays.along_x)
+        rays = self.scene.rays(geometry, pose, motion_mm, self._rays.bundles.along_x)
         return followed(self.paths, self._slopes, self._rays, rays)
 
 
@@ -52,9 +52,10 @@ class PosedScene:
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
         """As VoxelScene.path_lengths."""
-        edge = self.scene.rays(outline(geometry), pose, motion_mm).extremes_mm()
+        edge = self.scene.rays(outline(geometry), pose, motion_mm)
+        edge_mm = edge.extremes_mm()
         same = [one for one in self._traced if one.shape == geometry.shape]
-        displaced = [float(np.abs(edge - one.edge_mm).sum(axis=0).max()) for one in same]
+        displaced = [float(np.abs(edge_mm - one.edge_mm).sum(axis=0).max()) for one in same]
         nearest = min(displaced, default=np.inf)
         if nearest > self._allowed_mm:
             found = Traced(self.scene, geometry, pose, motion_mm, edge)
@@ -62,7 +63,7 @@ class PosedScene:
             found = same[displaced.index(nearest)]
         # The least recently used goes first.
         self._traced = [*(one for one in self._traced if one is not found), found][-self._most(geometry) :]
-        if nearest > self._allowed_mm or (nearest == 0 and np.array_equal(found.rows_mm, geometry.row_positions_mm())):
+        if nearest > self._allowed_mm or (nearest == 0 and np.array_equal(found.rises_mm, edge.rises_mm)):
             return found.paths
         return found.followed(geometry, pose, motion_mm)
 

@@ -75,19 +75,11 @@ class VoxelScene:
 
         motion_mm   (view, 3): where the object is in each view, x, y, z from its place
         """
-        geometry, shift = turned_back(geometry, pose, motion_mm)
-        if motion_mm is None:
+        if geometry.is_upright:
+            geometry, shift = turned_back(geometry, pose, motion_mm)
             return self._project(geometry, shift, pose.size)
-        result = np.empty((len(self.materials), geometry.views, geometry.rows, geometry.columns), np.float32)
-        for view in range(geometry.views):
-            one = replace(
-                geometry,
-                angles_rad=geometry.angles_rad[view : view + 1],
-                source_z_mm=geometry.source_z_mm[view : view + 1],
-                view_times=geometry.view_times[view : view + 1],
-            )
-            result[:, view] = self._project(one, shift[view], pose.size)[:, 0]
-        return result
+        rays = self.rays(geometry, pose, motion_mm)
+        return self._traceable.path_lengths(rays, self.threads).reshape(-1, *geometry.shape)
 
     def rays(
         self,
@@ -102,15 +94,19 @@ class VoxelScene:
 
     def slopes(self, rays: Rays) -> np.ndarray:
         """As Voxels.slopes."""
+        return self._traceable.slopes(rays, self.threads)
+
+    @property
+    def _traceable(self) -> Voxels:
         if self._voxels is None:
             self._voxels = Voxels(self._fractions)
-        return self._voxels.slopes(rays, self.threads)
+        return self._voxels
 
     def _sized(self, size: float) -> Grid:
         return self.grid if size == 1 else replace(self.grid, spacing=tuple(size * s for s in self.grid.spacing))
 
     def _project(self, geometry: ScanGeometry, shift: np.ndarray, size: float) -> np.ndarray:
-        centre = tuple((size * self._centre + shift).tolist())
+        centre = size * self._centre + shift
         count = len(self.materials)
         together = lanes_at_once(geometry, self.grid, count)
         projector = CpuProjector(geometry, self._sized(size), together, self.threads, centre)
@@ -125,7 +121,7 @@ def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None
     """The geometry in which an object that is turned is seen unturned, and the object's shift in it, (3,) or (view, 3):
     the object turned by t about z and seen at angle b is the object seen at b - t, with shifts turned back."""
     turn = np.deg2rad(pose.turn_deg)
-    geometry = replace(geometry, angles_rad=geometry.angles_rad - turn)
+    geometry = geometry.turned(-turn)
     back = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
     shift = back @ [pose.x_mm, pose.y_mm, pose.z_mm]
     return geometry, shift if motion_mm is None else shift + motion_mm @ back.T
@@ -149,17 +145,13 @@ class DiscScene:
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
         """As VoxelScene.path_lengths; turns change nothing."""
-        angles = geometry.angles_rad
-        place = np.zeros((angles.size, 2)) if motion_mm is None else motion_mm[:, :2]
-        x, y = (place + [pose.x_mm, pose.y_mm]).T
-        sine, cosine = np.sin(angles), np.cos(angles)
-        # From the source, along the central ray (depth) and along the columns (across), in every view.
-        depth = geometry.source_to_isocentre_mm + x * sine - y * cosine
-        across = x * cosine + y * sine
-        u, distance = geometry.column_positions_mm(), geometry.source_to_detector_mm
-        length = np.hypot(distance, u)
-        off = (across[:, None] * distance - depth[:, None] * u) / length
-        chord = 2 * np.sqrt(np.maximum((self.radius_mm * pose.size) ** 2 - off**2, 0))
+        place = np.array([pose.x_mm, pose.y_mm, 0.0]) + (0.0 if motion_mm is None else motion_mm)
+        x, y, _ = (geometry.source_mm - place).T[..., None]
+        (to_x, to_y, to_z), rows = geometry.bundles()
+        # In the plane: how far a ray passes from the axis, and its length to the detector.
+        length = np.sqrt(to_x * to_x + to_y * to_y)
+        off = (x * to_y - y * to_x) / length
+        chord = 2 * np.sqrt(np.maximum((self.radius_mm * pose.size) ** 2 - off**2, 0))[:, None]
         # A ray that climbs is longer by its own length over that of its shadow in the plane.
-        climb = np.sqrt(1 + (geometry.row_positions_mm()[:, None] / length) ** 2)
-        return (chord[:, None, :] * climb).astype(np.float32)[None]
+        climb = np.sqrt(1 + ((to_z[:, None] + rows[:, None]) / length[:, None]) ** 2)
+        return (chord * climb).astype(np.float32).reshape(1, *geometry.shape)

@@ -20,15 +20,10 @@ from ..base.geometry import Grid, ScanGeometry
 
 def cone_vectors(geometry: ScanGeometry, views: slice = slice(None)) -> np.ndarray:
     """ASTRA's cone_vec rows (source, detector centre, column step, row step; x, y, z in mm), (views, 12)."""
-    b, z = geometry.angles_rad[views], geometry.source_z_mm[views]
-    sine, cosine, zero = np.sin(b), np.cos(b), np.zeros_like(b)
-    source = np.stack([-sine, cosine, zero], 1) * geometry.source_to_isocentre_mm
-    column = np.stack([cosine, sine, zero], 1) * geometry.column_pitch_mm
-    row = np.stack([zero, zero, zero + 1], 1) * geometry.row_pitch_mm
-    away = np.stack([sine, -cosine, zero], 1) * geometry.source_to_detector_mm
-    height = np.stack([zero, zero, z], 1)
-    centre = source + away + column * geometry.column_offset_px + row * geometry.row_offset_px
-    return np.concatenate([source + height, centre + height, column, row], axis=1)
+    column = geometry.column_direction * geometry.column_pitch_mm
+    row = geometry.row_direction * geometry.row_pitch_mm
+    centre = geometry.detector_mm + column * geometry.column_offset_px + row * geometry.row_offset_px
+    return np.concatenate([geometry.source_mm, centre, column, row], axis=1)[views]
 
 
 def volume_geometry(grid: Grid) -> dict:

@@ -1,0 +1,133 @@
+"""Scenes in scans that are given by vectors: the same as their circle, and rolled and tilted detectors against a ball's
+closed form."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scanner import SCANNER
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.physics.chain import displaced
+from virtual_phantom.physics.posed import PosedScene
+from virtual_phantom.physics.prism import PrismScene
+from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.projectors.cpu import CpuProjector
+
+DETECTOR = dict(**SCANNER, columns=41, rows=9, column_pitch_mm=4.0, row_pitch_mm=10.0, column_offset_px=0.3)
+GEOMETRY = circular(views=5, start_angle_rad=0.3, **DETECTOR)
+PLACED = Pose(x_mm=3.0, y_mm=-2.0, z_mm=1.0, turn_deg=20.0)
+MOTION = np.linspace(-1, 1, 15).reshape(5, 3)
+
+
+def rolled(geometry, roll, tilt=0.0):
+    """The detector turned about its normal, and then about its columns, through the reference point."""
+    columns, rows, normal = geometry.column_direction, geometry.row_direction, geometry.normal
+    along = math.cos(roll) * columns + math.sin(roll) * rows
+    up = math.cos(roll) * rows - math.sin(roll) * columns
+    up = math.cos(tilt) * up + math.sin(tilt) * normal
+    return replace(geometry.by_vectors(), column_direction=along, row_direction=up)
+
+
+def ball(radius, grid):
+    """Share of every voxel inside a ball at the isocentre."""
+    z, y, x = grid.refined(4).axes_mm()
+    inside = np.sqrt(x**2 + y[:, None] ** 2 + z[:, None, None] ** 2) <= radius
+    nz, ny, nx = grid.shape
+    return inside.reshape(nz, 4, ny, 4, nx, 4).mean((1, 3, 5)).astype(np.float32)
+
+
+def chords(geometry, centre, radius):
+    """Length of every ray inside a ball, [view, row, column]."""
+    result = np.zeros(geometry.shape)
+    for place in np.ndindex(geometry.shape):
+        source, pixel = geometry.ray(*place)
+        way = (pixel - source) / np.linalg.norm(pixel - source)
+        off = np.linalg.norm(np.cross(source - centre, way))
+        result[place] = 2 * math.sqrt(max(radius**2 - off**2, 0))
+    return result
+
+
+@pytest.fixture(scope="module")
+def scene():
+    grid = Grid((32, 32, 32), (2.0, 2.0, 2.0))
+    return VoxelScene(ball(25.0, grid)[None], grid, ("water",), 60.0)
+
+
+@pytest.mark.parametrize("motion", [None, MOTION], ids=["still", "moving"])
+def test_a_circle_by_vectors_alone_is_the_circle(scene, motion):
+    share = np.pad(np.ones((30, 20)), 5)
+    others = (PrismScene(share, Grid((1, 40, 30), (1.0, 1.0, 1.0)), "pmma"), DiscScene(40.0, "pmma"))
+    for one in (scene, *others):
+        expected = one.path_lengths(GEOMETRY, PLACED, motion)
+        found = one.path_lengths(GEOMETRY.by_vectors(), PLACED, motion)
+        assert expected.max() > 15
+        np.testing.assert_allclose(found, expected, atol=2e-6 * expected.max())
+
+
+def test_both_traces_meet_the_same(scene):
+    """An upright detector through the kernel for any rays: what the kernels for upright ones give, to rounding."""
+    rays = scene.rays(GEOMETRY, PLACED, MOTION)
+    to, rows = rays.bundles, GEOMETRY.rows
+    for row in range(rows):
+        one = replace(rays, bundles=to._replace(rows_mm=to.rows_mm[row : row + 1]))
+        found = scene._traceable.path_lengths(one)[:, :, 0]
+        expected = scene.path_lengths(GEOMETRY, PLACED, MOTION)[:, :, row]
+        np.testing.assert_allclose(found, expected, atol=5e-6 * 50)
+
+
+@pytest.mark.parametrize("roll, tilt", [(0.0, 0.0), (0.2, 0.0), (-1.0, 0.0), (0.3, 0.4)])
+def test_a_ball_through_a_rolled_and_tilted_detector(scene, roll, tilt):
+    """Against chords: within a few hundredths of the diameter where these are long; nothing where they miss."""
+    geometry = rolled(GEOMETRY, roll, tilt)
+    assert geometry.is_upright == (roll == tilt == 0)
+    exact = chords(geometry, [3.0, -2.0, 1.0], 25.0)
+    found = scene.path_lengths(geometry, PLACED)[0]
+    inner = exact > 25
+    assert inner.sum() > 100
+    assert np.sqrt(np.mean((found - exact)[inner] ** 2)) < 0.3
+    assert found[chords(geometry, [3.0, -2.0, 1.0], 31.0) == 0].max() == 0  # voxels, and two that interpolation adds
+
+
+def test_rays_near_a_rolled_detector_are_followed(scene):
+    posed, geometry = PosedScene(scene), rolled(GEOMETRY, 0.3, 0.1)
+    start = posed.path_lengths(geometry)
+    near = Pose(x_mm=0.004, y_mm=-0.003, z_mm=0.002, turn_deg=0.001)
+    followed, anew = posed.path_lengths(geometry, near), scene.path_lengths(geometry, near)
+    changed = np.abs(anew - start).max()
+    assert changed > 1e-3 and not np.array_equal(followed, anew)
+    assert np.sqrt(np.mean((followed - anew) ** 2)) < 0.05 * np.sqrt(np.mean((anew - start) ** 2))
+
+
+def test_a_source_that_jitters_is_seen(scene):
+    """Sources beside the circle keep the detector upright: through the CPU engine, against chords."""
+    vectors = GEOMETRY.by_vectors()
+    random = np.random.default_rng(3)
+    jittered = replace(vectors, source_mm=vectors.source_mm + random.uniform(-20, 20, (5, 3)))
+    exact, still = chords(jittered, [0.0, 0.0, 0.0], 25.0), chords(vectors, [0.0, 0.0, 0.0], 25.0)
+    found = scene.path_lengths(jittered)[0]
+    inner = exact > 25
+    assert np.abs(exact - still)[inner].max() > 3
+    assert np.sqrt(np.mean((found - exact)[inner] ** 2)) < 0.3
+
+
+def test_the_transpose_holds_for_vectors_too():
+    """<A x, y> = <x, A' y> with sources that jitter."""
+    vectors = GEOMETRY.by_vectors()
+    random = np.random.default_rng(4)
+    geometry = replace(vectors, source_mm=vectors.source_mm + random.uniform(-20, 20, (5, 3)))
+    projector = CpuProjector(geometry, Grid((9, 20, 22), (4.0, 4.0, 4.0)))
+    x = projector.pack_volume(random.random((1, 9, 20, 22), np.float32))
+    y = projector.pack_projections(random.random((1, *geometry.shape), np.float32))
+    left = np.vdot(projector.forward(x).astype(float), y.astype(float))
+    assert left == pytest.approx(np.vdot(x.astype(float), projector.adjoint(y).astype(float)), rel=1e-5)
+
+
+def test_what_the_shortcuts_cannot_do_is_refused():
+    geometry = rolled(GEOMETRY, 0.1)
+    with pytest.raises(InputError, match="engine cpu needs detector rows along z"):
+        CpuProjector(geometry, Grid((4, 4, 4), (1.0, 1.0, 1.0)))
+    with pytest.raises(InputError, match="focal_spot needs a circular or helical scan"):
+        displaced(geometry, 1.0, 0.0)

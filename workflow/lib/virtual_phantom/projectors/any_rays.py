@@ -1,0 +1,187 @@
+"""Joseph's sums along any rays, and what they change when the rays are displaced: derivatives by the rays' coordinates.
+
+A ray steps through the planes across its in-plane main direction. With t the plane's number from the grid's middle, it
+meets a plane at the padded voxel index a + b t along the other in-plane axis and c + d t along z. Interpolation is
+bilinear, so the derivatives of a sum by a, b, c and d are sums of differences between neighbouring voxels.
+
+kernels.py has the same sums for many realisations, and their transpose, where all rows of a detector lie above each
+other.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .lanes import OPTIONS
+
+COORDINATES = 4  # a, b, c and d
+
+
+class Bundles(NamedTuple):
+    """Rays in the coordinates of a grid, in bundles whose rays differ in c and d alone (ScanGeometry.bundles).
+
+    A ray's rise v is that from the source to the detector: c = level + climb[0] v, d = climb[1] v.
+
+    along_x     (view, bundle) whether planes across x are stepped through, else those across y
+    across      (view, bundle, 2): a and b
+    level       (view,) padded voxel index of the source along z
+    climb       (view, bundle, 2): change along z per mm of rise, to the middle plane, and from plane to plane
+    lift_mm, rows_mm   (view, bundle) and (row,): the rise is their sum
+    between     (view, bundle, 2): share of the way to the detector between two planes, and the square of that way in
+                the plane, mm^2
+    """
+
+    along_x: np.ndarray
+    across: np.ndarray
+    level: np.ndarray
+    climb: np.ndarray
+    lift_mm: np.ndarray
+    rows_mm: np.ndarray
+    between: np.ndarray
+
+
+@njit(inline="always", **OPTIONS)
+def _planes_met(a, b, n, n_other):
+    """Planes [first, last) of n beyond which a ray misses the padded grid."""
+    if abs(b) < 1e-6:
+        return 0, n
+    one, another = -a / b + (n - 1) * 0.5, (n_other + 1.0 - a) / b + (n - 1) * 0.5
+    first = max(0.0, math.floor(min(one, another)))
+    last = min(float(n), math.ceil(max(one, another)) + 1.0)
+    return int(first), int(max(first, last))
+
+
+@njit(inline="always", **OPTIONS)
+def _axes(along_x, shape):
+    """Planes, voxels along the other in-plane axis, and voxel columns from one to the next along both."""
+    _, ny, nx = shape
+    return (nx, ny, 1, nx + 2) if along_x else (ny, nx, nx + 2, 1)
+
+
+@njit(**OPTIONS)
+def trace_sums(volumes, sums, first_view, shape, rays):
+    """Add to `sums` what interpolation meets in the planes along every bundle's first ray, all views from `first_view`
+    on.
+
+    volumes    [lane, voxel], each flat [y + 2, x + 2, z + 2]
+    sums       [lane, view, bundle]
+    shape      (z, y, x) of the grid without its border
+    rays       Bundles
+    """
+    nz = shape[0]
+    lanes, views, bundles = sums.shape
+    for lane in range(lanes):
+        volume = volumes[lane]
+        for i in range(views):
+            view = first_view + i
+            for bundle in range(bundles):
+                n, n_other, step, step_other = _axes(rays.along_x[view, bundle], shape)
+                a, b = rays.across[view, bundle, 0], rays.across[view, bundle, 1]
+                rise = rays.lift_mm[view, bundle] + rays.rows_mm[0]
+                c = rays.level[view] + rays.climb[view, bundle, 0] * rise
+                d = rays.climb[view, bundle, 1] * rise
+                start, stop = _planes_met(a, b, n, n_other)
+                if d == 0.0 and (c < 0.0 or c >= nz + 1.0):
+                    continue
+                k, up = int(c), np.float32(c - int(c))
+                total = 0.0
+                for plane in range(start, stop):
+                    middle = plane - (n - 1) * 0.5
+                    other = a + b * middle
+                    if other < 0.0 or other >= n_other + 1.0:
+                        continue
+                    if d != 0.0:  # else all in one height, as in prisms
+                        z = c + d * middle
+                        if z < 0.0 or z >= nz + 1.0:
+                            continue
+                        k, up = int(z), np.float32(z - int(z))
+                    j = int(other)
+                    weight = np.float32(other - j)
+                    near = ((plane + 1) * step + j * step_other) * (nz + 2) + k
+                    far = near + step_other * (nz + 2)
+                    low = volume[near] + weight * (volume[far] - volume[near])
+                    if up > np.float32(0.0):
+                        high = volume[near + 1] + weight * (volume[far + 1] - volume[near + 1])
+                        low += up * (high - low)
+                    total += low
+                sums[lane, i, bundle] += total
+
+
+@njit(**OPTIONS)
+def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
+    """Add to `slopes` the derivatives of the sums of every ray, all views from `first_view` on.
+
+    volumes, shape, rays   as trace_sums takes them
+    occupied   [lane, voxel column], whether any voxel of it is not zero, flat [y + 2, x + 2]
+    slopes     [lane, view, bundle, row, coordinate], coordinates in the order a, c, b, d
+    """
+    nz = shape[0]
+    lanes, views, bundles, rows = slopes.shape[0], slopes.shape[1], slopes.shape[2], slopes.shape[3]
+    for lane in range(lanes):
+        volume = volumes[lane]
+        for i in range(views):
+            view = first_view + i
+            for bundle in range(bundles):
+                n, n_other, step, step_other = _axes(rays.along_x[view, bundle], shape)
+                a, b = rays.across[view, bundle, 0], rays.across[view, bundle, 1]
+                lift, level = rays.lift_mm[view, bundle], rays.level[view]
+                start, stop = _planes_met(a, b, n, n_other)
+                for plane in range(start, stop):
+                    middle = plane - (n - 1) * 0.5
+                    other = a + b * middle
+                    j = int(math.floor(other))
+                    if j < 0 or j > n_other:
+                        continue
+                    first = (plane + 1) * step + j * step_other
+                    if not (occupied[lane, first] or occupied[lane, first + step_other]):
+                        continue
+                    weight, t = np.float32(other - j), np.float32(middle)
+                    rise = rays.climb[view, bundle, 0] + rays.climb[view, bundle, 1] * middle
+                    for row in range(rows):
+                        z = level + rise * (lift + rays.rows_mm[row])
+                        if z < 0.0 or z >= nz + 1.0:
+                            continue
+                        k = int(z)
+                        up = np.float32(z - k)
+                        near, far = first * (nz + 2) + k, (first + step_other) * (nz + 2) + k
+                        low, high = volume[near], volume[near + 1]
+                        low_step, high_step = volume[far] - low, volume[far + 1] - high
+                        by_other = low_step + up * (high_step - low_step)
+                        by_z = high - low + weight * (high_step - low_step)
+                        # Side by side, so that one vector instruction adds all four.
+                        slopes[lane, i, bundle, row, 0] += by_other
+                        slopes[lane, i, bundle, row, 1] += by_z
+                        slopes[lane, i, bundle, row, 2] += t * by_other
+                        slopes[lane, i, bundle, row, 3] += t * by_z
+
+
+@njit(**OPTIONS)
+def follow(paths, slopes, traced, rays, result):
+    """Path lengths of displaced rays: the sums of those traced and their slopes times the change of the coordinates,
+    times the new length between two planes.
+
+    paths, result   [lane, view, row, bundle], mm
+    slopes          as trace_slopes makes them
+    traced, rays    Bundles, of the rays traced and those displaced
+    """
+    lanes, views, rows, bundles = paths.shape
+    for view in range(views):
+        for bundle in range(bundles):
+            da = rays.across[view, bundle, 0] - traced.across[view, bundle, 0]
+            db = rays.across[view, bundle, 1] - traced.across[view, bundle, 1]
+            raised = rays.level[view] - traced.level[view]
+            c, new_c = traced.climb[view, bundle, 0], rays.climb[view, bundle, 0]
+            d, new_d = traced.climb[view, bundle, 1], rays.climb[view, bundle, 1]
+            for row in range(rows):
+                v = traced.lift_mm[view, bundle] + traced.rows_mm[row]
+                new = rays.lift_mm[view, bundle] + rays.rows_mm[row]
+                dc = raised + new_c * new - c * v
+                dd = new_d * new - d * v
+                length = traced.between[view, bundle, 0] * math.sqrt(traced.between[view, bundle, 1] + v * v)
+                new_length = rays.between[view, bundle, 0] * math.sqrt(rays.between[view, bundle, 1] + new * new)
+                for lane in range(lanes):
+                    by = slopes[lane, view, bundle, row]
+                    change = da * by[0] + dc * by[1] + db * by[2] + dd * by[3]
+                    result[lane, view, row, bundle] = (paths[lane, view, row, bundle] / length + change) * new_length
