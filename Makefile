@@ -9,7 +9,8 @@ CORES ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
 UV ?= uv
-PIP_INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+PIP_INSTALL := $(PIP) --require-hashes
 # What pip must find installed before it builds pyradiomics; with its hashes, on the lines that follow.
 BUILD_FIRST := sed -nE '/^(setuptools|wheel|numpy)==/,/[^\]$$/p' environment-pip.lock
 
@@ -20,11 +21,12 @@ study: setup
 
 setup: $(VENV)/installed
 
-$(VENV)/installed: environment-pip.lock workflow/build/sitecustomize.py
+$(VENV)/installed: environment-pip.lock workflow/build/sitecustomize.py pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BUILD_FIRST) >$(VENV)/build-first.lock
 	$(PIP_INSTALL) -r $(VENV)/build-first.lock
 	PYTHONPATH='$(CURDIR)/workflow/build' $(PIP_INSTALL) --no-build-isolation -r environment-pip.lock
+	$(PIP) --no-index --no-deps --no-build-isolation --editable .
 	touch $@
 
 test: setup

@@ -10,13 +10,11 @@ well. Prints its median and quartiles over features and ROIs, and how far counts
 
 import argparse
 import os
-import sys
 from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "workflow" / "lib"))
 
 import numpy as np  # noqa: E402
 import pandas as pd  # noqa: E402
@@ -59,7 +57,7 @@ class Study:
         self.config, self.repeats = check(config, SCHEMA), repeats
         self.grid = grid_of(self.config["grid"])
         seed = np.random.SeedSequence(self.config["seed"], spawn_key=(0,))
-        described = layout.read_layout(ROOT / self.config["phantom"]["layout"])
+        described = layout.read_layout(self.config["phantom"]["layout"])
         self.phantom = synthetic.build(described, self.grid, self.config["grid"]["oversampling"], seed)
         self.masks = {roi.name: roi.mask for roi in self.phantom.rois if roi.mask.sum() >= MINIMUM_VOXELS}
         self.scene = VoxelScene.of(

@@ -4,8 +4,8 @@
 
 Runs the stability analysis of the default study, of five further values of `seed`, and of studies that are wrong on
 purpose, into results-controls; what is there already stays, and with --keep nothing is run. Prints docs/controls.md's
-table, and writes resources/default_study_seeds.csv. --table, the full table of CT-Phantom4Radiomics, adds the phantom
-against itself.
+table, and writes default_study_seeds.csv of the library's resources. --table, the full table of CT-Phantom4Radiomics,
+adds the phantom against itself.
 About 6 minutes of one core for each of the eight studies.
 """
 
@@ -21,19 +21,19 @@ import numpy as np
 import pandas as pd
 import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+from virtual_phantom import phantom
+from virtual_phantom.base.data import RESOURCES
+from virtual_phantom.features import extraction, tables
+from virtual_phantom.features.names import FEATURES
+from virtual_phantom.io import volumes
+from virtual_phantom.io.files import replacing, write_csv
+from virtual_phantom.io.schema import SCHEMA
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.statistics import further_seeds, measured, ranking, repeats, roi_profiles, wilcoxon
+from virtual_phantom.study import config
+from virtual_phantom.study.plan import Plan
 
-from virtual_phantom import phantom  # noqa: E402
-from virtual_phantom.features import extraction, tables  # noqa: E402
-from virtual_phantom.features.names import FEATURES  # noqa: E402
-from virtual_phantom.io import volumes  # noqa: E402
-from virtual_phantom.io.files import replacing, write_csv  # noqa: E402
-from virtual_phantom.io.schema import SCHEMA  # noqa: E402
-from virtual_phantom.io.volumes import Volume  # noqa: E402
-from virtual_phantom.statistics import further_seeds, measured, ranking, repeats, roi_profiles, wilcoxon  # noqa: E402
-from virtual_phantom.study import config  # noqa: E402
-from virtual_phantom.study.plan import Plan  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 RESULTS = Path("results-controls")
 SEEDS = (2023, 2024, 2025, 2026, 2027)
@@ -67,7 +67,7 @@ def run(name: str, changes: dict | None, cores: int) -> None:
 
 def write_layout(path: Path) -> None:
     """The default phantom with one texture in all six ROIs."""
-    layout = yaml.safe_load((ROOT / "resources/phantom.yaml").read_text(encoding="utf-8"))
+    layout = yaml.safe_load((RESOURCES / "phantom.yaml").read_text(encoding="utf-8"))
     for tissue in TISSUES:
         layout["tissues"][tissue]["texture"] = [TEXTURE]
     path.write_text(yaml.safe_dump(layout), encoding="utf-8")
@@ -243,7 +243,7 @@ def main() -> None:
             kept.insert(0, "settings", plan.scored_settings())
             kept.insert(1, "seed", int(seed[1]))
             scores.append(kept.round(6))
-    with replacing(ROOT / "resources/default_study_seeds.csv", checksum=False) as temporary:
+    with replacing(RESOURCES / "default_study_seeds.csv", checksum=False) as temporary:
         pd.concat(scores).to_csv(temporary, index=False, lineterminator="\n")
     if arguments.table:
         rows["printed phantom, nine scans and nine others"] = against_itself(arguments.table)

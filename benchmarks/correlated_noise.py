@@ -10,25 +10,21 @@ deviation of 1 where the errors are right. Draws under 1000 were tuned on.
 
 import argparse
 import csv
-import sys
 import time
 from collections import defaultdict
-from pathlib import Path
 
 import numpy as np
 from scipy import ndimage, stats
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
-
-from virtual_phantom.base.geometry import Grid, circular  # noqa: E402
-from virtual_phantom.diagnosis.core.attribute import trial  # noqa: E402
-from virtual_phantom.diagnosis.core.locate import Half, aligned  # noqa: E402
-from virtual_phantom.diagnosis.projections import observed, prepared  # noqa: E402
-from virtual_phantom.io.volumes import Volume  # noqa: E402
-from virtual_phantom.physics.chain import Chain  # noqa: E402
-from virtual_phantom.physics.materials import Segmentation  # noqa: E402
-from virtual_phantom.physics.posed import PosedScene  # noqa: E402
-from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.diagnosis.core.attribute import trial
+from virtual_phantom.diagnosis.core.locate import Half, aligned
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.posed import PosedScene
+from virtual_phantom.physics.scene import VoxelScene
 
 PHOTONS, REPEATS, EDGE_MM, INTERVAL_MS = 1e5, 4, 3.0, 1.0
 GEOMETRY = circular(

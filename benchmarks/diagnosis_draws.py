@@ -17,32 +17,28 @@ import argparse
 import copy
 import csv
 import os
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 from scipy.optimize import brentq
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
-
-from virtual_phantom.base.geometry import Grid, circular  # noqa: E402
-from virtual_phantom.diagnosis.core.attribute import choose, trial  # noqa: E402
-from virtual_phantom.diagnosis.core.locate import EDGE_SHARE, Half, aligned  # noqa: E402
-from virtual_phantom.diagnosis.core.templates import strength, varied, whitened  # noqa: E402
-from virtual_phantom.diagnosis.core.verdict import diagnose  # noqa: E402
-from virtual_phantom.diagnosis.projections import observed, prepared  # noqa: E402
-from virtual_phantom.diagnosis.projections.model import stacked  # noqa: E402
-from virtual_phantom.diagnosis.projections.numerical import LinearisationPoint, model_and_floor  # noqa: E402
-from virtual_phantom.io.volumes import Volume  # noqa: E402
-from virtual_phantom.physics.chain import Chain  # noqa: E402
-from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
-from virtual_phantom.physics.materials import Segmentation  # noqa: E402
-from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.diagnosis.core.attribute import choose, trial
+from virtual_phantom.diagnosis.core.locate import EDGE_SHARE, Half, aligned
+from virtual_phantom.diagnosis.core.templates import strength, varied, whitened
+from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections.model import stacked
+from virtual_phantom.diagnosis.projections.numerical import LinearisationPoint, model_and_floor
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import acts_on_images, load, names
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import VoxelScene
 
 PHOTONS, REPEATS = 1e5, 4
 WEAKEST, STRONGEST = 5.0, 50.0

@@ -9,23 +9,18 @@ own, as Snakemake runs them), and the choice among them.
 
 import argparse
 import os
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
+from diagnosis_draws import PHOTONS, scans, scene
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
-
-from diagnosis_draws import PHOTONS, scans, scene  # noqa: E402
-
-from virtual_phantom.base.geometry import circular  # noqa: E402
-from virtual_phantom.diagnosis.core.attribute import choose, trial, trials  # noqa: E402
-from virtual_phantom.diagnosis.core.verdict import diagnose  # noqa: E402
-from virtual_phantom.diagnosis.projections import prepared  # noqa: E402
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor  # noqa: E402
-from virtual_phantom.physics.chain import Chain  # noqa: E402
-from virtual_phantom.physics.effect import acts_on_images, names  # noqa: E402
+from virtual_phantom.base.geometry import circular
+from virtual_phantom.diagnosis.core.attribute import choose, trial, trials
+from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.projections import prepared
+from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import acts_on_images, names
 
 STRENGTH = 0.5
 GEOMETRY = circular(

@@ -6,24 +6,22 @@ Run it after the default study, whose fine phantom and detector it takes; effect
 """
 
 import argparse
-import sys
 import time
 from pathlib import Path
 
 import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.io.schema import SCHEMA
+from virtual_phantom.io.volumes import read_nifti
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import acts_on_images, load, names
+from virtual_phantom.physics.line_integrals import clean_line_integrals
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.study.config import check
 
-from virtual_phantom.base.geometry import grid_of, scan_geometry  # noqa: E402
-from virtual_phantom.io.schema import SCHEMA  # noqa: E402
-from virtual_phantom.io.volumes import read_nifti  # noqa: E402
-from virtual_phantom.physics.chain import Chain  # noqa: E402
-from virtual_phantom.physics.effect import acts_on_images, load, names  # noqa: E402
-from virtual_phantom.physics.line_integrals import clean_line_integrals  # noqa: E402
-from virtual_phantom.physics.materials import Segmentation  # noqa: E402
-from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
-from virtual_phantom.study.config import check  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def main():

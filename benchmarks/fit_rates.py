@@ -1,4 +1,4 @@
-"""Write resources/rates.yaml, the costs that `snakemake plan` reckons with, from a study that was run here.
+"""Write the library's rates.yaml, the costs that `snakemake plan` reckons with, from a study that was run here.
 
     python benchmarks/fit_rates.py --machine "2 cores of an AMD EPYC"
 
@@ -11,22 +11,21 @@ measured and estimated totals.
 import argparse
 import base64
 import json
-import sys
 from collections import defaultdict
 from pathlib import Path
 
 import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+from virtual_phantom.base.data import RESOURCES
+from virtual_phantom.io.files import write_text
+from virtual_phantom.io.schema import SCHEMA
+from virtual_phantom.study.config import check
+from virtual_phantom.study.costs.jobs import study_jobs
+from virtual_phantom.study.costs.rates import fit, seconds
+from virtual_phantom.study.costs.table import roi_count
+from virtual_phantom.study.plan import Plan
 
-from virtual_phantom.io.files import write_text  # noqa: E402
-from virtual_phantom.io.schema import SCHEMA  # noqa: E402
-from virtual_phantom.study.config import check  # noqa: E402
-from virtual_phantom.study.costs.jobs import study_jobs  # noqa: E402
-from virtual_phantom.study.costs.rates import fit, seconds  # noqa: E402
-from virtual_phantom.study.costs.table import roi_count  # noqa: E402
-from virtual_phantom.study.plan import Plan  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 # What the rates of a stage are fitted in; of others, it is seconds per job.
 STAGE_UNITS = {
@@ -93,7 +92,7 @@ def main():
     }
     report(timed, rates)
     rounded = json.loads(json.dumps(rates), parse_float=lambda text: float(f"{float(text):.4g}"))
-    write_text(HEAD + yaml.safe_dump(rounded, sort_keys=False), ROOT / "resources" / "rates.yaml")
+    write_text(HEAD + yaml.safe_dump(rounded, sort_keys=False), RESOURCES / "rates.yaml")
 
 
 def by_stage(timed, rates=None):

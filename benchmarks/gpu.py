@@ -17,22 +17,20 @@ import sys
 import time
 from pathlib import Path
 
+import astra
 import numpy as np
 import yaml
 from snakemake.utils import update_config
 
+from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.io.schema import SCHEMA
+from virtual_phantom.projectors import cupy_installed
+from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, projection_geometry, volume_geometry
+from virtual_phantom.projectors.cpu import CpuProjector
+from virtual_phantom.reconstruction.sirt import sirt
+from virtual_phantom.study.config import check
+
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "workflow" / "lib"))
-
-import astra  # noqa: E402
-
-from virtual_phantom.base.geometry import grid_of, scan_geometry  # noqa: E402
-from virtual_phantom.io.schema import SCHEMA  # noqa: E402
-from virtual_phantom.projectors import cupy_installed  # noqa: E402
-from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, projection_geometry, volume_geometry  # noqa: E402
-from virtual_phantom.projectors.cpu import CpuProjector  # noqa: E402
-from virtual_phantom.reconstruction.sirt import sirt  # noqa: E402
-from virtual_phantom.study.config import check  # noqa: E402
 
 NOISE = 0.02  # standard deviation of a line integral
 VIEWS_SHARE = 8  # of the views one in so many is projected on the CPU

@@ -11,13 +11,11 @@ all alike.
 import argparse
 import csv
 import os
-import sys
 import time
 from pathlib import Path
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ[name] = "1"
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow" / "lib"))
 
 import engines  # noqa: E402
 import growth  # noqa: E402

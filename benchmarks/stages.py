@@ -18,14 +18,12 @@ from pathlib import Path
 import yaml
 from fit_rates import ROOT, records
 
-sys.path.insert(0, str(ROOT / "workflow" / "lib"))
-
-from virtual_phantom.figures import style  # noqa: E402
-from virtual_phantom.io.schema import SCHEMA  # noqa: E402
-from virtual_phantom.study.config import check  # noqa: E402
-from virtual_phantom.study.costs.jobs import study_jobs  # noqa: E402
-from virtual_phantom.study.costs.table import roi_count  # noqa: E402
-from virtual_phantom.study.plan import Plan  # noqa: E402
+from virtual_phantom.figures import style
+from virtual_phantom.io.schema import SCHEMA
+from virtual_phantom.study.config import check
+from virtual_phantom.study.costs.jobs import study_jobs
+from virtual_phantom.study.costs.table import roi_count
+from virtual_phantom.study.plan import Plan
 
 # What is shown as one, in the order of the work; values are stages of costs.jobs.
 SHOWN = {

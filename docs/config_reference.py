@@ -6,7 +6,7 @@ from pathlib import Path
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
+SCHEMA = ROOT / "workflow" / "lib" / "virtual_phantom" / "schemas" / "config.schema.yaml"
 TARGET = ROOT / "config" / "README.md"
 
 INTRODUCTION = """# Configuration
@@ -27,7 +27,7 @@ A key of `protocols`, `scans`, `noise.levels`, `recordings`, `analyses`, `analys
 overlay sets to `null` is taken away, as is a key inside a protocol (`group: null` takes the protocol out of the
 groups). In the table `*` stands for a name of your own (of an effect and its parameter under `physics`; `sirt`, `fbp`
 or `multicentre` under `analyses.pca`) and `[]` for each entry of a list. This page is made from
-`workflow/schemas/config.schema.yaml` by `docs/config_reference.py`.
+`workflow/lib/virtual_phantom/schemas/config.schema.yaml` by `docs/config_reference.py`.
 
 | key | meaning | type | default | range | the paper |
 |---|---|---|---|---|---|

@@ -1,34 +1,32 @@
 """Figures and table of docs/theory.md: effects' templates on the study's phantom, and how alike they are."""
 
 import re
-import sys
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import yaml
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.diagnosis.core import separability
+from virtual_phantom.diagnosis.core.fit import Fit
+from virtual_phantom.diagnosis.core.separability import Template
+from virtual_phantom.diagnosis.core.templates import strength
+from virtual_phantom.diagnosis.projections.model import Model
+from virtual_phantom.diagnosis.projections.observed import scans
+from virtual_phantom.diagnosis.projections.prepared import Prepared, prepare
+from virtual_phantom.figures.separability import Panel, draw_correlations, draw_templates
+from virtual_phantom.figures.style import label, number, save
+from virtual_phantom.io.schema import SCHEMA
+from virtual_phantom.phantom import layout, synthetic
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import acts_on_images, names
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.recordings.projections import Projections
+from virtual_phantom.study import config
 
-from virtual_phantom.base.geometry import grid_of, scan_geometry  # noqa: E402
-from virtual_phantom.diagnosis.core import separability  # noqa: E402
-from virtual_phantom.diagnosis.core.fit import Fit  # noqa: E402
-from virtual_phantom.diagnosis.core.separability import Template  # noqa: E402
-from virtual_phantom.diagnosis.core.templates import strength  # noqa: E402
-from virtual_phantom.diagnosis.projections.model import Model  # noqa: E402
-from virtual_phantom.diagnosis.projections.observed import scans  # noqa: E402
-from virtual_phantom.diagnosis.projections.prepared import Prepared, prepare  # noqa: E402
-from virtual_phantom.figures.separability import Panel, draw_correlations, draw_templates  # noqa: E402
-from virtual_phantom.figures.style import label, number, save  # noqa: E402
-from virtual_phantom.io.schema import SCHEMA  # noqa: E402
-from virtual_phantom.phantom import layout, synthetic  # noqa: E402
-from virtual_phantom.physics.chain import Chain  # noqa: E402
-from virtual_phantom.physics.effect import acts_on_images, names  # noqa: E402
-from virtual_phantom.physics.materials import Segmentation  # noqa: E402
-from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
-from virtual_phantom.recordings.projections import Projections  # noqa: E402
-from virtual_phantom.study import config  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 PAGE, IMAGES = ROOT / "docs" / "theory.md", ROOT / "docs" / "images"
 BEGIN, END = "<!-- table made by docs/effect_templates.py -->", "<!-- end of the table -->"
@@ -50,7 +48,7 @@ def recording() -> Prepared:
     study = config.check(study, SCHEMA)
     grid = grid_of(study["grid"])
     seed = np.random.SeedSequence(study["seed"], spawn_key=(PHANTOM_STREAM,))
-    shapes = layout.read_layout(ROOT / study["phantom"]["layout"])
+    shapes = layout.read_layout(study["phantom"]["layout"])
     phantom = synthetic.build(shapes, grid, study["grid"]["oversampling"], seed)
     scene = VoxelScene.of(phantom.fine, Segmentation(**study["materials"]), study["mu_water_per_mm"])
     geometry = scan_geometry({**study["scan"], **DETECTOR}, VIEWS, grid)

@@ -1,13 +1,11 @@
 """Write docs/physics.md, the catalogue of effects, from the library."""
 
 import math
-import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+from virtual_phantom.physics.effect import OF_AIR, OF_AIR_PER_SCAN, PER_SCAN, PER_VIEW, STAGES, load, names
 
-from virtual_phantom.physics.effect import OF_AIR, OF_AIR_PER_SCAN, PER_SCAN, PER_VIEW, STAGES, load, names  # noqa: E402
+ROOT = Path(__file__).resolve().parents[1]
 
 TARGET = ROOT / "docs" / "physics.md"
 

@@ -20,8 +20,8 @@ OUTSIDE = (
     "CITATION.cff",
     "LICENSE",
     "config/README.md",
-    "resources/README.md",
-    "resources/rates.yaml",
+    "workflow/lib/virtual_phantom/resources/README.md",
+    "workflow/lib/virtual_phantom/resources/rates.yaml",
     "profiles/slurm/config.yaml",
 )
 LINK = re.compile(r"(\]\()(?![a-z]+:|#)([^)#\s]+)")

@@ -3,8 +3,9 @@
 import re
 from pathlib import Path
 
-PAGES = ("README.md", "CONTRIBUTING.md", "config/README.md", "resources/README.md", "docs/**/*.md")
-PROGRAMS = r"(?:snakemake|python|make|pytest|pip|ruff|snakefmt|git|mkdir|source|\S+/bin/\S+|EXAMPLES=\S+)"
+PAGES = ("README.md", "CONTRIBUTING.md", "config/README.md", "workflow/**/*.md", "docs/**/*.md")
+NAMES = "snakemake|virtual-phantom-import|python|make|pytest|pip|ruff|snakefmt|git|mkdir|source"
+PROGRAMS = rf"(?:{NAMES}|\S+/bin/\S+|EXAMPLES=\S+)"
 FENCED = re.compile(r"^(<!-- run(?: on slurm)? -->\n+)?```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(rf"`({PROGRAMS} [^`]+)`")
 

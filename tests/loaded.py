@@ -13,8 +13,7 @@ LIBRARY = ROOT / "workflow" / "lib"
 PROBE = """
 import ast, importlib, json, sys
 from pathlib import Path
-library, files, named = json.loads(sys.argv[1])
-sys.path.insert(0, library)
+files, named = json.loads(sys.argv[1])
 def load(path, package):
     for node in ast.walk(ast.parse(Path(path).read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import | ast.ImportFrom):
@@ -44,8 +43,8 @@ def loaded(*files: Path, named=(), library: Path = LIBRARY) -> set[str]:
     library   the folder that holds virtual_phantom
     Packages of others that are not installed are left out.
     """
-    given = json.dumps([str(library), [str(file) for file in files], list(named)])
-    environment = os.environ | {"PYTHONPATH": ""}
+    given = json.dumps([[str(file) for file in files], list(named)])
+    environment = os.environ | {"PYTHONPATH": str(library)}
     run = subprocess.run([sys.executable, "-c", PROBE, given], capture_output=True, text=True, env=environment)
     assert run.returncode == 0, run.stderr[-4000:]
     return {name.partition(".")[2] for name in json.loads(run.stdout)} - {""}

@@ -20,7 +20,7 @@ MARKED = re.compile(
     r"^<!-- (write|run|prints|makes)(?: (?!on )(\S+))?( on slurm)? -->\n+```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL
 )
 TIMEOUT_S = 900
-PARTS = ("Snakefile", "config", "docs", "profiles", "pyproject.toml", "resources", "tests", "workflow")
+PARTS = ("Snakefile", "config", "docs", "profiles", "pyproject.toml", "tests", "workflow")
 BEING_WRITTEN = shutil.ignore_patterns("*.tmp.*", "*.pyc.*")  # by other tests; compiled kernels come along
 
 
@@ -77,12 +77,13 @@ def copy_project(root: Path, folder: Path) -> None:
 
 
 def run(commands: str, folder: Path) -> str:
-    """What commands print in `folder`, run by bash with this interpreter's programs. Fails where one of them does."""
+    """What commands print in `folder`, a copy of the project, run by bash with this interpreter's programs and the
+    copy's library, as if `make setup` had been run there. Fails where one of them does."""
     programs = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     process = subprocess.run(
         ["bash", "-e", "-o", "pipefail", "-c", commands],
         cwd=folder,
-        env={**os.environ, "PATH": programs},
+        env={**os.environ, "PATH": programs, "PYTHONPATH": str(folder / "workflow" / "lib")},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

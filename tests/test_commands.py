@@ -57,6 +57,9 @@ def test_make_has_the_targets():
 def test_scripts_have_the_options():
     scripts = [line[1:] for line in words("python") if line[1].endswith(".py")]
     assert len(scripts) > 15
+    importer = words("virtual-phantom-import")
+    assert len(importer) > 3
+    scripts += [["workflow/lib/virtual_phantom/recordings/importers/command.py", *line[1:]] for line in importer]
     for script, *arguments in scripts:
         text = (ROOT / script).read_text(encoding="utf-8")
         for option in (word for word in arguments if word.startswith("--")):

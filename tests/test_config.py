@@ -11,12 +11,12 @@ import yaml
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.statistics.measured import TISSUE_CLASSES
 from virtual_phantom.study.config import check
 from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
-SCHEMA = ROOT / "workflow" / "schemas" / "config.schema.yaml"
 DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
 
 MEETS = {"recording": "scanner", "rois": ["cyst_1"], "protocol": "sirt_300"}

@@ -8,6 +8,7 @@ import pytest
 import yaml
 from test_config import DEFAULT, SCHEMA, changed
 
+from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.study.config import check
 from virtual_phantom.study.costs.jobs import Job, study_jobs
@@ -15,7 +16,8 @@ from virtual_phantom.study.costs.rates import fit, read_rates, seconds, written
 from virtual_phantom.study.costs.table import readable, roi_count, summary
 from virtual_phantom.study.plan import Plan
 
-RATES = Path(__file__).resolve().parents[1] / "resources" / "rates.yaml"
+ROOT = Path(__file__).resolve().parents[1]
+RATES = RESOURCES / "rates.yaml"
 
 
 def jobs_of(config, engine="cpu"):
@@ -78,7 +80,7 @@ def test_work_grows_with_the_sizes(key, value, stage, unit, times):
 
 
 def test_the_large_study_is_one():
-    config = yaml.safe_load((RATES.parents[1] / "config" / "large.yaml").read_text())
+    config = yaml.safe_load((ROOT / "config" / "large.yaml").read_text())
     levels = DEFAULT["noise"]["levels"]
     merged = {name: level | config["noise"]["levels"][name] for name, level in levels.items()}
     _, content = summary(Plan(check(changed("noise.levels", merged), SCHEMA)), "cpu", read_rates(RATES))

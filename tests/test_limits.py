@@ -9,6 +9,7 @@ import yaml
 from snakemake.utils import update_config
 from test_config import DEFAULT, SCHEMA
 
+from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.study.config import check
 from virtual_phantom.study.costs.jobs import Job, Sizes, study_jobs
 from virtual_phantom.study.costs.limits import FLOOR_MINUTES, SAFETY, UNKNOWN_MINUTES, minutes
@@ -16,7 +17,7 @@ from virtual_phantom.study.costs.rates import read_rates, seconds
 from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
-RATES = read_rates(ROOT / "resources" / "rates.yaml")
+RATES = read_rates(RESOURCES / "rates.yaml")
 # Large enough for the floor to be far below.
 PAPER = yaml.safe_load((ROOT / "config" / "paper.yaml").read_text())
 ON_CPU = {"reconstruction": {"sirt": {"backprojector": "adjoint"}}}

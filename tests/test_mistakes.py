@@ -10,12 +10,15 @@ import h5py
 import nibabel
 import numpy as np
 import pandas as pd
+import phantom_files
 import pytest
+import recording_folders
 import yaml
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.features import tables
+from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct
 from virtual_phantom.physics.line_integrals import clean_line_integrals
@@ -23,10 +26,6 @@ from virtual_phantom.recordings.reading import load
 from virtual_phantom.study.config import check
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "tests" / "phantom"), str(ROOT / "tests" / "recordings")]
-
-import phantom_files  # noqa: E402
-import recording_folders  # noqa: E402
 
 PAGE = (ROOT / "docs" / "mistakes.md").read_text(encoding="utf-8")
 SECTION = re.compile(r"^### (.+?)\n(?:(?!^##).)*?^<!-- message -->\n```\n(.+?)\n```$", re.MULTILINE | re.DOTALL)
@@ -45,7 +44,7 @@ def configured(*changes):
         for key in parents:
             section = section.setdefault(key, {})
         section[last] = value
-    check(config, ROOT / "workflow" / "schemas" / "config.schema.yaml")
+    check(config, SCHEMA)
 
 
 def protocol(**settings):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PLACES = ("docs/**/*.md", "*.md", "config/*.md", "resources/*.md")
+PLACES = ("docs/**/*.md", "*.md", "config/*.md", "workflow/**/*.md")
 PAGES = sorted(page for place in PLACES for page in ROOT.glob(place))
 FETCHED = re.compile(
     r"""<(?:script|img|iframe)[^>]*src="(?:https?:)?//|<link[^>]*rel="stylesheet"[^>]*href="(?:https?:)?//"""

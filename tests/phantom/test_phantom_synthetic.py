@@ -14,14 +14,13 @@ from virtual_phantom.phantom import block_mean, save, synthetic
 from virtual_phantom.phantom.layout import read_layout
 
 ROOT = Path(__file__).resolve().parents[2]
-LAYOUT = ROOT / "resources/phantom.yaml"
 REAL = ROOT / "../shared/real"
 MIDDLE = Grid((48, 128, 128), (2.0, 2.35, 2.35))  # the default study's grid
 COARSE = Grid((12, 48, 48), (8.0, 6.3, 6.3))
 SEED = np.random.SeedSequence(1, spawn_key=(0,))
 
 # Printed phantom: centre mm (x, y, z), widths mm (x, y), volume mm3, HU; worked by hand from the tables that
-# resources/phantom.yaml cites. test_layout_agrees_with_the_tables works them out again.
+# phantom.yaml cites. test_layout_agrees_with_the_tables works them out again.
 PRINTED = {
     "normal_1": ((68.68, 18.44, 16), (16.41, 28.03), 3905, 98),
     "normal_2": ((73.42, -16.95, -6), (22.56, 28.71), 2453, 86),
@@ -34,7 +33,7 @@ PRINTED = {
 
 @pytest.fixture(scope="module")
 def phantom():
-    return synthetic.build(read_layout(LAYOUT), MIDDLE, 1, SEED)
+    return synthetic.build(read_layout(), MIDDLE, 1, SEED)
 
 
 @pytest.fixture
@@ -124,8 +123,8 @@ def test_layout_agrees_with_the_tables():
         "hemangioma": "hemangioma",
         "metastasis": "metastasis",
     }
-    layout = {roi["name"]: roi for roi in read_layout(LAYOUT)["rois"]}
-    tissues = read_layout(LAYOUT)["tissues"]
+    layout = {roi["name"]: roi for roi in read_layout()["rois"]}
+    tissues = read_layout()["tissues"]
     high = solid[(solid.dose_mGy == 10) & (solid.recon_code == 2)].groupby("roi6").mean(numeric_only=True)
     numbers = flat["diagnostics_Mask-original_CenterOfMassIndex"].str.strip("()").str.split(",", expand=True)
     box = flat["diagnostics_Mask-original_BoundingBox"].str.strip("()").str.split(",", expand=True).astype(int)
@@ -162,7 +161,7 @@ def test_layout_agrees_with_the_tables():
 
 
 def test_coarsest_study_keeps_every_roi():
-    phantom = synthetic.build(read_layout(LAYOUT), COARSE, 1, SEED)
+    phantom = synthetic.build(read_layout(), COARSE, 1, SEED)
     for roi in phantom.rois:
         assert phantom.image.array[roi.mask].mean() == pytest.approx(PRINTED[roi.name][3], abs=5)
 

@@ -7,18 +7,13 @@ import ctypes
 import itertools
 import mmap
 import sys
-from pathlib import Path
 
 import numpy as np
+from scanner import SCANNER
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "workflow" / "lib"), str(ROOT / "tests")]
-
-from scanner import SCANNER  # noqa: E402
-
-from virtual_phantom.base.geometry import Grid, circular, helical  # noqa: E402
-from virtual_phantom.base.parallel_rays import ParallelRays  # noqa: E402
-from virtual_phantom.projectors import cpu  # noqa: E402
+from virtual_phantom.base.geometry import Grid, circular, helical
+from virtual_phantom.base.parallel_rays import ParallelRays
+from virtual_phantom.projectors import cpu
 
 PAGE, NO_ACCESS = mmap.PAGESIZE, 0
 libc = ctypes.CDLL(None, use_errno=True)

@@ -1,6 +1,7 @@
 """The CPU engine against analytic line integrals, ASTRA's 2D projector, and its own transpose."""
 
 import math
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -194,7 +195,8 @@ def test_tiles_of_any_width_take_every_sample(centre_mm):
 def test_nothing_is_read_or_written_beyond_arrays():
     """Sixteen values at once reach beyond a line. Every array stands between pages that may not be touched."""
     script = Path(__file__).with_name("between_guards.py")
-    done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=300)
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
     assert int(done.stdout.split()[0]) >= 40
 

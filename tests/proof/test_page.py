@@ -13,6 +13,7 @@ import pytest
 from PIL import Image
 from proof_suite import DIAGNOSES, TRUTHS, diagnosis, truth, write_suite
 
+from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.before_after import thumbnail
 from virtual_phantom.proof.conceal.case import Case, collect
@@ -38,7 +39,7 @@ def made(tmp_path_factory):
     """The script's outputs for the suite of nine."""
     folder = tmp_path_factory.mktemp("suite")
     given = Given(write_suite(folder), maps=[folder / "diagnosis" / one["case"] / "maps" for one in TRUTHS])
-    given |= {"real": [], "real_maps": [], "times": [], "record": ROOT / "resources" / "proof_record.yaml"}
+    given |= {"real": [], "real_maps": [], "times": [], "record": RESOURCES / "proof_record.yaml"}
     names = ("confusion_png", "confusion_pdf", "example_png", "example_pdf")
     output = Given({name: folder / name.replace("_", ".") for name in names})
     output |= {"score": folder / "score.json", "page": folder / "index.html"}
@@ -58,7 +59,7 @@ def test_the_job_writes_everything(made):
 
 def test_the_page_shows_all_seeds_and_whose_models_they_are(made):
     text = made["page"].read_text().replace("\N{NO-BREAK SPACE}", " ")
-    entries = read(ROOT / "resources" / "proof_record.yaml")
+    entries = read(RESOURCES / "proof_record.yaml")
     count, n = pooled(entries)["intervals"]
     assert f"{count} of {n} (" in text and "What had to be reached, seed 4711" in text
     for entry in entries:

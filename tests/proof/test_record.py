@@ -9,6 +9,7 @@ import pytest
 import yaml
 from proof_suite import diagnosis, write_suite
 
+from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures.style import label
 from virtual_phantom.physics.effect import names
@@ -22,7 +23,7 @@ from virtual_phantom.report.proof import percent
 from virtual_phantom.statistics.proof_record import Held, held, pooled, read, with_coverage
 
 ROOT = Path(__file__).resolve().parents[2]
-RECORD = ROOT / "resources" / "proof_record.yaml"
+RECORD = RESOURCES / "proof_record.yaml"
 COUNTS = {
     "first_medium_or_strong": [3, 4],
     "first_weak": [1, 2],

@@ -1,9 +1,5 @@
 """Importers: what they write loads and says the same as their source; broken sources leave nothing behind."""
 
-import runpy
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 import yaml
@@ -12,11 +8,11 @@ from scipy.io import savemat
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io.volumes import read_nifti
+from virtual_phantom.recordings.importers import command
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
 
-SCRIPT = Path(__file__).resolve().parents[2] / "workflow" / "scripts" / "import_recording.py"
 PARAMETERS = {
     "distanceSourceOrigin": 410.66,
     "distanceSourceDetector": 553.74,
@@ -164,19 +160,16 @@ def test_series_that_are_no_repeats_are_refused(tmp_path):
     import_refused(folder, lambda: import_dicom_tree(tree / "patient" / "seg", folder), "holds no CT slice in DICOM")
 
 
-def test_a_dicom_tree_on_the_command_line(tmp_path, monkeypatch, capsys):
+def test_a_dicom_tree_on_the_command_line(tmp_path, capsys):
     tree = dicom_tree(tmp_path / "tree")
-    main = runpy.run_path(str(SCRIPT))["main"]
-    monkeypatch.setattr(sys, "argv", ["x", "dicom", str(tree), f"{tmp_path}/scanner_a", "--kernel", "Br38f"])
-    assert main() == 0 and "scanner_a: images, 2 repeats" in capsys.readouterr().out
+    assert command.main(["dicom", str(tree), f"{tmp_path}/scanner_a", "--kernel", "Br38f"]) == 0
+    assert "scanner_a: images, 2 repeats" in capsys.readouterr().out
 
 
-def test_the_importer_on_the_command_line(tmp_path, monkeypatch, capsys):
+def test_the_importer_on_the_command_line(tmp_path, capsys):
     mat_file(tmp_path / "s.mat")
-    main = runpy.run_path(str(SCRIPT))["main"]
-    monkeypatch.setattr(sys, "argv", ["x", "htc2022", f"{tmp_path}/s.mat", f"{tmp_path}/disc", "--phantom", "disc"])
-    assert main() == 0 and "disc: projections, 1 repeats" in capsys.readouterr().out
-    monkeypatch.setattr(sys, "argv", ["x", "htc2022", f"{tmp_path}/none.mat", f"{tmp_path}/other"])
-    assert main() == 1
+    assert command.main(["htc2022", f"{tmp_path}/s.mat", f"{tmp_path}/disc", "--phantom", "disc"]) == 0
+    assert "disc: projections, 1 repeats" in capsys.readouterr().out
+    assert command.main(["htc2022", f"{tmp_path}/none.mat", f"{tmp_path}/other"]) == 1
     errors = capsys.readouterr().err
     assert errors.count("\n") == 1 and errors.startswith(f"Error: {tmp_path}/none.mat: no such file")

@@ -20,10 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "workflow" / "lib"))
+from virtual_phantom.io.files import check_unchanged
 
-from virtual_phantom.io.files import check_unchanged  # noqa: E402
+ROOT = Path(__file__).resolve().parents[2]
 
 COMPARED = {".csv", ".json", ".yaml", ".gz", ".nii", ".npy", ".h5"}
 WITH_TIMES = {"logs", "timing.json"}  # say how long something took

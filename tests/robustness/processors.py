@@ -8,17 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "workflow" / "lib")]
-
-from virtual_phantom.base.geometry import Grid, circular  # noqa: E402
-from virtual_phantom.base.units import HU_AIR  # noqa: E402
-from virtual_phantom.features.extraction import FEATURES, extract  # noqa: E402
-from virtual_phantom.io.volumes import Volume  # noqa: E402
-from virtual_phantom.physics.image import reconstruct  # noqa: E402
-from virtual_phantom.physics.line_integrals import clean_line_integrals  # noqa: E402
-from virtual_phantom.physics.noise import simulate_counts  # noqa: E402
-from virtual_phantom.physics.poisson import poisson_counts  # noqa: E402
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.units import HU_AIR
+from virtual_phantom.features.extraction import FEATURES, extract
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.image import reconstruct
+from virtual_phantom.physics.line_integrals import clean_line_integrals
+from virtual_phantom.physics.noise import simulate_counts
+from virtual_phantom.physics.poisson import poisson_counts
 
 MU_WATER_PER_MM, NOISE_LEVEL = 0.0193, 6e-6
 REPEATS = 8

@@ -1,12 +1,8 @@
 """A results folder with every character that a shell or a format would make something of."""
 
-import sys
-from pathlib import Path
+from workflow_runs import ROOT, tiny
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "workflow"))
-from workflow_runs import ROOT, tiny  # noqa: E402
-
-from virtual_phantom.io.files import check_unchanged, checksum_path  # noqa: E402
+from virtual_phantom.io.files import check_unchanged, checksum_path
 
 NAME = "a b;touch hacked;$(touch hacked)`touch hacked` & | > 'q' \"é\"#%"
 

@@ -8,7 +8,7 @@ from workflow_runs import ROOT
 
 from virtual_phantom.io.published import FOLDER
 
-TABLE = "resources/abdomen_ct.csv"
+TABLE = "workflow/lib/virtual_phantom/resources/abdomen_ct.csv"
 
 
 def copy_with_bytes(project):

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from workflow_runs import ROOT, planned, tiny
 
+from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.recordings.importers.study import import_study
 from virtual_phantom.study.config import check
 from virtual_phantom.study.plan import Plan
@@ -28,7 +29,7 @@ def bench(tmp_path_factory):
     whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
     whole["noise"]["model"] = "physical"
     whole = {**whole, "physics": CONCEALED, "protocols": whole["protocols"] | STUDY["protocols"]}
-    label = Plan(check(whole, ROOT / "workflow" / "schemas" / "config.schema.yaml")).geometry_of("bench")
+    label = Plan(check(whole, SCHEMA)).geometry_of("bench")
     made = folder / "made"
     targets = [f"{made}/projections/{label}/bench/seed{seed:02d}.h5" for seed in range(4)]
     process = tiny(made, *targets, overlay=concealed, beside=folder / "concealed")

@@ -8,9 +8,10 @@ import threading
 
 import pytest
 import yaml
-from published_files import copy_with_bytes, put
+from published_files import TABLE, copy_with_bytes, put
 from workflow_runs import ROOT, snakemake, tiny
 
+from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.io.files import sha256
 from virtual_phantom.io.published import read_published
 
@@ -50,7 +51,7 @@ def test_without_a_server_there_is_one_line(tmp_path):
 @pytest.mark.real
 @pytest.mark.skipif(not ABDOMEN_CT.exists(), reason="the real CT is not beside this checkout")
 def test_the_files_of_the_clinical_ct_are_those_listed():
-    files = read_published(ROOT / "resources" / "abdomen_ct.csv")
+    files = read_published(RESOURCES / "abdomen_ct.csv")
     assert len(files) == 21
     for file in files:
         assert sha256(ABDOMEN_CT / file.path.removeprefix("downloads/abdomen_ct/")) == file.sha256, file.path
@@ -78,7 +79,7 @@ def test_the_clinical_ct_is_fetched_where_it_is_not_here(tmp_path):
     put(web, published | {places[others[-1]]: b"another version of it"})
     with served(web) as server:
         code, _, errors = phantom(project, server, others[-1])
-        assert code == 1 and len(errors) == 1 and "is not the file that resources/abdomen_ct.csv lists" in errors[0]
+        assert code == 1 and len(errors) == 1 and f"is not the file that {TABLE} lists" in errors[0]
         assert not [path for path in places if (project / path).exists()]
 
         put(web, published)

@@ -5,8 +5,6 @@ What is asked for is known of the object in phantom_files, and not from the code
 """
 
 import json
-import sys
-from pathlib import Path
 
 import nibabel
 import numpy as np
@@ -15,10 +13,7 @@ import pydicom
 import pytest
 import SimpleITK as sitk
 import yaml
-from workflow_runs import tiny
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "phantom"))
-from phantom_files import (  # noqa: E402
+from phantom_files import (
     BALLS,
     CENTRE,
     ball,
@@ -28,6 +23,7 @@ from phantom_files import (  # noqa: E402
     write_seg,
     write_series,
 )
+from workflow_runs import tiny
 
 PLACES = {f"{name}_{kind}": (name, kind) for name in BALLS for kind in ("labels", "seg", "rtstruct")}
 MOVED = (20.0, -10.0, 7.0)  # where the scanner that records its images has its isocentre: (0, 0, 0) less this

@@ -2,19 +2,14 @@
 
 import json
 import shutil
-import sys
 
 import nibabel
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from workflow_runs import ROOT, TINY, snakemake
-
-sys.path.insert(0, str(ROOT / "tests" / "phantom"))
-sys.path.insert(0, str(ROOT / "tests" / "recordings"))
-
-from recording_folders import features_folder, projections_folder, write_projections  # noqa: E402
+from recording_folders import features_folder, projections_folder, write_projections
+from workflow_runs import TINY, snakemake
 
 
 @pytest.fixture

@@ -1,13 +1,13 @@
 """Targets that the pages name plan with the configurations that they are named with, and importers run as written."""
 
 import shutil
-import subprocess
-import sys
 
 import pytest
 import yaml
 from test_workflow import IMPORTED, recorded
 from workflow_runs import ROOT, planned, snakemake
+
+from virtual_phantom.recordings.importers import command as importer
 
 TABLES = {
     "tandem": ROOT / "../shared/real/ct_phantom4radiomics/features_2d.csv",
@@ -45,15 +45,13 @@ def test_targets_of_the_helsinki_recordings_plan(tmp_path):
 @pytest.mark.skipif(
     not all(path.exists() for path in TABLES.values()), reason="the published tables are not beside this checkout"
 )
-def test_published_tables_are_imported_by_the_commands_of_the_page(tmp_path):
+def test_published_tables_are_imported_by_the_commands_of_the_page(tmp_path, monkeypatch, capsys):
     text = (ROOT / "docs" / "recordings.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
     for name, table in TABLES.items():
-        command = f"python workflow/scripts/import_recording.py features {table.name} recordings/{name}\n"
+        command = f"virtual-phantom-import features {table.name} recordings/{name}\n"
         assert command in text
         shutil.copy(table, tmp_path)
-        words = command.split()[1:]
-        process = subprocess.run(
-            [sys.executable, ROOT / words[0], *words[1:]], cwd=tmp_path, capture_output=True, text=True, timeout=300
-        )
-        assert process.returncode == 0 and f"{name}: features, " in process.stdout, process.stderr
+        assert importer.main(command.split()[1:]) == 0
+        assert f"{name}: features, " in capsys.readouterr().out
         assert (tmp_path / "recordings" / name / "recording.yaml").exists()

@@ -2,10 +2,14 @@
 
 import os
 import sys
+from pathlib import Path
 
-LIBRARY = os.path.join(workflow.basedir, "workflow", "lib")
+# Where these rules lie, whoever's Snakefile includes them and wherever it runs.
+WORKFLOW = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parent
+LIBRARY = str(WORKFLOW / "lib")
+# The library beside the rules, whether one is installed or not: they change together. Scripts run in processes of their
+# own and find it by the variable.
 sys.path.insert(0, LIBRARY)
-# Scripts run in processes of their own and find the library by this.
 os.environ.update(
     PYTHONPATH=os.pathsep.join([LIBRARY, *filter(None, [os.environ.get("PYTHONPATH")])])
 )
@@ -16,27 +20,24 @@ from virtual_phantom.study.costs.jobs import Sizes
 from virtual_phantom.study.costs.limits import minutes
 from virtual_phantom.study.costs.rates import read_rates
 from virtual_phantom.study.dependencies import files_behind
+from virtual_phantom.base.data import RESOURCES, SCHEMAS
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io.files import check_unchanged, files_of
+from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.study.plan import Plan
 from virtual_phantom.projectors import choose_engine
 
 try:
     for path in workflow.configfiles:
         check_unchanged(path, "make it again")
-    PLAN = Plan(
-        check(
-            config,
-            os.path.join(workflow.basedir, "workflow", "schemas", "config.schema.yaml"),
-        )
-    )
+    PLAN = Plan(check(config, SCHEMA))
     # On a cluster, jobs that need no device may be where there is none.
     ENGINE = choose_engine(
         PLAN.config["engine"],
         PLAN.config["reconstruction"]["sirt"]["backprojector"],
         look=workflow.is_main_process,
     )
-    RATES = read_rates(os.path.join(workflow.basedir, "resources", "rates.yaml"))
+    RATES = read_rates(RESOURCES / "rates.yaml")
 except InputError as error:
     sys.exit(f"Error: {error}")
 
@@ -54,14 +55,19 @@ wildcard_constraints:
     seed="[0-9]{2}",
 
 
+def shipped(path):
+    """A file of the workflow as an input. Relative, so that a moved folder stays valid."""
+    return os.path.relpath(path)
+
+
+def resource(name):
+    """A table or a layout that comes with the library, as an input."""
+    return shipped(RESOURCES / name)
+
+
 def code(script):
-    """A script and the library files behind it, as inputs of its rule. Relative, so that a moved folder stays valid."""
-    return [
-        os.path.relpath(path)
-        for path in files_behind(
-            os.path.join(workflow.basedir, "workflow", "scripts", script)
-        )
-    ]
+    """A script and the library files behind it, as inputs of its rule."""
+    return [shipped(path) for path in files_behind(WORKFLOW / "scripts" / script)]
 
 
 def effect_code(*effects):
@@ -73,7 +79,7 @@ def effect_code(*effects):
             os.path.join(LIBRARY, "virtual_phantom/physics/effects", f"{effect}.py")
         )
     }
-    return [os.path.relpath(path) for path in sorted(files)]
+    return [shipped(path) for path in sorted(files)]
 
 
 def megabytes(

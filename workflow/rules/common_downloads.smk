@@ -2,7 +2,7 @@
 
 from virtual_phantom.io.published import check_listed, named_by, read_published
 
-ABDOMEN_CT = "resources/abdomen_ct.csv"
+ABDOMEN_CT = resource("abdomen_ct.csv")
 
 
 def reachable(url, advice):
@@ -25,7 +25,7 @@ def sinogram(disc):
     url = f"{PLAN.config['downloads']['htc2022']}/htc2022_{disc}_full.mat"
     return reachable(
         url,
-        "where there is a network, download it there and run python workflow/scripts/import_recording.py htc2022 "
+        "where there is a network, download it there and run virtual-phantom-import htc2022 "
         f"{os.path.basename(url)} {RESULTS}/downloads/htc2022_{disc}",
     )
 
@@ -40,11 +40,16 @@ def abdomen_ct(wildcards):
     return [reachable(f"{folder}/{file.source}", advice) for file in ABSENT]
 
 
+def layout_file():
+    """The layout of the synthetic phantom."""
+    return PLAN.config["phantom"]["layout"] or resource("phantom.yaml")
+
+
 def phantom_files():
     """Paths of the configuration that the phantom is made from, files and folders."""
     settings = PLAN.config["phantom"]
     if settings["source"] == "synthetic":
-        return [settings["layout"]]
+        return [layout_file()]
     ct = settings["ct"]
     regions = [ct.get("labels"), *(roi.get("file") for roi in ct["rois"])]
     return [ct["image"], *dict.fromkeys(filter(None, regions))]

@@ -82,7 +82,7 @@ def shown_figure(path):
     elif kind == "overlap" and rest:
         caption, wildcards = "overlap_recording", {"recording": rest}
     return {
-        "caption": os.path.join("workflow", "report", f"{caption}.rst"),
+        "caption": shipped(WORKFLOW / "report" / f"{caption}.rst"),
         "shown": {
             "section": section,
             "title": title,

@@ -60,7 +60,7 @@ def reference_tables(wildcards):
         return []
     if measured["table"] is not None:
         return present(measured["table"])
-    return ["resources/ct_phantom4radiomics_groups.csv"]
+    return [resource("ct_phantom4radiomics_groups.csv")]
 
 
 @cache

@@ -7,7 +7,7 @@ from virtual_phantom.diagnosis.core.candidates import (
 from virtual_phantom.recordings.scan import timed
 
 # How often the intervals that a diagnosis states held the truth in the proof.
-PROOF_RECORD = "resources/proof_record.yaml"
+PROOF_RECORD = resource("proof_record.yaml")
 DIAGNOSED = PLAN.config["diagnosis"]["recordings"]
 # What every fit of a recording depends on: another list of effects redoes none.
 MODELLED = {

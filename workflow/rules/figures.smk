@@ -95,8 +95,8 @@ rule figure_noise_calibration:
 rule figure_stability_discrimination:
     input:
         table=rules.stability.output[0],
-        scores="resources/ct_phantom4radiomics_draws.csv",
-        seeds="resources/default_study_seeds.csv",
+        scores=resource("ct_phantom4radiomics_draws.csv"),
+        seeds=resource("default_study_seeds.csv"),
         code=code("figures/stability_discrimination.py"),
     output:
         png=report(

@@ -7,8 +7,12 @@ localrules:
 rule plan_files:
     """Jobs, core-hours and bytes of the study that is configured, from measured rates."""
     input:
-        rates="resources/rates.yaml",
-        layout=present(PLAN.config["phantom"].get("layout")),
+        rates=resource("rates.yaml"),
+        layout=(
+            present(layout_file())
+            if PLAN.config["phantom"]["source"] == "synthetic"
+            else []
+        ),
         code=code("plan.py"),
     output:
         table=f"{RESULTS}/plan.csv",

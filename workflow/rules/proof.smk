@@ -15,7 +15,7 @@ from virtual_phantom.proof.conceal.suite import (
 PROOF = PLAN.config["proof"]
 # Callbacks that XCIST imports by name.
 HOOKS = sorted(
-    os.path.relpath(os.path.join(LIBRARY, "virtual_phantom/proof/conceal/hooks", name))
+    shipped(os.path.join(LIBRARY, "virtual_phantom/proof/conceal/hooks", name))
     for name in os.listdir(os.path.join(LIBRARY, "virtual_phantom/proof/conceal/hooks"))
     if name.endswith(".py")
 )
@@ -50,9 +50,7 @@ SCANNED = parts_of(PROOF, "seed", "scan", "held_out_protocol")
 rule proof_phantom:
     """What is scanned, and, on voxels twice as large, what the diagnosis is told of it."""
     input:
-        layout=lambda wildcards: os.path.join(
-            "resources", OBJECTS[wildcards.phantom].layout
-        ),
+        layout=lambda wildcards: resource(OBJECTS[wildcards.phantom].layout),
         code=code("proof_phantom.py"),
     output:
         image=f"{RESULTS}/proof/phantoms/{{phantom}}/image.nii.gz",

@@ -24,7 +24,7 @@ rule recording_summary:
         files=lambda wildcards: [
             str(path) for path in RECORDINGS[wildcards.recording].files
         ],
-        schema="workflow/schemas/recording.schema.yaml",
+        schema=shipped(SCHEMAS / "recording.schema.yaml"),
         code=code("recording_summary.py"),
     output:
         f"{RESULTS}/recordings/{{recording}}/summary.json",

@@ -66,8 +66,8 @@ rule top_features:
     """The ten best features beside the paper's."""
     input:
         stability=rules.stability.output[0],
-        published="resources/published_top_features.csv",
-        scores="resources/ct_phantom4radiomics_draws.csv",
+        published=resource("published_top_features.csv"),
+        scores=resource("ct_phantom4radiomics_draws.csv"),
         code=code("top_features.py"),
     output:
         report(
@@ -94,7 +94,7 @@ rule overlap:
     """How many of the best features are also the measured phantom's best."""
     input:
         features=f"{RESULTS}/features.csv",
-        scores="resources/ct_phantom4radiomics_draws.csv",
+        scores=resource("ct_phantom4radiomics_draws.csv"),
         code=code("overlap.py"),
     output:
         f"{RESULTS}/tables/overlap.csv",

@@ -1,4 +1,4 @@
-"""The record of the blind test, resources/proof_record.yaml (docs/proof.md). Run it by hand:
+"""The record of the blind test, proof_record.yaml of the library's resources (docs/proof.md). Run it by hand:
 
 python workflow/scripts/proof_record.py add results/proof/score.json --state COMMIT --note "what differs" [--seen]
 python workflow/scripts/proof_record.py coverage FIRST/score.json SECOND/score.json   95 % intervals side by side
@@ -8,10 +8,8 @@ python workflow/scripts/proof_record.py pooled                           all uns
 
 import argparse
 import sys
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "lib"))
-
+from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io.documents import SCORE, read_document
 from virtual_phantom.proof.conceal import seal
@@ -20,7 +18,7 @@ from virtual_phantom.proof.score.rows import rows
 from virtual_phantom.report.proof import tally
 from virtual_phantom.statistics.proof_record import read
 
-RECORD = Path(__file__).resolve().parents[2] / "resources" / "proof_record.yaml"
+RECORD = RESOURCES / "proof_record.yaml"
 
 
 def main() -> int:

@@ -1,7 +1,7 @@
-"""Where the files lie that the library reads by itself: JSON schemas, and tables of measurements and layouts."""
+"""Where the files lie that come with the library: JSON schemas, and tables of measurements, layouts and costs."""
 
 from pathlib import Path
 
-_PROJECT = Path(__file__).resolve().parents[4]
-SCHEMAS = _PROJECT / "workflow" / "schemas"
-RESOURCES = _PROJECT / "resources"
+_PACKAGE = Path(__file__).resolve().parents[1]
+SCHEMAS = _PACKAGE / "schemas"
+RESOURCES = _PACKAGE / "resources"

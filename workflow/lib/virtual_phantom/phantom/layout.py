@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from ..base.data import RESOURCES
 from ..base.errors import InputError
 from ..base.streams import Stream
 from ..io.schema import check_nesting
 from .shapes import Ellipsoid, Tube
 from .texture import Component, Texture
 
+OWN = RESOURCES / "phantom.yaml"
 NAME = re.compile(r"[A-Za-z0-9_]+")
 
 
@@ -37,9 +39,9 @@ class RoiSpec:
     shape: Ellipsoid
 
 
-def read_layout(path: str | Path) -> dict:
-    """The layout file as a dictionary. Raises InputError if it is missing or not YAML."""
-    path = Path(path)
+def read_layout(path: str | Path | None = None) -> dict:
+    """A layout file as a dictionary; None is the library's own. Raises InputError if it is missing or not YAML."""
+    path = OWN if path is None else Path(path)
     try:
         layout = yaml.safe_load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -6,6 +6,8 @@ loops over the same axis ran 1.5 to 3 times slower: LLVM cannot prove that input
 """
 
 import hashlib
+import os
+import tempfile
 from pathlib import Path
 
 import numba
@@ -22,10 +24,19 @@ OPTIONS = dict(fastmath=True, nogil=True, cache=True, error_model="numpy", _nrt=
 
 
 def _cache_folder() -> str:
-    """A folder for compiled kernels that changes with any of their files."""
+    """A folder for compiled kernels that changes with any of their files: beside them, or among the user's caches where
+    nothing may be written beside them."""
     here = Path(__file__).resolve().parent
     content = b"".join((here / name).read_bytes() for name in KERNEL_FILES)
-    return str(here / "__pycache__" / hashlib.sha256(content).hexdigest()[:16])
+    name = hashlib.sha256(content).hexdigest()[:16]
+    beside = here / "__pycache__" / name
+    try:
+        beside.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=beside).close()
+    except OSError:
+        users = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+        return os.path.join(users, "virtual_phantom", name)
+    return str(beside)
 
 
 # Numba notices a change in a kernel's own file only, and would run old machine code of what it calls from the others.

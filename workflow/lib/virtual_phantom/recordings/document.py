@@ -57,7 +57,7 @@ class Document:
 def read_document(folder: str | Path) -> Document:
     """Read and check recording.yaml in `folder`.
 
-    Raises InputError, one line, if it is missing, not YAML, refused by workflow/schemas/recording.schema.yaml, holds a
+    Raises InputError, one line, if it is missing, not YAML, refused by schemas/recording.schema.yaml, holds a
     number that is not finite or a section of another kind of recording, names a file twice, or names a path that is
     not there or leads out of the folder.
     """

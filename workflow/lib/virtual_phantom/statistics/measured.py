@@ -1,6 +1,6 @@
 """Measured references: facts derived from scans of the real phantom, and the full table where a user has it.
 
-Two public data sets of the anthropomorphic phantom that the paper simulates (see resources/README.md):
+Two public data sets of the anthropomorphic phantom that the paper simulates (see README.md of the resources):
   CT-Phantom4Radiomics, TCIA, doi 10.7937/a1v1-rc66, CC BY 4.0: the paper's tandem study, 8 parameter groups,
   one scanner.
     Features (public repository Joingl/radiomic-features) are of the largest 2D cross-section of each ROI,

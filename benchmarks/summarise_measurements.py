@@ -1,10 +1,10 @@
-"""Write this folder's summaries of the measured feature tables. Run by hand when a source table changes:
+"""Write the library's summaries of the measured feature tables. Run by hand when a source table changes:
 
-    PYTHONPATH=workflow/lib python resources/summarise_measurements.py STUDY_TABLE DOSE_TABLE
+    python benchmarks/summarise_measurements.py STUDY_TABLE DOSE_TABLE
 
 STUDY_TABLE   features of CT-Phantom4Radiomics (`features_2d.csv`)
 DOSE_TABLE    features of the dose series on the SOMATOM Definition Edge (`features_3d.csv`)
-Sources, licences and what each written file holds: README.md beside this script.
+Sources, licences and what each written file holds: README.md of the library's resources.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pandas as pd
 
+from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.io.files import replacing
 from virtual_phantom.statistics import measured, repeats, wilcoxon
 
-HERE = Path(__file__).resolve().parent
 # Repeats that studies have are drawn of the acquisitions without re-positioning; of all of them, those of the default.
 DRAWN = {"fixed": range(2, 20), "all": (10,)}
 
@@ -59,7 +59,7 @@ def draw_scores(study: pd.DataFrame, drawn: dict = DRAWN) -> pd.DataFrame:
 
 def write(table: pd.DataFrame, name: str) -> None:
     """Eight significant digits: far below the spread over scans, and half the size."""
-    with replacing(HERE / name) as temporary:
+    with replacing(RESOURCES / name) as temporary:
         table.to_csv(temporary, index=False, lineterminator="\n", float_format="%.8g")
 
 

@@ -1,0 +1,113 @@
+"""The package as pip installs it, without the project's folder: library, data files, and the importer's command."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from scipy.io import savemat
+
+import virtual_phantom
+
+ROOT = Path(__file__).resolve().parents[1]
+PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
+STUDY = """
+import numpy as np
+import virtual_phantom
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.features.extraction import extract
+from virtual_phantom.phantom import layout, synthetic
+from virtual_phantom.physics.image import reconstruct
+from virtual_phantom.physics.line_integrals import clean_line_integrals
+from virtual_phantom.physics.noise import simulate_counts
+
+MU_WATER_PER_MM = 0.0193
+scanner = {"source_to_isocentre_mm": 500.0, "source_to_detector_mm": 1000.0}
+detector = {"columns": 100, "rows": 30, "column_pitch_mm": 7.0, "row_pitch_mm": 10.0}
+grid = Grid((24, 80, 80), (4.0, 3.75, 3.75))
+phantom = synthetic.build(layout.read_layout(), grid, 1, np.random.SeedSequence(1))
+scan = circular(views=90, **scanner, **detector)
+lines = clean_line_integrals(phantom.fine, scan, MU_WATER_PER_MM)
+noisy = simulate_counts(lines, 1e-6, "astra", np.random.SeedSequence(2)).line_integrals(0.5)
+image, = reconstruct(noisy[None], scan, grid, "fbp", {}, engine="cpu", mu_water_per_mm=MU_WATER_PER_MM)
+features = extract(image, {roi.name: roi.mask for roi in phantom.rois})
+measured = features.set_index("roi")["original_firstorder_Mean"]
+for roi in phantom.rois:
+    print(roi.name, measured[roi.name], phantom.image.array[roi.mask].mean())
+print(virtual_phantom.__file__)
+"""
+
+
+def run(*command, cwd, **environment):
+    """What a program prints that is run in a folder, with this interpreter's packages."""
+    environment = os.environ | environment
+    process = subprocess.run(command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=300)
+    assert process.returncode == 0, process.stderr[-3000:]
+    return process.stdout
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """A folder into which pip installed the wheel. Building writes beside the sources, so that it has its own copy."""
+    source, wheels, target = (tmp_path_factory.mktemp(name) for name in ("source", "wheels", "target"))
+    for name in ("pyproject.toml", "LICENSE"):
+        shutil.copy2(ROOT / name, source)
+    leave_out = shutil.ignore_patterns("__pycache__", "*.egg-info", "*.tmp.*")
+    shutil.copytree(ROOT / "workflow" / "lib", source / "workflow" / "lib", ignore=leave_out)
+    alone = ("--no-index", "--no-deps")
+    run(*PIP, "wheel", *alone, "--no-build-isolation", "--wheel-dir", str(wheels), ".", cwd=source)
+    (wheel,) = wheels.glob("virtual_phantom-*.whl")
+    assert wheel.name.split("-")[1] == virtual_phantom.__version__
+    run(*PIP, "install", *alone, "--target", str(target), str(wheel), cwd=source)
+    return target
+
+
+def test_a_study_in_a_few_lines(installed, tmp_path):
+    assert len([line for line in STUDY.splitlines() if line and not line.startswith(("import", "from"))]) <= 20
+    *rois, place = run(sys.executable, "-c", STUDY, cwd=tmp_path, PYTHONPATH=str(installed)).splitlines()
+    assert Path(place).is_relative_to(installed)
+    assert len(rois) == 6
+    for name, measured, true in map(str.split, rois):
+        assert float(measured) == pytest.approx(float(true), abs=25), name  # HU
+
+
+def test_every_file_that_the_library_reads_is_there(installed):
+    ours, theirs = (
+        {
+            str(path.relative_to(place))
+            for path in place.rglob("*")
+            if path.is_file() and "__pycache__" not in path.parts
+        }
+        for place in (Path(virtual_phantom.__file__).parent, installed / "virtual_phantom")
+    )
+    assert {path for path in ours if not Path(path).name.startswith(".")} == theirs
+
+
+def test_where_nothing_may_be_written_kernels_go_to_the_user_s_cache(installed, tmp_path):
+    copy = tmp_path / "readonly"
+    shutil.copytree(
+        installed / "virtual_phantom", copy / "virtual_phantom", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    for folder in (copy / "virtual_phantom").iterdir():
+        if folder.is_dir():
+            (folder / "__pycache__").touch()  # no folder can be made there, by root neither
+    program = "from virtual_phantom.projectors import lanes; from virtual_phantom.physics import poisson, prism"
+    variables = {"PYTHONPATH": str(copy), "XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": ""}
+    kernels = run(sys.executable, "-c", program + "; print(lanes.numba.config.CACHE_DIR)", cwd=tmp_path, **variables)
+    assert Path(kernels.strip()).is_relative_to(tmp_path / "cache")
+
+
+def test_the_importer_is_a_command(installed, tmp_path):
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    (name,) = scripts
+    geometry = {"distanceSourceOrigin": 410.66, "distanceSourceDetector": 553.74, "distanceUnit": "mm"}
+    views = {"angles": [float(angle) for angle in range(0, 361, 30)], "numDetectorsPost": 112, "pixelSizePost": 1.0}
+    sinogram = [[0.5] * 112 for _ in views["angles"]]
+    content = {"type": "2d", "sinogram": sinogram, "parameters": {**geometry, **views}}
+    savemat(tmp_path / "s.mat", {"CtDataFull": content})
+    words = (sys.executable, str(installed / "bin" / name), "htc2022", "s.mat", "disc")
+    assert "disc: projections, 1 repeats" in run(*words, cwd=tmp_path, PYTHONPATH=str(installed))
+    assert (tmp_path / "disc" / "recording.yaml").exists()

@@ -1,0 +1,46 @@
+"""Make a recording folder from another format (docs/recordings.md):
+
+virtual-phantom-import htc2022 SINOGRAM.mat FOLDER [--segmentation S.mat]   Helsinki challenge
+virtual-phantom-import features TABLE.csv FOLDER       a published table of features
+virtual-phantom-import dicom TREE FOLDER [--kernel K]  a tree of DICOM series, one repeat each
+virtual-phantom-import study results/projections/GEOMETRY/NOISE FOLDER   a study's acquisitions
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from ...base.errors import InputError
+from ..summary import readable, summary, table
+from .dicom_tree import import_dicom_tree
+from .feature_tables import import_features
+from .htc2022 import import_htc2022
+from .study import import_study
+
+IMPORTERS = {"htc2022": import_htc2022, "features": import_features, "dicom": import_dicom_tree, "study": import_study}
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Import what the command line asks for, or these words of one, and print what came in; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="virtual-phantom-import", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    formats = parser.add_subparsers(dest="format", required=True)
+    for name in IMPORTERS:
+        options = formats.add_parser(name)
+        options.add_argument("source", help="what to read")
+        options.add_argument("folder", help="recording folder to write; its name becomes the recording's")
+        options.add_argument("--phantom", help="what was scanned, for recording.yaml")
+        if name == "htc2022":
+            options.add_argument("--segmentation", help="the data set's own (.mat): becomes object.nii.gz")
+        if name == "dicom":
+            options.add_argument("--kernel", help="take the series of this reconstruction kernel only")
+    arguments = vars(parser.parse_args(words))
+    run = IMPORTERS[arguments.pop("format")]
+    try:
+        recording = run(arguments.pop("source"), arguments.pop("folder"), **arguments)
+    except InputError as error:
+        print(f"Error: {error}", file=sys.stderr)
+        return 1
+    print(readable(table({recording.name: summary(recording)})))
+    return 0
