@@ -22,7 +22,7 @@ OUTSIDE = (
     "config/README.md",
     "workflow/lib/virtual_phantom/resources/README.md",
     "workflow/lib/virtual_phantom/resources/rates.yaml",
-    "profiles/slurm/config.yaml",
+    "workflow/profiles/slurm/config.yaml",
 )
 LINK = re.compile(r"(\]\()(?![a-z]+:|#)([^)#\s]+)")
 

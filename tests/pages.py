@@ -20,7 +20,7 @@ MARKED = re.compile(
     r"^<!-- (write|run|prints|makes)(?: (?!on )(\S+))?( on slurm)? -->\n+```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL
 )
 TIMEOUT_S = 900
-PARTS = ("Snakefile", "config", "docs", "profiles", "pyproject.toml", "tests", "workflow")
+PARTS = ("config", "docs", "pyproject.toml", "tests", "workflow")
 BEING_WRITTEN = shutil.ignore_patterns("*.tmp.*", "*.pyc.*")  # by other tests; compiled kernels come along
 
 

@@ -42,7 +42,7 @@ def command(results, *targets, overlay=None):
                 "snakemake",
                 *targets,
                 "--profile",
-                "profiles/slurm",
+                "workflow/profiles/slurm",
                 "--nolock",
                 "--slurm-init-seconds-before-status-checks",
                 5,

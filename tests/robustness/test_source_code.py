@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SOURCES = sorted(
     path for folder in ("workflow", "docs", "benchmarks") for path in (ROOT / folder).rglob("*.py") if path.is_file()
 )
-RULES = [ROOT / "Snakefile", *sorted((ROOT / "workflow" / "rules").glob("*.smk"))]
+RULES = [ROOT / "workflow" / "Snakefile", *sorted((ROOT / "workflow" / "rules").glob("*.smk"))]
 IMPORTS = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal", "subprocess", "xml", "lxml"}
 CALLS = {"eval", "exec", "compile", "__import__", "os.system", "os.popen", "yaml.load", "yaml.full_load"}
 CALLS |= {"yaml.unsafe_load", "pandas.read_pickle", "pd.read_pickle", "nibabel.load", "pandas.read_xml", "pd.read_xml"}

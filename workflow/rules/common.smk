@@ -4,8 +4,14 @@ import os
 import sys
 from pathlib import Path
 
-# Where these rules lie, whoever's Snakefile includes them and wherever it runs.
-WORKFLOW = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parent
+# Where these rules lie, whoever's Snakefile uses them and wherever it runs.
+RULES = workflow.current_basedir.get_path_or_uri(secret_free=True)
+if not os.path.isdir(RULES):
+    sys.exit(
+        f"Error: {RULES}: the rules need the library beside them; clone the repository and name the workflow/Snakefile of "
+        "the clone by its path"
+    )
+WORKFLOW = Path(RULES).parent
 LIBRARY = str(WORKFLOW / "lib")
 # The library beside the rules, whether one is installed or not: they change together. Scripts run in processes of their
 # own and find it by the variable.

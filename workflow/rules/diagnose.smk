@@ -37,10 +37,6 @@ except InputError as error:
     sys.exit(f"Error: {error}")
 
 
-localrules:
-    diagnosis,
-
-
 rule diagnosis_alignment:
     """The simulator with nothing but alignment: what every effect is held against."""
     input:
@@ -125,3 +121,4 @@ rule diagnosis:
             f"{RESULTS}/diagnosis/{name}/diagnosis.json"
             for name in [*DIAGNOSED, *DIAGNOSED_COMPARISONS]
         ],
+    localrule: True

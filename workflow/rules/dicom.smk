@@ -5,10 +5,6 @@ except InputError as error:
     sys.exit(f"Error: {error}")
 
 
-localrules:
-    dicom,
-
-
 rule dicom_series:
     """One image as a CT series, its ROIs as a SEG beside it."""
     input:
@@ -35,3 +31,4 @@ rule dicom:
     """Images as DICOM series."""
     input:
         exported,
+    localrule: True

@@ -1,11 +1,4 @@
 # Pages for a browser, each in one file.
-
-
-localrules:
-    report_page,
-    viewer,
-
-
 rule viewer_page:
     """Slices of the input, FBP, SIRT and what they differ by, to flip through."""
     input:
@@ -33,6 +26,7 @@ rule viewer_page:
 rule viewer:
     input:
         rules.viewer_page.output[0],
+    localrule: True
 
 
 SECTIONS = {
@@ -91,3 +85,4 @@ rule report_page:
     input:
         rules.study_report.output[0],
         rules.viewer_page.output[0] if "optimal" in ANALYSES else [],
+    localrule: True

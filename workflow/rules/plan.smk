@@ -1,9 +1,4 @@
 # What the study would cost, before anyone pays. docs/cluster.md says what it rests on.
-localrules:
-    plan,
-    plan_files,
-
-
 rule plan_files:
     """Jobs, core-hours and bytes of the study that is configured, from measured rates."""
     input:
@@ -20,6 +15,7 @@ rule plan_files:
         text=f"{RESULTS}/plan.txt",
     log:
         f"{RESULTS}/logs/plan.log",
+    localrule: True
     params:
         config=PLAN.config,
         engine=ENGINE,
@@ -33,5 +29,6 @@ rule plan:
         text=rules.plan_files.output.text,
     log:
         f"{RESULTS}/logs/plan_printed.log",
+    localrule: True
     script:
         "../scripts/show.py"

@@ -27,12 +27,6 @@ except InputError as error:
     sys.exit(f"Error: {error}")
 
 
-localrules:
-    proof,
-    proof_seal,
-    proof_verdicts,
-
-
 wildcard_constraints:
     case="case_[0-9]+",
     phantom="|".join(PHANTOMS),
@@ -90,6 +84,7 @@ rule proof_seal:
         seals=f"{RESULTS}/proof/seals.json",
     log:
         f"{RESULTS}/logs/proof/seal.log",
+    localrule: True
     params:
         settings=DRAWN,
     script:
@@ -186,6 +181,7 @@ rule proof_verdicts:
         proof_cases("verdicts/{case}.json"),
     log:
         f"{RESULTS}/logs/proof/verdicts.log",
+    localrule: True
     script:
         "../scripts/proof_verdicts.py"
 
@@ -239,3 +235,4 @@ rule proof:
     """The blind test."""
     input:
         rules.proof_score.output,
+    localrule: True

@@ -13,11 +13,6 @@ wildcard_constraints:
     recording="[A-Za-z0-9_]+",
 
 
-localrules:
-    recordings,
-    alignment,
-
-
 rule recording_summary:
     """Read and check one recording; what was found, what is known of the scan, what is missing."""
     input:
@@ -79,6 +74,7 @@ rule recordings:
         f"{RESULTS}/recordings/recordings.csv",
     log:
         f"{RESULTS}/logs/recordings.log",
+    localrule: True
     resources:
         mem_mb=500,
         runtime=5,
@@ -161,3 +157,4 @@ rule alignment:
             ]
             for name in ALIGNED
         ],
+    localrule: True

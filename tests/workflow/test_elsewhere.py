@@ -1,0 +1,82 @@
+"""The workflow as others use workflows: from a folder that holds a configuration and nothing else."""
+
+import re
+import shutil
+import subprocess
+import sys
+
+import pytest
+from workflow_runs import ROOT, planned
+
+SNAKEFILE = ROOT / "workflow" / "Snakefile"
+MODULE = f"""
+configfile: "config/config.yaml"
+
+
+module virtual_phantom:
+    snakefile:
+        "{SNAKEFILE}"
+    config:
+        config
+
+
+use rule * from virtual_phantom{{names}}
+
+
+onstart:
+    virtual_phantom.onstart()
+"""
+TABLE = "results-tiny/features/fbp_150/dose10/seed00.csv"
+
+
+def snakemake(folder, *words, cwd=None):
+    """Snakemake on the tiny study, without PYTHONPATH."""
+    command = [sys.executable, "-m", "snakemake", "--cores", "2", *map(str, words)]
+    command += ["--configfile", str(folder / "config" / "tiny.yaml")]
+    return subprocess.run(command, cwd=cwd or folder, capture_output=True, text=True, timeout=600)
+
+
+def jobs_of(process):
+    """{rule: [wildcards], sorted} of a dry run."""
+    return {rule: sorted(jobs) for rule, jobs in planned(process).items()}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A copy of two files of the configuration."""
+    place = tmp_path / "study"
+    (place / "config").mkdir(parents=True)
+    for name in ("config.yaml", "tiny.yaml"):
+        shutil.copy(ROOT / "config" / name, place / "config")
+    return place
+
+
+def test_one_run_by_directory_goes_on_as_a_module(folder, tmp_path):
+    """Both find the same files and make them of the same inputs: the second has nothing to do again."""
+    process = snakemake(folder, TABLE, "-s", SNAKEFILE, "--directory", folder, cwd=tmp_path)
+    assert process.returncode == 0 and (folder / TABLE).stat().st_size > 1000, process.stderr[-3000:]
+    made = (folder / TABLE).read_bytes()
+
+    (folder / "Snakefile").write_text(MODULE.format(names=""))
+    assert "Nothing to be done" in snakemake(folder, TABLE).stderr
+    other = TABLE.replace("fbp", "sirt")
+    process = snakemake(folder, other)
+    said = process.stdout + process.stderr
+    assert process.returncode == 0 and (folder / other).exists(), said[-3000:]
+    # Our lines in place of Snakemake's, as in the project's own folder.
+    assert re.search(r"^[\d:]+ (\d+) of \1 jobs done", said, re.MULTILINE) and "rule extract" not in said
+    assert (folder / TABLE).read_bytes() == made
+    assert sorted(path.name for path in folder.iterdir()) == [".snakemake", "Snakefile", "config", "results-tiny"]
+
+
+def test_all_of_the_study_is_planned_as_in_the_project(folder, tmp_path):
+    """By its own names and by others; local rules are local by both."""
+    here = jobs_of(snakemake(folder, "-n", cwd=ROOT))
+    assert len(here) > 20
+    assert jobs_of(snakemake(folder, "-n", "-s", SNAKEFILE, "--directory", folder, cwd=tmp_path)) == here
+    for names in ("", " as phantom_*"):
+        (folder / "Snakefile").write_text(MODULE.format(names=names))
+        process = snakemake(folder, "-n")
+        renamed = {names.removeprefix(" as ").replace("*", rule) or rule: jobs for rule, jobs in here.items()}
+        assert jobs_of(process) == renamed
+        assert "localrules directive" not in process.stderr
