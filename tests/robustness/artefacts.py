@@ -31,8 +31,15 @@ DIAGNOSIS = {
     "recording": "bench",
     "sentence": "Scatter is missing.",
     "verdict": "mismatch explained",
-    "effects": [{"name": "scatter", "parameters": {"amount": AMOUNT, "width_mm": WIDTH}}],
-    "alignment": {"scale": {"value": 1.0, "ci95": [0.99, 1.01], "unit": ""}},
+    "effects": [
+        {
+            "name": "scatter",
+            "physics": "",
+            "parameters": {"amount": AMOUNT, "width_mm": WIDTH},
+            "evidence": {"held_out_gain": 9.0, "p": 0.0},
+        }
+    ],
+    "alignment": {"scale": {"value": 1.0, "ci95": [0.99, 1.01]}},
 }
 
 
@@ -120,13 +127,14 @@ def _diagnosis(part: str) -> Callable[[Path], Path]:
 FOUND = {
     "locations": [],
     "ambiguous_with": {},
-    "ruled_out": [],
+    "ruled_out": {},
     "fit": {},
     "held_out": {},
     "excess_removed": 0.875,
     "remainder_sd": 0.5,
     "unexplained": [],
-    "next_measurement": "",
+    "next_measurement": [],
+    "held_out_data": "",
 }
 
 
