@@ -32,14 +32,14 @@ def first_turn(recording):
     whole = recording.geometry
     kept = slice(0, 720, 2)
     geometry = OrbitGeometry(
-        whole.source_to_isocentre_mm,
-        whole.source_to_detector_mm,
-        whole.columns,
-        whole.rows,
-        whole.column_pitch_mm,
-        whole.row_pitch_mm,
-        whole.angles_rad[kept],
-        whole.source_z_mm[kept],
+        source_to_isocentre_mm=whole.source_to_isocentre_mm,
+        source_to_detector_mm=whole.source_to_detector_mm,
+        columns=whole.columns,
+        rows=whole.rows,
+        column_pitch_mm=whole.column_pitch_mm,
+        row_pitch_mm=whole.row_pitch_mm,
+        angles_rad=whole.angles_rad[kept],
+        source_z_mm=whole.source_z_mm[kept],
         views_per_rotation=360,
     )
     return recording.repeats[0].data[kept], geometry
