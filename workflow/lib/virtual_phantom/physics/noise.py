@@ -68,8 +68,10 @@ def acquire(
     """
     if draws not in (INDEPENDENT, COMMON):
         raise ValueError(f"draws '{draws}': use {INDEPENDENT} or {COMMON}")
-    labels = (study_seed, seed) if draws == COMMON else (study_seed, geometry, noise, seed)
-    stream = (common_acquisition if draws == COMMON else acquisition)(*labels)
+    if draws == COMMON:
+        stream = common_acquisition(study_seed, seed)
+    else:
+        stream = acquisition(study_seed, geometry, noise, seed)
     if state is None:
         return simulate_counts(line_integrals, noise_level, model, stream)
     lit = replace(state, photons=state.photons / noise_level)
