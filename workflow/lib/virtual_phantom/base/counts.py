@@ -13,9 +13,14 @@ from .errors import InputError
 class Counts:
     """What the detector reads in one acquisition.
 
-    data      photons [view, row, column]: whole numbers, or fractions where the detector shares or adds to them
-    white     expected photons without an object: I0, or [row, column]
-    scale     line integral per unit of -ln(data / white): 1, or p_max in the "astra" model
+    Attributes
+    ----------
+    data : ndarray, shape (views, rows, columns)
+        Photons: whole numbers, or fractions where the detector shares or adds to them.
+    white : float or ndarray, shape (rows, columns)
+        Photons expected without an object; one number, I0, if it is the same in all pixels.
+    scale : float
+        Line integral per unit of -ln(data / white): 1, or p_max in the "astra" model.
     """
 
     data: np.ndarray
@@ -23,7 +28,22 @@ class Counts:
     scale: float
 
     def line_integrals(self, zero_counts_as: float) -> np.ndarray:
-        """-scale ln(data / white), float32. Pixels without a photon are read as `zero_counts_as` photons, in (0, 1]."""
+        """-scale ln(data / white).
+
+        Parameters
+        ----------
+        zero_counts_as : float
+            Photons, in (0, 1], that a pixel without one is read as.
+
+        Returns
+        -------
+        ndarray of float32, shape (views, rows, columns)
+
+        Raises
+        ------
+        InputError
+            If `zero_counts_as` is not in (0, 1].
+        """
         if not 0 < zero_counts_as <= 1:
             raise InputError(f"noise.zero_counts_as {zero_counts_as}: must be over 0 and at most 1 photon")
         photons = np.maximum(self.data, np.float32(zero_counts_as), dtype=np.float32)

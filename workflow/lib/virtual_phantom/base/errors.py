@@ -16,7 +16,22 @@ class InputError(ValueError):
 
 
 def meant(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
-    """What to say of a name that is none of `choices`: the one nearest to it, or all of them after `otherwise`."""
+    """What to say of a name that is none of the choices.
+
+    Parameters
+    ----------
+    name : str
+        What the user wrote.
+    choices : iterable of str
+        What would have been right.
+    otherwise : str, optional
+        What precedes the list of all choices.
+
+    Returns
+    -------
+    str
+        The choice nearest to the name as a question; where none is near, all of them after `otherwise`.
+    """
     choices = list(choices)
     close = difflib.get_close_matches(str(name), choices, 1)
     return f"did you mean '{close[0]}'?" if close else f"{otherwise}: {', '.join(choices) or 'none'}"
@@ -26,8 +41,23 @@ def meant(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
 def refusing(what: str, *kinds: type[Exception], advice: str = "", quoted: bool = True) -> Iterator[None]:
     """Turn exceptions of these kinds into an InputError: `what` is wrong, the reason in brackets, and what to do.
 
-    quoted   the reason is what the exception says; False: its type alone
     An InputError passes as it is, though it is a ValueError: it says already what is wrong.
+
+    Parameters
+    ----------
+    what : str
+        Beginning of the message: the file or key, and what is wrong with it.
+    *kinds : type of Exception
+        Which exceptions to turn.
+    advice : str, optional
+        End of the message: what to do.
+    quoted : bool, optional
+        True: the reason is what the exception says; False: its type alone.
+
+    Raises
+    ------
+    InputError
+        For any exception of these kinds within the block.
     """
     try:
         yield
@@ -43,6 +73,18 @@ def reading(source: object, kind: str) -> Iterator[None]:
     """Turn whatever a reader raises on a broken file into an InputError that names the file and what it should be.
 
     What the reader says is left out: of a broken header it may quote all that follows, a patient's name too.
+
+    Parameters
+    ----------
+    source : object
+        The file or folder, for the message.
+    kind : str
+        What it should be, such as "DICOM SEG".
+
+    Raises
+    ------
+    InputError
+        For any exception within the block.
     """
     # Readers of others' formats raise many types.
     with refusing(f"{source}: cannot be read as {kind}", Exception, advice="is the file complete?", quoted=False):

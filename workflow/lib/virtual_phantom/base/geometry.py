@@ -28,9 +28,19 @@ from .vectors import ScanGeometry
 class Grid:
     """A regular voxel grid, its axes along the scanner frame.
 
-    shape      voxels (z, y, x)
-    spacing    mm (z, y, x)
-    centre_mm  where the centre of the grid lies in the NIfTI world frame, mm (x, y, z)
+    Attributes
+    ----------
+    shape : tuple of 3 int
+        Voxels (z, y, x).
+    spacing : tuple of 3 float
+        Voxel size in mm (z, y, x).
+    centre_mm : tuple of 3 float
+        Where the centre of the grid lies in the NIfTI world frame, mm (x, y, z).
+
+    Raises
+    ------
+    InputError
+        If a voxel count or size is not positive, or there are not three of each.
     """
 
     shape: tuple[int, int, int]
@@ -56,6 +66,7 @@ class Grid:
 
     @property
     def voxel_volume_mm3(self) -> float:
+        """Volume of one voxel, cubic mm."""
         return math.prod(self.spacing)
 
     @property
@@ -93,10 +104,26 @@ class Grid:
 class OrbitGeometry(ScanGeometry):
     """A circular or helical scan (see the module's docstring for the frame).
 
-    angles_rad     view angles, radians, (views,)
-    source_z_mm    source height in every view, mm, (views,); constant for a circular scan
-    views_per_rotation  how many views make one turn; weights of FDK need it
-    The detector's reference point is the foot of the perpendicular from the source.
+    The detector's reference point is the foot of the perpendicular from the source. Other attributes are those of
+    ScanGeometry.
+
+    Attributes
+    ----------
+    source_to_isocentre_mm : float
+        Radius of the source's orbit, mm.
+    source_to_detector_mm : float
+        From the source to the detector's reference point, mm.
+    angles_rad : ndarray, shape (views,)
+        View angles, radians.
+    source_z_mm : ndarray, shape (views,)
+        Source height in every view, mm; constant for a circular scan.
+    views_per_rotation : float
+        How many views make one turn; weights of FDK need it.
+
+    Raises
+    ------
+    InputError
+        If there is no view, the arrays differ in length, or the isocentre does not lie between source and detector.
     """
 
     source_to_isocentre_mm: float
@@ -118,30 +145,36 @@ class OrbitGeometry(ScanGeometry):
 
     @property
     def views(self) -> int:
+        """How many views the scan has."""
         return self.angles_rad.size
 
     @cached_property
     def source_mm(self) -> np.ndarray:
+        """Where the source is, mm, shape (views, 3)."""
         sine, cosine = np.sin(self.angles_rad), np.cos(self.angles_rad)
         radius = self.source_to_isocentre_mm
         return np.stack([-radius * sine, radius * cosine, self.source_z_mm], axis=1)
 
     @cached_property
     def toward_mm(self) -> np.ndarray:
+        """From the source to the detector's reference point, mm, shape (views, 3)."""
         sine, cosine = np.sin(self.angles_rad), np.cos(self.angles_rad)
         distance = self.source_to_detector_mm
         return np.stack([distance * sine, -distance * cosine, np.zeros(self.views)], axis=1)
 
     @cached_property
     def detector_mm(self) -> np.ndarray:
+        """Where the detector's reference point is, mm, shape (views, 3)."""
         return self.source_mm + self.toward_mm
 
     @cached_property
     def column_direction(self) -> np.ndarray:
+        """Unit vectors of increasing column, shape (views, 3)."""
         return np.stack([np.cos(self.angles_rad), np.sin(self.angles_rad), np.zeros(self.views)], axis=1)
 
     @cached_property
     def row_direction(self) -> np.ndarray:
+        """Unit vectors of increasing row, shape (views, 3)."""
         return np.tile([0.0, 0.0, 1.0], (self.views, 1))
 
     def every(self, step: int) -> OrbitGeometry:
@@ -160,6 +193,7 @@ class OrbitGeometry(ScanGeometry):
 
     @property
     def magnification(self) -> float:
+        """At the isocentre."""
         return self.source_to_detector_mm / self.source_to_isocentre_mm
 
     @property
@@ -177,13 +211,30 @@ class OrbitGeometry(ScanGeometry):
         return self.source_to_isocentre_mm * math.sin(fan)
 
     def solid_angles(self) -> np.ndarray:
-        """As ScanGeometry.solid_angles; alike in every view."""
+        """As ScanGeometry.solid_angles; alike in every view, so of shape (1, rows, columns)."""
         off = np.hypot(self.column_positions_mm(), self.row_positions_mm()[:, None])
         return (1 + (off / self.source_to_detector_mm) ** 2)[None] ** -1.5
 
 
 def orbit_of(geometry: ScanGeometry, who: str) -> OrbitGeometry:
-    """The geometry, for what only a circle or helix can do. Raises InputError, which says who, for any other."""
+    """The geometry itself, for what only a circle or helix can do.
+
+    Parameters
+    ----------
+    geometry : ScanGeometry
+        Any scan.
+    who : str
+        What needs a circle or helix, for the message.
+
+    Returns
+    -------
+    OrbitGeometry
+
+    Raises
+    ------
+    InputError
+        If the scan is neither a circle nor a helix.
+    """
     if not isinstance(geometry, OrbitGeometry):
         raise InputError(f"{who} needs a circular or helical scan; the scan geometry is given view by view")
     return geometry
@@ -192,7 +243,25 @@ def orbit_of(geometry: ScanGeometry, who: str) -> OrbitGeometry:
 def circular(
     *, views: int, turns: float = 1.0, start_angle_rad: float = 0.0, direction: int = 1, **detector
 ) -> OrbitGeometry:
-    """`views` evenly spaced over `turns` turns at one table position. `detector` holds OrbitGeometry's other fields."""
+    """Make a circular scan: views evenly spaced over some turns at one table position.
+
+    Parameters
+    ----------
+    views : int
+        How many views.
+    turns : float, optional
+        How many turns they are spread over.
+    start_angle_rad : float, optional
+        Angle of the first view, radians.
+    direction : {1, -1}, optional
+        Way of the turn: 1 from +x to +y.
+    **detector
+        OrbitGeometry's other fields.
+
+    Returns
+    -------
+    OrbitGeometry
+    """
     views_per_rotation = views / turns
     angles = start_angle_rad + direction * 2 * np.pi * np.arange(views) / views_per_rotation
     return OrbitGeometry(
@@ -210,10 +279,28 @@ def helical(
     direction: int = 1,
     **detector,
 ) -> OrbitGeometry:
-    """`views` evenly spaced on a helix centred on the isocentre.
+    """Make a helical scan: views evenly spaced on a helix centred on the isocentre.
 
-    pitch   table feed per turn over the detector's height as seen at the isocentre (IEC 60601-2-44)
-    turns   None: as many as carry the whole beam over the whole volume, (volume height + beam height) / feed
+    Parameters
+    ----------
+    views : int
+        How many views.
+    volume_height_mm : float
+        Height that the helix is to carry the beam over, mm.
+    pitch : float, optional
+        Table feed per turn over the detector's height as seen at the isocentre (IEC 60601-2-44).
+    turns : float, optional
+        None: as many as carry the whole beam over the whole volume, (volume height + beam height) / feed.
+    start_angle_rad : float, optional
+        Angle of the first view, radians.
+    direction : {1, -1}, optional
+        Way of the turn: 1 from +x to +y.
+    **detector
+        OrbitGeometry's other fields.
+
+    Returns
+    -------
+    OrbitGeometry
     """
     beam = (
         detector["rows"]
@@ -233,12 +320,35 @@ def grid_of(settings: dict) -> Grid:
     """The grid of the configuration's `grid` section, centred at 0: what the phantom is made on.
 
     A CT puts it where it lies in the world itself, so that from then on the grid is that of the phantom's image.
+
+    Parameters
+    ----------
+    settings : dict
+        The section: `shape`, voxels (z, y, x), and `spacing_mm`, mm (z, y, x).
+
+    Returns
+    -------
+    Grid
     """
     return Grid(tuple(settings["shape"]), tuple(settings["spacing_mm"]))
 
 
 def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
-    """The geometry of a complete `scan` section of the configuration with `projections` views around `grid`."""
+    """The geometry that a complete `scan` section of the configuration asks for.
+
+    Parameters
+    ----------
+    scan : dict
+        The section, with its defaults filled in.
+    projections : int
+        How many views.
+    grid : Grid
+        What a helix has to cover along z.
+
+    Returns
+    -------
+    OrbitGeometry
+    """
     detector = {
         key: scan[key]
         for key in (

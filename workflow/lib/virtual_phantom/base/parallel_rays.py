@@ -16,14 +16,34 @@ class ParallelRays:
     Only complete angles are held, those of which every ray was measured: where the outermost ones are missing, the ramp
     filter would take the cut for an edge.
 
-    angles_rad      ray directions (sin, -cos), `half_turn` of them per pi
-    t_mm            signed distances of the rays from the isocentre's axis, as dense as the detector's columns
-    view_step       radians from view to view, signed
-    view_of_angle   fractional view of the central ray of each angle
-    periodic        whole turns in one plane: view 0 follows the last view
+    Parameters
+    ----------
+    geometry : ScanGeometry
+        A circle or helix.
 
-    Raises InputError for a scan that is no circle or helix, of one view or one column, or of less than half a turn and
-    the fan.
+    Attributes
+    ----------
+    geometry : OrbitGeometry
+        The scan.
+    half_turn : int
+        How many angles there are per pi.
+    angles_rad : ndarray, shape (angles,)
+        Ray directions (sin, -cos), radians.
+    t_mm : ndarray, shape (columns,)
+        Signed distances of the rays from the isocentre's axis, as dense as the detector's columns.
+    t_pitch_mm : float
+        From one of these distances to the next, mm.
+    view_step : float
+        Radians from view to view, signed.
+    view_of_angle : ndarray, shape (angles,)
+        Fractional view of the central ray of each angle.
+    periodic : bool
+        Whole turns in one plane: view 0 follows the last view.
+
+    Raises
+    ------
+    InputError
+        For a scan that is no circle or helix, of one view or one column, or of less than half a turn and the fan.
     """
 
     def __init__(self, geometry: ScanGeometry):
@@ -56,7 +76,18 @@ class ParallelRays:
         self.view_of_angle = (self.angles_rad - geometry.angles_rad[0]) / self.view_step
 
     def rebin(self, stack: np.ndarray) -> Iterator[np.ndarray]:
-        """Yield, angle by angle, [row, t] of projections [view, row, column], linearly interpolated; 0 if unknown."""
+        """Interpolate projections linearly to parallel rays, angle by angle.
+
+        Parameters
+        ----------
+        stack : ndarray, shape (views, rows, columns)
+            Projections of the fan.
+
+        Yields
+        ------
+        ndarray, shape (rows, columns)
+            Projections [row, t] of the next angle; 0 where unknown.
+        """
         geometry = self.geometry
         fan = np.arcsin(np.clip(self.t_mm / geometry.source_to_isocentre_mm, -1, 1))
         column = np.tan(fan) * geometry.source_to_detector_mm / geometry.column_pitch_mm
@@ -79,10 +110,19 @@ class ParallelRays:
             yield np.where(known[:, None], rows, np.float32(0)).T
 
     def directions_seen(self, points_mm: np.ndarray) -> np.ndarray:
-        """How many of the `half_turn` directions some view sees each point (x, y, z; mm) in, (points,).
+        """How many of the `half_turn` directions some view sees each point in.
 
         Seen is what falls between the centres of the outermost columns and of the outermost rows (on the row, if there
         is but one), the same as in the reconstruction.
+
+        Parameters
+        ----------
+        points_mm : ndarray, shape (points, 3)
+            Points (x, y, z), mm.
+
+        Returns
+        -------
+        ndarray of int, shape (points,)
         """
         geometry = self.geometry
         radius = geometry.source_to_isocentre_mm

@@ -40,7 +40,18 @@ def root(seed: int) -> Stream:
 def branch(seed: int, purpose: int, *keys: int) -> Stream:
     """A branch of a seed, and the branches below it that `keys` name.
 
-    purpose   one of Branch; of a seed that is not the study's, a number of the caller's own
+    Parameters
+    ----------
+    seed : int
+        The study's seed, or another.
+    purpose : int
+        One of Branch; of a seed that is not the study's, a number of the caller's own.
+    *keys : int
+        Branches below, each of the one before.
+
+    Returns
+    -------
+    Stream
     """
     return Stream(seed, spawn_key=(int(purpose), *keys))
 

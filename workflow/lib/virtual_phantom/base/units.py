@@ -14,13 +14,39 @@ HU_BODY = -500.0  # half-way from air to water: what is denser belongs to the ob
 
 
 def hu_to_attenuation(hu, mu_water_per_mm: float):
-    """Linear attenuation in 1/mm of any array in HU. Values under air are taken as air: it is never negative."""
+    """Linear attenuation from HU. Values under air are taken as air: it is never negative.
+
+    Parameters
+    ----------
+    hu : array_like
+        HU.
+    mu_water_per_mm : float
+        Linear attenuation of water, 1/mm.
+
+    Returns
+    -------
+    ndarray
+        1/mm, of the type of `hu`; integers become float32.
+    """
     hu = _floating(hu)
     return (np.maximum(hu, HU_AIR) / 1000 + 1).astype(hu.dtype, copy=False) * hu.dtype.type(mu_water_per_mm)
 
 
 def attenuation_to_hu(mu, mu_water_per_mm: float):
-    """HU of any array of linear attenuation in 1/mm. Not clipped: noise may carry a voxel below air."""
+    """HU from linear attenuation. Not clipped: noise may carry a voxel below air.
+
+    Parameters
+    ----------
+    mu : array_like
+        Linear attenuation, 1/mm.
+    mu_water_per_mm : float
+        Linear attenuation of water, 1/mm.
+
+    Returns
+    -------
+    ndarray
+        HU, of the type of `mu`; integers become float32.
+    """
     mu = _floating(mu)
     return (mu / mu.dtype.type(mu_water_per_mm) - 1) * mu.dtype.type(1000)
 
@@ -28,9 +54,25 @@ def attenuation_to_hu(mu, mu_water_per_mm: float):
 def whole_hu(hu: np.ndarray, not_finite: str) -> tuple[np.ndarray, int]:
     """HU as int16, which images are stored in: rounded half to even, and set to the bound beyond its range.
 
-    not_finite   message of the InputError where a voxel is NaN or infinite, which no int16 says
-    The second value is how many voxels were beyond. What that means is for the caller to say: a reconstruction warns of
-    them, as metal may rightly be there; an export for other programs refuses them; a page to look at shows the bound.
+    Parameters
+    ----------
+    hu : ndarray
+        HU, of any shape.
+    not_finite : str
+        Message of the error where a voxel is NaN or infinite, which no int16 says.
+
+    Returns
+    -------
+    whole : ndarray of int16
+        HU, shaped as `hu`.
+    beyond : int
+        How many voxels were beyond the range. What that means is for the caller to say: a reconstruction warns of them,
+        as metal may rightly be there; an export for other programs refuses them; a page to look at shows the bound.
+
+    Raises
+    ------
+    InputError
+        If a voxel is not finite.
     """
     if not np.isfinite(hu).all():
         raise InputError(not_finite)

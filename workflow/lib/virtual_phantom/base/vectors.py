@@ -23,15 +23,24 @@ ROUNDING = 1e-9
 
 
 class Upright(NamedTuple):
-    """A scan whose detector rows lie above each other along z, seen from above: arrays (views,), mm.
+    """A scan whose detector rows lie above each other along z, seen from above. All arrays have shape (views,).
 
-    cosine, sine    column direction (cosine, sine, 0); the detector faces the source along (sine, -cosine, 0)
-    depth           from the source to the isocentre along that
-    beside          how far the source lies from the isocentre along the columns
-    distance        from the source to the detector's plane
-    first_column    position of column 0 along the columns, from the foot of the perpendicular from the source
-    source_z        height of the source
-    first_row       height of row 0 over the source
+    Attributes
+    ----------
+    cosine, sine : ndarray
+        Column direction (cosine, sine, 0); the detector faces the source along (sine, -cosine, 0).
+    depth : ndarray
+        From the source to the isocentre along that, mm.
+    beside : ndarray
+        How far the source lies from the isocentre along the columns, mm.
+    distance : ndarray
+        From the source to the detector's plane, mm.
+    first_column : ndarray
+        Position of column 0 along the columns, from the foot of the perpendicular from the source, mm.
+    source_z : ndarray
+        Height of the source, mm.
+    first_row : ndarray
+        Height of row 0 over the source, mm.
     """
 
     cosine: np.ndarray
@@ -53,14 +62,29 @@ class ScanGeometry:
     toward_mm (from the one to the other), column_direction and row_direction, (views, 3); every(step), one view of so
     many; and turned(angle_rad), about z from +x to +y.
 
-    column_offset_px, row_offset_px   shift of the detector's centre from its reference point along columns and rows,
-                   in pixels
-    surface        of the detector; "flat" is the only one so far
-    view_interval_ms  from the middle of one view to that of the next; None: not known
-    exposure_ms    how long the beam is on in every view's interval, in its middle, while the detector integrates over
-                   all of it; None: throughout
-    view_times     middle of each view, in intervals from the middle of the scan, (views,); None: one after another,
-                   view i of N at i + 1/2 - N/2
+    Attributes
+    ----------
+    columns, rows : int
+        Pixels of the detector.
+    column_pitch_mm, row_pitch_mm : float
+        Distances between their centres, mm.
+    column_offset_px, row_offset_px : float
+        Shift of the detector's centre from its reference point along columns and rows, in pixels.
+    surface : str
+        Of the detector; "flat" is the only one so far.
+    view_interval_ms : float or None
+        From the middle of one view to that of the next, ms; None: not known.
+    exposure_ms : float or None
+        How long the beam is on in every view's interval, ms: in its middle, while the detector integrates over all of
+        it; None: throughout.
+    view_times : ndarray, shape (views,)
+        Middle of each view, in intervals from the middle of the scan. None is made into one after another: view i of N
+        at i + 1/2 - N/2.
+
+    Raises
+    ------
+    InputError
+        For a detector or times that cannot be.
     """
 
     columns: int
@@ -105,19 +129,35 @@ class ScanGeometry:
 
     @property
     def times_s(self) -> np.ndarray:
-        """When each view is exposed, in the middle of its interval, seconds from the middle of the scan, (views,).
+        """Middle of each view's interval, when it is exposed: seconds from the middle of the scan, shape (views,).
 
-        Raises InputError if the scan's times are not known."""
+        Raises
+        ------
+        InputError
+            If the scan's times are not known.
+        """
         return self.view_times * self.known_interval_ms / 1000
 
     @property
     def duration_s(self) -> float:
-        """From the begin of the first view's interval to the end of the last one's. Raises InputError as times_s."""
+        """From the begin of the first view's interval to the end of the last one's, seconds.
+
+        Raises
+        ------
+        InputError
+            If the scan's times are not known.
+        """
         return (self.view_times[-1] - self.view_times[0] + self.views_apart) * self.known_interval_ms / 1000
 
     @property
     def known_interval_ms(self) -> float:
-        """view_interval_ms. Raises InputError if it is not known."""
+        """view_interval_ms, which must be known.
+
+        Raises
+        ------
+        InputError
+            If it is not.
+        """
         if self.view_interval_ms is None:
             raise InputError(
                 "scan: the time from view to view is not known, by which afterglow, motion and the drift of a dark "
@@ -145,7 +185,7 @@ class ScanGeometry:
 
     @cached_property
     def normal(self) -> np.ndarray:
-        """Unit vectors across the detector, away from the source, (views, 3)."""
+        """Unit vectors across the detector, away from the source, shape (views, 3)."""
         return np.cross(self.column_direction, self.row_direction)
 
     @property
@@ -154,11 +194,11 @@ class ScanGeometry:
         return float(np.mean(_dot(self.toward_mm, self.normal) / -_dot(self.source_mm, self.normal)))
 
     def column_positions_mm(self) -> np.ndarray:
-        """Column centres along the detector, mm from its reference point, (columns,)."""
+        """Column centres along the detector, mm from its reference point, shape (columns,)."""
         return (np.arange(self.columns) - (self.columns - 1) / 2 + self.column_offset_px) * self.column_pitch_mm
 
     def row_positions_mm(self) -> np.ndarray:
-        """Row centres along the detector, mm from its reference point, (rows,)."""
+        """Row centres along the detector, mm from its reference point, shape (rows,)."""
         return (np.arange(self.rows) - (self.rows - 1) / 2 + self.row_offset_px) * self.row_pitch_mm
 
     def ray(self, view: int, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:
@@ -174,11 +214,17 @@ class ScanGeometry:
         return bool(np.abs(self.row_direction - [0, 0, 1]).max() < ROUNDING)
 
     def bundles(self) -> tuple[np.ndarray, np.ndarray]:
-        """All rays, in bundles that share their shadow in the plane across z: the way from the source to the detector,
-        (x, y and z; view; bundle), and what is added to its z by each row, (row,).
+        """All rays, in bundles that share their shadow in the plane across z.
 
         Of an upright detector a bundle is a column, of any other one pixel after another, a row at a time. Reshaped to
         (views, rows, columns), what is worked out as [view, row, bundle] is in its place.
+
+        Returns
+        -------
+        to : ndarray, shape (3, views, bundles)
+            The way (x, y, z) from the source to the detector, mm.
+        rows : ndarray, shape (rows,) or (1,)
+            What each row adds to its z, mm.
         """
         toward, along, up = (each.T[..., None] for each in (self.toward_mm, self.column_direction, self.row_direction))
         to, rows = toward + along * self.column_positions_mm(), self.row_positions_mm()
@@ -187,7 +233,22 @@ class ScanGeometry:
         return (to[:, :, None] + up[:, :, None] * rows[:, None]).reshape(3, self.views, -1), np.zeros(1)
 
     def upright(self, who: str) -> Upright:
-        """The scan seen from above. Raises InputError, which says who needs it, if the detector is not upright."""
+        """The scan seen from above.
+
+        Parameters
+        ----------
+        who : str
+            What needs an upright detector, for the message.
+
+        Returns
+        -------
+        Upright
+
+        Raises
+        ------
+        InputError
+            If the detector is not upright.
+        """
         if not self.is_upright:
             raise InputError(f"{who} needs detector rows along z in every view; the scan geometry tilts or rolls them")
         columns, normal = self.column_direction, self.normal
@@ -203,8 +264,14 @@ class ScanGeometry:
         )
 
     def solid_angles(self) -> np.ndarray:
-        """Solid angle under which the source sees each pixel, over that of a pixel at the foot of the perpendicular:
-        the inverse square of the distance times the cosine of the incidence, so its cube. [view or 1, row, column]."""
+        """Solid angle under which the source sees each pixel, over that of a pixel at the foot of the perpendicular.
+
+        It is the inverse square of the distance times the cosine of the incidence, so the cube of that cosine.
+
+        Returns
+        -------
+        ndarray, shape (views or 1, rows, columns)
+        """
         (to_x, to_y, to_z), rows = self.bundles()
         squared = (to_x**2 + to_y**2)[:, None] + (to_z[:, None] + rows[:, None]) ** 2
         cosine = _dot(self.toward_mm, self.normal)[:, None, None] / np.sqrt(squared.reshape(self.shape))
@@ -226,12 +293,22 @@ class ScanGeometry:
 class VectorGeometry(ScanGeometry):
     """Any scan, view by view: sources that jitter or fly, detectors that roll, tilt or sag.
 
-    source_mm           where the source is, (views, 3)
-    detector_mm         where the detector's reference point is, (views, 3)
-    column_direction    unit vectors of increasing column, (views, 3)
-    row_direction       unit vectors of increasing row, (views, 3)
-    Raises InputError for other shapes, vectors that are not finite (a source at infinity is not built), directions that
-    are not orthonormal, and a detector that faces away from the source.
+    Attributes
+    ----------
+    source_mm : ndarray, shape (views, 3)
+        Where the source is, mm.
+    detector_mm : ndarray, shape (views, 3)
+        Where the detector's reference point is, mm.
+    column_direction : ndarray, shape (views, 3)
+        Unit vectors of increasing column.
+    row_direction : ndarray, shape (views, 3)
+        Unit vectors of increasing row.
+
+    Raises
+    ------
+    InputError
+        For other shapes, vectors that are not finite (a source at infinity is not built), directions that are not
+        orthonormal, and a detector that faces away from the source.
     """
 
     source_mm: np.ndarray
@@ -263,16 +340,20 @@ class VectorGeometry(ScanGeometry):
 
     @property
     def views(self) -> int:
+        """How many views the scan has."""
         return len(self.source_mm)
 
     @property
     def toward_mm(self) -> np.ndarray:
+        """From the source to the detector's reference point, mm, shape (views, 3)."""
         return self.detector_mm - self.source_mm
 
     def every(self, step: int) -> VectorGeometry:
+        """One view of so many, each at its time."""
         return replace(self, **{name: getattr(self, name)[::step] for name in (*_VECTORS, "view_times")})
 
     def turned(self, angle_rad: float) -> VectorGeometry:
+        """Source and detector turned about z, from +x to +y."""
         sine, cosine = math.sin(angle_rad), math.cos(angle_rad)
         turn = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
         return replace(self, **{name: getattr(self, name) @ turn.T for name in _VECTORS})
