@@ -50,7 +50,6 @@ def refusing(what: str, *kinds: type[Exception], advice: str = "", quoted: bool 
     *kinds : type of Exception
         Which exceptions to turn.
     advice : str, optional
-        End of the message: what to do.
     quoted : bool, optional
         True: the reason is what the exception says; False: its type alone.
 

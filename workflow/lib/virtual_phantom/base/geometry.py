@@ -248,7 +248,6 @@ def circular(
     Parameters
     ----------
     views : int
-        How many views.
     turns : float, optional
         How many turns they are spread over.
     start_angle_rad : float, optional
@@ -284,7 +283,6 @@ def helical(
     Parameters
     ----------
     views : int
-        How many views.
     volume_height_mm : float
         Height that the helix is to carry the beam over, mm.
     pitch : float, optional
@@ -341,7 +339,6 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
     scan : dict
         The section, with its defaults filled in.
     projections : int
-        How many views.
     grid : Grid
         What a helix has to cover along z.
 

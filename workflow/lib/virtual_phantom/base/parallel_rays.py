@@ -24,7 +24,6 @@ class ParallelRays:
     Attributes
     ----------
     geometry : OrbitGeometry
-        The scan.
     half_turn : int
         How many angles there are per pi.
     angles_rad : ndarray, shape (angles,)

@@ -33,9 +33,15 @@ TEXT_LENGTH = 64  # of a DICOM long string
 class Scan:
     """What a series is called, and what is known of how it was acquired.
 
-    label        protocol, noise level and seed
-    description  one line for whoever opens it
-    source_to_isocentre_mm, source_to_detector_mm  of the scanner
+    Attributes
+    ----------
+    protocol : str
+    label : str
+        Protocol, noise level and seed.
+    description : str
+        One line for whoever opens it.
+    source_to_isocentre_mm, source_to_detector_mm : float
+        Of the scanner, mm.
     """
 
     protocol: str
@@ -48,9 +54,22 @@ class Scan:
 def series(image: Volume, phantom: Volume, scan: Scan) -> list[Dataset]:
     """One dataset per slice, from inferior to superior; whole HU, rescaled by slope 1 and intercept 0.
 
-    image    HU on the phantom's grid; fractions are rounded
-    phantom  what was scanned: its series make one study, in one frame of reference
-    Raises InputError if the image is on another grid, or holds values that are not finite or beyond 16 bits.
+    Parameters
+    ----------
+    image : Volume
+        HU on the phantom's grid; fractions are rounded.
+    phantom : Volume
+        What was scanned: its series make one study, in one frame of reference.
+    scan : Scan
+
+    Returns
+    -------
+    list of Dataset
+
+    Raises
+    ------
+    InputError
+        If the image is on another grid, or holds values that are not finite or beyond 16 bits.
     """
     if not image.grid.matches(phantom.grid):
         raise InputError(f"{scan.label}: is on another grid ({image.grid}) than the phantom ({phantom.grid})")
@@ -79,9 +98,20 @@ def series(image: Volume, phantom: Volume, scan: Scan) -> list[Dataset]:
 
 
 def segmentation(slices: Sequence[Dataset], masks: Mapping[str, np.ndarray]) -> Dataset:
-    """The ROIs (bool [z, y, x] by name, on the grid of the image) as one DICOM SEG, a segment each, of these slices.
+    """The ROIs as one DICOM SEG, a segment each, of these slices.
 
     Content date and time are those of writing: DICOM wants some.
+
+    Parameters
+    ----------
+    slices : sequence of Dataset
+        The image's, as `series` makes them.
+    masks : mapping of str to ndarray of bool, shape (z, y, x)
+        ROIs by name, on the grid of the image.
+
+    Returns
+    -------
+    Dataset
     """
     import highdicom  # a third of a second, for those who export
     from pydicom.sr.codedict import codes
@@ -114,13 +144,13 @@ def segmentation(slices: Sequence[Dataset], masks: Mapping[str, np.ndarray]) -> 
 
 
 def write(dataset: Dataset, path: str | Path) -> None:
-    """One DICOM file."""
+    """Write one DICOM file."""
     with replacing(path, checksum=False) as temporary:  # other programs take every file in the folder for a slice
         dataset.save_as(temporary, enforce_file_format=True)
 
 
 def write_series(slices: Iterable[Dataset], folder: str | Path) -> None:
-    """001.dcm, 002.dcm, ... from inferior to superior."""
+    """Write 001.dcm, 002.dcm, ... from inferior to superior."""
     for one in slices:
         write(one, Path(folder) / f"{one.InstanceNumber:03d}.dcm")
 

@@ -14,13 +14,29 @@ DIAGNOSIS, SCORE = "diagnosis", "score"  # SCHEMAS holds NAME.schema.yaml
 
 
 def write_document(content: dict, path: str | Path, kind: str) -> None:
-    """Write a document of this kind. Raises InputError, and writes nothing, where its schema refuses the content."""
+    """Write a document of this kind, "diagnosis" or "score".
+
+    Raises
+    ------
+    InputError
+        If the schema refuses the content; then nothing is written.
+    """
     validate(content, schema_of_kind(kind), f"{kind}.json")
     write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", path)
 
 
 def read_document(path: str | Path, kind: str) -> dict:
-    """Read a document of this kind. Raises InputError if it is missing, no JSON, or refused by its schema."""
+    """Read a document of this kind, "diagnosis" or "score".
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If the file is missing, no JSON, or refused by the schema.
+    """
     with refusing(f"{path}: is no {kind}.json", OSError, ValueError, advice="make it again"):
         content = json.loads(read_text(path))
     try:

@@ -1,4 +1,4 @@
-"""Projections on disk: HDF5 in the Data Exchange layout (F. De Carlo et al., J. Synchrotron Rad. 21, 1224, 2014).
+"""Projections on disk: HDF5 in the Data Exchange layout.
 
 /exchange/data        counts, or line integrals (attribute log = True), [view, row, column]
 /exchange/data_white  mean counts without an object, [1, row, column]      (counts only)
@@ -6,6 +6,10 @@
 /exchange/theta       view angles, degrees
 /physics              where effects are switched on: mean signals with and without the object, and the noise's law
 /acquisition          the rest of the scan geometry: attributes in mm, and source_z_mm per view
+
+References
+----------
+F. De Carlo et al., J. Synchrotron Rad. 21, 1224, 2014.
 """
 
 from __future__ import annotations
@@ -30,7 +34,15 @@ _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
 
 @dataclass(frozen=True)
 class Physics:
-    """What a file keeps of an acquisition chain: arrays, stored as float32, and numbers, each by its name."""
+    """What a file keeps of an acquisition chain.
+
+    Attributes
+    ----------
+    arrays : dict of str to ndarray
+        By name; stored as float32.
+    numbers : dict of str to float or tuple of float
+        By name.
+    """
 
     arrays: dict[str, np.ndarray]
     numbers: dict[str, float | tuple[float, ...]]
@@ -39,10 +51,22 @@ class Physics:
 def write_line_integrals(
     path: str | Path, line_integrals: np.ndarray, geometry: ScanGeometry, physics: Physics | None = None
 ) -> None:
-    """Write line integrals [view, row, column] (dimensionless, stored as float32).
+    """Write line integrals.
 
-    geometry   as stated: what a reconstruction goes by
-    physics    what the acquisition chain made of the scene, where effects are switched on
+    Parameters
+    ----------
+    path : str or Path
+    line_integrals : ndarray, shape (views, rows, columns)
+        Dimensionless, stored as float32.
+    geometry : ScanGeometry
+        As stated: what a reconstruction goes by.
+    physics : Physics, optional
+        What the acquisition chain made of the scene, where effects are switched on.
+
+    Raises
+    ------
+    InputError
+        If the scan is no circle or helix, or the file cannot be written.
     """
     with new_file(path) as file:
         data = _write(file, line_integrals.astype(np.float32, copy=False), geometry)
@@ -55,8 +79,18 @@ def write_line_integrals(
 
 
 def read_physics(path: str | Path) -> tuple[Physics, OrbitGeometry] | None:
-    """What `write_line_integrals` kept of an acquisition chain, arrays as float64, and the geometry; None of the
-    baseline. Raises InputError as read_line_integrals."""
+    """What `write_line_integrals` kept of an acquisition chain.
+
+    Returns
+    -------
+    tuple of Physics and OrbitGeometry, or None
+        Arrays as float64, and the geometry; None of the baseline.
+
+    Raises
+    ------
+    InputError
+        For a missing, broken or other file.
+    """
     with opened(path) as file:
         if "physics" not in file:
             return None
@@ -67,7 +101,20 @@ def read_physics(path: str | Path) -> tuple[Physics, OrbitGeometry] | None:
 
 
 def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> None:
-    """Write one noisy acquisition."""
+    """Write one noisy acquisition.
+
+    Parameters
+    ----------
+    path : str or Path
+    counts : Counts
+    geometry : ScanGeometry
+        As stated: what a reconstruction goes by.
+
+    Raises
+    ------
+    InputError
+        If the scan is no circle or helix, or the file cannot be written.
+    """
     with new_file(path) as file:
         data = _write(file, counts.data, geometry)
         data.attrs["log"] = False
@@ -79,7 +126,19 @@ def write_counts(path: str | Path, counts: Counts, geometry: ScanGeometry) -> No
 
 
 def read_line_integrals(path: str | Path) -> tuple[np.ndarray, OrbitGeometry]:
-    """Line integrals [view, row, column] and their geometry. Raises InputError for a missing, broken or other file."""
+    """Line integrals and their geometry.
+
+    Returns
+    -------
+    line_integrals : ndarray of float32, shape (views, rows, columns)
+        Dimensionless.
+    geometry : OrbitGeometry
+
+    Raises
+    ------
+    InputError
+        For a missing, broken or other file.
+    """
     with opened(path) as file:
         data = file["exchange/data"]
         if not data.attrs["log"]:
@@ -88,7 +147,19 @@ def read_line_integrals(path: str | Path) -> tuple[np.ndarray, OrbitGeometry]:
 
 
 def read_counts(path: str | Path) -> tuple[Counts, OrbitGeometry]:
-    """One noisy acquisition and its geometry. Raises InputError for a missing, broken or other file."""
+    """One noisy acquisition and its geometry.
+
+    Returns
+    -------
+    counts : Counts
+        What the detector read.
+    geometry : OrbitGeometry
+
+    Raises
+    ------
+    InputError
+        For a missing, broken or other file.
+    """
     with opened(path) as file:
         data = file["exchange/data"]
         if data.attrs["log"]:
@@ -122,7 +193,18 @@ def _geometry(file):
 
 
 class opened:  # noqa: N801  used like a function, as contextlib.closing is
-    """h5py.File for reading, whose failures are InputErrors that name the file and end in `advice`."""
+    """h5py.File for reading, whose failures are InputErrors that name the file.
+
+    Parameters
+    ----------
+    path : str or Path
+    advice : str, optional
+
+    Raises
+    ------
+    InputError
+        If the file is missing, incomplete or changed since it was written, or what the block reads is not there.
+    """
 
     def __init__(self, path: str | Path, advice: str = "delete it and run again"):
         self.path, self.advice = Path(path), advice

@@ -26,11 +26,26 @@ DISK_PROBLEMS = {
 
 @contextlib.contextmanager
 def replacing(path: str | Path, checksum: bool = True) -> Iterator[Path]:
-    """Yield a temporary path in the folder of `path` with the same suffixes; move it to `path` if the block succeeds.
+    """Yield a temporary path beside a file; move it there if the block succeeds.
 
-    checksum   keep the SHA-256 beside it, for files that are read again
-    The suffixes are kept because NIfTI and figure writers choose their format by them. Raises InputError if the disk is
-    full or the folder may not be written to; what was there before then stays.
+    Parameters
+    ----------
+    path : str or Path
+        The file. Its folder is made where it is missing.
+    checksum : bool, optional
+        Keep the SHA-256 beside it, for files that are read again.
+
+    Yields
+    ------
+    Path
+        In the same folder and with the same suffixes, because NIfTI and figure writers choose their format by them.
+
+    Raises
+    ------
+    InputError
+        If the disk is full or the folder may not be written to; what was there before then stays.
+    OSError
+        For whatever else the system refuses.
     """
     path = Path(path)
     temporaries: list[Path] = []
@@ -83,9 +98,14 @@ def checksum_path(path: str | Path) -> Path:
 
 
 def check_unchanged(path: str | Path, advice: str = "delete it and run again") -> None:
-    """Raise InputError if a file has a checksum and is not what was written; `advice` says what to do about it.
+    """Check that a file that has a checksum is what was written.
 
     A file that is missing, or has no checksum, passes: its reader tells what else is wrong with it.
+
+    Raises
+    ------
+    InputError
+        If the file was changed; `advice` says what to do about it.
     """
     path, kept = Path(path), checksum_path(path)
     if path.is_file() and kept.is_file() and kept.read_bytes().split()[:1] != [sha256(path).encode()]:
@@ -108,8 +128,24 @@ def write_parquet(table, path: str | Path) -> None:
 
 
 def read_csv(path: str | Path, advice: str = "delete it and run again", **options):
-    """A pandas DataFrame of a CSV; `options` are pandas'. Raises InputError if it is missing, empty, changed since it
-    was written, or no table."""
+    """Read a table with pandas.
+
+    Parameters
+    ----------
+    path : str or Path
+    advice : str, optional
+    **options
+        Of pandas.read_csv.
+
+    Returns
+    -------
+    DataFrame
+
+    Raises
+    ------
+    InputError
+        If the file is missing, empty, changed since it was written, or no table.
+    """
     import pandas
 
     check_unchanged(path, advice)
@@ -129,7 +165,18 @@ def write_text(text: str, path: str | Path) -> None:
 
 
 def read_text(path: str | Path, advice: str = "delete it and run again") -> str:
-    """A UTF-8 text file. Raises InputError if it was changed since it was written, and what Path.read_text raises."""
+    """Read a UTF-8 text file.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        If the file was changed since it was written; the message ends in `advice`. Path.read_text raises its own
+        errors.
+    """
     check_unchanged(path, advice)
     return Path(path).read_text(encoding="utf-8")
 

@@ -17,7 +17,17 @@ from .files import replacing
 
 @contextlib.contextmanager
 def new_file(path: str | Path) -> Iterator[h5py.File]:
-    """An empty h5py.File to fill; what it holds replaces `path` if the block succeeds. Raises what `replacing` does."""
+    """Open an empty HDF5 file to fill; what it holds replaces `path` if the block succeeds.
+
+    Yields
+    ------
+    h5py.File
+
+    Raises
+    ------
+    InputError
+        If the disk is full or the folder may not be written to.
+    """
     with replacing(path) as temporary:
         with h5py.File(temporary.name, "w", driver="core", backing_store=False) as file:
             yield file

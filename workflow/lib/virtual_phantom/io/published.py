@@ -18,7 +18,17 @@ FOLDER = "downloads"  # in the project's folder; git ignores it
 
 @dataclass(frozen=True)
 class PublishedFile:
-    """One file: its path here, its path below the web folder, the SHA-256 of its bytes (hexadecimal)."""
+    """One file of others.
+
+    Attributes
+    ----------
+    path : str
+        Its path here.
+    source : str
+        Its path below the web folder.
+    sha256 : str
+        Of its bytes, hexadecimal.
+    """
 
     path: str
     source: str
@@ -38,6 +48,21 @@ def named_by(paths: Iterable[str], files: Iterable[PublishedFile]) -> list[Publi
 
 
 def check_listed(path: str | Path, digest: str, table: str | Path, advice: str) -> None:
-    """Raise InputError, with `advice`, unless the file's SHA-256 is the one that `table` lists."""
+    """Check that a file is the one that a table lists.
+
+    Parameters
+    ----------
+    path : str or Path
+    digest : str
+        SHA-256 in the table, hexadecimal.
+    table : str or Path
+        The table, for the message.
+    advice : str
+
+    Raises
+    ------
+    InputError
+        If the file's SHA-256 is another.
+    """
     if (found := sha256(path)) != digest:
         raise InputError(f"{path}: is not the file that {table} lists (SHA-256 {found}, not {digest}); {advice}")

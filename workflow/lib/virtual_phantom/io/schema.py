@@ -30,9 +30,21 @@ BOUNDS = {"minimum": "at least", "exclusiveMinimum": "more than", "maximum": "at
 
 
 def validate(document: dict, schema: dict, source: str) -> None:
-    """Raise InputError, one line that begins with `source` and names the key, for what the schema refuses.
+    """Check a document against a schema. Keys that are not text, which YAML makes of 1 or yes, are refused too.
 
-    Keys that are not text, which YAML makes of 1 or yes, are refused too.
+    Parameters
+    ----------
+    document : dict
+        What to check.
+    schema : dict
+        JSON schema, draft 2020-12.
+    source : str
+        What the message begins with: the file or the section.
+
+    Raises
+    ------
+    InputError
+        One line that names the key, for what the schema refuses.
     """
     check_nesting(document, source)
     _check_keys(document, (), source)
@@ -42,8 +54,22 @@ def validate(document: dict, schema: dict, source: str) -> None:
 
 
 def check_nesting(document, source: str) -> None:
-    """Raise InputError for a document that is too deep or too large to be meant: YAML's aliases make one of a few lines
-    that unfolds to billions of items, or holds itself."""
+    """Refuse a document that is too deep or too large to be meant.
+
+    YAML's aliases make one of a few lines that unfolds to billions of items, or holds itself.
+
+    Parameters
+    ----------
+    document : object
+        What YAML or JSON gave.
+    source : str
+        What the message begins with: the file or the section.
+
+    Raises
+    ------
+    InputError
+        For more than DEEPEST levels or MOST_ITEMS items.
+    """
     waiting, seen = [(document, 0)], 0
     while waiting:
         value, depth = waiting.pop()
@@ -80,6 +106,7 @@ def fill_defaults(document: dict, schema: dict) -> None:
 
 @cache
 def read_schema(path: Path) -> dict:
+    """A schema file in YAML."""
     return yaml.safe_load(path.read_text(encoding="utf-8"))
 
 

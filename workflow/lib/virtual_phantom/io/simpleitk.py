@@ -17,10 +17,21 @@ def itk_image(array: np.ndarray, grid: Grid) -> sitk.Image:
 
 
 def itk_resample(image: sitk.Image, grid: Grid, transform: sitk.Transform, outside: float) -> np.ndarray:
-    """Linear interpolation at the voxel centres of `grid`, float32 [z, y, x].
+    """Interpolate an image linearly at the voxel centres of a grid.
 
-    transform   world of `grid` to world of the image
-    outside     value where the image holds none
+    Parameters
+    ----------
+    image : SimpleITK.Image
+    grid : Grid
+        Where to.
+    transform : SimpleITK.Transform
+        World of `grid` to world of the image.
+    outside : float
+        Value where the image holds none.
+
+    Returns
+    -------
+    ndarray of float32, shape (z, y, x)
     """
     identity = (1, 0, 0, 0, 1, 0, 0, 0, 1)
     placed = (tuple(grid.affine[:3, 3]), grid.spacing[::-1], identity)

@@ -25,7 +25,20 @@ GZIP_MOST = 1032  # bytes that one of deflate's stands for at most: 258 of them 
 
 @dataclass(frozen=True)
 class Volume:
-    """An array [z, y, x] and the grid that says where its voxels are."""
+    """An array and the grid that says where its voxels are.
+
+    Attributes
+    ----------
+    array : ndarray, shape (z, y, x)
+        Values of the voxels.
+    grid : Grid
+        Of the same shape.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ.
+    """
 
     array: np.ndarray
     grid: Grid
@@ -38,7 +51,20 @@ class Volume:
 def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
     """Read a 3D NIfTI image, its axes flipped and swapped to run along +x, +y, +z.
 
-    Raises InputError if the file is missing, truncated, not 3D, or its axes are tilted against the scanner's.
+    Parameters
+    ----------
+    path : str or Path
+    dtype : dtype, optional
+        Of the result.
+
+    Returns
+    -------
+    Volume
+
+    Raises
+    ------
+    InputError
+        If the file is missing, truncated, not 3D, or its axes are tilted against the scanner's.
     """
     with _opened(Path(path)) as image:
         array, affine = np.asarray(image.dataobj), image.affine
@@ -46,19 +72,43 @@ def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
 
 
 def length_unit(path: str | Path) -> str:
-    """The unit of lengths in the header of a NIfTI image, or "unknown". The header alone is read: the rest is for
-    read_nifti to check. Raises InputError if the file is missing or has no NIfTI header."""
+    """The unit of lengths in the header of a NIfTI image.
+
+    The header alone is read: the rest is for read_nifti to check.
+
+    Returns
+    -------
+    str
+        As NiBabel names it, such as "mm", or "unknown".
+
+    Raises
+    ------
+    InputError
+        If the file is missing or has no NIfTI header.
+    """
     with _opened(Path(path), whole=False) as image:
         return image.header.get_xyzt_units()[0]
 
 
 @contextlib.contextmanager
 def _opened(path: Path, whole: bool = True) -> Iterator[nibabel.Nifti1Image]:
-    """A NIfTI-1 or NIfTI-2 image, its voxels not yet read.
+    """Open a NIfTI-1 or NIfTI-2 image, its voxels not yet read. No other format is tried.
 
-    whole   the file is checked to be as it was written, and read to its end: gzip's own checksum stands there, and
-            nibabel stops at the last voxel
-    No other format is tried.
+    Parameters
+    ----------
+    path : Path
+    whole : bool, optional
+        Check that the file is as it was written, and read it to its end: gzip's own checksum stands there, and nibabel
+        stops at the last voxel.
+
+    Yields
+    ------
+    nibabel.Nifti1Image
+
+    Raises
+    ------
+    InputError
+        If the file is missing, changed, or cannot be read as NIfTI.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; give the path of a NIfTI image")
@@ -96,7 +146,20 @@ def _check_size(image: nibabel.Nifti1Image, path: Path) -> None:
 
 
 def check_fits(needed: int, source: str | Path) -> None:
-    """Raise InputError if an array of so many bytes is more than the machine's memory."""
+    """Check that an array fits into the machine's memory.
+
+    Parameters
+    ----------
+    needed : int
+        Bytes of the array.
+    source : str or Path
+        What the message begins with: the file or the section.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > there:
         raise InputError(
@@ -105,9 +168,27 @@ def check_fits(needed: int, source: str | Path) -> None:
 
 
 def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.float32) -> Volume:
-    """The volume of an array [x, y, z] and its RAS affine, axes flipped and swapped to run along +x, +y, +z.
+    """The volume of an array and its affine, axes flipped and swapped to run along +x, +y, +z.
 
-    Raises InputError, naming `path`, if the array is not 3D or its axes are tilted against the scanner's.
+    Parameters
+    ----------
+    array : ndarray, shape (x, y, z) or (x, y, z, 1)
+        Numbers.
+    affine : ndarray, shape (4, 4)
+        From voxel index to RAS world mm.
+    path : str or Path
+        What the message begins with.
+    dtype : dtype, optional
+        Of the result.
+
+    Returns
+    -------
+    Volume
+
+    Raises
+    ------
+    InputError
+        If the array is not 3D or no numbers, or its axes are tilted against the scanner's or have no size.
     """
     if array.dtype.kind not in "biuf":
         raise InputError(f"{path}: its voxels are of {array.dtype}, not numbers; give grey values")
@@ -132,9 +213,15 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
 
 
 def write_nifti(volume: Volume, path: str | Path) -> None:
-    """Write a volume (float32, or any integer type) as NIfTI-1 in mm, its affine in both sform and qform.
+    """Write a volume as NIfTI-1 in mm, its affine in both sform and qform.
 
     The gzip header carries no time or name, so equal volumes make equal bytes.
+
+    Parameters
+    ----------
+    volume : Volume
+        Of float32, or any integer type.
+    path : str or Path
     """
     image = nibabel.Nifti1Image(volume.array.T, volume.grid.affine)
     image.header.set_xyzt_units("mm")
@@ -145,9 +232,24 @@ def write_nifti(volume: Volume, path: str | Path) -> None:
 
 
 def read_repeats(paths: Sequence[str | Path]) -> tuple[np.ndarray, Grid]:
-    """Images of one scan, float64 [repeat, z, y, x], and their grid.
+    """Images of one scan.
 
-    Raises InputError if one lies on another grid than the first.
+    Parameters
+    ----------
+    paths : sequence of str or Path
+        NIfTI files.
+
+    Returns
+    -------
+    images : ndarray of float64, shape (repeats, z, y, x)
+        Their voxels.
+    grid : Grid
+        Of all of them.
+
+    Raises
+    ------
+    InputError
+        If one lies on another grid than the first.
     """
     repeats = [read_nifti(path) for path in paths]
     grid = repeats[0].grid
