@@ -24,7 +24,14 @@ HALF_COVERED = 0.5  # a voxel of the grid belongs to an ROI if at least this sha
 
 @dataclass(frozen=True)
 class Roi:
-    """A region of interest: its mask is bool [z, y, x] on the phantom's grid."""
+    """A region of interest.
+
+    Attributes
+    ----------
+    name, tissue_class : str
+    mask : ndarray of bool, shape (z, y, x)
+        On the phantom's grid.
+    """
 
     name: str
     tissue_class: str
@@ -35,11 +42,19 @@ class Roi:
 class Phantom:
     """What is scanned, in HU (float32), and where features are measured.
 
-    fine   on the grid refined by the oversampling: projections are taken of this one, so that the
-    reconstruction
-           does not meet its own voxels again (Kaipio and Somersalo, J. Comput. Appl. Math. 198, 493, 2007)
-    image  on the reconstruction grid: the block mean of `fine`
-    rois   in the order of the configuration
+    Attributes
+    ----------
+    fine : Volume
+        On the grid refined by the oversampling: projections are taken of this one, so that the reconstruction does not
+        meet its own voxels again.
+    image : Volume
+        On the reconstruction grid: the block mean of `fine`.
+    rois : tuple of Roi
+        In the order of the configuration.
+
+    References
+    ----------
+    Kaipio and Somersalo, J. Comput. Appl. Math. 198, 493, 2007.
     """
 
     fine: Volume
@@ -48,7 +63,19 @@ class Phantom:
 
 
 def block_mean(array: np.ndarray, factor: int) -> np.ndarray:
-    """Mean of every factor x factor x factor block of an array [z, y, x] whose sides `factor` divides."""
+    """Mean over blocks of voxels.
+
+    Parameters
+    ----------
+    array : ndarray, shape (z, y, x)
+        Its sides are multiples of `factor`.
+    factor : int
+        Voxels along each side of a block.
+
+    Returns
+    -------
+    ndarray of float32, shape (z / factor, y / factor, x / factor)
+    """
     return block_reduce(array, (factor,) * 3, np.mean).astype(np.float32, copy=False)
 
 
@@ -61,10 +88,17 @@ def save(phantom: Phantom, folder: str | Path) -> None:
 
 
 def save_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
-    """Write rois/{roi}.nii.gz (uint8, 0 or 1) and rois.csv of ROIs on the grid of `image` (HU).
+    """Write rois/{roi}.nii.gz (uint8, 0 or 1) and rois.csv.
 
     rois.csv holds one row per ROI: roi, tissue_class, label (1, 2, ... in the order of the configuration),
     n_voxels and mean_hu on `image`.
+
+    Parameters
+    ----------
+    rois : sequence of Roi
+    image : Volume
+        HU, on the grid of the ROIs.
+    folder : str or Path
     """
     folder = Path(folder)
     rows = []
@@ -83,9 +117,26 @@ def save_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
 
 
 def read_masks(rois_csv: str | Path, grid: Grid) -> tuple[pd.DataFrame, dict[str, np.ndarray]]:
-    """What `save` wrote: the table of ROIs (roi, tissue_class, ...) and their masks, bool [z, y, x] by name.
+    """Read the ROIs that `save` wrote.
 
-    Raises InputError if the table lacks a column, or a mask is missing or on another grid than `grid`.
+    Parameters
+    ----------
+    rois_csv : str or Path
+        The table; masks lie in rois/ beside it.
+    grid : Grid
+        Where the masks must be.
+
+    Returns
+    -------
+    table : DataFrame
+        Of ROIs: roi, tissue_class, ...
+    masks : dict of str to ndarray of bool, shape (z, y, x)
+        By name.
+
+    Raises
+    ------
+    InputError
+        If the table lacks a column, or a mask is missing or on another grid than `grid`.
     """
     rois_csv = Path(rois_csv)
     table = read_csv(rois_csv)

@@ -28,21 +28,35 @@ SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
 def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     """Load a CT and its ROIs.
 
-    settings  as phantom.ct in the configuration, whose schema they are checked against
-              image      NIfTI file, or folder with one DICOM CT series, in HU
-              rois       list of entries: see rois.RoiEntry
-              labels     file of the regions whose entry names no file of its own
-              centre_mm  NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
-              keep_mm    [[x, x], [y, y]] in NIfTI world mm: everything outside becomes air (a table, arms)
-    grid      shape and spacing of the study's grid; its centre is put at centre_mm
-
     The CT is interpolated linearly at points at least as dense as its own voxels, averaged to the refined
     grid and again to the grid; outside the CT is air. Values under air are set to air. A voxel of the grid
     belongs to an ROI if at least half of it does; parts of one region are kept one voxel apart.
 
-    Raises InputError on an unusable image, region or setting, on an ROI that is empty or gets lost on the
-    way, on one that loses more than LARGEST_LOSS of its volume to keep_mm or the grid's border, and on a body that
-    does not fit the grid in-plane. What ends with the CT itself is not cut by the grid.
+    Parameters
+    ----------
+    settings : dict
+        As phantom.ct in the configuration, whose schema they are checked against:
+
+        * image: NIfTI file, or folder with one DICOM CT series, in HU
+        * rois: list of entries, see rois.RoiEntry
+        * labels: file of the regions whose entry names no file of its own
+        * centre_mm: NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
+        * keep_mm: [[x, x], [y, y]] in NIfTI world mm; everything outside becomes air (a table, arms)
+    grid : Grid
+        Shape and spacing of the study's grid; its centre is put at centre_mm.
+    oversampling : int
+        By how much the phantom's own grid is finer.
+
+    Returns
+    -------
+    Phantom
+
+    Raises
+    ------
+    InputError
+        On an unusable image, region or setting, on an ROI that is empty or gets lost on the way, on one that loses more
+        than LARGEST_LOSS of its volume to keep_mm or the grid's border, and on a body that does not fit the grid
+        in-plane. What ends with the CT itself is not cut by the grid.
     """
     validate(settings, schema_of("phantom", "ct"), "phantom: ct")
     entries = read_entries(settings["rois"], settings.get("labels"))
@@ -60,10 +74,18 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
 
 
 def read_hu(path: Path) -> Volume:
-    """A CT in HU (float32) from a NIfTI file or the folder of one DICOM series.
+    """A CT in HU from a NIfTI file or the folder of one DICOM series.
 
-    Raises InputError if it cannot be read, has voxels that are not finite, or values that cannot be HU: none below 0,
-    or none beyond LARGEST_ATTENUATION.
+    Returns
+    -------
+    Volume
+        float32.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, has voxels that are not finite, or values that cannot be HU: none below 0, or none beyond
+        LARGEST_ATTENUATION.
     """
     if path.is_dir():
         image = read_series(path)
@@ -90,7 +112,24 @@ def _world_axes(grid: Grid) -> tuple[np.ndarray, ...]:
 
 
 def trimmed(image: Volume, keep_mm: list) -> Volume:
-    """The image with air outside keep_mm."""
+    """The image with air outside a box.
+
+    Parameters
+    ----------
+    image : Volume
+        HU.
+    keep_mm : list
+        The box, [[x, x], [y, y]] in NIfTI world mm.
+
+    Returns
+    -------
+    Volume
+
+    Raises
+    ------
+    InputError
+        If no voxel lies in the box.
+    """
     return Volume(np.where(_box(keep_mm, image.grid), image.array, np.float32(HU_AIR)), image.grid)
 
 
@@ -130,10 +169,25 @@ def _check_fit(image: Volume, grid: Grid) -> None:
 
 
 def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
-    """The masks of one entry, bool [z, y, x], on the grid of the CT that it was drawn on.
+    """The masks of one entry on the CT that it was drawn on.
 
-    opened   the files of regions that are open already, by name; this one is added
-    Raises InputError for a file or label that is not there, or a region that is empty or lost by its margin.
+    Parameters
+    ----------
+    entry : RoiEntry
+    grid : Grid
+        The CT's.
+    opened : dict
+        The files of regions that are open already, by name; this one is added.
+
+    Returns
+    -------
+    list of ndarray of bool, shape (z, y, x)
+        One for each of the entry's parts.
+
+    Raises
+    ------
+    InputError
+        For a file or label that is not there, or a region that is empty or lost by its margin.
     """
     if entry.file not in opened:
         opened[entry.file] = open_regions(entry.file, grid)
@@ -204,9 +258,21 @@ def _require(mask: np.ndarray, name: str, problem: str) -> None:
 
 
 def resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
-    """Mean over each voxel of `grid` of the linearly interpolated volume, float32.
+    """Mean over each voxel of a grid of the linearly interpolated volume.
 
     Sampled at points no farther apart than the volume's own voxels, so that nothing falls between them.
+
+    Parameters
+    ----------
+    volume : Volume
+    grid : Grid
+        Of the result.
+    outside : float
+        Value where the volume holds none.
+
+    Returns
+    -------
+    ndarray of float32, shape (z, y, x)
     """
     samples = max(math.ceil(wide / own - 1e-6) for wide, own in zip(grid.spacing, volume.grid.spacing, strict=True))
     image = itk_image(volume.array, volume.grid)

@@ -21,11 +21,23 @@ LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 def read_series(folder: str | Path) -> Volume:
-    """The series as HU (float32) [z, y, x] on an upright grid, whatever the order of the files.
+    """Read a series as HU on an upright grid, whatever the order of the files.
 
-    Raises InputError if the folder holds no DICOM file, more than one series, anything but single-frame CT
-    images with a rescale to HU, slices of different size, spacing or orientation, tilted slices, or a missing
-    or doubled slice.
+    Parameters
+    ----------
+    folder : str or Path
+        Files of one CT series.
+
+    Returns
+    -------
+    Volume
+        float32.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no DICOM file, more than one series, anything but single-frame CT images with a rescale to
+        HU, slices of different size, spacing or orientation, tilted slices, or a missing or doubled slice.
     """
     with reading(folder, "a DICOM series"):
         return _read_series(Path(folder))
@@ -66,7 +78,17 @@ def modality(header: pydicom.Dataset) -> str:
 
 
 def read_headers(folder: Path) -> dict[Path, pydicom.Dataset]:
-    """Headers of all DICOM files in the folder; other files are not part of a series and are passed over."""
+    """Headers of all DICOM files in a folder; other files are not part of a series and are passed over.
+
+    Returns
+    -------
+    dict of Path to Dataset
+
+    Raises
+    ------
+    InputError
+        If there is none, one cannot be read, or one is not of CT.
+    """
     headers = {}
     for path in sorted(folder.iterdir()):
         if not path.is_file() or path.name.startswith("."):

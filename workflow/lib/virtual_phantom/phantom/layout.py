@@ -24,7 +24,18 @@ NAME = re.compile(r"[A-Za-z0-9_]+")
 
 @dataclass(frozen=True)
 class Paint:
-    """A shape and what fills it; `fade_mm` is the width over which it blends into what lies below."""
+    """A shape and what fills it.
+
+    Attributes
+    ----------
+    shape : Ellipsoid or Tube
+    hu : float
+        Mean, HU.
+    texture : Texture
+        What is added to it.
+    fade_mm : float
+        Width over which it blends into what lies below, mm.
+    """
 
     shape: Ellipsoid | Tube
     hu: float
@@ -34,13 +45,30 @@ class Paint:
 
 @dataclass(frozen=True)
 class RoiSpec:
+    """An ROI of the layout, in mm: not yet a mask."""
+
     name: str
     tissue_class: str
     shape: Ellipsoid
 
 
 def read_layout(path: str | Path | None = None) -> dict:
-    """A layout file as a dictionary; None is the library's own. Raises InputError if it is missing or not YAML."""
+    """Read a layout file.
+
+    Parameters
+    ----------
+    path : str or Path, optional
+        None is the library's own.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If it is missing or not YAML.
+    """
     path = OWN if path is None else Path(path)
     try:
         layout = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -57,7 +85,22 @@ def read_layout(path: str | Path | None = None) -> dict:
 def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
     """What to paint, in order, and the ROIs, on which the textures of their tissues are conditioned.
 
-    Raises InputError, naming the entry, on anything unknown, missing or impossible.
+    Parameters
+    ----------
+    layout : dict
+        As `read_layout` gives it.
+    seed : Stream
+        Of the textures.
+
+    Returns
+    -------
+    paints : list of Paint
+    rois : list of RoiSpec
+
+    Raises
+    ------
+    InputError
+        Naming the entry, on anything unknown, missing or impossible.
     """
     _keys(layout, "layout", {"tissues", "shapes", "rois"})
     if not isinstance(layout["tissues"], dict) or not layout["shapes"] or not layout["rois"]:

@@ -22,9 +22,23 @@ GRID_TOLERANCE_MM = 0.02  # of positions read from different files: single preci
 
 
 def open_regions(path: str | Path, grid: Grid) -> NiftiRegions | SegRegions | StructRegions:
-    """The reader for a file of regions drawn on the CT that lies on `grid`.
+    """The reader for a file of regions drawn on a CT.
 
-    Raises InputError if the file is missing, of another kind, or does not lie on the CT's grid.
+    Parameters
+    ----------
+    path : str or Path
+        NIfTI, DICOM SEG or RTSTRUCT.
+    grid : Grid
+        The CT's.
+
+    Returns
+    -------
+    NiftiRegions, SegRegions or StructRegions
+
+    Raises
+    ------
+    InputError
+        If the file is missing, of another kind, or does not lie on the CT's grid.
     """
     path = Path(path)
     if not path.is_file():
@@ -62,6 +76,17 @@ class NiftiRegions:
         self._labels = volume.array.astype(np.int32)
 
     def mask(self, label: int | str | None) -> np.ndarray:
+        """The region of a value of the label map; None: of any but 0.
+
+        Returns
+        -------
+        ndarray of bool, shape (z, y, x)
+
+        Raises
+        ------
+        InputError
+            If the label is no whole number, or no voxel has it.
+        """
         if label is None:
             return self._labels != 0
         if isinstance(label, bool) or not isinstance(label, int):
@@ -87,6 +112,17 @@ class SegRegions:
             }
 
     def mask(self, label: int | str | None) -> np.ndarray:
+        """The region of a segment, by its number or label; None: of the only one.
+
+        Returns
+        -------
+        ndarray of bool, shape (z, y, x)
+
+        Raises
+        ------
+        InputError
+            If there is no such segment, or two, or it lies on another grid than the CT.
+        """
         number = self._number(label)
         try:
             volume = self._seg.get_volume(segment_numbers=[number])
@@ -132,6 +168,17 @@ class StructRegions:
             self._rois.setdefault(str(roi.ROIName), []).append(contours.get(int(roi.ROINumber)))
 
     def mask(self, label: int | str | None) -> np.ndarray:
+        """The region of an ROI, by its name; None: of the only one.
+
+        Returns
+        -------
+        ndarray of bool, shape (z, y, x)
+
+        Raises
+        ------
+        InputError
+            If there is no such ROI, or two, or a contour does not lie in a slice of the CT.
+        """
         if label is None and len(self._rois) == 1:
             label = next(iter(self._rois))
         if label not in self._rois or len(self._rois[label]) != 1:

@@ -18,10 +18,17 @@ FIT_VOXELS = 20_000  # enough to place a few cluster centres
 class RoiEntry:
     """One entry under `rois`: where the region is drawn, and how it is made into ROIs.
 
-    file       file of the region; by default the common one
-    label      which region of the file: a number from 1, or a name
-    margin_mm  leave out what is nearer than this to the region's surface: a conservative ROI
-    parts      cut into this many compact ROIs, named name_1, name_2, ...
+    Attributes
+    ----------
+    name, tissue_class : str
+    file : str
+        File of the region; by default the common one.
+    label : int, str or None
+        Which region of the file: a number from 1, or a name.
+    margin_mm : float
+        Leave out what is nearer than this to the region's surface, mm: a conservative ROI.
+    parts : int
+        Cut into this many compact ROIs, named name_1, name_2, ...
     """
 
     name: str
@@ -33,14 +40,30 @@ class RoiEntry:
 
     @property
     def names(self) -> tuple[str, ...]:
+        """Of the ROIs that the entry makes."""
         return (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
 
 
 def read_entries(entries: list[dict], default_file: str | None, source: str = "phantom: ct") -> tuple[RoiEntry, ...]:
     """The entries of a list as under phantom.ct.rois of the configuration.
 
-    Raises InputError, naming `source`, for what the configuration's schema refuses, a name given twice (parts have
-    names too), and an entry without a file.
+    Parameters
+    ----------
+    entries : list of dict
+    default_file : str or None
+        File of the regions whose entry names none.
+    source : str, optional
+        What messages begin with.
+
+    Returns
+    -------
+    tuple of RoiEntry
+
+    Raises
+    ------
+    InputError
+        For what the configuration's schema refuses, a name given twice (parts have names too), and an entry without a
+        file.
     """
     validate({"rois": entries}, {**schema_of("phantom", "ct"), "required": ["rois"]}, source)
     read = [RoiEntry(**{"file": default_file, **entry}) for entry in entries]
@@ -56,9 +79,21 @@ def read_entries(entries: list[dict], default_file: str | None, source: str = "p
 
 
 def shrink(mask: np.ndarray, margin_mm: float, grid: Grid) -> np.ndarray:
-    """The voxels whose centres are farther than `margin_mm` from every voxel centre outside the region.
+    """The voxels whose centres are farther than a margin from every voxel centre outside the region.
 
     The border of the scan is not a surface: an organ that runs on beyond it is not shortened there.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (z, y, x)
+        The region.
+    margin_mm : float
+    grid : Grid
+        Of the mask.
+
+    Returns
+    -------
+    ndarray of bool, shape (z, y, x)
     """
     if margin_mm == 0 or mask.all() or not mask.any():
         return mask
@@ -72,8 +107,20 @@ def shrink(mask: np.ndarray, margin_mm: float, grid: Grid) -> np.ndarray:
 def cut(mask: np.ndarray, parts: int, grid: Grid) -> list[np.ndarray]:
     """Cut a region into compact parts by k-means of its voxels' places; the same parts every time.
 
-    They are ordered from the patient's right to left (falling x of their centres). Touching parts are left
-    touching: see `separate`.
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (z, y, x)
+        The region.
+    parts : int
+        How many.
+    grid : Grid
+        Of the mask.
+
+    Returns
+    -------
+    list of ndarray of bool, shape (z, y, x)
+        Ordered from the patient's right to left (falling x of their centres). Touching parts are left touching: see
+        `separate`.
     """
     if parts == 1:
         return [mask]
@@ -94,7 +141,7 @@ def cut(mask: np.ndarray, parts: int, grid: Grid) -> list[np.ndarray]:
 
 
 def separate(masks: list[np.ndarray]) -> list[np.ndarray]:
-    """Take from each mask the voxels that touch another, at a face, an edge or a corner."""
+    """Take from each mask, bool [z, y, x], the voxels that touch another, at a face, an edge or a corner."""
     around = np.ones((3, 3, 3), bool)
     grown = [binary_dilation(mask, around) for mask in masks]
     return [

@@ -17,10 +17,23 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """|x/a|^n + |y/b|^n + |z/c|^n < 1 about `centre_mm`, turned by `rotation_deg` about +z.
+    """|x/a|^n + |y/b|^n + |z/c|^n < 1 about a centre, turned about +z.
 
-    semi_axes_mm  (a, b, c) along x, y, z; c may be infinite: a column along the table
-    exponent      n >= 2; 2 is the ellipsoid, more is squarer
+    Attributes
+    ----------
+    centre_mm : tuple of 3 float
+        (x, y, z), mm.
+    semi_axes_mm : tuple of 3 float
+        (a, b, c) along x, y, z, mm; c may be infinite: a column along the table.
+    rotation_deg : float
+        Degrees.
+    exponent : float
+        n >= 2; 2 is the ellipsoid, more is squarer.
+
+    Raises
+    ------
+    ValueError
+        For a length that is not positive, or an exponent under 2.
     """
 
     centre_mm: tuple[float, float, float]
@@ -35,6 +48,7 @@ class Ellipsoid:
             raise ValueError(f"exponent {self.exponent} must be at least 2")
 
     def bounds_mm(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (low, high) of its bounding box, (x, y, z), mm."""
         a, b, c = self.semi_axes_mm
         cos, sin = (
             abs(math.cos(math.radians(self.rotation_deg))),
@@ -47,9 +61,11 @@ class Ellipsoid:
         return np.array(self.centre_mm) - half, np.array(self.centre_mm) + half
 
     def pieces(self) -> tuple[Ellipsoid, ...]:
+        """The ellipsoid itself."""
         return (self,)
 
     def level(self, z, y, x):
+        """Distance to the surface or less, mm, negative inside: see the module's docstring."""
         cx, cy, cz = self.centre_mm
         a, b, c = self.semi_axes_mm
         cos, sin = math.cos(math.radians(self.rotation_deg)), math.sin(math.radians(self.rotation_deg))
@@ -66,7 +82,20 @@ class Ellipsoid:
 
 @dataclass(frozen=True)
 class Tube:
-    """A polyline through `points_mm` (k, 3) in (x, y, z), as thick as the radii (k) interpolated along it."""
+    """A polyline as thick as the radii interpolated along it.
+
+    Attributes
+    ----------
+    points_mm : tuple of tuple of 3 float
+        Corners (x, y, z) of the polyline, two at least, mm.
+    radii_mm : tuple of float
+        One for each point, mm.
+
+    Raises
+    ------
+    ValueError
+        For fewer points, or a radius that is missing or not positive.
+    """
 
     points_mm: tuple[tuple[float, float, float], ...]
     radii_mm: tuple[float, ...]
@@ -78,6 +107,7 @@ class Tube:
             raise ValueError("radii_mm needs one positive radius per point")
 
     def bounds_mm(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (low, high) of its bounding box, (x, y, z), mm."""
         points, radii = np.array(self.points_mm, float), np.array(self.radii_mm, float)[:, None]
         return (points - radii).min(axis=0), (points + radii).max(axis=0)
 
@@ -89,6 +119,7 @@ class Tube:
         )
 
     def level(self, z, y, x):
+        """Distance to the surface or less, mm, negative inside: see the module's docstring."""
         if len(self.points_mm) > 2:
             return np.minimum.reduce([piece.level(z, y, x) for piece in self.pieces()])
         (p, q), (r, s) = np.array(self.points_mm, float), self.radii_mm
@@ -100,7 +131,20 @@ class Tube:
 
 
 def window(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...]) -> tuple[slice, slice, slice]:
-    """Index ranges (z, y, x) of the voxels that the shape can touch; an empty range if it misses the grid."""
+    """Index ranges (z, y, x) of the voxels that the shape can touch; an empty range if it misses the grid.
+
+    Parameters
+    ----------
+    shape : Ellipsoid or Tube
+    axes : tuple of 3 ndarray
+        Voxel centres along z, y and x, mm.
+    spacing : tuple of 3 float
+        Voxel size (z, y, x), mm.
+
+    Returns
+    -------
+    tuple of 3 slice
+    """
     low, high = shape.bounds_mm()
     return tuple(
         slice(*np.searchsorted(axis, [low[i] - step / 2, high[i] + step / 2]))
@@ -109,10 +153,22 @@ def window(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...]) -> t
 
 
 def coverage(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...], subdivisions: int = 4) -> np.ndarray:
-    """Share (float32, 0 to 1) of each voxel that lies inside the shape.
+    """Share of each voxel that lies inside the shape.
 
-    axes          voxel centres along z, y and x, mm
-    subdivisions  voxels at the edge are divided into this many along each axis; the inside ones are counted
+    Parameters
+    ----------
+    shape : Ellipsoid or Tube
+    axes : tuple of 3 ndarray
+        Voxel centres along z, y and x, mm.
+    spacing : tuple of 3 float
+        Voxel size (z, y, x), mm.
+    subdivisions : int, optional
+        Voxels at the edge are divided into this many along each axis; the inside ones are counted.
+
+    Returns
+    -------
+    ndarray of float32, shape (z, y, x)
+        From 0 to 1.
     """
     full = tuple(map(len, axes))
     if np.isinf(shape.bounds_mm()[0][2]):  # a column: every slice is like the first
@@ -142,7 +198,20 @@ def coverage(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...], su
 
 
 def fade(shape, axes: tuple[np.ndarray, ...], width_mm: float) -> np.ndarray:
-    """Weight (float32) that rises smoothly from 0 at the surface to 1 at least `width_mm` inside it."""
+    """Weight that rises smoothly from 0 at the surface to 1 inside.
+
+    Parameters
+    ----------
+    shape : Ellipsoid or Tube
+    axes : tuple of 3 ndarray
+        Voxel centres along z, y and x, mm.
+    width_mm : float
+        How far inside the weight is 1.
+
+    Returns
+    -------
+    ndarray of float32, shape (z, y, x)
+    """
     z, y, x = np.ix_(*axes)
     depth = np.clip(-shape.level(z, y, x) / width_mm, 0, 1)
     return (depth * depth * (3 - 2 * depth)).astype(np.float32)

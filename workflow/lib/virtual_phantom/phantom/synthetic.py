@@ -21,12 +21,30 @@ SLAB_SLICES = 8  # slices of the reconstruction grid painted at a time: bounds t
 
 
 def build(layout: dict, grid: Grid, oversampling: int, seed: Stream) -> Phantom:
-    """Paint the phantom on `grid` refined by `oversampling`, and average it down to `grid`.
+    """Paint the phantom on a refined grid, and average it down to the grid.
 
     Shapes and textures are the same at every grid and oversampling; equal seeds give equal phantoms.
 
-    Raises InputError if the layout has an unknown, missing or impossible entry, if the body or an ROI does
-    not fit the grid, or if an ROI covers no voxel by half.
+    Parameters
+    ----------
+    layout : dict
+        As layout.read_layout gives it.
+    grid : Grid
+        Of the reconstruction.
+    oversampling : int
+        By how much the phantom's own grid is finer.
+    seed : Stream
+        Of the textures.
+
+    Returns
+    -------
+    Phantom
+
+    Raises
+    ------
+    InputError
+        If the layout has an unknown, missing or impossible entry, if the body or an ROI does not fit the grid, or if an
+        ROI covers no voxel by half.
     """
     paints, rois = parse(layout, seed)
     _check_fit(paints, rois, grid)

@@ -3,8 +3,11 @@
 A Gaussian random field of unit variance with autocorrelation exp(-r^2 / (2 l^2)) is made once on a periodic
 lattice of step l / 2 by filtering white noise in Fourier space, and read anywhere by periodic cubic splines.
 A point transform gives it skewness S: t = (exp(s g) - m) / d, a lognormal shifted and scaled to mean 0 and
-variance 1, with S = (exp(s^2) + 2) sqrt(exp(s^2) - 1) (Johnson, Kotz and Balakrishnan, Continuous Univariate
-Distributions 1, 2nd ed., chapter 14).
+variance 1, with S = (exp(s^2) + 2) sqrt(exp(s^2) - 1).
+
+References
+----------
+Johnson, Kotz and Balakrishnan, Continuous Univariate Distributions 1, 2nd ed., chapter 14.
 """
 
 from __future__ import annotations
@@ -27,9 +30,19 @@ STEPS_PER_LENGTH = 2  # lattice nodes per correlation length
 class Component:
     """One random field.
 
-    sd_hu           standard deviation, HU
-    correlation_mm  l of the Gaussian autocorrelation exp(-r^2 / (2 l^2)), mm (before the point transform)
-    skewness        of the values; the sign says which tail is long
+    Attributes
+    ----------
+    sd_hu : float
+        Standard deviation, HU.
+    correlation_mm : float
+        l of the Gaussian autocorrelation exp(-r^2 / (2 l^2)), mm (before the point transform).
+    skewness : float
+        Of the values; the sign says which tail is long.
+
+    Raises
+    ------
+    ValueError
+        For a negative `sd_hu`, a `correlation_mm` that is not positive, or a skewness beyond -5 to 5.
     """
 
     sd_hu: float
@@ -42,7 +55,7 @@ class Component:
 
 
 def lognormal_shape(skewness: float) -> float:
-    """s of the lognormal exp(s g) whose skewness is |skewness|."""
+    """Parameter s of the lognormal exp(s g) whose skewness is |skewness|."""
 
     def excess(s):
         return (math.exp(s * s) + 2) * math.sqrt(math.expm1(s * s)) - abs(skewness)
@@ -64,7 +77,17 @@ class Field:
         self._nodes = values / values.std()
 
     def sample(self, z: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Values in HU (float32) at the crossings of three axes in mm: shape (len(z), len(y), len(x))."""
+        """Values in HU at the crossings of three axes.
+
+        Parameters
+        ----------
+        z, y, x : ndarray
+            Positions along each axis, mm.
+
+        Returns
+        -------
+        ndarray of float32, shape (len(z), len(y), len(x))
+        """
         values = self._nodes
         for axis in (z, y, x):  # each product takes the first axis of the lattice and appends the sampled one
             values = np.tensordot(values, self._weights(axis), axes=(0, 1))
@@ -91,7 +114,17 @@ class Texture:
         self._mean, self._gain = 0.0, 1.0
 
     def sample(self, z: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """HU (float32) to add to the tissue's mean at the crossings of three axes in mm."""
+        """HU to add to the tissue's mean at the crossings of three axes.
+
+        Parameters
+        ----------
+        z, y, x : ndarray
+            Positions along each axis, mm.
+
+        Returns
+        -------
+        ndarray of float32, shape (len(z), len(y), len(x))
+        """
         total = np.zeros((len(z), len(y), len(x)), np.float32)
         for field in self._fields:
             total += field.sample(z, y, x)
