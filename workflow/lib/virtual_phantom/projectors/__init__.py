@@ -30,12 +30,26 @@ NO_CUPY = "astra_cuda needs CuPy, which cannot be imported: pip install -r envir
 
 
 def choose_engine(name: str, backprojector: str, look: bool = True) -> str:
-    """'cpu' or 'astra_cuda' for what the config says; 'auto' takes CUDA where there is any and it can do the work.
+    """The engine for what the configuration says; "auto" takes CUDA where there is any and it can do the work.
 
-    backprojector   that of SIRT: ASTRA has no "adjoint"
-    look            False: astra_cuda is believed, and looked for by what uses it (`projector`)
-    Warns if a device is left unused for want of CuPy. Raises InputError for an unknown engine, for astra_cuda where
-    there is no CUDA device or no CuPy, or with "adjoint".
+    Warns if a device is left unused for want of CuPy.
+
+    Parameters
+    ----------
+    name : {"auto", "cpu", "astra_cuda"}
+    backprojector : {"voxel", "adjoint"}
+        That of SIRT: ASTRA has no "adjoint".
+    look : bool, optional
+        False: astra_cuda is believed, and looked for by what uses it (`projector`).
+
+    Returns
+    -------
+    {"cpu", "astra_cuda"}
+
+    Raises
+    ------
+    InputError
+        For an unknown engine, for astra_cuda where there is no CUDA device or no CuPy, or with "adjoint".
     """
     if name not in ENGINES:
         raise InputError(f"engine '{name}' is unknown; use one of {', '.join(ENGINES)}")
@@ -56,9 +70,27 @@ def choose_engine(name: str, backprojector: str, look: bool = True) -> str:
 
 
 def projector(engine: str, geometry: ScanGeometry, grid: Grid, lanes: int = 1, threads: int = 1):
-    """The projector of an engine ("cpu" or "astra_cuda": see choose_engine) for `lanes` realisations at once.
+    """The projector of an engine.
 
-    Raises InputError for astra_cuda where there is no CUDA device or no CuPy.
+    Parameters
+    ----------
+    engine : {"cpu", "astra_cuda"}
+        See choose_engine.
+    geometry : ScanGeometry
+    grid : Grid
+    lanes : int, optional
+        How many realisations at once.
+    threads : int, optional
+        Of the CPU engine.
+
+    Returns
+    -------
+    CpuProjector or AstraCudaProjector
+
+    Raises
+    ------
+    InputError
+        For astra_cuda where there is no CUDA device or no CuPy.
     """
     if engine == "cpu":
         from .cpu import CpuProjector

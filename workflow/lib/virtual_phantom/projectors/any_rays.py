@@ -24,13 +24,21 @@ class Bundles(NamedTuple):
 
     A ray's rise v is that from the source to the detector: c = level + climb[0] v, d = climb[1] v.
 
-    along_x     (view, bundle) whether planes across x are stepped through, else those across y
-    across      (view, bundle, 2): a and b
-    level       (view,) padded voxel index of the source along z
-    climb       (view, bundle, 2): change along z per mm of rise, to the middle plane, and from plane to plane
-    lift_mm, rows_mm   (view, bundle) and (row,): the rise is their sum
-    between     (view, bundle, 2): share of the way to the detector between two planes, and the square of that way in
-                the plane, mm^2
+    Attributes
+    ----------
+    along_x : ndarray of bool, shape (views, bundles)
+        Whether planes across x are stepped through, else those across y.
+    across : ndarray, shape (views, bundles, 2)
+        a and b.
+    level : ndarray, shape (views,)
+        Padded voxel index of the source along z.
+    climb : ndarray, shape (views, bundles, 2)
+        Change along z per mm of rise, to the middle plane, and from plane to plane.
+    lift_mm : ndarray, shape (views, bundles)
+    rows_mm : ndarray, shape (rows,)
+        The rise is their sum.
+    between : ndarray, shape (views, bundles, 2)
+        Share of the way to the detector between two planes, and the square of that way in the plane, mm^2.
     """
 
     along_x: np.ndarray
@@ -62,13 +70,19 @@ def _axes(along_x, shape):
 
 @njit(**OPTIONS)
 def trace_sums(volumes, sums, first_view, shape, rays):
-    """Add to `sums` what interpolation meets in the planes along every bundle's first ray, all views from `first_view`
-    on.
+    """Add what interpolation meets in the planes along every bundle's first ray.
 
-    volumes    [lane, voxel], each flat [y + 2, x + 2, z + 2]
-    sums       [lane, view, bundle]
-    shape      (z, y, x) of the grid without its border
-    rays       Bundles
+    Parameters
+    ----------
+    volumes : ndarray of float32, shape (lanes, voxels)
+        Each flat [y + 2, x + 2, z + 2].
+    sums : ndarray, shape (lanes, views, bundles)
+        What is added to.
+    first_view : int
+        Of the rays, that of the sums' first view.
+    shape : tuple of 3 int
+        (z, y, x) of the grid without its border.
+    rays : Bundles
     """
     nz = shape[0]
     lanes, views, bundles = sums.shape
@@ -111,11 +125,21 @@ def trace_sums(volumes, sums, first_view, shape, rays):
 
 @njit(**OPTIONS)
 def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
-    """Add to `slopes` the derivatives of the sums of every ray, all views from `first_view` on.
+    """Add the derivatives of the sums of every ray.
 
-    volumes, shape, rays   as trace_sums takes them
-    occupied   [lane, voxel column], whether any voxel of it is not zero, flat [y + 2, x + 2]
-    slopes     [lane, view, bundle, row, coordinate], coordinates in the order a, c, b, d
+    Parameters
+    ----------
+    volumes : ndarray of float32, shape (lanes, voxels)
+        Each flat [y + 2, x + 2, z + 2].
+    occupied : ndarray of bool, shape (lanes, voxel columns)
+        Whether any voxel of a column is not zero, flat [y + 2, x + 2].
+    slopes : ndarray, shape (lanes, views, bundles, rows, 4)
+        What is added to; coordinates in the order a, c, b, d.
+    first_view : int
+        Of the rays, that of the slopes' first view.
+    shape : tuple of 3 int
+        (z, y, x) of the grid without its border.
+    rays : Bundles
     """
     nz = shape[0]
     lanes, views, bundles, rows = slopes.shape[0], slopes.shape[1], slopes.shape[2], slopes.shape[3]
@@ -159,12 +183,21 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
 
 @njit(**OPTIONS)
 def follow(paths, slopes, traced, rays, result):
-    """Path lengths of displaced rays: the sums of those traced and their slopes times the change of the coordinates,
-    times the new length between two planes.
+    """Path lengths of displaced rays.
 
-    paths, result   [lane, view, row, bundle], mm
-    slopes          as trace_slopes makes them
-    traced, rays    Bundles, of the rays traced and those displaced
+    They are the sums of those traced and their slopes times the change of the coordinates, times the new length between
+    two planes.
+
+    Parameters
+    ----------
+    paths : ndarray, shape (lanes, views, rows, bundles)
+        Of the rays traced, mm.
+    slopes : ndarray, shape (lanes, views, bundles, rows, 4)
+        As trace_slopes makes them.
+    traced, rays : Bundles
+        The rays traced and those displaced.
+    result : ndarray, shape (lanes, views, rows, bundles)
+        What is written to, mm.
     """
     lanes, views, rows, bundles = paths.shape
     for view in range(views):

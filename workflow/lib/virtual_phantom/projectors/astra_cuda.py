@@ -1,7 +1,11 @@
-"""The GPU engine: ASTRA's 3D cone-beam projectors (W. van Aarle et al., Opt. Express 24, 25129, 2016).
+"""The GPU engine: ASTRA's 3D cone-beam projectors.
 
 Volumes and projections are CuPy arrays, which ASTRA reads and writes where they lie (DLPack). NumPy's functions, which
-`solvers` is made of, call CuPy's for them (NEP 13 and 18): what is iterated stays on the device.
+SIRT is made of, call CuPy's for them (NEP 13 and 18): what is iterated stays on the device.
+
+References
+----------
+W. van Aarle et al., Opt. Express 24, 25129, 2016.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from ..base.geometry import Grid, ScanGeometry
 
 
 def cone_vectors(geometry: ScanGeometry, views: slice = slice(None)) -> np.ndarray:
-    """ASTRA's cone_vec rows (source, detector centre, column step, row step; x, y, z in mm), (views, 12)."""
+    """ASTRA's cone_vec rows (source, detector centre, column step, row step; x, y, z in mm), shape (views, 12)."""
     column = geometry.column_direction * geometry.column_pitch_mm
     row = geometry.row_direction * geometry.row_pitch_mm
     centre = geometry.detector_mm + column * geometry.column_offset_px + row * geometry.row_offset_px
@@ -39,14 +43,26 @@ def projection_geometry(geometry: ScanGeometry, views: slice = slice(None)) -> d
 
 
 class AstraCudaProjector:
-    """The calls of cpu.CpuProjector on a CUDA device, one realisation after another. InputError where ASTRA fails.
-
-    arrays   the module whose arrays lie where ASTRA projects: CuPy, if None
+    """The calls of cpu.CpuProjector on a CUDA device, one realisation after another.
 
     Packed volumes are [lane, z, y, x] and packed projections [lane, row, view, column], float32, as ASTRA keeps them;
     `pack_*` takes NumPy's arrays to the device, `unpack_*` takes them back. `back` is ASTRA's voxel-driven
     back-projection, with ASTRA's own scale: good for SIRT, whose weights divide it out. FDK, which needs one pass only,
     stays on the CPU engine.
+
+    Parameters
+    ----------
+    geometry : ScanGeometry
+    grid : Grid
+    lanes : int, optional
+        How many realisations.
+    arrays : module, optional
+        Whose arrays lie where ASTRA projects: CuPy, if None.
+
+    Raises
+    ------
+    InputError
+        Where ASTRA fails.
     """
 
     def __init__(self, geometry: ScanGeometry, grid: Grid, lanes: int = 1, arrays: ModuleType | None = None):
@@ -101,7 +117,7 @@ class AstraCudaProjector:
         return out
 
     def _run(self, operation, views, volume, projections):
-        """One of ASTRA's operations, on arrays where they lie. (Its `direct_...` calls say nothing when they fail.)"""
+        """Do one of ASTRA's operations on arrays where they lie. Its `direct_...` calls say nothing when they fail."""
         rays, projector = self._rays_and_projector(views)
         linked = []
         try:

@@ -150,11 +150,10 @@ def _gather_sixteen(typingctx, out, at, source, first, second, near, weight, hei
 def _scatter_sixteen(
     typingctx, out, first, second, source, at, start, stop, near, weight, height, slope, index, count, rows
 ):
-    """Of scatter_line what `count` cells, at most sixteen (None: sixteen), from `index` on receive. Reads 32 values,
-    from three before `start` on.
+    """Of scatter_line what `count` cells, at most sixteen (None: sixteen), from `index` on receive.
 
-    Each gathers from the values that may lie less than a cell away, so that no two are added to one place at once; as
-    many as `rows` is long.
+    Reads 32 values, from three before `start` on. Each cell gathers from the values that may lie less than a cell away,
+    so that no two are added to one place at once; as many as `rows` is long.
     """
     whole, real = types.intp, types.float32
     signature = types.void(out, *[whole] * 2, source, *[whole] * 3, *[real] * 4, whole, count, rows)
@@ -199,9 +198,28 @@ def _scatter_sixteen(
 def gather_line(out, at, source, first, second, length, near, weight, height, slope, start, stop, shares, lanes):
     """Add to out[at + i lanes], i from start to stop - 1, what two lines hold at the cell height + slope i.
 
-    first, second   offsets of the two lines in `source`, each of `length` cells; near and weight are their shares
-    shares          (i,) by which each value is multiplied, or None
     Heights must lie from 0 to under length - 1.
+
+    Parameters
+    ----------
+    out, source : ndarray of float32, flat
+        What is added to, and what is read.
+    at : int
+        Offset of value 0 in `out`.
+    first, second : int
+        Offsets of the two lines in `source`.
+    length : int
+        Cells of each line.
+    near, weight : float32
+        Shares of the two lines.
+    height, slope : float32
+        Cell of value 0, and what is added from value to value.
+    start, stop : int
+        Which values.
+    shares : ndarray of float32 or None
+        By which each value i is multiplied.
+    lanes : tuple
+        As long as there are realisations.
     """
     count = len(lanes)
     # Sixteen at once read beyond the line, but must not read beyond the array.

@@ -20,15 +20,28 @@ ONE_BY_ONE_UP_TO = 7
 
 
 class CpuProjector:
-    """Forward and back-projection of `lanes` realisations at once between a grid and a scan geometry.
-
-    geometry    upright: InputError if the detector's rows do not lie above each other along z
-    centre_mm   of the grid from the isocentre (x, y, z), mm, in all views or in each, (views, 3); whatever
-                grid.centre_mm says of its world; `back_parallel` asks for (0, 0, 0)
+    """Forward and back-projection of several realisations at once between a grid and a scan geometry.
 
     Stacks that a caller hands in or gets back are [lane, z, y, x] and [lane, view, row, column]. Between the two
     calls `pack_*` and `unpack_*` they stay in the kernels' own layout (see kernels.py), on which sums and products
     element by element are valid as they are.
+
+    Parameters
+    ----------
+    geometry : ScanGeometry
+        Upright: the detector's rows lie above each other along z.
+    grid : Grid
+    lanes : int, optional
+        How many realisations.
+    threads : int, optional
+    centre_mm : array_like, shape (3,) or (views, 3), optional
+        Of the grid from the isocentre (x, y, z), mm, in all views or in each; whatever grid.centre_mm says of its
+        world. `back_parallel` asks for (0, 0, 0).
+
+    Raises
+    ------
+    InputError
+        If the geometry is not upright, or the grid's corners lie outside the source's orbit.
     """
 
     views_per_block = VIEWS_PER_BLOCK
@@ -104,7 +117,20 @@ class CpuProjector:
         return np.ascontiguousarray(np.transpose(packed[:, 1:-1, 1:-1], (3, 0, 2, 1)))
 
     def forward(self, volume: np.ndarray, views: slice = slice(None)) -> np.ndarray:
-        """Line integrals (Joseph) of a packed volume in 1/mm for the given views: packed projections, dimensionless."""
+        """Line integrals (Joseph) of a packed volume.
+
+        Parameters
+        ----------
+        volume : ndarray
+            Packed, 1/mm.
+        views : slice, optional
+            Which views.
+
+        Returns
+        -------
+        ndarray
+            Packed projections of these views, dimensionless.
+        """
         projections = self._empty_projections(len(range(*views.indices(self.geometry.views))))
 
         def run(first, last):
@@ -121,9 +147,21 @@ class CpuProjector:
         views: slice = slice(None),
         out: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Voxel-driven back-projection of packed projections, added to `out` (a new volume if None).
+        """Voxel-driven back-projection. Each view counts by (source to isocentre / depth)^2.
 
-        Each view counts by (source to isocentre / depth)^2.
+        Parameters
+        ----------
+        projections : ndarray
+            Packed.
+        views : slice, optional
+            Which views these are of.
+        out : ndarray, optional
+            Packed volume to add to; None: a new one.
+
+        Returns
+        -------
+        ndarray
+            The packed volume.
         """
         volume = self.empty_volume() if out is None else out
 
@@ -150,10 +188,25 @@ class CpuProjector:
         out: np.ndarray | None = None,
         overwrite: bool = False,
     ) -> np.ndarray:
-        """The exact transpose of `forward`, added to `out`: <forward(x), y> = <x, adjoint(y)>.
+        """The exact transpose of `forward`: <forward(x), y> = <x, adjoint(y)>.
 
-        overwrite   True scales `projections` where they stand instead of in a copy
         Neighbouring rays add to the same voxels, so this runs in one thread whatever `threads` says.
+
+        Parameters
+        ----------
+        projections : ndarray
+            Packed.
+        views : slice, optional
+            Which views these are of.
+        out : ndarray, optional
+            Packed volume to add to; None: a new one.
+        overwrite : bool, optional
+            Scale `projections` where they stand instead of in a copy.
+
+        Returns
+        -------
+        ndarray
+            The packed volume.
         """
         volume = self.empty_volume() if out is None else out
         scaled = projections
@@ -172,11 +225,20 @@ class CpuProjector:
         return aligned_zeros((len(rays.angles_rad), len(rays.t_mm) + 2, self.geometry.rows + 2, self.lanes))
 
     def back_parallel(self, projections: np.ndarray, rays, full_rows: float) -> np.ndarray:
-        """Mean over directions of rebinned projections, each voxel by the views that see it; packed.
+        """Mean over directions of rebinned projections, each voxel by the views that see it.
 
-        Zero where any direction is missing.
+        Parameters
+        ----------
+        projections : ndarray
+            As back_parallel_stack lays them out.
+        rays : ParallelRays
+        full_rows : float
+            Share of the rows, from the middle, that count fully where views of one direction overlap.
 
-        full_rows   share of the rows, from the middle, that count fully where views of one direction overlap
+        Returns
+        -------
+        ndarray
+            Packed volume; zero where any direction is missing.
         """
         volume = self.empty_volume()
         nz, ny, nx = self.grid.shape
@@ -234,15 +296,21 @@ class CpuProjector:
 
 
 def lanes_at_once(geometry: ScanGeometry, grid: Grid, lanes: int) -> int:
-    """How many of so many volumes are projected forward soonest together: all, or 1 if one by one, where these fill no
-    register and sixteen values of a line do (columns.py)."""
+    """How many of so many volumes are projected forward soonest together.
+
+    All, or 1 if one by one, where these fill no register and sixteen values of a line do (columns.py).
+
+    Returns
+    -------
+    int
+    """
     step = geometry.row_pitch_mm / geometry.magnification / grid.spacing[0]
     one_by_one = WIDE and step <= STEEPEST and min(geometry.rows, grid.shape[0]) >= WIDTH // 2
     return 1 if one_by_one and lanes <= ONE_BY_ONE_UP_TO else lanes
 
 
 def share_out(run: Callable[[int, int], None], count: int, threads: int) -> None:
-    """run(first, last) over [0, count) in one contiguous share per thread; the shares write to separate places."""
+    """Call run(first, last) over [0, count) in one contiguous share per thread; the shares write to separate places."""
     if threads == 1:
         run(0, count)
         return

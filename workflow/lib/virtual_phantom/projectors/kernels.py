@@ -8,11 +8,15 @@ Flat float32 arrays, laid out with one voxel or pixel of zeros around them so th
 z and the detector rows run along the same line in space (vectors.Upright), so for one detector column (or one voxel
 column) the in-plane interpolation is common to all of them and the inner loop walks through contiguous memory.
 
-Joseph's method (P. M. Joseph, IEEE Trans. Med. Imaging 1, 192, 1982): step through the planes across the ray's main
-direction, interpolate bilinearly in each, scale by the path between planes. The ray's main direction is taken in the
-x-y plane, which asks for cone angles under 45 degrees. Voxel-driven back-projection interpolates the projection
-bilinearly where the line from the source through the voxel's centre meets the detector. Joseph forward with
-voxel-driven back is the pair of ASTRA's 3D algorithms (W. van Aarle et al., Ultramicroscopy 157, 35, 2015).
+Joseph's method [1]_: step through the planes across the ray's main direction, interpolate bilinearly in each, scale by
+the path between planes. The ray's main direction is taken in the x-y plane, which asks for cone angles under 45
+degrees. Voxel-driven back-projection interpolates the projection bilinearly where the line from the source through the
+voxel's centre meets the detector. Joseph forward with voxel-driven back is the pair of ASTRA's 3D algorithms [2]_.
+
+References
+----------
+.. [1] P. M. Joseph, IEEE Trans. Med. Imaging 1, 192, 1982.
+.. [2] W. van Aarle et al., Ultramicroscopy 157, 35, 2015.
 """
 
 import math
@@ -36,11 +40,24 @@ Lines = namedtuple("Lines", "pair near weight height slope start stop")
 
 
 class Scan(NamedTuple):
-    """Grid and scan as the kernels take them: mm, and arrays of one entry per view.
+    """Grid and scan as the kernels take them. Arrays have shape (views,).
 
-    shape, spacing      of the grid, (z, y, x)
-    cosine ... first_row   as vectors.Upright has them, source_z, depth and beside from the grid's centre
-    radius              depth of the isocentre: what back-projected views are weighed by
+    Attributes
+    ----------
+    shape : tuple of 3 int
+        Of the grid, (z, y, x).
+    spacing : tuple of 3 float
+        Of the grid, (z, y, x), mm.
+    columns, rows : int
+        Of the detector.
+    column_pitch, row_pitch : float
+        Of the detector, mm.
+    cosine, sine, distance, first_column, first_row : ndarray
+        As vectors.Upright has them.
+    depth, beside, source_z : ndarray
+        The same, but from the grid's centre.
+    radius : ndarray
+        Depth of the isocentre, mm: what back-projected views are weighed by.
     """
 
     shape: tuple[int, int, int]
@@ -88,8 +105,15 @@ def _ray(view, column, scan):
 
 @njit(**OPTIONS)
 def _crossings(start, direction, start_other, direction_other, n, spacing, n_other, spacing_other):
-    """Where the ray meets plane 0 and what is added from plane to plane: share of the way to the detector, and padded
-    index along the other in-plane axis."""
+    """Where the ray meets plane 0 and what is added from plane to plane.
+
+    Returns
+    -------
+    share, share_step : float
+        Share of the way to the detector.
+    other, other_step : float
+        Padded index along the other in-plane axis.
+    """
     share, share_step = ((1 - n) * 0.5 * spacing - start) / direction, spacing / direction
     per_share = direction_other / spacing_other
     other = start_other / spacing_other + share * per_share + (n_other - 1) * 0.5 + 1.0
@@ -107,10 +131,9 @@ def span(first, slope, cells, n):
 
 @njit(inline="always", **OPTIONS)
 def _set_line(lines, k, position, scale, height, slope, cells, n):
-    """Entry k: between the two lines around a padded position, n values from cells of which `cells` are not border,
-    times `scale`.
+    """Set entry k: n values between the two lines around a padded position, times `scale`.
 
-    Without branches, so that many are worked out at once.
+    They come from cells of which `cells` are not border. Without branches, so that many are worked out at once.
     """
     below = math.floor(position)
     weight = position - below
@@ -146,10 +169,24 @@ def _columns_of_tile(view, x0, x1, y0, y1, scan):
 
 @njit(**OPTIONS)
 def trace(volume, projections, first_view, views, scan, transpose, lines, lanes):
-    """Joseph projection of `views` views from `first_view` on, or (transpose) its exact adjoint.
+    """Joseph projection of some views, or its exact adjoint.
 
-    Adds to `projections` what `path_lengths` must then scale; transpose adds to `volume` and needs scaled projections.
-    A sample belongs to the tile of the first of the voxel columns that it is interpolated from. `lines`: see Lines.
+    A sample belongs to the tile of the first of the voxel columns that it is interpolated from.
+
+    Parameters
+    ----------
+    volume, projections : ndarray of float32, flat
+        Laid out as the module's docstring says. Projection adds to `projections` what `path_lengths` must then scale;
+        the adjoint adds to `volume` and needs scaled projections.
+    first_view, views : int
+        The first of the views that `projections` hold, and their number.
+    scan : Scan
+    transpose : bool
+        True: the adjoint.
+    lines : Lines
+        Room, of `empty_lines`.
+    lanes : tuple
+        As long as there are realisations.
     """
     _, ny, nx = scan.shape
     width = tile_width(lanes)
@@ -231,11 +268,11 @@ def path_lengths(projections, first_view, views, scan, lanes):
 
 @njit(**OPTIONS)
 def back_project(volume, projections, first_view, views, first_y, last_y, scan, lines, lanes):
-    """Add the voxel-driven back-projection of `views` views to rows first_y to last_y - 1 of the volume.
+    """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
 
     Each view counts by (source to isocentre / depth)^2: the weight of FDK, and how densely rays lie, which the
     transpose of a forward projection has by itself. ASTRA's BP3D_CUDA does the same, but for a constant
-    (github.com/astra-toolbox/astra-toolbox/issues/594).
+    (github.com/astra-toolbox/astra-toolbox/issues/594). Arguments are those of `trace`.
     """
     count = len(lanes)
     nz, ny, nx = scan.shape

@@ -24,8 +24,14 @@ OPTIONS = dict(fastmath=True, nogil=True, cache=True, error_model="numpy", _nrt=
 
 
 def _cache_folder() -> str:
-    """A folder for compiled kernels that changes with any of their files: beside them, or among the user's caches where
-    nothing may be written beside them."""
+    """A folder for compiled kernels that changes with any of their files.
+
+    It is beside them, or among the user's caches where nothing may be written beside them.
+
+    Returns
+    -------
+    str
+    """
     here = Path(__file__).resolve().parent
     content = b"".join((here / name).read_bytes() for name in KERNEL_FILES)
     name = hashlib.sha256(content).hexdigest()[:16]

@@ -20,6 +20,10 @@ def _row_weight(height, rows, full):
     """1 in the middle share `full` of the rows, falling smoothly to 0 at the outermost rows' centres; padded rows.
 
     One row counts to half its height off its centre.
+
+    Returns
+    -------
+    float32
     """
     off_centre = abs(height - np.float32((rows + 1) * 0.5)) / np.float32(max(rows - 1, 1) * 0.5)
     s = min(np.float32(1.0), max(np.float32(0.0), (np.float32(1.0) - off_centre) / np.float32(1.0 - full)))
@@ -29,13 +33,34 @@ def _row_weight(height, rows, full):
 class ParallelScan(NamedTuple):
     """Grid and rebinned scan as the kernel takes them; lengths in mm.
 
-    shape, spacing      of the grid, (z, y, x)
-    columns             distances t of each angle, from first_t on, t_pitch apart
-    half_turn           angles per half turn
-    sine, cosine        of the angles
-    view_of_angle       fractional view whose central ray has the angle
-    source_z, source_step   height of the source in view 0, and what each view adds
-    full                share of the rows, from the middle, that count fully
+    Attributes
+    ----------
+    shape : tuple of 3 int
+        Of the grid, (z, y, x).
+    spacing : tuple of 3 float
+        Of the grid, (z, y, x).
+    columns : int
+        Distances t of each angle.
+    rows : int
+        Of the detector.
+    half_turn : int
+        Angles per half turn.
+    sine, cosine : ndarray, shape (angles,)
+        Of the angles.
+    view_of_angle : ndarray, shape (angles,)
+        Fractional view whose central ray has the angle.
+    view_step : float
+        Radians from view to view, signed.
+    source_z, source_step : float
+        Height of the source in view 0, and what each view adds.
+    radius, distance : float
+        From the source to the isocentre and to the detector.
+    first_row, row_pitch : float
+        Height of row 0 on the detector, and from row to row.
+    first_t, t_pitch : float
+        The first of the distances t, and from one to the next.
+    full : float
+        Share of the rows, from the middle, that count fully.
     """
 
     shape: tuple[int, int, int]
@@ -63,7 +88,7 @@ Room = namedtuple("Room", "total shares near at height slope")
 
 
 def empty_room(slices: int, views: int) -> Room:
-    """For each thread its own."""
+    """Room for sums, for each thread its own."""
     near, height, slope = np.empty((3, views), np.float32)
     shares = np.empty((views, slices), np.float32)
     return Room(np.empty(slices, np.float32), shares, near, np.empty(views, np.intp), height, slope)
@@ -71,10 +96,25 @@ def empty_room(slices: int, views: int) -> Room:
 
 @njit(**OPTIONS)
 def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room, lanes):
-    """Add parallel-rebinned projections [angle, t + 2, row + 2, lane] to rows first_y to last_y - 1 of the volume.
+    """Add parallel-rebinned projections to rows first_y to last_y - 1 of the volume.
 
     Every voxel takes each direction of rays once: views of the same direction, half turns apart, share it in the ratio
-    of their row weights. `seen` [y, x, z] counts the directions that any view gave.
+    of their row weights.
+
+    Parameters
+    ----------
+    volume : ndarray of float32, flat
+        Laid out as in kernels.py.
+    seen : ndarray of float32, shape (y, x, z)
+        Counts the directions that any view gave.
+    projections : ndarray of float32, flat
+        [angle, t + 2, row + 2, lane].
+    first_y, last_y : int
+    scan : ParallelScan
+    room : Room
+        Of `empty_room`.
+    lanes : tuple
+        As long as there are realisations.
     """
     count = len(lanes)
     nz, ny, nx = scan.shape

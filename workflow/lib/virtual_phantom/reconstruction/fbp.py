@@ -16,19 +16,33 @@ FULL_ROWS = 0.6
 
 
 def fbp(projector, line_integrals: np.ndarray, *, normalise: str = "coverage") -> np.ndarray:
-    """Linear attenuation in 1/mm [lane, z, y, x] from line integrals [lane, view, row, column].
+    """Linear attenuation from line integrals by filtered back-projection.
 
-    projector   the CPU engine's
-    normalise   "coverage": rays are rebinned to parallel ones, and each voxel takes every direction (mod half a turn)
-                once, in the ratio of the row weights of the views that see it: weighted filtered back-projection, K.
-                Stierstorfer et al., Phys. Med. Biol. 49, 2209 (2004). Air outside the field of view, and where any
-                direction is missing.
-                "none": FDK (Feldkamp, Davis and Kress, J. Opt. Soc. Am. A 1, 612, 1984) that takes all views for one
-                turn. Right for one circular turn; on a helix every voxel comes out scaled by the share of views that
-                see it, as with ASTRA's FDK_CUDA.
+    Parameters
+    ----------
+    projector : CpuProjector
+    line_integrals : ndarray, shape (lanes, views, rows, columns)
+    normalise : {"coverage", "none"}, optional
+        "coverage": rays are rebinned to parallel ones, and each voxel takes every direction (mod half a turn) once, in
+        the ratio of the row weights of the views that see it: weighted filtered back-projection [1]_. Air outside the
+        field of view, and where any direction is missing. "none": FDK [2]_ that takes all views for one turn. Right for
+        one circular turn; on a helix every voxel comes out scaled by the share of views that see it, as with ASTRA's
+        FDK_CUDA.
 
-    Raises InputError for another word, a scan that is no circle or helix, and with "coverage" one that ParallelRays
-    refuses.
+    Returns
+    -------
+    ndarray, shape (lanes, z, y, x)
+        1/mm.
+
+    Raises
+    ------
+    InputError
+        For another word, a scan that is no circle or helix, and with "coverage" one that ParallelRays refuses.
+
+    References
+    ----------
+    .. [1] K. Stierstorfer et al., Phys. Med. Biol. 49, 2209, 2004.
+    .. [2] Feldkamp, Davis and Kress, J. Opt. Soc. Am. A 1, 612, 1984.
     """
     if normalise == "none":
         return _fdk(projector, line_integrals)
@@ -70,7 +84,19 @@ def _weighted(projector, line_integrals):
 
 
 def ramp_filter(rows: np.ndarray, pitch_mm: float) -> np.ndarray:
-    """Ramp filter along the last axis, samples `pitch_mm` apart; result per mm."""
+    """Ramp filter along the last axis.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (..., samples)
+    pitch_mm : float
+        From sample to sample.
+
+    Returns
+    -------
+    ndarray of float32, shape (..., samples)
+        Per mm.
+    """
     samples = rows.shape[-1]
     n = fft.next_fast_len(2 * samples, real=True)
     return fft.irfft(fft.rfft(rows.astype(np.float32, copy=False), n, axis=-1) * _ramp(n, pitch_mm), n, axis=-1)[
@@ -82,8 +108,15 @@ def ramp_filter(rows: np.ndarray, pitch_mm: float) -> np.ndarray:
 def _ramp(n: int, pitch_mm: float) -> np.ndarray:
     """The ramp at the frequencies of a real transform of n samples.
 
-    From its band-limited impulse response (Kak and Slaney, Principles of Computerized Tomographic Imaging, 1988, eq.
-    3.61), so that the mean is kept.
+    From its band-limited impulse response, so that the mean is kept.
+
+    Returns
+    -------
+    ndarray of float32, shape (n // 2 + 1,)
+
+    References
+    ----------
+    Kak and Slaney, Principles of Computerized Tomographic Imaging, 1988, eq. 3.61.
     """
     offset = np.minimum(np.arange(n), n - np.arange(n))
     response = np.where(offset % 2 == 1, -1 / (np.pi * np.maximum(offset, 1) * pitch_mm) ** 2, 0.0)

@@ -23,11 +23,31 @@ def in_hu(
     mu_water_per_mm: float,
     threads: int = 1,
 ) -> np.ndarray:
-    """Images of every acquisition, [acquisition, z, y, x] in HU, not rounded.
+    """Images of every acquisition, not rounded.
 
-    line_integrals        [acquisition, view, row, column]
-    algorithm, settings   "sirt" with sirt.sirt's keywords, or "fbp" with fbp.fbp's
-    Raises InputError for an unknown algorithm or a scan that it cannot use.
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (acquisitions, views, rows, columns)
+    geometry : ScanGeometry
+    grid : Grid
+    algorithm : {"sirt", "fbp"}
+    settings : dict
+        Keywords of sirt.sirt or fbp.fbp.
+    engine : {"cpu", "astra_cuda"}
+        Of SIRT; FBP is made by the CPU engine.
+    mu_water_per_mm : float
+        Linear attenuation of water, 1/mm.
+    threads : int, optional
+
+    Returns
+    -------
+    ndarray, shape (acquisitions, z, y, x)
+        HU.
+
+    Raises
+    ------
+    InputError
+        For an unknown algorithm or a scan that it cannot use.
     """
     count = len(line_integrals)
     if algorithm == "sirt":

@@ -20,22 +20,39 @@ def sirt(
     terms: int,
     backprojector: str,
 ) -> np.ndarray:
-    """Linear attenuation in 1/mm [lane, z, y, x] from line integrals [lane, view, row, column].
+    """Linear attenuation from line integrals by simultaneous iterative reconstruction.
 
-    Simultaneous iterative reconstruction, x <- x + C A' R (b - A x) from x = 0, unclipped.
+    x <- x + C A' R (b - A x) from x = 0, unclipped. R and C hold the reciprocals of the row and column sums of A [1]_.
+    With the exact transpose for A', M = C A' R A has its eigenvalues in [0, 1].
 
-    R and C hold the reciprocals of the row and column sums of A (Gregor and Benson, IEEE Trans. Med. Imaging 27,
-    918, 2008). With the exact transpose for A', M = C A' R A has its eigenvalues in [0, 1].
+    Parameters
+    ----------
+    projector : CpuProjector or AstraCudaProjector
+    line_integrals : ndarray, shape (lanes, views, rows, columns)
+    iterations : int
+    solver : {"plain", "chebyshev"}
+        "plain" makes the iterations one by one. "chebyshev" gives the same image in `terms` applications of the
+        operator: K iterations multiply the error by (1 - M)^K; expanded in the Chebyshev polynomials T_j(1 - 2 M), its
+        coefficients are binomials that die off like exp(-j^2 / K). Not valid with clipping.
+    terms : int
+        Where "chebyshev" stops.
+    backprojector : {"adjoint", "voxel"}
+        What stands for A'. "adjoint": the exact transpose. "voxel": voxel-driven interpolation, as ASTRA's SIRT3D_CUDA
+        has it. With it, rays that cross less of the grid than a voxel's longest side take no part.
 
-    solver          "plain" makes the iterations one by one. "chebyshev" gives the same image in `terms` applications
-                    of the operator: K iterations multiply the error by (1 - M)^K; expanded in the Chebyshev
-                    polynomials T_j(1 - 2 M), its coefficients are binomials that die off like exp(-j^2 / K), and
-                    `terms` says where to stop. Not valid with clipping.
-    backprojector   what stands for A'. "adjoint": the exact transpose. "voxel": voxel-driven interpolation, as ASTRA's
-                    SIRT3D_CUDA has it. With it, rays that cross less of the grid than a voxel's longest side take no
-                    part.
+    Returns
+    -------
+    ndarray, shape (lanes, z, y, x)
+        1/mm.
 
-    Raises InputError for an unknown word, counts under 1, or an engine without an adjoint.
+    Raises
+    ------
+    InputError
+        For an unknown word, counts under 1, or an engine without an adjoint.
+
+    References
+    ----------
+    .. [1] Gregor and Benson, IEEE Trans. Med. Imaging 27, 918, 2008.
     """
     if iterations < 1 or terms < 1:
         raise InputError(f"sirt: iterations {iterations} and terms {terms} must both be at least 1")
@@ -66,10 +83,14 @@ def _back(projector, backprojector):
 
 
 def _shortest_mm(grid, backprojector):
-    """What a ray must cross of the grid to take part.
+    """What a ray must cross of the grid to take part, mm.
 
     The transpose gives a voxel a ray's residual by the share of its length there, which is at most 1. The voxel-driven
     one gives it whole, over that length: noise of a ray that grazes a corner of the grid would outdo all others.
+
+    Returns
+    -------
+    float
     """
     return max(grid.spacing) if backprojector == "voxel" else 0.0
 
@@ -115,7 +136,19 @@ def _reciprocal(values, smallest):
 
 
 def chebyshev_coefficients(iterations: int, terms: int) -> np.ndarray:
-    """Share of each Chebyshev polynomial in K iterations: C(2K, K) / 4^K, then 2 C(2K, K - j) / 4^K; (terms + 1,)."""
+    """Share of each Chebyshev polynomial in K iterations: C(2K, K) / 4^K, then 2 C(2K, K - j) / 4^K.
+
+    Parameters
+    ----------
+    iterations : int
+        K.
+    terms : int
+        The largest j.
+
+    Returns
+    -------
+    ndarray, shape (terms + 1,)
+    """
     j = np.arange(terms + 1)
     k = iterations
     log = special.gammaln(2 * k + 1) - special.gammaln(k - j + 1) - special.gammaln(k + j + 1) - 2 * k * np.log(2)
