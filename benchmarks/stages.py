@@ -110,7 +110,7 @@ def table(jobs, cores):
     return rows
 
 
-@style.styled()
+@style.styled(grid=True)
 def draw(jobs, rows):
     colours = style.assign(SHOWN, style.ON_WHITE) | {WAITING: "#DDDDDD"}
     figure = style.figure(style.DOUBLE_COLUMN_MM, 62)

@@ -115,11 +115,13 @@ def test_both_formats_are_written_the_same_every_time(overlap, tmp_path):
     assert width == int(style.DOUBLE_COLUMN_MM / 25.4 * 200)
 
 
-def test_another_process_and_hash_seed_writes_the_same_without_pyplot(tmp_path):
+def test_another_process_and_hash_seed_writes_the_same_and_leaves_no_state(tmp_path):
     program = (
-        "import sys, pandas; from virtual_phantom.figures import stability_discrimination as s, style;"
+        "import sys, pandas, matplotlib;"
+        "settings = lambda: {k: v for k, v in matplotlib.rcParams.items() if k != 'backend'};"
+        "before = settings(); from virtual_phantom.figures import stability_discrimination as s, style;"
         "style.save(s.draw(pandas.read_csv(sys.argv[1]), 1.0), sys.argv[2:]);"
-        "sys.exit('matplotlib.pyplot' in sys.modules)"
+        "assert settings() == before; import matplotlib.pyplot as plt; assert not plt.get_fignums()"
     )
     table = pandas.DataFrame(
         {

@@ -118,7 +118,6 @@ def _row_y_mm(grid: Grid, y: int) -> float:
 def _show(axes: Axes, array: np.ndarray, extent, limits, window, cmap: str):
     shown = axes.imshow(array, cmap=cmap, vmin=window[0], vmax=window[1], origin="lower", extent=extent)
     axes.set(xlim=limits[0][::-1], ylim=limits[1], aspect="equal", xticks=[], yticks=[])
-    axes.grid(False)
     axes.spines[:].set_visible(False)
     return shown
 

@@ -45,13 +45,12 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
         style.letter_panel(axes, index)
     left.set_yticks(range(len(variants)), [style.label(name) for name in variants])
     if title:
-        figure.suptitle(title, fontsize=style.FONT_POINTS + 0.5)
+        figure.suptitle(title)
     return figure
 
 
 def _map(axes: Axes, values: np.ndarray, colours: str, low: float, high: float) -> None:
     image = axes.imshow(np.clip(values, low, high), cmap=colours, vmin=low, vmax=high, aspect="auto")
-    axes.grid(False)
     for row, column in np.ndindex(values.shape):
         value = values[row, column]
         if np.isfinite(value):

@@ -106,7 +106,6 @@ def show(
     """Draw one slice (y, x) to scale within a box (mm, as body_box_mm gives), with no ticks."""
     image = axes.imshow(slice_array, cmap=cmap, vmin=window[0], vmax=window[1], origin="lower", extent=edges_mm(grid))
     axes.set(xlim=(box_mm[1], box_mm[0]), ylim=(box_mm[2], box_mm[3]), aspect="equal", xticks=[], yticks=[])
-    axes.grid(False)
     axes.spines[:].set_visible(False)
     return image
 

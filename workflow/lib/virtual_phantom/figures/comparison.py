@@ -132,7 +132,7 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     if title:
-        figure.suptitle(title, fontsize=style.FONT_POINTS + 1)
+        figure.suptitle(title)
     return figure
 
 
@@ -182,7 +182,6 @@ def _heat(figure: Figure, axes: Axes, y, values, steps, colours: str, labels: li
             edgecolors="#DDDDDD",
             linewidth=0.3,
         )
-    axes.grid(False)
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0)
     bar = figure.colorbar(
@@ -219,7 +218,6 @@ def _rank_column(axes: Axes, y: np.ndarray, tau: np.ndarray) -> None:
         axes.text(0.38, place, text, ha="right", va="center")
     axes.set_xlim(-0.5, 0.5)
     axes.set_xticks([])
-    axes.grid(False)
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0)
     axes.set_title("order,\nτ", fontsize=style.FONT_POINTS)

@@ -50,7 +50,6 @@ def draw(matrix: Mapping) -> Figure:
     axes.xaxis.set_label_position("top")
     axes.set_yticks(range(len(rows)), [style.label(name) for name in rows])
     axes.set(xlabel="named first", ylabel="concealed")
-    axes.grid(False)
     for edge in range(len(columns) + 1):
         axes.axvline(edge - 0.5, color="#CCCCCC", linewidth=0.4, zorder=0.5)
     for edge in range(len(rows) + 1):
@@ -67,7 +66,6 @@ def draw(matrix: Mapping) -> Figure:
         loc="outside lower center",
         ncols=3,
         title="number of cases; thirds of a cell: weak (light), medium, strong",
-        title_fontsize=style.FONT_POINTS,
     )
     return figure
 
@@ -89,7 +87,6 @@ def _cell(axes, column: int, row: int, cell: Mapping) -> None:
         str(cell["count"]),
         ha="center",
         va="center_baseline",
-        fontsize=style.FONT_POINTS,
         color="black" if outcome == "stand-in" or strength == "weak" else "white",
         zorder=3,
     )

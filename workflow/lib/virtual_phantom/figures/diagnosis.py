@@ -33,16 +33,15 @@ def draw_maps(before: np.ndarray, after: np.ndarray, title: str, across: str, do
         shown = place.imshow(
             values, aspect="auto", cmap="RdBu_r", vmin=-MAP_LIMIT, vmax=MAP_LIMIT, interpolation="nearest"
         )
-        place.grid(False)
         place.set(xlabel=across, title=name)
         style.letter_panel(place, index)
     axes[0].set_ylabel(down)
     figure.colorbar(shown, ax=axes, label="recorded − modelled (standard deviations)", extend="both", shrink=0.9)
-    figure.suptitle(title, fontsize=style.FONT_POINTS + 0.5)
+    figure.suptitle(title)
     return figure
 
 
-@style.styled()
+@style.styled(grid=True)
 def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
     """Residuals along something, before and after: (label of x, x, before, after) per panel, in standard deviations."""
     figure = style.figure(style.DOUBLE_COLUMN_MM, 58)
@@ -61,7 +60,7 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
     return figure
 
 
-@style.styled()
+@style.styled(grid=True)
 def draw_ranking(gains: dict[str, float], chosen: tuple[str, ...]) -> Figure:
     """Log score that every candidate alone adds on held-out data, the best first."""
     names = sorted(gains, key=lambda name: -gains[name])[:MOST_RANKED]

@@ -34,7 +34,6 @@ def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame | None = None)
         zip(axes, wide, ("as simulated", "with the property found, regions not fitted"), strict=False)
     ):
         shown = place.imshow(values, cmap="Blues", vmin=0, vmax=STRONG_SD, aspect="auto")
-        place.grid(False)
         for (row, column), value in np.ndenumerate(values.to_numpy()):
             colour = "white" if value > DARK * STRONG_SD else "black"
             place.text(column, row, style.number(round(value, 1)), ha="center", va="center", color=colour)
@@ -54,7 +53,7 @@ def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame | None = None)
     return figure
 
 
-@style.styled()
+@style.styled(grid=True)
 def draw_shares(
     fitted: dict[str, float], held_out: dict[str, float], chosen: tuple[str, ...], material: float
 ) -> Figure:

@@ -25,7 +25,7 @@ def crossing(line: LinearFit, variance_hu2: float) -> float | None:
         return None
 
 
-@style.styled()
+@style.styled(grid=True)
 def draw(
     table: pandas.DataFrame,
     study_levels: Mapping[str, float] | None = None,

@@ -9,7 +9,7 @@ COLUMNS = ("overlap_{}_percent", "expected_{}_percent", "lower_{}_percent", "upp
 PANELS = {"stability": ("Stability", style.BLUE), "discrimination": ("Discriminative power", style.VERMILLION)}
 
 
-@style.styled()
+@style.styled(grid=True)
 def draw(table: pandas.DataFrame) -> Figure:
     """Overlap of the two lists' heads against their length, with what unrelated lists would give; a panel per kind.
 

@@ -15,7 +15,7 @@ SIMULATED_POINTS, MEASURED_POINTS, MEAN_POINTS = 3.4, 4.5, 8.0  # across
 WHITE_HALO = [patheffects.withStroke(linewidth=2.4, foreground="white")]
 
 
-@style.styled()
+@style.styled(grid=True)
 def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     """Two panels of the same points, a marker per ROI, coloured by number of projections and by noise level.
 
@@ -88,7 +88,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
         axes.set_xlabel(f"PC 1 ({explained.iloc[0, 0]:.1f} % of variance)")
     panels[0].set_ylabel(f"PC 2 ({explained.iloc[0, 1]:.1f} % of variance)")
     if title:
-        figure.suptitle(title, fontsize=style.FONT_POINTS + 1)
+        figure.suptitle(title)
     _legend(figure, markers, len(measured))
     return figure
 

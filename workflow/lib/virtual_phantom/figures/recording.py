@@ -25,8 +25,6 @@ def draw_projections(line_integrals: np.ndarray, geometry: OrbitGeometry, title:
     known = np.where(np.isfinite(line_integrals), line_integrals, 0).astype(np.float32)
     figure = style.figure(style.DOUBLE_COLUMN_MM, 82)
     left, right = figure.subplots(1, 2)
-    left.grid(False)
-    right.grid(False)
     degrees = np.rad2deg(geometry.angles_rad)
     columns = geometry.column_positions_mm()
     extent = (columns[0], columns[-1], degrees[-1], degrees[0])
@@ -70,7 +68,6 @@ def draw_images(image: Volume, title: str, window: tuple[float, float] = (-160.0
     for place, (name, slice_hu, (across, up), (horizontal, vertical)) in zip(axes, views, strict=True):
         box = (-across / 2, across / 2, -up / 2, up / 2)
         shown = place.imshow(slice_hu, extent=box, origin="lower", cmap="gray", vmin=window[0], vmax=window[1])
-        place.grid(False)
         place.invert_xaxis()  # as radiologists look: x grows towards the patient's right, which is on the left
         place.set(
             xlabel=f"{horizontal} from the middle (mm)",

@@ -49,7 +49,6 @@ def draw_templates(panels: Sequence[Panel]) -> Figure:
             place.imshow(panel.values, aspect="auto", cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
             place.set_xticks([])
         place.set_yticks([])
-        place.grid(False)
         place.set_title(panel.title, loc="left", fontsize=style.FONT_POINTS)
         place.set_xlabel(panel.across, labelpad=2)
         place.set_ylabel("SD" if panel.names else "view", labelpad=2)
@@ -60,7 +59,6 @@ def draw_templates(panels: Sequence[Panel]) -> Figure:
             transform=place.transAxes,
             ha="right",
             va="top",
-            fontsize=style.FONT_POINTS,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
         )
     for place in axes[len(panels) :]:
@@ -83,12 +81,10 @@ def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
             f"{100 * value:.0f}".replace("-", "−"),
             ha="center",
             va="center",
-            fontsize=style.FONT_POINTS,
             color="white" if abs(value) > LIGHT else "black",
         )
     axes.set_xticks(range(count), labels, rotation=55, ha="right", rotation_mode="anchor")
     axes.set_yticks(range(count), labels)
-    axes.grid(False)
     axes.tick_params(length=0)
     words = "correlation of templates, alignment projected out"
     figure.colorbar(shown, ax=axes, location="top", label=words, shrink=0.6, aspect=40)

@@ -19,7 +19,7 @@ NEAR_PERCENT = 4.0  # best features nearer to each other than this share one lab
 POINT = 4.0  # across, for one feature
 
 
-@style.styled()
+@style.styled(grid=True)
 def draw(
     table: pandas.DataFrame,
     threshold: float,

@@ -13,6 +13,7 @@ from pathlib import Path
 import matplotlib
 import matplotlib.style
 import numpy as np
+import seaborn
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
@@ -44,28 +45,17 @@ ACRONYMS = {"sirt", "fbp", "fdk", "ct", "hu"}
 GREY = "#666666"
 
 _RC = {
+    # Seaborn's proportions, so small that letters at ticks and in legends, 11 points there, have FONT_POINTS.
+    **{name: size * FONT_POINTS / 11 for name, size in seaborn.plotting_context("notebook").items()},
+    **dict.fromkeys(("font.size", "axes.labelsize", "legend.title_fontsize"), FONT_POINTS),
     "font.family": "DejaVu Sans",  # comes with matplotlib, so every machine sets the same type
-    "font.size": FONT_POINTS,
-    "axes.titlesize": FONT_POINTS + 0.5,
-    "axes.labelsize": FONT_POINTS,
-    "xtick.labelsize": FONT_POINTS,
-    "ytick.labelsize": FONT_POINTS,
-    "legend.fontsize": FONT_POINTS,
-    "legend.frameon": False,
     "text.parse_math": False,  # a dollar sign in somebody's ROI name is only a dollar sign
-    "axes.linewidth": 0.6,
+    "figure.titlesize": FONT_POINTS + 1,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.grid": True,
     "grid.color": "#DDDDDD",
-    "grid.linewidth": 0.5,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.major.size": 2.5,
-    "ytick.major.size": 2.5,
-    "lines.linewidth": 1.2,
-    "lines.markersize": 4,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,  # in the legend, a line of a light colour on white has to be seen
     "pdf.fonttype": 42,
     "savefig.dpi": DOTS_PER_INCH,
     "figure.dpi": DOTS_PER_INCH,
@@ -75,9 +65,12 @@ _RC = {
 _METADATA = {".png": {"Software": None}, ".pdf": {"Creator": None, "Producer": None, "CreationDate": None}}
 
 
-def styled():
-    """Context manager or decorator: within it matplotlib has the shared style and nothing of the user's."""
-    return matplotlib.style.context(["default", _RC])
+def styled(grid: bool = False):
+    """Context manager or decorator: within it figures have seaborn's "ticks" in our type, and nothing of the user's.
+
+    grid   whether axes have one, for values to be read off
+    """
+    return matplotlib.style.context(["default", seaborn.axes_style("ticks"), {**_RC, "axes.grid": grid}])
 
 
 def figure(width_mm: float, height_mm: float) -> Figure:

@@ -25,7 +25,7 @@ from .html import data_url, number, render
 # What results depend on.
 PACKAGES = (
     *("snakemake", "numpy", "scipy", "numba", "pandas", "pyradiomics", "SimpleITK", "nibabel", "scikit-learn"),
-    *("scikit-image", "xraylib", "spekpy", "matplotlib"),
+    *("scikit-image", "xraylib", "spekpy", "matplotlib", "seaborn"),
 )
 MOST_ROWS = 1000  # longer tables are linked to
 
