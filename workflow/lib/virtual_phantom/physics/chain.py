@@ -1,7 +1,11 @@
 """The acquisition chain: the baseline and whatever effects are switched on, from path lengths to the mean signal.
 
-Baseline (Flouris et al., Sci. Rep. 2022): one energy, a point source, an ideal detector, Poisson noise, the logarithm.
-Effects act in the order of `effect.STAGES`; with none the chain gives the baseline.
+Baseline [1]_: one energy, a point source, an ideal detector, Poisson noise, the logarithm. Effects act in the order of
+`effect.STAGES`; with none the chain gives the baseline.
+
+References
+----------
+.. [1] Flouris et al., Sci. Rep. 12, 2022.
 """
 
 from __future__ import annotations
@@ -43,33 +47,51 @@ NODES = 4096  # of the table of one material's transmission: errors under 1e-6 a
 class State:
     """What effects change, stage by stage.
 
-    geometry           of the scan as it really is
-    motion_mm          (view, 3) displacement of the object, or None
-    anode, sensor      of the tube and of the detector
-    spectrum           what is read out of the beam without an object; None for the monochromatic beam
-    sources            displacements of points of the focal spot along the columns, the rows and the central ray, away
-                       from the isocentre, mm, and their weights
-    filters            materials that the beam passes before the object, and their thickness in mm, broadcastable to
-                       [row, column]; over that of the central ray where this is in the spectrum already
-    fluence            photons that leave the tube towards each pixel, relative, broadcastable to [view, row, column]
-    signal, air        mean signal with the object and without, [view, row, column] (air may have one view), over the
-                       signal of a pixel in air at fluence 1
-    noise              quantum variance of the signal, [view, row, column], times `photons`: the signal itself where all
-                       photons count alike
-    photons            noise-equivalent quanta of a pixel in air at fluence 1, that is 1 over its relative quantum
-                       variance: 1/A. Where all photons count alike, their number. What widens all deposits alike (the
-                       light's part of Swank's factor) lowers it and stands nowhere else
-    electronic         standard deviation of electronic noise, in photons: of each, the signal in air over `photons`
-    neighbours         (column, row): share of the signal that goes to the next pixel on either side, after the quantum
-                       noise is in it
-    lag                (share, memory, before): share of a view's signal that is read with later views, what of the glow
-                       each further view of the scanner leaves, and how much of it there is before the first view, over
-                       what that view's signal would bring about if it lasted
-    gain               of each pixel since the air scan, a factor broadcastable to [row, column]
-    dark, dark_air     read out beside the signal and no photons, in readout units: in the scan, broadcastable to
-                       [view, row, column], and in the air scan
-    readout            mean reading of the air scan in readout units; PHOTONS where these are photons; AIR where no
-                       reading is known and the mean signal in air takes their place
+    Attributes
+    ----------
+    geometry : ScanGeometry
+        Of the scan as it really is.
+    photons : float
+        Noise-equivalent quanta of a pixel in air at fluence 1, that is 1 over its relative quantum variance: 1/A. Where
+        all photons count alike, their number. What widens all deposits alike (the light's part of Swank's factor)
+        lowers it and stands nowhere else.
+    motion_mm : ndarray, shape (views, 3), or None
+        Displacement of the object, mm.
+    anode : Anode
+        Of the tube.
+    sensor : Sensor
+        Of the detector.
+    spectrum : Spectrum or None
+        What is read out of the beam without an object; None for the monochromatic beam.
+    sources : tuple of tuple of 4 float
+        Displacements of points of the focal spot along the columns, the rows and the central ray, away from the
+        isocentre, mm, and their weights.
+    filters : tuple of tuple of str and ndarray
+        Materials that the beam passes before the object, and their thickness in mm, broadcastable to (rows, columns);
+        over that of the central ray where this is in the spectrum already.
+    fluence : ndarray
+        Photons that leave the tube towards each pixel, relative, broadcastable to (views, rows, columns).
+    signal, air : ndarray, shape (views, rows, columns), or None
+        Mean signal with the object and without (air may have one view), over the signal of a pixel in air at fluence 1.
+    noise : ndarray, shape (views, rows, columns), or None
+        Quantum variance of the signal, times `photons`: the signal itself where all photons count alike.
+    electronic : float
+        Standard deviation of electronic noise, in photons: of each, the signal in air over `photons`.
+    neighbours : tuple of 2 float
+        (column, row): share of the signal that goes to the next pixel on either side, after the quantum noise is in it.
+    lag : tuple of 3 float
+        (share, memory, before): share of a view's signal that is read with later views, what of the glow each further
+        view of the scanner leaves, and how much of it there is before the first view, over what that view's signal
+        would bring about if it lasted.
+    gain : ndarray or None
+        Of each pixel since the air scan, a factor broadcastable to (rows, columns).
+    dark : ndarray or None
+    dark_air : float
+        Read out beside the signal and no photons, in readout units: in the scan, broadcastable to (views, rows,
+        columns), and in the air scan.
+    readout : float or {"photons", "air"}
+        Mean reading of the air scan in readout units; PHOTONS where these are photons; AIR where no reading is known
+        and the mean signal in air takes their place.
     """
 
     geometry: ScanGeometry
@@ -106,38 +128,59 @@ class State:
 
     @property
     def measured(self) -> np.ndarray:
-        """The mean signal as it is read out, [view, row, column]."""
+        """The mean signal as it is read out, shape (views, rows, columns)."""
         signal = self.read(self.signal)
         signal = signal if self.gain is None else signal * self.gain
         return signal if self.dark is None else np.maximum(signal + self.dark / self.unit, LEAST_SIGNAL)
 
     @property
     def measured_air(self) -> np.ndarray:
-        """The air scan as it is read out, [view or 1, row, column]."""
+        """The air scan as it is read out, shape (views or 1, rows, columns)."""
         return shared(self.air, self.neighbours) + self.dark_air / self.unit
 
     def read(
         self, signal: np.ndarray, squared: bool = False, first: np.ndarray | None = None, apart: int | None = None
     ) -> np.ndarray:
-        """What is read out of a signal [view, row, column] that neighbours share and that lags behind.
+        """What is read out of a signal that neighbours share and that lags behind.
 
-        squared   of variances of independent values
-        first     [row, column] signal of the views before the scan; None: as that of its first view
-        apart     as of lagged; None: that of the geometry
+        Parameters
+        ----------
+        signal : ndarray, shape (views, rows, columns)
+        squared : bool, optional
+            Of variances of independent values.
+        first : ndarray, shape (rows, columns), optional
+            Signal of the views before the scan; None: as that of its first view.
+        apart : int, optional
+            As of `lagged`; None: that of the geometry.
+
+        Returns
+        -------
+        ndarray, shape (views, rows, columns)
         """
         first = None if first is None else shared(first[None], self.neighbours, squared)[0]
         apart = apart or self.geometry.views_apart
         return lagged(shared(signal, self.neighbours, squared), self.lag, squared, first, apart)
 
     def drawn_before(self, mean: np.ndarray, variance: np.ndarray, random: np.random.Generator) -> np.ndarray | None:
-        """A mean over the views before the scan, as their glow weighs them, that is as noisy as these are; None without
-        afterglow."""
+        """A mean over the views before the scan, as their glow weighs them, that is as noisy as these are.
+
+        Parameters
+        ----------
+        mean, variance : ndarray, shape (rows, columns)
+            Of the signal of one such view.
+        random : numpy.random.Generator
+
+        Returns
+        -------
+        ndarray, shape (rows, columns), or None
+            None without afterglow.
+        """
         if not self.lag[0]:
             return None
         return mean + random.normal(size=mean.shape) * np.sqrt(variance * (1 - self.lag[1]) / (1 + self.lag[1]))
 
     def line_integrals(self) -> np.ndarray:
-        """-ln(signal / air) of the means, float64 [view, row, column]."""
+        """-ln(signal / air) of the means, float64, shape (views, rows, columns)."""
         return -np.log(self.measured / self.measured_air)
 
     def variance(self) -> np.ndarray:
@@ -146,12 +189,16 @@ class State:
         return quantum + electronic
 
     def log_noise(self) -> tuple[np.ndarray, np.ndarray]:
-        """What noise adds to the mean of the line integrals, and their variance, both to second order: moments of
-        -ln(1 + x) to the fourth in x, whose third moment is that of Poisson counts.
+        """What noise adds to the mean of the line integrals, and their variance, both to second order.
 
-        v/2 + 3/4 v^2 - q^2/3 and v + 5/2 v^2 - q^2, of the first-order variance v and its quantum part q: for counts of
-        mean m alone 1/(2m) + 5/(12 m^2) and 1/m + 3/(2 m^2). Where v is over MOST_NOISE, the series says nothing any
-        more, and the second-order terms stay at that.
+        Moments of -ln(1 + x) to the fourth in x, whose third moment is that of Poisson counts: v/2 + 3/4 v^2 - q^2/3
+        and v + 5/2 v^2 - q^2, of the first-order variance v and its quantum part q; for counts of mean m alone 1/(2m) +
+        5/(12 m^2) and 1/m + 3/(2 m^2). Where v is over MOST_NOISE, the series says nothing any more, and the
+        second-order terms stay at that.
+
+        Returns
+        -------
+        mean, variance : ndarray, shape (views, rows, columns)
         """
         quantum, electronic = self._noise_parts()
         first = quantum + electronic
@@ -167,13 +214,21 @@ class State:
         return self.read(self.noise / self.photons, squared=True) * over, (self.electronic / self.photons) ** 2 * over
 
     def counts(self, random: np.random.Generator) -> np.ndarray:
-        """One noisy scan in photons, float64 [view, row, column]: quantum noise, shared by neighbours, electronic
-        noise.
+        """One noisy scan: quantum noise, shared by neighbours, and electronic noise.
 
         Quantum noise is drawn as so many Poisson counts of so much signal each that mean and variance are right. The
-        third moment is then that of `log_noise`. `random` gives one number per pixel for the counts. What was before
-        the scan and electronic noise have streams of their own, spawned from it, so that counts are the same with and
-        without them.
+        third moment is then that of `log_noise`.
+
+        Parameters
+        ----------
+        random : numpy.random.Generator
+            It gives one number per pixel for the counts. What was before the scan and electronic noise have streams of
+            their own, spawned from it, so that counts are the same with and without them.
+
+        Returns
+        -------
+        ndarray of float64, shape (views, rows, columns)
+            Photons.
         """
         earlier, electronic = random.spawn(2)
         each = np.divide(self.noise, self.signal, out=np.ones_like(self.signal), where=self.signal > 0)
@@ -192,8 +247,19 @@ class State:
 def shared(array: np.ndarray, neighbours: tuple[float, float], squared: bool = False) -> np.ndarray:
     """What neighbours share: (c, 1 - 2c, c) along columns and rows.
 
-    squared   the weights are squared: variances of independent values
     Signal that would leave the detector stays in the pixel at its edge.
+
+    Parameters
+    ----------
+    array : ndarray, shape (views, rows, columns)
+    neighbours : tuple of 2 float
+        c along columns and along rows.
+    squared : bool, optional
+        The weights are squared: variances of independent values.
+
+    Returns
+    -------
+    ndarray, shape (views, rows, columns)
     """
     for axis, share in zip((2, 1), neighbours, strict=True):
         if share and array.shape[axis] > 1:
@@ -208,12 +274,23 @@ def lagged(
     first: np.ndarray | None = None,
     apart: int = 1,
 ) -> np.ndarray:
-    """What is read of [view, ...] where a share glows on and fades by the factor `memory` from view to view.
+    """What is read where a share glows on and fades by the factor `memory` from view to view.
 
-    lag       as State.lag
-    apart     of so many views of the scanner one is there: those between are interpolated
-    squared   the weights are squared: variances of independent values
-    first     what the views before the scan held; None: as the first view
+    Parameters
+    ----------
+    array : ndarray, shape (views, ...)
+    lag : tuple of 3 float
+        As State.lag.
+    squared : bool, optional
+        The weights are squared: variances of independent values.
+    first : ndarray, optional
+        What the views before the scan held; None: as the first view.
+    apart : int, optional
+        Of so many views of the scanner one is there: those between are interpolated.
+
+    Returns
+    -------
+    ndarray, shape (views, ...)
     """
     share, memory, before = lag
     if not share:
@@ -244,7 +321,22 @@ def between(array: np.ndarray, apart: int) -> np.ndarray:
 
 
 def blurred(array: np.ndarray, share: float, axis: int, squared: bool = False) -> np.ndarray:
-    """(c, 1 - 2c, c) along an axis, edge pixels keeping what would leave."""
+    """(c, 1 - 2c, c) along an axis, edge pixels keeping what would leave.
+
+    Parameters
+    ----------
+    array : ndarray
+    share : float
+        c.
+    axis : int
+    squared : bool, optional
+        The weights are squared: variances of independent values.
+
+    Returns
+    -------
+    ndarray
+        Shaped as `array`.
+    """
     middle, side = 1 - 2 * share, share
     kept = side  # what an edge pixel has beyond the middle's share
     if squared:
@@ -259,7 +351,24 @@ def blurred(array: np.ndarray, share: float, axis: int, squared: bool = False) -
 
 
 class Chain:
-    """The mean signal of a scene in a geometry, for any settings of effects."""
+    """The mean signal of a scene in a geometry, for any settings of effects.
+
+    Parameters
+    ----------
+    scene : VoxelScene
+        Or what has its methods.
+    geometry : ScanGeometry
+    photons : float, optional
+        As State.photons.
+    samples : int, optional
+        Rays per pixel and direction, whose signals are averaged (`quadrature`); 1 is the baseline's ray to its centre.
+    illumination : {"even", "solid_angle"}, optional
+        EVEN: all pixels get the same photons in air; SOLID_ANGLE: as the source sees them.
+    sensor : Sensor, optional
+        Of the detector, which a spectrum is weighed by.
+    readout : float or {"photons", "air"}, optional
+        As State.readout.
+    """
 
     def __init__(
         self,
@@ -271,13 +380,6 @@ class Chain:
         sensor: Sensor = SENSOR,
         readout: float | str = PHOTONS,
     ):
-        """
-        samples        rays per pixel and direction, whose signals are averaged (`quadrature`); 1 is the baseline's ray
-                       to its centre
-        illumination   EVEN: all pixels get the same photons in air; SOLID_ANGLE: as the source sees them
-        sensor         of the detector, which a spectrum is weighed by
-        readout        as State.readout
-        """
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
         self.illumination, self.sensor, self.readout = illumination, sensor, readout
         rays = len(quadrature(samples, geometry.rows > 1))
@@ -289,10 +391,18 @@ class Chain:
         return Chain(self.scene, geometry or self.geometry, *given)
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:
-        """An effect's parameters with range, start, typical strength and unit as this scan shows them; without those
-        that it cannot show (`held`).
+        """An effect's parameters with range, start, typical strength and unit as this scan shows them.
 
-        Raises InputError for an effect that needs the scan's times where they are not known.
+        Those that it cannot show (`held`) are left out.
+
+        Returns
+        -------
+        tuple of Parameter
+
+        Raises
+        ------
+        InputError
+            For an effect that needs the scan's times where they are not known.
         """
         air = {PHOTONS: self.photons, AIR: 1.0}.get(self.readout, self.readout)
         unit = {PHOTONS: "photons", AIR: "of air"}.get(self.readout, READOUT_UNITS)
@@ -307,8 +417,17 @@ class Chain:
         )
 
     def held(self, name: str) -> dict[str, float]:
-        """Parameters of an effect that a scan whose times are not known cannot show, at the values where they do
-        nothing. Raises InputError for an effect that is nothing without them."""
+        """Parameters of an effect that a scan without known times cannot show, at the values where they do nothing.
+
+        Returns
+        -------
+        dict of str to float
+
+        Raises
+        ------
+        InputError
+            For an effect that is nothing without them.
+        """
         timed = [one for one in load(name).parameters if one.timed]
         if self.geometry.view_interval_ms is not None or not timed:
             return {}
@@ -321,8 +440,20 @@ class Chain:
     ) -> State:
         """The chain run through, means and what noise needs.
 
-        physics   {effect: {parameter: value}}; none gives the baseline
-        extra     fields of the State to begin with
+        Parameters
+        ----------
+        physics : mapping of str to mapping of str to float
+            {effect: {parameter: value}}; none gives the baseline.
+        pose : Pose, optional
+            Of the object.
+        photons : float, optional
+            As State.photons; None: the chain's.
+        **extra
+            Fields of the State to begin with.
+
+        Returns
+        -------
+        State
         """
         state = State(self.geometry, photons or self.photons, sensor=self.sensor, readout=self.readout, **extra)
         if self.illumination == SOLID_ANGLE:
@@ -350,8 +481,14 @@ class Chain:
             state.noise = total[1] * state.fluence
 
     def _beam(self, state: State) -> tuple[Spectrum | None, np.ndarray]:
-        """The spectrum behind the filters, if there is one, and the signal of it without an object, broadcastable to
-        [row, column]."""
+        """The spectrum behind the filters, if there is one, and the beam's signal without an object.
+
+        Returns
+        -------
+        spectrum : Spectrum or None
+        air : ndarray
+            Signal, broadcastable to (rows, columns).
+        """
         if not state.filters:
             return state.spectrum, np.ones((1, 1))
         if state.spectrum is None:
@@ -362,10 +499,21 @@ class Chain:
     def transmission(
         self, geometry: ScanGeometry, pose: Pose, motion_mm=None, beam: Spectrum | None = None
     ) -> np.ndarray:
-        """Signal, and its quantum variance where these are other shares, over those in air without filters: float64
-        [1 or 2, view, row, column].
+        """Signal, and its quantum variance where these are other shares, over those in air without filters.
 
-        beam   its shares may be of every row and column, [energy, row, column]
+        Parameters
+        ----------
+        geometry : ScanGeometry
+        pose : Pose
+            Of the object.
+        motion_mm : ndarray, shape (views, 3), optional
+            As State.motion_mm.
+        beam : Spectrum, optional
+            Its shares may be of every row and column, shape (energies, rows, columns); None: the monochromatic beam.
+
+        Returns
+        -------
+        ndarray of float64, shape (1 or 2, views, rows, columns)
         """
         rays = (geometry.key, pose, None if motion_mm is None else motion_mm.tobytes())
         key = None if beam is None else beam.key
@@ -393,13 +541,23 @@ class Chain:
 
 
 def transmitted(paths: np.ndarray, attenuation_per_mm: np.ndarray, shares: np.ndarray) -> np.ndarray:
-    """Shares of the signal and of its variance that many energies leave of path lengths [material, ...], float64
-    [share, ...].
+    """Shares of the signal and of its variance that many energies leave.
 
-    attenuation_per_mm   [material, energy]
-    shares               in air, [share, energy], or of every pixel, [share, energy, row, column]
     One material's transmission is a function of the path length alone, if pixels share a beam, and is taken from a
     table.
+
+    Parameters
+    ----------
+    paths : ndarray, shape (materials, ...)
+        Path lengths, mm.
+    attenuation_per_mm : ndarray, shape (materials, energies)
+        1/mm.
+    shares : ndarray, shape (shares, energies) or (shares, energies, rows, columns)
+        In air, of all pixels or of every one.
+
+    Returns
+    -------
+    ndarray of float64, shape (shares, ...)
     """
     total = np.zeros((len(shares), *paths.shape[1:]))
     if len(paths) == 1 and shares.ndim == 2:
@@ -416,10 +574,21 @@ def transmitted(paths: np.ndarray, attenuation_per_mm: np.ndarray, shares: np.nd
 
 
 def quadrature(samples: int, of_rows: bool = True) -> list[tuple[tuple[float, float], float]]:
-    """Where rays meet a pixel, ((column, row) from its centre in pixels, weight): Gauss and Legendre's nodes, so that
-    two per direction blur as the whole pixel does. Rays evenly spaced would blur by 1 - 1 / samples^2 of that.
+    """Where rays meet a pixel: Gauss and Legendre's nodes, so that two per direction blur as the whole pixel does.
 
-    of_rows   False for a detector of one row (fan beam), whose rays stay in the plane
+    Rays evenly spaced would blur by 1 - 1 / samples^2 of that.
+
+    Parameters
+    ----------
+    samples : int
+        Rays per direction.
+    of_rows : bool, optional
+        False for a detector of one row (fan beam), whose rays stay in the plane.
+
+    Returns
+    -------
+    list of tuple
+        ((column, row) from the pixel's centre in pixels, weight).
     """
     nodes, weights = np.polynomial.legendre.leggauss(samples)
     columns = [(float(node) / 2, float(weight) / 2) for node, weight in zip(nodes, weights, strict=True)]
@@ -428,11 +597,27 @@ def quadrature(samples: int, of_rows: bool = True) -> list[tuple[tuple[float, fl
 
 
 def displaced(geometry: ScanGeometry, column_mm: float, row_mm: float, away_mm: float = 0.0) -> ScanGeometry:
-    """The geometry of a point of the focal spot beside its centre: along the detector's columns and rows, and along the
-    central ray, away from the isocentre.
+    """The geometry of a point of the focal spot beside its centre.
 
     A source moved by s along the column axis stands where a gantry turned by -s/R would put it; the detector, which
     stays, then lies s (D - R)/R off in the turned frame. Its tilt against that frame (s/R) is neglected.
+
+    Parameters
+    ----------
+    geometry : ScanGeometry
+    column_mm, row_mm : float
+        Along the detector's columns and rows.
+    away_mm : float, optional
+        Along the central ray, away from the isocentre.
+
+    Returns
+    -------
+    ScanGeometry
+
+    Raises
+    ------
+    InputError
+        If the point is displaced and the scan is no circle or helix.
     """
     if not column_mm and not row_mm and not away_mm:
         return geometry

@@ -10,13 +10,22 @@ AXES = (2, 1, 0)  # of [view, row, column], in the order in which correlations a
 
 
 def correlations(state: State, weight: np.ndarray | None = None) -> np.ndarray:
-    """Of neighbouring columns, rows and views, (3,), as repeats show them on average: the mean covariance of pairs over
-    the mean variance.
+    """Correlations of the noise of neighbouring columns, rows and views, as repeats show them on average.
 
-    weight   [view, row, column], what variances are multiplied by before they are averaged; 0 leaves a ray out; None:
-             the inverse of each ray's variance
-    Exact to first order in the noise, the detector's edges, electronic noise and steep signals included. 0 along an
-    axis of one pixel.
+    The mean covariance of pairs over the mean variance. Exact to first order in the noise, the detector's edges,
+    electronic noise and steep signals included.
+
+    Parameters
+    ----------
+    state : State
+    weight : ndarray, shape (views, rows, columns), optional
+        What variances are multiplied by before they are averaged; 0 leaves a ray out; None: the inverse of each ray's
+        variance.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        0 along an axis of one pixel.
     """
     found = np.zeros(3)
     if not (any(state.neighbours) or state.lag[0]):
@@ -48,8 +57,13 @@ def _neighbours(array: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _covariance(state: State, axis: int) -> np.ndarray | None:
-    """Of the quantum noise of neighbours along an axis, of the signal as it is read, one place less along the axis;
-    None if there is none. Electronic noise has none."""
+    """Of the quantum noise of neighbours along an axis, of the signal as it is read.
+
+    Returns
+    -------
+    ndarray or None
+        One place less along the axis; None if there is none. Electronic noise has none.
+    """
     quantum, length = state.noise / state.photons, state.signal.shape[axis]
     if length < 2:
         return None
@@ -72,7 +86,17 @@ def _covariance(state: State, axis: int) -> np.ndarray | None:
 def _of_views(quantum: np.ndarray, lag: tuple[float, float, float], apart: int) -> np.ndarray:
     """read_i = (1 - k) n_i + k g_i and g_(i+1) = d g_i + (1 - d) n_i: of i and i + a.
 
-    apart   a, of the scanner's views; those between are interpolated
+    Parameters
+    ----------
+    quantum : ndarray, shape (views, rows, columns)
+    lag : tuple of 3 float
+        As State.lag.
+    apart : int
+        a, of the scanner's views; those between are interpolated.
+
+    Returns
+    -------
+    ndarray, shape (views - 1, rows, columns)
     """
     share, memory, before = lag
     quantum = between(quantum, apart)

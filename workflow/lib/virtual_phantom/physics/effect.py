@@ -38,10 +38,18 @@ LOGARITHM = 0  # as a power: fits vary the logarithm
 
 @dataclass(frozen=True)
 class Reach:
-    """What one scan shows of a parameter whose unit carries over to others: a fit's range and start, and a typical
-    strength. A motion in mm/s, say, by the mm that it amounts to over the scan.
+    """What one scan shows of a parameter whose unit carries over to others.
 
-    of   what it is counted in: PER_VIEW, PER_SCAN, OF_AIR or OF_AIR_PER_SCAN
+    A motion in mm/s, say, is told by the mm that it amounts to over the scan.
+
+    Attributes
+    ----------
+    of : {"view interval", "scan", "air", "air over the scan"}
+        What it is counted in: PER_VIEW, PER_SCAN, OF_AIR or OF_AIR_PER_SCAN.
+    low, high, start : float
+        A fit's range and start.
+    typical : float
+        A typical strength.
     """
 
     of: str
@@ -55,13 +63,22 @@ class Reach:
 class Parameter:
     """A number that an effect has, in a unit that carries over to the scanner's other scans.
 
-    neutral     at this value the effect does nothing; None if there is none
-    low, high   plausible range, which the configuration and the fit keep to
-    start       where a fit begins
-    typical     a strength that scanners show, for templates and examples
-    power       with which power of it a small effect grows: 2 for the width of a blur. Fits vary that power, in which
-                data are straighter; LOGARITHM of what may be of any size
-    reach       what of it one scan shows; None: as the range, start and typical strength say
+    Attributes
+    ----------
+    name, unit, meaning : str
+    low, high : float
+        Plausible range, which the configuration and the fit keep to.
+    start : float
+        Where a fit begins.
+    typical : float
+        A strength that scanners show, for templates and examples.
+    neutral : float or None
+        At this value the effect does nothing; None if there is none.
+    power : int
+        With which power of it a small effect grows: 2 for the width of a blur. Fits vary that power, in which data are
+        straighter; LOGARITHM of what may be of any size.
+    reach : Reach or None
+        What of it one scan shows; None: as the range, start and typical strength say.
     """
 
     name: str
@@ -87,7 +104,14 @@ class Parameter:
     def within(self, scan: Mapping[str, float]) -> Parameter:
         """Itself with range, start and typical strength as one scan shows them.
 
-        scan   {unit of Reach: how much of the parameter is 1 of it}
+        Parameters
+        ----------
+        scan : mapping of str to float
+            {unit of Reach: how much of the parameter is 1 of it}.
+
+        Returns
+        -------
+        Parameter
         """
         if self.reach is None:
             return self
@@ -101,17 +125,30 @@ class Parameter:
 class Effect:
     """One piece of physics.
 
-    name         of its file
-    physics      what happens, in a sentence
-    equation     as applied
-    source       where it is described
-    stage        one of STAGES
-    signature    what tells it apart from others
-    settled_by   the further recording that shows it alone
-    apply        (state, values by name): changes in place a chain.State, or at stage "image" an image.ImageState
-    pattern      True if one unknown per detector pixel is fitted beside the parameters (rings)
-    rank         of image effects, which act in the order of their ranks, and of their names where these are equal:
-                 0 for sharpness, 1 for the numbers
+    Attributes
+    ----------
+    name : str
+        Of its file.
+    physics : str
+        What happens, in a sentence.
+    equation : str
+        As applied.
+    source : str
+        Where it is described.
+    stage : str
+        One of STAGES.
+    signature : str
+        What tells it apart from others.
+    settled_by : str
+        The further recording that shows it alone.
+    parameters : tuple of Parameter
+    apply : callable
+        (state, values by name): changes in place a chain.State, or at stage "image" an image.ImageState.
+    pattern : bool
+        True if one unknown per detector pixel is fitted beside the parameters (rings).
+    rank : int
+        Of image effects, which act in the order of their ranks, and of their names where these are equal: 0 for
+        sharpness, 1 for the numbers.
     """
 
     name: str
@@ -129,7 +166,20 @@ class Effect:
     def values(self, given: Mapping[str, float], source: str = "physics") -> dict[str, float]:
         """All parameters: those given, the others at their typical value.
 
-        Raises InputError for names it does not have, and values that are not finite or out of the plausible range.
+        Parameters
+        ----------
+        given : mapping of str to float
+        source : str, optional
+            What the message begins with.
+
+        Returns
+        -------
+        dict of str to float
+
+        Raises
+        ------
+        InputError
+            For names it does not have, and values that are not finite or out of the plausible range.
         """
         known = {parameter.name: parameter for parameter in self.parameters}
         for name, value in given.items():
@@ -153,13 +203,29 @@ def names() -> tuple[str, ...]:
 
 
 def require(name: str, source: str) -> None:
-    """Raise InputError, naming `source`, if the library has no effect of this name."""
+    """Check that the library has an effect of this name.
+
+    Raises
+    ------
+    InputError
+        Naming `source`, if it has not.
+    """
     if name not in names():
         raise InputError(f"{source}: there is no effect '{name}'; {meant(name, names())}")
 
 
 def load(name: str, source: str = "physics") -> Effect:
-    """The effect of this name. Raises InputError, naming `source`, if there is none."""
+    """The effect of this name.
+
+    Returns
+    -------
+    Effect
+
+    Raises
+    ------
+    InputError
+        Naming `source`, if there is none.
+    """
     require(name, source)
     return importlib.import_module(f".effects.{name}", __package__).EFFECT
 
@@ -176,7 +242,22 @@ def image_effects() -> tuple[str, ...]:
 
 
 def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, source: str, scan: str) -> None:
-    """Raise InputError, naming `source` and the `scan`, for readings that are implausible beside that in air."""
+    """Refuse readings that are implausible beside that in air.
+
+    Parameters
+    ----------
+    physics : mapping of str to mapping of str to float
+        {effect: {parameter: value}}.
+    air : float
+        Reading in air, photons.
+    source, scan : str
+        What the message begins with, and what the scan is called in it.
+
+    Raises
+    ------
+    InputError
+        For such a reading.
+    """
     for name, values in physics.items():
         for one in load(name).parameters:
             if one.reach is not None and one.reach.of == OF_AIR:
@@ -189,15 +270,35 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
 
 
 def needs_times(name: str) -> bool:
-    """Whether an effect is nothing that a scan without known times could show: a parameter that goes by them cannot be
-    left out, or all do."""
+    """Whether an effect is nothing that a scan without known times could show.
+
+    That is so if a parameter that goes by them cannot be left out, or all do.
+
+    Returns
+    -------
+    bool
+    """
     parameters = load(name).parameters
     return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)
 
 
 def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "physics") -> dict[str, dict[str, float]]:
-    """Complete settings of effects, {effect: {parameter: value}}, from a configuration's section.
+    """Complete settings of effects from a configuration's section.
 
-    Raises InputError for unknown effects or parameters and values out of range.
+    Parameters
+    ----------
+    physics : mapping of str to mapping of str to float, or None
+        {effect: {parameter: value}}; parameters that are not given are typical.
+    source : str, optional
+        What the message begins with.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+
+    Raises
+    ------
+    InputError
+        For unknown effects or parameters and values out of range.
     """
     return {name: load(name, source).values(given or {}, source) for name, given in physics.items()}

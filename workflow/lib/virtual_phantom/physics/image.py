@@ -17,14 +17,37 @@ from .effect import image_effects, load
 
 @dataclass
 class ImageState:
-    """What effects change: HU [z, y, x], float, and the voxels (z, y, x), mm, that they go by."""
+    """What effects change.
+
+    Attributes
+    ----------
+    hu : ndarray of float, shape (z, y, x)
+        HU.
+    spacing_mm : tuple of 3 float
+        Voxels (z, y, x), mm, that effects go by.
+    """
 
     hu: np.ndarray
     spacing_mm: tuple[float, float, float]
 
 
 def with_effects(hu: np.ndarray, spacing_mm: tuple[float, float, float], physics: Mapping[str, Mapping[str, float]]):
-    """An image [z, y, x] in HU after effects of stage "image", {effect: {parameter: value}}; without any, itself."""
+    """An image after effects of stage "image"; without any, itself.
+
+    Parameters
+    ----------
+    hu : ndarray, shape (z, y, x)
+        HU.
+    spacing_mm : tuple of 3 float
+        Voxels (z, y, x), mm.
+    physics : mapping of str to mapping of str to float
+        {effect: {parameter: value}}.
+
+    Returns
+    -------
+    ndarray, shape (z, y, x)
+        HU.
+    """
     if not physics:
         return hu
     state = ImageState(np.asarray(hu, np.float32), spacing_mm)
@@ -45,12 +68,28 @@ def reconstruct(
     physics: dict | None = None,
     threads: int = 1,
 ) -> list[Volume]:
-    """One image per acquisition, int16 HU on `grid`.
+    """One image per acquisition.
 
-    line_integrals        [acquisition, view, row, column]
-    algorithm, settings   as reconstruction.images.in_hu takes them
-    physics               effects of stage "image", {effect: {parameter: value}}
-    Raises InputError for an unknown algorithm or a scan that it cannot use.
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (acquisitions, views, rows, columns)
+    geometry : ScanGeometry
+    grid : Grid
+    algorithm, settings, engine, mu_water_per_mm
+        As reconstruction.images.in_hu takes them.
+    physics : dict, optional
+        Effects of stage "image", {effect: {parameter: value}}.
+    threads : int, optional
+
+    Returns
+    -------
+    list of Volume
+        int16 HU on `grid`.
+
+    Raises
+    ------
+    InputError
+        For an unknown algorithm or a scan that it cannot use.
     """
     hu = in_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
     hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]

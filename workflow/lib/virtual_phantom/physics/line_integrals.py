@@ -15,10 +15,27 @@ from ..projectors.cpu import CpuProjector
 def clean_line_integrals(
     phantom: Volume, geometry: ScanGeometry, mu_water_per_mm: float, threads: int = 1
 ) -> np.ndarray:
-    """Monochromatic line integrals [view, row, column] of a phantom in HU, whatever its sampling.
+    """Monochromatic line integrals of a phantom, whatever its sampling.
 
-    One pass over a fine grid takes seconds, so it runs on the CPU engine whatever the study reconstructs with. Raises
-    InputError as check_scannable.
+    One pass over a fine grid takes seconds, so it runs on the CPU engine whatever the study reconstructs with.
+
+    Parameters
+    ----------
+    phantom : Volume
+        HU.
+    geometry : ScanGeometry
+    mu_water_per_mm : float
+        Linear attenuation of water, 1/mm.
+    threads : int, optional
+
+    Returns
+    -------
+    ndarray of float32, shape (views, rows, columns)
+
+    Raises
+    ------
+    InputError
+        As check_scannable.
     """
     check_scannable(phantom, geometry)
     projector = CpuProjector(geometry, phantom.grid, threads=threads)
@@ -27,19 +44,45 @@ def clean_line_integrals(
 
 
 def check_scannable(phantom: Volume, geometry: ScanGeometry) -> None:
-    """Raise InputError if the phantom (HU) holds no number, or reaches out of the cylinder that every view sees."""
+    """Check that a phantom can be scanned.
+
+    Parameters
+    ----------
+    phantom : Volume
+        HU.
+    geometry : ScanGeometry
+
+    Raises
+    ------
+    InputError
+        If the phantom holds a voxel that is no number, or reaches out of the cylinder that every view sees.
+    """
     if not np.isfinite(phantom.array).all():
         raise InputError("phantom image: holds NaN or infinite voxels; repair the CT that it was made from")
     _refuse_truncation(phantom, geometry)
 
 
 def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndarray]) -> None:
-    """Raise InputError, naming the ROI, if one of its voxels is not seen from every direction of half a turn.
+    """Check that every voxel of every ROI is seen from every direction of half a turn.
 
-    masks   boolean arrays [z, y, x] on `grid` by ROI
+    One that is not cannot be reconstructed rightly by any algorithm [1]_, and would change every feature of its ROI in
+    silence.
 
-    Such a voxel cannot be reconstructed rightly by any algorithm (H. K. Tuy, SIAM J. Appl. Math. 43, 546, 1983), and
-    would change every feature of its ROI in silence.
+    Parameters
+    ----------
+    geometry : ScanGeometry
+    grid : Grid
+    masks : dict of str to ndarray of bool, shape (z, y, x)
+        On `grid`, by ROI.
+
+    Raises
+    ------
+    InputError
+        Naming the ROI that is not.
+
+    References
+    ----------
+    .. [1] H. K. Tuy, SIAM J. Appl. Math. 43, 546, 1983.
     """
     rays = ParallelRays(geometry)
     z, y, x = grid.axes_mm()

@@ -1,7 +1,11 @@
 """Linear attenuation of materials, and how a voxel in HU is divided among them.
 
-Cross-sections: xraylib (T. Schoonjans et al., Spectrochim. Acta B 66, 776, 2011), total with coherent scattering.
-Compositions and densities: NIST's compounds as xraylib lists them, those of tissues by ICRP and ICRU.
+Cross-sections: xraylib [1]_, total with coherent scattering. Compositions and densities: NIST's compounds as xraylib
+lists them, those of tissues by ICRP and ICRU.
+
+References
+----------
+.. [1] T. Schoonjans et al., Spectrochim. Acta B 66, 776, 2011.
 """
 
 from __future__ import annotations
@@ -39,7 +43,25 @@ ENERGIES_KEV = (10.0, 160.0)  # between which the energy of a monochromatic beam
 
 
 def attenuation_per_mm(material: str, energies_kev: np.ndarray) -> np.ndarray:
-    """Linear attenuation in 1/mm at energies in keV. Raises InputError for an unknown material."""
+    """Linear attenuation of a material.
+
+    Parameters
+    ----------
+    material : str
+        Of COMPOUNDS or ELEMENTS.
+    energies_kev : array_like, shape (energies,)
+        keV.
+
+    Returns
+    -------
+    ndarray, shape (energies,)
+        1/mm; not to be written to.
+
+    Raises
+    ------
+    InputError
+        For an unknown material.
+    """
     return _attenuation(material, tuple(np.asarray(energies_kev, float).tolist()))
 
 
@@ -62,9 +84,24 @@ def _attenuation(material: str, energies_kev: tuple[float, ...]) -> np.ndarray:
 
 @cache
 def energy_of(material: str, mu_per_mm: float) -> float:
-    """The energy in keV at which a material attenuates like this: that of the monochromatic beam.
+    """The energy at which a material attenuates like this: that of the monochromatic beam.
 
-    Raises InputError if there is none between ENERGIES_KEV.
+    Parameters
+    ----------
+    material : str
+        Of COMPOUNDS or ELEMENTS.
+    mu_per_mm : float
+        Linear attenuation, 1/mm.
+
+    Returns
+    -------
+    float
+        keV.
+
+    Raises
+    ------
+    InputError
+        If there is none between ENERGIES_KEV.
     """
 
     def excess(energy):
@@ -82,8 +119,14 @@ def energy_of(material: str, mu_per_mm: float) -> float:
 class Segmentation:
     """How HU are divided among two materials.
 
-    soft        material of every voxel up to dense_from_hu, its density following the HU
-    dense       material that is mixed in above, by volume, until a voxel is all of it; None: everything is `soft`
+    Attributes
+    ----------
+    soft : str
+        Material of every voxel up to dense_from_hu, its density following the HU.
+    dense : str or None
+        Material that is mixed in above, by volume, until a voxel is all of it; None: everything is `soft`.
+    dense_from_hu : float
+        HU.
     """
 
     soft: str = "water"
@@ -92,13 +135,30 @@ class Segmentation:
 
     @property
     def materials(self) -> tuple[str, ...]:
+        """Their names."""
         return (self.soft,) if self.dense is None else (self.soft, self.dense)
 
     def fractions(self, hu: np.ndarray, mu_water_per_mm: float) -> np.ndarray:
-        """[material, ...]: the amount of each material relative to its listed density, float32.
+        """The amount of each material relative to its listed density.
 
         At the monochromatic energy, where water attenuates mu_water_per_mm, the amounts times the materials'
         attenuation add up to that of the HU exactly, so that a single energy gives the baseline's line integrals.
+
+        Parameters
+        ----------
+        hu : ndarray
+            HU.
+        mu_water_per_mm : float
+            Linear attenuation of water, 1/mm.
+
+        Returns
+        -------
+        ndarray of float32, shape (materials, ...)
+
+        Raises
+        ------
+        InputError
+            If the dense material attenuates less than dense_from_hu.
         """
         energy = energy_of("water", mu_water_per_mm)
         mu = hu_to_attenuation(np.asarray(hu, np.float32), mu_water_per_mm)

@@ -20,15 +20,33 @@ INDEPENDENT, COMMON = "independent", "common"
 
 
 def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, stream: Stream) -> Counts:
-    """One noisy acquisition of clean line integrals [view, row, column] (dimensionless).
+    """One noisy acquisition of clean line integrals.
 
-    noise_level   A = 1 / I0, where I0 is the mean number of photons per pixel without an object
-    model         "physical": counts ~ Poisson(I0 exp(-p)), Flouris et al., Sci. Rep. 12 (2022).
-                  "astra": counts ~ Poisson(I0 exp(-p / p_max)), p_max the largest line integral of the scan: what
-                  ASTRA's add_noise_to_sino does, which that paper names as its implementation.
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (views, rows, columns)
+        Dimensionless.
+    noise_level : float
+        A = 1 / I0, where I0 is the mean number of photons per pixel without an object.
+    model : {"physical", "astra"}
+        "physical": counts ~ Poisson(I0 exp(-p)) [1]_.
+        "astra": counts ~ Poisson(I0 exp(-p / p_max)), p_max the largest line integral of the scan: what ASTRA's
+        add_noise_to_sino does, which that paper names as its implementation.
+    stream : Stream
 
-    Raises InputError for an unknown model, a noise level that is not finite or under 1e-9 (more photons than the
-    counters hold), and line integrals that are not finite or, in the "astra" model, nowhere over 0.
+    Returns
+    -------
+    Counts
+
+    Raises
+    ------
+    InputError
+        For an unknown model, a noise level that is not finite or under 1e-9 (more photons than the counters hold), and
+        line integrals that are not finite or, in the "astra" model, nowhere over 0.
+
+    References
+    ----------
+    .. [1] Flouris et al., Sci. Rep. 12, 2022.
     """
     if model not in MODELS:
         raise InputError(f"noise.model '{model}' is unknown; use one of {', '.join(MODELS)}")
@@ -60,11 +78,35 @@ def acquire(
 ) -> Counts:
     """The noisy acquisition of a study that these labels name: `simulate_counts` with its own random stream.
 
-    draws   "independent": its stream is that of the labels; "common": that of the seed alone, so that pixels of one
-            place in scans of one shape have the same uniform number, and counts of the same quantile
-    state   what the acquisition chain made of the scene, its photons being those per pixel over 1/A; None: baseline
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (views, rows, columns)
+        Dimensionless.
+    geometry, noise : str
+        Labels of the scan geometry and of the noise level.
+    noise_level : float
+        A = 1 / I0.
+    seed : int
+        Of the repeat.
+    model : {"physical", "astra"}
+        As simulate_counts takes it.
+    study_seed : int
+    draws : {"independent", "common"}, optional
+        "independent": its stream is that of the labels; "common": that of the seed alone, so that pixels of one place
+        in scans of one shape have the same uniform number, and counts of the same quantile.
+    state : State, optional
+        What the acquisition chain made of the scene, its photons being those per pixel over 1/A; None: baseline.
 
-    Raises InputError as `simulate_counts`, and ValueError for other `draws`.
+    Returns
+    -------
+    Counts
+
+    Raises
+    ------
+    InputError
+        As `simulate_counts`.
+    ValueError
+        For other `draws`.
     """
     if draws not in (INDEPENDENT, COMMON):
         raise ValueError(f"draws '{draws}': use {INDEPENDENT} or {COMMON}")

@@ -5,9 +5,13 @@ nowhere else: means that differ in their last digit, as on another processor, le
 the same uniform numbers give two scans the same noise. Drawing by rejection, as NumPy does, has neither property.
 
 With w the normal deviate of u, P(N < x) = u, continued to real x by the incomplete gamma function, has the solution
-x = mean + w sqrt(mean) + p1(w) + p2(w) / sqrt(mean) + ... (Cornish and Fisher's expansion; used for this by M. B.
-Giles, Algorithm 955, ACM Trans. Math. Softw. 42, 7, 2016). The count is the whole part of x. Where x is nearer to a
-whole number than the expansion may be off, the distribution itself decides; small means are summed up term by term.
+x = mean + w sqrt(mean) + p1(w) + p2(w) / sqrt(mean) + ... (Cornish and Fisher's expansion, used for this by [1]_). The
+count is the whole part of x. Where x is nearer to a whole number than the expansion may be off, the distribution itself
+decides; small means are summed up term by term.
+
+References
+----------
+.. [1] M. B. Giles, Algorithm 955, ACM Trans. Math. Softw. 42, 7, 2016.
 """
 
 from __future__ import annotations
@@ -32,10 +36,24 @@ NEAR, FAR, ROUNDED = 0.08, 4e-4, 2e-15
 
 
 def poisson_counts(mean: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """One draw of counts, int64, of the means' shape.
+    """One draw of counts.
 
-    Takes one uniform number per mean, in the order of the array, and nothing else from `random`. Raises ValueError as
-    `quantiles` does.
+    Parameters
+    ----------
+    mean : ndarray
+        From 0 to 2^53.
+    random : numpy.random.Generator
+        One uniform number per mean is taken, in the order of the array, and nothing else.
+
+    Returns
+    -------
+    ndarray of int64
+        Shaped as `mean`.
+
+    Raises
+    ------
+    ValueError
+        As `quantiles`.
     """
     mean = np.ascontiguousarray(mean, dtype=np.float64)
     counts = np.empty(mean.shape, np.int64)
@@ -47,13 +65,26 @@ def poisson_counts(mean: np.ndarray, random: np.random.Generator) -> np.ndarray:
 
 
 def quantiles(uniform: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """The smallest counts n with P(N <= n) >= u, int64; 0 for u = 0.
-
-    uniform   (pixel,) u in [0, 1)
-    mean      (pixel,) of the Poisson distribution, from 0 to 2^53
+    """The smallest counts n with P(N <= n) >= u; 0 for u = 0.
 
     Exact but for u so near to a jump that double precision does not tell: within 1e-13 of the smaller of u and 1 - u at
-    means up to 1e5, within 1e-11 up to 1e9. Raises ValueError for numbers outside the bounds.
+    means up to 1e5, within 1e-11 up to 1e9.
+
+    Parameters
+    ----------
+    uniform : ndarray, shape (pixels,)
+        u in [0, 1).
+    mean : ndarray, shape (pixels,)
+        Of the Poisson distribution, from 0 to 2^53.
+
+    Returns
+    -------
+    ndarray of int64, shape (pixels,)
+
+    Raises
+    ------
+    ValueError
+        For numbers outside the bounds.
     """
     if not (uniform.size == 0 or (uniform.min() >= 0 and uniform.max() < 1)):
         raise ValueError("uniform numbers must be at least 0 and less than 1")

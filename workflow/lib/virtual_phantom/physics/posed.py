@@ -1,5 +1,7 @@
-"""A voxel scene for fits: path lengths follow small changes of pose, motion and geometry to first order, without being
-traced again."""
+"""A voxel scene for fits, whose path lengths follow small displacements without being traced again.
+
+They follow changes of pose, motion and geometry to first order.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +19,22 @@ MEMORY_BYTES, LEAST_KEPT, MOST_KEPT = 4e8, 10, 32
 
 
 class Traced:
-    """Path lengths of one set of rays, and what a displacement of the rays changes."""
+    """Path lengths of one set of rays, and what a displacement of the rays changes.
+
+    Parameters
+    ----------
+    scene : VoxelScene
+        Or what has its methods.
+    geometry : ScanGeometry
+    pose : Pose
+        Of the object.
+    motion_mm : ndarray, shape (views, 3), or None
+        As VoxelScene.path_lengths takes it.
+    edge : Rays
+        Those of the outline.
+    """
 
     def __init__(self, scene: VoxelScene, geometry: ScanGeometry, pose: Pose, motion_mm, edge: Rays):
-        """scene   a VoxelScene or what has its methods
-        edge    the rays of the outline
-        """
         self.scene, self.edge_mm, self.rises_mm = scene, edge.extremes_mm(), edge.rises_mm
         self.shape = geometry.shape
         self._given = geometry, pose, motion_mm
@@ -40,10 +52,17 @@ class Traced:
 
 
 class PosedScene:
-    """As VoxelScene. Scans whose rays lie near those of one that was traced take its path lengths and slopes."""
+    """A VoxelScene in which scans whose rays lie near those of one that was traced take its path lengths and slopes.
+
+    Parameters
+    ----------
+    scene : VoxelScene
+        Or what has its methods.
+    samples : int, optional
+        Rays per pixel and direction of the chain that asks: each is a scan of its own.
+    """
 
     def __init__(self, scene: VoxelScene, samples: int = 1):
-        """samples   rays per pixel and direction of the chain that asks: each is a scan of its own"""
         self.scene, self._samples = scene, samples
         self.materials, self.energy_kev = scene.materials, scene.energy_kev
         self.attenuation_per_mm = scene.attenuation_per_mm

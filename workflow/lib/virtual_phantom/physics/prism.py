@@ -15,8 +15,14 @@ from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_back
 class PrismScene:
     """An object of one material, longer than the beam is high: what DiscScene is, for any outline.
 
-    share   [y, x], the share of every pixel that it fills, the slice's centre at the isocentre
-    grid    of the slice, (1, y, x)
+    Parameters
+    ----------
+    share : ndarray, shape (y, x)
+        Share of every pixel that it fills, the slice's centre at the isocentre.
+    grid : Grid
+        Of the slice, (1, y, x).
+    material : str
+        Of materials.COMPOUNDS or ELEMENTS.
     """
 
     def __init__(self, share: np.ndarray, grid: Grid, material: str):
@@ -31,7 +37,7 @@ class PrismScene:
 
     @property
     def attenuation_per_mm(self) -> np.ndarray:
-        """At the monochromatic energy, (1,)."""
+        """At the monochromatic energy, 1/mm, shape (1,)."""
         return np.array([attenuation_per_mm(self.materials[0], [self.energy_kev])[0]])
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):

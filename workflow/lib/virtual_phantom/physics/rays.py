@@ -15,9 +15,14 @@ from ..projectors.cpu import share_out
 class Rays:
     """Where every ray of a scan crosses a grid.
 
-    bundles     in the coordinates that the kernels take
-    spacing_mm  of voxels, (z, y, x)
-    planes      number of planes across x and across y
+    Attributes
+    ----------
+    bundles : Bundles
+        In the coordinates that the kernels take.
+    spacing_mm : tuple of 3 float
+        Of voxels, (z, y, x), mm.
+    planes : tuple of 2 int
+        Number of planes across x and across y.
     """
 
     bundles: Bundles
@@ -28,8 +33,18 @@ class Rays:
     def of(cls, geometry: ScanGeometry, grid: Grid, centre_mm: np.ndarray, along_x: np.ndarray | None = None) -> Rays:
         """Rays of a scan of a grid.
 
-        centre_mm   of the grid from the isocentre, x, y, z: (3,) or (view, 3)
-        along_x     the main directions to use, (view, bundle); None: of each ray the larger component
+        Parameters
+        ----------
+        geometry : ScanGeometry
+        grid : Grid
+        centre_mm : ndarray, shape (3,) or (views, 3)
+            Of the grid from the isocentre, (x, y, z), mm.
+        along_x : ndarray of bool, shape (views, bundles), optional
+            The main directions to use; None: of each ray the larger component.
+
+        Returns
+        -------
+        Rays
         """
         source_x, source_y, source_z = (geometry.source_mm - centre_mm).T[..., None]
         (to_x, to_y, lift_mm), rows_mm = geometry.bundles()
@@ -55,18 +70,25 @@ class Rays:
 
     @property
     def rises_mm(self) -> np.ndarray:
-        """How much higher than the source each ray meets the detector, [view, row, bundle]."""
+        """How much higher than the source each ray meets the detector, mm, shape (views, rows, bundles)."""
         return self.bundles.lift_mm[:, None] + self.bundles.rows_mm[:, None]
 
     @property
     def lengths_mm(self) -> np.ndarray:
-        """Of every ray between two planes, [view, row, bundle]."""
+        """Of every ray between two planes, mm, shape (views, rows, bundles)."""
         share, square = np.moveaxis(self.bundles.between, 2, 0)[:, :, None]
         return share * np.sqrt(square + self.rises_mm**2)
 
     def extremes_mm(self) -> np.ndarray:
-        """Coordinates in mm, [coordinate, ray]: in the middle of the grid, and what is added at its edge. The sum of
-        their changes is how far a ray is displaced anywhere in the grid, at most."""
+        """Coordinates in the middle of the grid, and what is added at its edge.
+
+        The sum of their changes is how far a ray is displaced anywhere in the grid, at most.
+
+        Returns
+        -------
+        ndarray, shape (4, rays)
+            mm.
+        """
         dz, dy, dx = self.spacing_mm
         bundles = self.bundles
         half = (np.where(bundles.along_x, *self.planes) - 1)[..., None] / 2
@@ -82,7 +104,12 @@ class Rays:
 
 
 class Voxels:
-    """Amounts of materials on a grid, [material, z, y, x], and how sums along rays change with the rays."""
+    """Amounts of materials on a grid, and how sums along rays change with the rays.
+
+    Parameters
+    ----------
+    amounts : ndarray, shape (materials, z, y, x)
+    """
 
     def __init__(self, amounts: np.ndarray):
         self._shape = amounts.shape[1:]
@@ -91,8 +118,19 @@ class Voxels:
         self._volumes, self._occupied = around.reshape(flat), (around != 0).any(axis=3).reshape(flat)
 
     def path_lengths(self, rays: Rays, threads: int = 1) -> np.ndarray:
-        """[material, view, row, bundle] in mm, float32. Rays of a bundle of several rows must have one shadow and meet
-        the same voxels."""
+        """Path lengths of rays.
+
+        Parameters
+        ----------
+        rays : Rays
+            Those of a bundle of several rows must have one shadow and meet the same voxels.
+        threads : int, optional
+
+        Returns
+        -------
+        ndarray of float32, shape (materials, views, rows, bundles)
+            mm.
+        """
         sums = np.zeros((len(self._volumes), *rays.bundles.along_x.shape))
 
         def run(first, last):
@@ -102,9 +140,20 @@ class Voxels:
         return (sums[:, :, None] * rays.lengths_mm).astype(np.float32)
 
     def slopes(self, rays: Rays, threads: int = 1) -> np.ndarray:
-        """What the sums over planes change per change of the rays' coordinates: [material, view, bundle, row,
-        coordinate], float32, as projectors/any_rays.py has them. A path length is the sum times the length between two
-        planes."""
+        """What the sums over planes change per change of the rays' coordinates.
+
+        A path length is the sum times the length between two planes.
+
+        Parameters
+        ----------
+        rays : Rays
+        threads : int, optional
+
+        Returns
+        -------
+        ndarray of float32, shape (materials, views, bundles, rows, coordinates)
+            Coordinates as projectors/any_rays.py has them.
+        """
         views, bundles = rays.bundles.along_x.shape
         found = np.zeros((len(self._volumes), views, bundles, rays.bundles.rows_mm.size, COORDINATES), np.float32)
 
@@ -116,10 +165,21 @@ class Voxels:
 
 
 def followed(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) -> np.ndarray:
-    """Path lengths [material, view, row, column] of rays beside those that were traced, with the same main directions,
-    to first order.
+    """Path lengths of rays beside those that were traced, with the same main directions, to first order.
 
-    paths, slopes   of the rays traced; slopes as Voxels.slopes gives them
+    Parameters
+    ----------
+    paths : ndarray, shape (materials, views, rows, columns)
+        Of the rays traced, mm.
+    slopes : ndarray, shape (materials, views, bundles, rows, coordinates)
+        Of the rays traced, as Voxels.slopes gives them.
+    traced, rays : Rays
+        The rays traced, and those beside them.
+
+    Returns
+    -------
+    ndarray, shape (materials, views, rows, columns)
+        mm.
     """
     lanes, views, bundles, rows = slopes.shape[:4]
     bundled = paths.reshape(lanes, views, rows, bundles)
@@ -129,8 +189,14 @@ def followed(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) ->
 
 
 def outline(geometry: ScanGeometry) -> ScanGeometry:
-    """The rays to the detector's corners and the middles of its upper and lower edges: how rays are displaced changes
-    little in between."""
+    """The rays to the detector's corners and the middles of its upper and lower edges.
+
+    How rays are displaced changes little in between.
+
+    Returns
+    -------
+    ScanGeometry
+    """
     columns, rows = min(geometry.columns, 3), min(geometry.rows, 2)
     wider = max(geometry.columns - 1, 1) / max(columns - 1, 1)
     taller = max(geometry.rows - 1, 1) / max(rows - 1, 1)

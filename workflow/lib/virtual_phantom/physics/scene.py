@@ -16,8 +16,17 @@ from .rays import Rays, Voxels
 
 @dataclass(frozen=True)
 class Pose:
-    """How the object lies off the place that it is said to have: shift in mm, turn about z in degrees; and its size
-    over the one it is said to have, in every direction."""
+    """How the object lies off the place that it is said to have.
+
+    Attributes
+    ----------
+    x_mm, y_mm, z_mm : float
+        Shift, mm.
+    turn_deg : float
+        About z, degrees.
+    size : float
+        Over the one that it is said to have, in every direction.
+    """
 
     x_mm: float = 0.0
     y_mm: float = 0.0
@@ -31,12 +40,18 @@ DISC_ENERGY_KEV = 60.0
 
 
 class VoxelScene:
-    """A volume divided into materials.
+    """A volume divided into materials. The grid's centre lies at the isocentre.
 
-    fractions    [material, z, y, x], amounts relative to the listed densities
-    materials    their names
-    energy_kev   of the monochromatic beam
-    The grid's centre lies at the isocentre.
+    Parameters
+    ----------
+    fractions : ndarray, shape (materials, z, y, x)
+        Amounts relative to the listed densities.
+    grid : Grid
+    materials : tuple of str
+        Of materials.COMPOUNDS or ELEMENTS.
+    energy_kev : float
+        Of the monochromatic beam, keV.
+    threads : int, optional
     """
 
     def __init__(self, fractions: np.ndarray, grid: Grid, materials: tuple[str, ...], energy_kev: float, threads=1):
@@ -67,13 +82,23 @@ class VoxelScene:
 
     @property
     def attenuation_per_mm(self) -> np.ndarray:
-        """Of each material at the monochromatic energy, (material,)."""
+        """Of each material at the monochromatic energy, 1/mm, shape (materials,)."""
         return np.array([attenuation_per_mm(material, [self.energy_kev])[0] for material in self.materials])
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
-        """[material, view, row, column] in mm, float32.
+        """Path lengths of every ray through each material.
 
-        motion_mm   (view, 3): where the object is in each view, x, y, z from its place
+        Parameters
+        ----------
+        geometry : ScanGeometry
+        pose : Pose, optional
+        motion_mm : ndarray, shape (views, 3), optional
+            Where the object is in each view, (x, y, z) from its place, mm.
+
+        Returns
+        -------
+        ndarray of float32, shape (materials, views, rows, columns)
+            mm.
         """
         if geometry.is_upright:
             geometry, shift = turned_back(geometry, pose, motion_mm)
@@ -118,8 +143,22 @@ class VoxelScene:
 
 
 def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> tuple[ScanGeometry, np.ndarray]:
-    """The geometry in which an object that is turned is seen unturned, and the object's shift in it, (3,) or (view, 3):
-    the object turned by t about z and seen at angle b is the object seen at b - t, with shifts turned back."""
+    """The geometry in which an object that is turned is seen unturned, and the object's shift in it.
+
+    The object turned by t about z and seen at angle b is the object seen at b - t, with shifts turned back.
+
+    Parameters
+    ----------
+    geometry : ScanGeometry
+    pose : Pose
+    motion_mm : ndarray, shape (views, 3), or None
+        As VoxelScene.path_lengths takes it.
+
+    Returns
+    -------
+    geometry : ScanGeometry
+    shift_mm : ndarray, shape (3,) or (views, 3)
+    """
     turn = np.deg2rad(pose.turn_deg)
     geometry = geometry.turned(-turn)
     back = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
@@ -130,17 +169,28 @@ def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None
 class DiscScene:
     """A homogeneous cylinder along z, longer than the beam is high: path lengths in closed form.
 
-    diameter_mm   at size 1; its axis lies at the isocentre
+    Parameters
+    ----------
+    diameter_mm : float
+        At size 1; its axis lies at the isocentre.
+    material : str
+        Of materials.COMPOUNDS or ELEMENTS.
+    mu_per_mm : float, optional
+        Of the monochromatic beam in the material, 1/mm: gives its energy; None: 60 keV.
+
+    Raises
+    ------
+    InputError
+        If the material attenuates like this at no energy.
     """
 
     def __init__(self, diameter_mm: float, material: str, mu_per_mm: float | None = None):
-        """mu_per_mm   of the monochromatic beam in the material: gives its energy; None: 60 keV"""
         self.radius_mm, self.materials = diameter_mm / 2, (material,)
         self.energy_kev = DISC_ENERGY_KEV if mu_per_mm is None else energy_of(material, mu_per_mm)
 
     @property
     def attenuation_per_mm(self) -> np.ndarray:
-        """At the monochromatic energy, (1,)."""
+        """At the monochromatic energy, 1/mm, shape (1,)."""
         return np.array([attenuation_per_mm(self.materials[0], [self.energy_kev])[0]])
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):

@@ -3,10 +3,14 @@
 A plane layer as wide as the detector, which photons enter at a right angle. A photon interacts by the photoelectric
 effect or by Compton scattering; one that is scattered coherently goes on as before. A photoelectric vacancy in the K
 shell may send out a K photon, to any side alike, and Compton scattering a photon by Klein and Nishina's law. What
-leaves the layer takes its energy with it (R. K. Swank, J. Appl. Phys. 44, 4199, 1973); what is absorbed again adds to
-the same deposit, and into which pixel it falls is left to the crosstalk. The light or charge that a deposit brings
-about is taken to be in proportion to it. Cross-sections, edges, jump factors, fluorescence yields and radiative rates:
-xraylib (T. Schoonjans et al., Spectrochim. Acta B 66, 776, 2011).
+leaves the layer takes its energy with it [1]_; what is absorbed again adds to the same deposit, and into which pixel it
+falls is left to the crosstalk. The light or charge that a deposit brings about is taken to be in proportion to it.
+Cross-sections, edges, jump factors, fluorescence yields and radiative rates: xraylib [2]_.
+
+References
+----------
+.. [1] R. K. Swank, J. Appl. Phys. 44, 4199, 1973.
+.. [2] T. Schoonjans et al., Spectrochim. Acta B 66, 776, 2011.
 """
 
 from __future__ import annotations
@@ -43,10 +47,21 @@ DEPTHS, ANGLES = (np.polynomial.legendre.leggauss(count) for count in (24, 12))
 class Sensor:
     """Of the detector.
 
-    material        of SENSORS
-    reads           ENERGY: photons count by the energy that they deposit; COUNTS: one each, if they deposit any
-    thickness_mm    that it is expected to have
-    thickness_sd    of its logarithm: how well it is known
+    Attributes
+    ----------
+    material : str
+        Of SENSORS.
+    reads : {"energy", "counts"}
+        ENERGY: photons count by the energy that they deposit; COUNTS: one each, if they deposit any.
+    thickness_mm : float
+        That it is expected to have, mm.
+    thickness_sd : float
+        Of its logarithm: how well it is known.
+
+    Raises
+    ------
+    InputError
+        For an unknown material or reading.
     """
 
     material: str = "caesium_iodide"
@@ -64,7 +79,22 @@ class Sensor:
 def stated(material: str | None = None, thickness_mm: float | None = None, reads: str = ENERGY) -> Sensor:
     """The sensor of a label that says so much, and what is known of the thickness.
 
-    Raises InputError for an unknown material.
+    Parameters
+    ----------
+    material : str, optional
+        Of SENSORS; None: not stated.
+    thickness_mm : float, optional
+        mm; None: not stated.
+    reads : {"energy", "counts"}, optional
+
+    Returns
+    -------
+    Sensor
+
+    Raises
+    ------
+    InputError
+        For an unknown material.
     """
     known = Sensor(material or Sensor.material, reads)
     typical = SENSORS[known.material][2]
@@ -111,10 +141,29 @@ def _response(material: str, thickness_mm: float, energies_kev: tuple[float, ...
 def response(
     material: str, thickness_mm: float, energies_kev: np.ndarray, reads: str = ENERGY
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Probability that a photon of each energy is detected, and the mean and the mean square of what one then adds to
-    the signal: energy in keV, or 1 where photons are counted.
+    """How probably photons are detected, and what one then adds to the signal.
 
-    Raises InputError for an unknown material.
+    Parameters
+    ----------
+    material : str
+        Of SENSORS.
+    thickness_mm : float
+        mm.
+    energies_kev : array_like, shape (energies,)
+        keV.
+    reads : {"energy", "counts"}, optional
+
+    Returns
+    -------
+    detected : ndarray, shape (energies,)
+        Probability that a photon is detected.
+    mean, mean_square : ndarray, shape (energies,)
+        Of what a detected one adds: energy in keV, or 1 where photons are counted.
+
+    Raises
+    ------
+    InputError
+        For an unknown material.
     """
     Sensor(material, reads)
     detected, first, second = _response(material, float(thickness_mm), tuple(np.asarray(energies_kev, float).tolist()))

@@ -1,7 +1,11 @@
 """Tube spectra as the detector weighs them.
 
-SpekPy (G. Poludniowski et al., Med. Phys. 48, 3630, 2021) makes the tube's spectrum; filters attenuate it by xraylib's
-cross-sections, so that their thickness can be varied continuously; `sensors` says what is detected of it.
+SpekPy [1]_ makes the tube's spectrum; filters attenuate it by xraylib's cross-sections, so that their thickness can be
+varied continuously; `sensors` says what is detected of it.
+
+References
+----------
+.. [1] G. Poludniowski et al., Med. Phys. 48, 3630, 2021.
 """
 
 from __future__ import annotations
@@ -29,9 +33,13 @@ KVP = {"W": (30.0, 150.0), "Mo": (20.0, 50.0), "Rh": (20.0, 50.0)}  # what SpekP
 class Anode:
     """Of the tube.
 
-    target      its element
-    angle_deg   by which its surface is inclined to the plane through source and detector's columns; negative if the end
-                of the focal spot at +z lies farther from the isocentre than that at -z
+    Attributes
+    ----------
+    target : str
+        Its element.
+    angle_deg : float
+        By which its surface is inclined to the plane through source and detector's columns, degrees; negative if the
+        end of the focal spot at +z lies farther from the isocentre than that at -z.
     """
 
     target: str = "W"
@@ -46,16 +54,25 @@ Filters = tuple[tuple[str, np.ndarray], ...]
 
 @dataclass(frozen=True)
 class Spectrum:
-    """What is read out of a beam without an object, energy by energy, (energy,) each; of a beam behind filters,
-    [energy, row, column] as far as these differ.
+    """What is read out of a beam without an object, energy by energy.
 
-    energies_kev   of the photons
-    signal         share of each in the mean signal; before filters their sum is 1
-    noise          share of each in the signal's quantum variance; before filters their sum is 1. Photons whose deposits
-                   have the mean e1 and the mean square e2 have signals in proportion to e1 and variances to e2 (B. R.
-                   Whiting et al., Med. Phys. 33, 3290, 2006)
-    finer          more energies in keV, (finer,), and what of signal and noise each of them has, [energy, finer]; None:
-                   there are none
+    Attributes
+    ----------
+    energies_kev : ndarray, shape (energies,)
+        Of the photons, keV.
+    signal : ndarray, shape (energies,) or (energies, rows, columns)
+        Share of each in the mean signal; before filters their sum is 1. Behind filters as far as rows and columns
+        differ.
+    noise : ndarray, shaped as `signal`
+        Share of each in the signal's quantum variance; before filters their sum is 1. Photons whose deposits have the
+        mean e1 and the mean square e2 have signals in proportion to e1 and variances to e2 [1]_.
+    finer : tuple of 3 ndarray, or None
+        More energies in keV, (finer,), and what of signal and noise each of them has, (energies, finer); None: there
+        are none.
+
+    References
+    ----------
+    .. [1] B. R. Whiting et al., Med. Phys. 33, 3290, 2006.
     """
 
     energies_kev: np.ndarray
@@ -76,17 +93,32 @@ class Spectrum:
 
 
 def passing(filters: Filters, energies_kev: np.ndarray) -> np.ndarray:
-    """Share of the photons of each energy that pass filters, [energy, row, column], of at least one filter.
+    """Share of the photons of each energy that pass filters.
 
-    filters   materials and thicknesses in mm, broadcastable to [row, column]
+    Parameters
+    ----------
+    filters : tuple of tuple of str and ndarray
+        At least one: materials and thicknesses in mm, broadcastable to (rows, columns).
+    energies_kev : ndarray, shape (energies,)
+        keV.
+
+    Returns
+    -------
+    ndarray, shape (energies, rows, columns)
     """
     depths = [np.multiply.outer(attenuation_per_mm(material, energies_kev), mm) for material, mm in filters]
     return np.exp(-sum(depths))
 
 
 def cache_folder() -> Path:
-    """Where spectra are kept from one process to the next: fits of a voltage need dozens, and each takes SpekPy half
-    a second."""
+    """Where spectra are kept from one process to the next.
+
+    Fits of a voltage need dozens, and each takes SpekPy half a second.
+
+    Returns
+    -------
+    Path
+    """
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return base / "virtual_phantom" / f"spekpy-{version('spekpy')}"
 
@@ -110,9 +142,25 @@ def _tube(kvp: float, anode: Anode) -> tuple[np.ndarray, np.ndarray]:
 
 
 def tube_spectrum(kvp: float, anode: Anode = TUNGSTEN) -> tuple[np.ndarray, np.ndarray]:
-    """Energies in keV and relative fluence per bin of an unfiltered tube, linear between whole kilovolts.
+    """The spectrum of an unfiltered tube, linear between whole kilovolts.
 
-    Raises InputError for an anode or voltage that SpekPy has no tables for.
+    Parameters
+    ----------
+    kvp : float
+        Tube voltage, kV.
+    anode : Anode, optional
+
+    Returns
+    -------
+    energies : ndarray, shape (energies,)
+        keV.
+    fluence : ndarray, shape (energies,)
+        Relative, per bin.
+
+    Raises
+    ------
+    InputError
+        For an anode or voltage that SpekPy has no tables for.
     """
     if anode.target not in KVP:
         raise InputError(f"anode '{anode.target}' is unknown; use one of {', '.join(KVP)}")
@@ -139,7 +187,29 @@ def weighted_spectrum(
     """What a sensor of this thickness reads of a filtered tube, in BINS energies.
 
     Bins hold equal shares of the signal, at their mean energies.
-    Raises InputError as tube_spectrum.
+
+    Parameters
+    ----------
+    kvp : float
+        Tube voltage, kV.
+    filtration_mm : float
+        Thickness of the filter, mm.
+    anode : Anode, optional
+    sensor : Sensor, optional
+        Its own thickness is not looked at.
+    sensor_mm : float, optional
+        Thickness of the sensor, mm.
+    filter_material : str, optional
+        Of materials.COMPOUNDS or ELEMENTS.
+
+    Returns
+    -------
+    Spectrum
+
+    Raises
+    ------
+    InputError
+        As tube_spectrum.
     """
     energies, fluence = tube_spectrum(kvp, anode)
     detected, first, second = response(sensor.material, sensor_mm, energies, sensor.reads)

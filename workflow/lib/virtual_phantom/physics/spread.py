@@ -11,11 +11,23 @@ TRUNCATED = 3.0  # standard deviations: beyond them a kernel is 0
 
 
 def spread(array: np.ndarray, geometry: ScanGeometry, width_mm: float) -> np.ndarray:
-    """Each view of an array [view, row, column] under a Gaussian of this standard deviation on the detector.
+    """Each view under a Gaussian on the detector.
 
     A single row stands for a beam that is high enough to look alike from row to row. Beyond the detector there is
     nothing, as scipy.ndimage.gaussian_filter's mode "constant". Kernels as wide as the detector are quicker as matrices
     than tap by tap.
+
+    Parameters
+    ----------
+    array : ndarray, shape (..., views, rows, columns)
+    geometry : ScanGeometry
+    width_mm : float
+        Standard deviation, mm.
+
+    Returns
+    -------
+    ndarray
+        Shaped as `array`.
     """
     array = array @ _matrix(geometry.columns, width_mm / geometry.column_pitch_mm)
     if geometry.rows > 1:

@@ -23,7 +23,18 @@ def to_store(state: State) -> Physics:
 
 
 def read_state(path: str | Path) -> State | None:
-    """The state in a file of line integrals; None of the baseline. Raises InputError for a file that is no such one."""
+    """The state in a file of line integrals.
+
+    Returns
+    -------
+    State or None
+        None of the baseline.
+
+    Raises
+    ------
+    InputError
+        For a file that is no such one.
+    """
     found = read_physics(path)
     if found is None:
         return None

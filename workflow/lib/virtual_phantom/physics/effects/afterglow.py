@@ -7,6 +7,7 @@ from ..effect import LOGARITHM, PER_VIEW, Effect, Parameter, Reach
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Set the lag of views."""
     share, memory = of_views(
         values["share"], values["time_constant_ms"], state.geometry.known_interval_ms, state.geometry.exposure_ms
     )
@@ -16,10 +17,26 @@ def apply(state: State, values: dict[str, float]) -> None:
 def of_views(
     share: float, time_constant_ms: float, view_interval_ms: float, exposure_ms: float | None = None
 ) -> tuple[float, float]:
-    """What a glow is in views: (share of a view's signal that is read with later ones, what each further view leaves).
+    """What a glow is in views.
 
-    Of the response (1 - k) delta(t) + k/T exp(-t/T) to a beam that is on in the middle of every interval, for
-    `exposure_ms` (None: throughout), while the detector integrates over the whole interval: no light is lost.
+    Of the response (1 - k) delta(t) + k/T exp(-t/T) to a beam that is on in the middle of every interval, while the
+    detector integrates over the whole interval: no light is lost.
+
+    Parameters
+    ----------
+    share, time_constant_ms : float
+        k, and T in ms.
+    view_interval_ms : float
+        From view to view, ms.
+    exposure_ms : float, optional
+        How long the beam is on, ms; None: throughout.
+
+    Returns
+    -------
+    share : float
+        Of a view's signal, what is read with later ones.
+    memory : float
+        What each further view leaves.
     """
     exposure = view_interval_ms if exposure_ms is None else exposure_ms
     rest = (view_interval_ms - exposure) / 2  # after the exposure

@@ -10,6 +10,7 @@ REFERENCE_DEG = 20.0
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Add the filter, thicker from column to column."""
     geometry = orbit_of(state.geometry, "bowtie")
     fan_deg = np.rad2deg(np.arctan2(geometry.column_positions_mm(), geometry.source_to_detector_mm))
     thickness = values["at_20deg_mm"] * (fan_deg / REFERENCE_DEG) ** 2

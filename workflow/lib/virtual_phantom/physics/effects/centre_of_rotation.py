@@ -5,6 +5,7 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Move the object along the detector's columns."""
     moved = values["shift_mm"] * state.geometry.column_direction
     state.motion_mm = moved if state.motion_mm is None else state.motion_mm + moved
 

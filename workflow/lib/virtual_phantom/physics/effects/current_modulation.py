@@ -8,6 +8,7 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Modulate the fluence from view to view."""
     angles = orbit_of(state.geometry, "current_modulation").angles_rad
     wave = values["cosine"] * np.cos(2 * angles) + values["sine"] * np.sin(2 * angles)
     state.fluence = state.fluence * (1 + wave)[:, None, None]

@@ -7,6 +7,7 @@ from ..effect import OF_AIR, OF_AIR_PER_SCAN, Effect, Parameter, Reach
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Set the dark signal of the scan and of the air scan."""
     level, drift = values["level_units"], values["drift_units_per_s"]
     time = state.geometry.times_s[:, None, None] if drift else 0.0
     state.dark, state.dark_air = level + drift * time, level

@@ -7,6 +7,7 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Shift the detector's columns."""
     geometry = state.geometry
     state.geometry = replace(geometry, column_offset_px=geometry.column_offset_px + values["columns_px"])
 

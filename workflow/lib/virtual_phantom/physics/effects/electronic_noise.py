@@ -5,6 +5,7 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Set the standard deviation of electronic noise."""
     state.electronic = values["photons"]
 
 

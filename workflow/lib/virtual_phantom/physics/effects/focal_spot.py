@@ -15,6 +15,7 @@ LEAST, MOST = 3, 7
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Set the points of the focal spot."""
     geometry, width, length = state.geometry, values["width_mm"], values["length_mm"]
     # The length is what the detector sees of a spot on an inclined anode, whose ends are not equally far (line focus).
     away = -length / math.tan(math.radians(state.anode.angle_deg))
@@ -29,7 +30,17 @@ def apply(state: State, values: dict[str, float]) -> None:
 def points(side_mm: float, blurred_px: float) -> list[tuple[float, float]]:
     """Places along a side of 1 from its middle, and their weights: Gauss and Legendre's, none of which is negative.
 
-    blurred_px   width of the blur that the side makes of what lies at the isocentre, pixels
+    Parameters
+    ----------
+    side_mm : float
+        0: a point.
+    blurred_px : float
+        Width of the blur that the side makes of what lies at the isocentre, pixels.
+
+    Returns
+    -------
+    list of tuple of 2 float
+        (place, weight).
     """
     if not side_mm:
         return [(0.0, 1.0)]

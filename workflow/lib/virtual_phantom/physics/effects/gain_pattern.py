@@ -8,13 +8,20 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Set the gain of every pixel."""
     rows = np.arange(state.geometry.rows) * 2 - state.geometry.rows + 1  # from the middle, in half rows
     state.gain = np.exp(values["rms"] * np.stack([_row(int(values["detector"]), row, state) for row in rows]))
 
 
 def _row(detector: int, row: int, state: State) -> np.ndarray:
-    """Of a row by its place, standard normal (columns,). The pattern is the detector's own: the same in every scan of
-    it, of whatever rows the collimator leaves."""
+    """Standard normal (columns,) of a row by its place.
+
+    The pattern is the detector's own: the same in every scan of it, of whatever rows the collimator leaves.
+
+    Returns
+    -------
+    ndarray, shape (columns,)
+    """
     stream = branch(0, Branch.GAIN_PATTERN, detector, int(row < 0), abs(int(row)))
     return generator(stream).normal(size=state.geometry.columns)
 

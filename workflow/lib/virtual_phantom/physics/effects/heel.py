@@ -11,6 +11,7 @@ LEAST_ANGLE_DEG = 1.0  # of a ray to the anode's surface: flatter ones are taken
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Add the anode's own material as a filter, thicker from row to row."""
     geometry, depth_mm = orbit_of(state.geometry, "heel"), values["depth_um"] / 1000
     cone = np.arctan2(geometry.row_positions_mm(), geometry.source_to_detector_mm)
     anode = abs(np.deg2rad(state.anode.angle_deg))

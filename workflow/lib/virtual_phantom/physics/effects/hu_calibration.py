@@ -5,6 +5,7 @@ from ..image import ImageState
 
 
 def apply(state: ImageState, values: dict[str, float]) -> None:
+    """Scale and shift the HU."""
     state.hu = state.hu * values["scale"] + values["offset_hu"]
 
 

@@ -14,6 +14,7 @@ def _reach(typical_mm: float) -> Reach:
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Move the object from view to view."""
     # About the middle of the scan, so that the mean place stays.
     moved = state.geometry.times_s[:, None] * [values[f"{axis}_mm_per_s"] for axis in "xyz"]
     state.motion_mm = moved if state.motion_mm is None else state.motion_mm + moved

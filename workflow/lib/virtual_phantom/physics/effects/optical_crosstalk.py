@@ -5,6 +5,7 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Set what neighbours share after the quantum noise."""
     state.neighbours = (values["column"], values["row"])
 
 

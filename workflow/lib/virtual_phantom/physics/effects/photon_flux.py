@@ -5,6 +5,7 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Scale the number of photons."""
     state.photons = state.photons * values["factor"]
 
 

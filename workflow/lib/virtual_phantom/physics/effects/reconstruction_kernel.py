@@ -8,6 +8,7 @@ from ..image import ImageState
 
 
 def apply(state: ImageState, values: dict[str, float]) -> None:
+    """Blur the image in the plane."""
     if not values["sigma_mm"]:
         return
     # Cosines take the image to go on as in a mirror. Sampled, a Gaussian narrower than a voxel would do nothing at all.

@@ -8,6 +8,7 @@ from ..spread import spread
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Add scattered photons to signal and noise."""
     transmission = state.signal / state.air
     # What leaves the primary beam: most where about 1/e of it is left.
     source = -transmission * np.log(np.clip(transmission, 1e-12, 1)) * state.air

@@ -8,6 +8,7 @@ from ..image import ImageState
 
 
 def apply(state: ImageState, values: dict[str, float]) -> None:
+    """Average over slices."""
     half = values["thickness_mm"] / state.spacing_mm[0] / 2  # in slices
     reach = int(np.ceil(half + 0.5))
     # Of a slice k away, the part that lies within the thickness.

@@ -8,6 +8,7 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Change both distances of the source."""
     geometry = orbit_of(state.geometry, "source_distance")
     state.geometry = replace(
         geometry,

@@ -6,6 +6,7 @@ from ..spectra import weighted_spectrum
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Set the spectrum."""
     state.spectrum = weighted_spectrum(
         values["kvp"], values["filtration_mm"], state.anode, state.sensor, values["sensor_mm"]
     )

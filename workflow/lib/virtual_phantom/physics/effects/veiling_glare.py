@@ -6,6 +6,7 @@ from ..spread import spread
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Spread part of the signal, in the air scan too."""
     share = values["share"]
 
     def veiled(signal):

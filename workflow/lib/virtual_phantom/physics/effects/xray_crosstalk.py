@@ -5,6 +5,7 @@ from ..effect import Effect, Parameter
 
 
 def apply(state: State, values: dict[str, float]) -> None:
+    """Share signal and noise among neighbours, in the air scan too."""
     neighbours = (values["column"], values["row"])
     alike = state.noise is state.signal
     state.signal, state.air = shared(state.signal, neighbours), shared(state.air, neighbours)
