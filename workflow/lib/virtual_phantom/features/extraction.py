@@ -1,10 +1,14 @@
 """The paper's 86 radiomics features, computed by pyradiomics.
 
-Flouris et al., Sci. Rep. 2022, section "Radiomics feature extraction": original image, bin width 25, no
-resampling, no normalisation, no resegmentation, distance 1, symmetrical co-occurrence, dependence cut-off 0,
-voxel array shift 0.
-Definitions: van Griethuysen et al., Cancer Res. 77, e104 (2017); Zwanenburg et al., Radiology 295, 328
-(2020).
+Flouris et al. [1]_, section "Radiomics feature extraction": original image, bin width 25, no resampling, no
+normalisation, no resegmentation, distance 1, symmetrical co-occurrence, dependence cut-off 0, voxel array shift 0.
+Definitions: [2]_, [3]_.
+
+References
+----------
+.. [1] Flouris et al., Sci. Rep. 12, 2022.
+.. [2] van Griethuysen et al., Cancer Res. 77, e104, 2017.
+.. [3] Zwanenburg et al., Radiology 295, 328, 2020.
 """
 
 from __future__ import annotations
@@ -68,14 +72,31 @@ def settings_hash() -> str:
 
 
 def extract(volume: Volume, masks: dict[str, np.ndarray], name: str = "image") -> pd.DataFrame:
-    """The 86 features of every ROI of an image in HU.
+    """The 86 features of every ROI of an image.
 
-    masks   boolean arrays [z, y, x] on the image's grid, by ROI
-    name    what messages call the image
-    Returns one row per ROI, in the order of `masks`: roi, n_voxels, grey_levels (occupied bins),
-    settings_hash, versions, then FEATURES. Warns (RadiomicsWarning) of ROIs with fewer than MINIMUM_VOXELS
-    voxels or MINIMUM_GREY_LEVELS occupied bins. Raises InputError for a mask on another grid, an empty mask,
-    an ROI of one voxel, or voxels of the image that are not finite; TypeError for a mask that is not boolean.
+    Warns (RadiomicsWarning) of ROIs with fewer than MINIMUM_VOXELS voxels or MINIMUM_GREY_LEVELS occupied bins.
+
+    Parameters
+    ----------
+    volume : Volume
+        HU.
+    masks : dict of str to ndarray of bool, shape (z, y, x)
+        On the image's grid, by ROI.
+    name : str, optional
+        What messages call the image.
+
+    Returns
+    -------
+    DataFrame
+        One row per ROI, in the order of `masks`: roi, n_voxels, grey_levels (occupied bins), settings_hash, versions,
+        then FEATURES.
+
+    Raises
+    ------
+    InputError
+        For a mask on another grid, an empty mask, an ROI of one voxel, or voxels of the image that are not finite.
+    TypeError
+        For a mask that is not boolean.
     """
     if not np.isfinite(volume.array).all():
         bad = np.count_nonzero(~np.isfinite(volume.array))
@@ -136,9 +157,12 @@ def _versions() -> dict[str, str]:
 def _crop(volume: Volume, mask: np.ndarray) -> tuple[sitk.Image, sitk.Image]:
     """Image and label cut to the ROI's bounding box and one voxel around it.
 
-    Features of the original image depend on nothing outside the ROI. Looking at the box alone saves most of
-    the time.
+    Features of the original image depend on nothing outside the ROI. Looking at the box alone saves most of the time.
     The rim keeps a background in the label, which pyradiomics asks for.
+
+    Returns
+    -------
+    image, label : SimpleITK.Image
     """
     (box,) = ndimage.find_objects(mask.astype(np.uint8))
     images = []
@@ -180,8 +204,7 @@ def _warn_if_poor(name: str, row: dict) -> None:
 
 @contextlib.contextmanager
 def _pyradiomics_messages(where: str) -> Iterator[None]:
-    """Turn what pyradiomics logs as a warning or an error into a RadiomicsWarning that says where; drop the
-    rest."""
+    """Turn what pyradiomics logs as a warning or an error into a RadiomicsWarning that says where; drop the rest."""
     records: list[logging.LogRecord] = []
     handler = logging.Handler(logging.WARNING)
     handler.emit = records.append

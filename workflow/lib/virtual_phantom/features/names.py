@@ -1,6 +1,6 @@
 """Names of the paper's 86 radiomics features, as pyradiomics has them, and of their families.
 
-Apart from `radiomics`, so that tables of features are handled without loading pyradiomics.
+Apart from `extraction`, so that tables of features are handled without loading pyradiomics.
 """
 
 FAMILIES = {"firstorder": "first order", "glcm": "GLCM", "gldm": "GLDM", "glrlm": "GLRLM", "glszm": "GLSZM"}

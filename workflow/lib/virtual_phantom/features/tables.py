@@ -20,15 +20,38 @@ TEXT = ("protocol", "algorithm", "noise", "roi", "tissue_class", *PROVENANCE)
 
 
 def complete(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisition: dict) -> pd.DataFrame:
-    """Rows of `radiomics.extract` with the acquisition (keys of ACQUISITION) and each ROI's tissue class
-    beside them."""
+    """Rows of a table with the acquisition and each ROI's tissue class beside them.
+
+    Parameters
+    ----------
+    extracted : DataFrame
+        From `extraction.extract`.
+    tissue_classes : dict of str to str
+        By ROI.
+    acquisition : dict
+        Keys of ACQUISITION.
+
+    Returns
+    -------
+    DataFrame
+        Columns METADATA and FEATURES.
+    """
     table = extracted.assign(**acquisition, tissue_class=extracted["roi"].map(tissue_classes))
     return table[[*METADATA, *FEATURES]]
 
 
 def read(path: str | Path) -> pd.DataFrame:
-    """Read a table of features; numbers come back bit for bit. Raises InputError if it is missing or lacks a
-    column."""
+    """Read a table of features; numbers come back bit for bit.
+
+    Returns
+    -------
+    DataFrame
+
+    Raises
+    ------
+    InputError
+        If it is missing or lacks a column.
+    """
     table = read_csv(path, dtype=dict.fromkeys(TEXT, str))
     if missing := [column for column in (*METADATA, *FEATURES) if column not in table]:
         raise InputError(f"{path}: lacks {len(missing)} column(s) of a feature table, the first {missing[0]}")
@@ -36,11 +59,23 @@ def read(path: str | Path) -> pd.DataFrame:
 
 
 def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """All tables in one, sorted by protocol, noise label, seed and the order in which ROIs stand in the
-    tables.
+    """All tables in one, whatever their order.
 
-    The order of `tables` does not matter. Raises InputError if two rows describe the same ROI of the same
-    image, an ROI is not in every table, or rows were made with different settings or versions.
+    Parameters
+    ----------
+    tables : iterable of DataFrame
+        From `complete`.
+
+    Returns
+    -------
+    DataFrame
+        Sorted by protocol, noise label, seed and the order in which ROIs stand in the tables.
+
+    Raises
+    ------
+    InputError
+        If two rows describe the same ROI of the same image, an ROI is not in every table, or rows were made with
+        different settings or versions.
     """
     tables = list(tables)
     roi_order = dict.fromkeys(tables[0]["roi"])
@@ -77,7 +112,14 @@ def _file(row: pd.Series) -> str:
 def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str], seeds: int) -> pd.DataFrame:
     """Rows of these protocols and noise labels, and of the first `seeds` seeds of each.
 
-    Raises InputError naming the protocol and noise label that has fewer seeds.
+    Returns
+    -------
+    DataFrame
+
+    Raises
+    ------
+    InputError
+        Naming the protocol and noise label that has fewer seeds.
     """
     chosen = table[table["protocol"].isin(protocols) & table["noise"].isin(noise)]
     order = chosen.groupby(["protocol", "noise"])["seed"].rank(method="dense")
@@ -92,15 +134,52 @@ def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str
 
 
 def grouped(table: pd.DataFrame, groups: Mapping[str, int], *, noise: str, seeds: int) -> pd.DataFrame:
-    """Rows of the protocols that have a group number, with that as column group, at one noise label; raises as
-    `select`."""
+    """Rows of the protocols that have a group number, at one noise label.
+
+    Parameters
+    ----------
+    table : DataFrame
+    groups : mapping of str to int
+        Number of each protocol's group.
+    noise : str
+        Label of the noise level.
+    seeds : int
+        How many of each protocol.
+
+    Returns
+    -------
+    DataFrame
+        With the number as column group.
+
+    Raises
+    ------
+    InputError
+        As `select`.
+    """
     chosen = select(table, protocols=list(groups), noise=[noise], seeds=seeds)
     return chosen.assign(group=chosen["protocol"].map(groups))
 
 
 def finite_values(table: pd.DataFrame, features: Sequence[str], source: str) -> np.ndarray:
-    """The features as float64 (rows, features). Raises InputError naming the first value that is text or not
-    finite."""
+    """The features of a table as numbers.
+
+    Parameters
+    ----------
+    table : DataFrame
+    features : sequence of str
+        Which columns.
+    source : str
+        What the message begins with.
+
+    Returns
+    -------
+    ndarray of float64, shape (rows, features)
+
+    Raises
+    ------
+    InputError
+        Naming the first value that is text or not finite.
+    """
     values = table[list(features)].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
     if not np.isfinite(values).all():
         row, column = np.argwhere(~np.isfinite(values))[0]

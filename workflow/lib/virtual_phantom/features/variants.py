@@ -22,12 +22,26 @@ TRUNCATE = 6.0  # of Gaussians, in SDs: what is cut off has no weight in single 
 
 
 def split(images: np.ndarray, noiseless: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """The mean image [z, y, x] and what each repeat differs from it by, [repeat, z, y, x].
+    """The mean image, and what each repeat differs from it by.
 
-    images      repeats [repeat, z, y, x], HU
-    noiseless   the same scan without noise, to be used in place of the mean over repeats
-    The variance of this noise over repeats (n - 1) is that of the images, at every voxel.
-    Raises InputError for fewer than two repeats, other shapes, or values that are not finite.
+    Parameters
+    ----------
+    images : ndarray, shape (repeats, z, y, x)
+        HU.
+    noiseless : ndarray, shape (z, y, x), optional
+        The same scan without noise, to be used in place of the mean over repeats.
+
+    Returns
+    -------
+    mean : ndarray of float64, shape (z, y, x)
+        HU.
+    noise : ndarray of float64, shape (repeats, z, y, x)
+        HU. Its variance over repeats (n - 1) is that of the images, at every voxel.
+
+    Raises
+    ------
+    InputError
+        For fewer than two repeats, other shapes, or values that are not finite.
     """
     images = np.asarray(images, dtype=np.float64)
     if images.ndim != 4 or len(images) < MINIMUM_REPEATS:
@@ -43,7 +57,24 @@ def split(images: np.ndarray, noiseless: np.ndarray | None = None) -> tuple[np.n
 
 
 def scale_noise(mean: np.ndarray, noise: np.ndarray, factor: float) -> np.ndarray:
-    """Noise amplitude: its SD times `factor`, its variance times the square. Raises InputError if it is negative."""
+    """Noise amplitude: its SD times `factor`, its variance times the square.
+
+    Parameters
+    ----------
+    mean, noise : ndarray
+        From `split`, HU.
+    factor : float
+
+    Returns
+    -------
+    ndarray, shape (repeats, z, y, x)
+        HU.
+
+    Raises
+    ------
+    InputError
+        If the factor is negative.
+    """
     if not factor >= 0:
         raise InputError(f"variants: a noise factor of {factor} is none; give 0 or more")
     return mean + factor * noise
@@ -54,12 +85,28 @@ def filter_noise(
 ) -> np.ndarray:
     """Noise texture: the noise smoothed by a Gaussian, and scaled to the variance it had.
 
-    sigma_voxels   SD of the Gaussian along (z, y, x), or one for all; the autocorrelation of white noise becomes
-                   exp(-d^2 / (4 sigma^2)) at the distance d
-    within         boolean [z, y, x]: where the variance, averaged over voxels and repeats, is kept, such as the ROIs;
-                   everywhere if left out. One factor serves the whole image: where noise is stronger, it stays so
-    Noise can only be made coarser like this. Raises InputError for a negative sigma, a mask of another shape or
-    without voxels, or if nothing is left of the noise.
+    Noise can only be made coarser like this.
+
+    Parameters
+    ----------
+    mean, noise : ndarray
+        From `split`, HU.
+    sigma_voxels : float or sequence of 3 float
+        SD of the Gaussian along (z, y, x), or one for all; the autocorrelation of white noise becomes exp(-d^2 / (4
+        sigma^2)) at the distance d.
+    within : ndarray of bool, shape (z, y, x), optional
+        Where the variance, averaged over voxels and repeats, is kept, such as the ROIs; everywhere if left out. One
+        factor serves the whole image: where noise is stronger, it stays so.
+
+    Returns
+    -------
+    ndarray, shape (repeats, z, y, x)
+        HU.
+
+    Raises
+    ------
+    InputError
+        For a negative sigma, a mask of another shape or without voxels, or if nothing is left of the noise.
     """
     sigma = _sigma(sigma_voxels)
     where = np.ones(mean.shape, bool) if within is None else np.asarray(within, dtype=bool)
@@ -75,9 +122,24 @@ def filter_noise(
 
 
 def blur(mean: np.ndarray, noise: np.ndarray, sigma_voxels: float | Sequence[float]) -> np.ndarray:
-    """Resolution: the mean image smoothed by a Gaussian of this SD along (z, y, x), under the same noise.
+    """Resolution: the mean image smoothed by a Gaussian, under the same noise.
 
-    Raises InputError for a negative sigma.
+    Parameters
+    ----------
+    mean, noise : ndarray
+        From `split`, HU.
+    sigma_voxels : float or sequence of 3 float
+        SD of the Gaussian along (z, y, x), or one for all.
+
+    Returns
+    -------
+    ndarray, shape (repeats, z, y, x)
+        HU.
+
+    Raises
+    ------
+    InputError
+        For a negative sigma.
     """
     return _gaussian(mean, _sigma(sigma_voxels)) + noise
 
@@ -87,10 +149,26 @@ def match_means(
 ) -> np.ndarray:
     """Contrast: every ROI shifted by a constant so that its mean over voxels and repeats is the target.
 
-    masks        boolean [z, y, x] by ROI; ROIs without a target stay as they are
-    targets_hu   by ROI
     What lies around an ROI is not moved, so its edge becomes a step: features of the ROI do not see it.
-    Raises InputError for a target without mask, ROIs that overlap, or masks that are empty or of another shape.
+
+    Parameters
+    ----------
+    mean, noise : ndarray
+        From `split`, HU.
+    masks : mapping of str to ndarray of bool, shape (z, y, x)
+        By ROI; ROIs without a target stay as they are.
+    targets_hu : mapping of str to float
+        By ROI, HU.
+
+    Returns
+    -------
+    ndarray, shape (repeats, z, y, x)
+        HU.
+
+    Raises
+    ------
+    InputError
+        For a target without mask, ROIs that overlap, or masks that are empty or of another shape.
     """
     images = mean + noise
     shift = np.zeros(mean.shape)
