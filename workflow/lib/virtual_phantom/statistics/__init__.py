@@ -1,5 +1,4 @@
-"""Statistics of the study: stability and discriminative power, rankings and their overlap, components,
-noise."""
+"""Statistics of the study: stability and discriminative power, rankings and their overlap, components, noise."""
 
 # Here and not where they are needed: the configuration knows them without loading scipy and pandas.
 MINIMUM_REPEATS = 3  # of a variance and its error (noise.repeat_variance)

@@ -2,11 +2,13 @@
 
 Arrays are x[..., subject i, condition j, repeat s], n x k x r; any axes before these (features) are kept. Subjects
 are the ROIs, conditions the groups of protocols, repeats the seeds. All measures are of single scans: repeats make
-the estimates better, they are not averaged before. With one repeat, `icc` is that of Shrout and Fleiss.
+the estimates better, they are not averaged before. With one repeat, the ICCs are those of Shrout and Fleiss.
 
-    Shrout, Fleiss, Psychol. Bull. 86, 420 (1979); McGraw, Wong, Psychol. Methods 1, 30 (1996): ICC and its intervals
-    Lin, Biometrics 45, 255 (1989): concordance correlation
-    Bonett, Comput. Stat. Data Anal. 50, 2953 (2006): coefficient of quartile variation
+References
+----------
+ICC and its intervals: Shrout and Fleiss, Psychol. Bull. 86, 420, 1979; McGraw and Wong, Psychol. Methods 1, 30, 1996.
+Concordance correlation: Lin, Biometrics 45, 255, 1989.
+Coefficient of quartile variation: Bonett, Comput. Stat. Data Anal. 50, 2953, 2006.
 """
 
 from __future__ import annotations
@@ -23,7 +25,13 @@ ROUNDING = 1e-12  # a sum of squares under this share of the values' own squares
 
 @dataclass(frozen=True)
 class Icc:
-    """An intraclass correlation with its 95 % interval; NaN where nothing varies."""
+    """An intraclass correlation with its 95 % interval; NaN where nothing varies.
+
+    Attributes
+    ----------
+    value, low, high : ndarray
+        One number for each feature.
+    """
 
     value: np.ndarray
     low: np.ndarray
@@ -31,10 +39,18 @@ class Icc:
 
 
 def mean_squares(x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mean squares between subjects, between conditions and of the residual: two-way analysis of variance of each
-    repeat's n x k table, averaged over the repeats.
+    """Mean squares of a two-way analysis of variance of each repeat's n x k table, averaged over the repeats.
 
     The mean over repeats has the expectation of a single table's, and less scatter.
+
+    Parameters
+    ----------
+    x : ndarray, shape (..., subjects, conditions, repeats)
+
+    Returns
+    -------
+    msr, msc, mse : ndarray, shape (...)
+        Between subjects, between conditions and of the residual.
     """
     n, k = x.shape[-3:-1]
     subject, condition = x.mean(axis=-2, keepdims=True), x.mean(axis=-3, keepdims=True)
@@ -57,6 +73,14 @@ def icc_agreement(x: np.ndarray) -> Icc:
 
     (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n). Interval: McGraw and Wong, Table 7, with the degrees of
     freedom of one table; more repeats of the same few subjects say little of other subjects.
+
+    Parameters
+    ----------
+    x : ndarray, shape (..., subjects, conditions, repeats)
+
+    Returns
+    -------
+    Icc
     """
     n, k = x.shape[-3:-1]
     msr, msc, mse = mean_squares(x)
@@ -76,6 +100,14 @@ def icc_consistency(x: np.ndarray) -> Icc:
     """ICC(3,1) of Shrout and Fleiss, ICC(C,1) of McGraw and Wong: conditions fixed, their mean shifts left out.
 
     (MSR - MSE) / (MSR + (k - 1) MSE). Interval as in `icc_agreement`.
+
+    Parameters
+    ----------
+    x : ndarray, shape (..., subjects, conditions, repeats)
+
+    Returns
+    -------
+    Icc
     """
     n, k = x.shape[-3:-1]
     msr, _, mse = mean_squares(x)
@@ -96,10 +128,19 @@ def _settled(value: np.ndarray, low: np.ndarray, high: np.ndarray) -> Icc:
 
 
 def concordance(x: np.ndarray) -> np.ndarray:
-    """Lin's concordance correlation coefficient, 2 s_ab / (s_a^2 + s_b^2 + (m_a - m_b)^2) with moments over all
-    subjects and repeats (divisor n r, as Lin has it), averaged over the k (k - 1) / 2 pairs of conditions.
+    """Lin's concordance correlation coefficient, averaged over the k (k - 1) / 2 pairs of conditions.
 
-    The same subject's same repeat makes a pair of values. NaN where a pair of conditions varies not at all.
+    2 s_ab / (s_a^2 + s_b^2 + (m_a - m_b)^2) with moments over all subjects and repeats (divisor n r, as Lin has it).
+    The same subject's same repeat makes a pair of values.
+
+    Parameters
+    ----------
+    x : ndarray, shape (..., subjects, conditions, repeats)
+
+    Returns
+    -------
+    ndarray, shape (...)
+        NaN where a pair of conditions varies not at all.
     """
     k = x.shape[-2]
     values = np.moveaxis(x, -2, 0).reshape(k, *x.shape[:-3], -1)
@@ -117,8 +158,23 @@ def concordance(x: np.ndarray) -> np.ndarray:
 
 
 def variation(x: np.ndarray) -> np.ndarray:
-    """Within-subject coefficient of variation: SD over mean of a subject's k r scans, root mean square over subjects
-    (Raunig et al., Stat. Methods Med. Res. 24, 27 (2015)). NaN where a subject's values do not share one sign."""
+    """Within-subject coefficient of variation [1]_.
+
+    SD over mean of a subject's k r scans, root mean square over subjects.
+
+    Parameters
+    ----------
+    x : ndarray, shape (..., subjects, conditions, repeats)
+
+    Returns
+    -------
+    ndarray, shape (...)
+        NaN where a subject's values do not share one sign.
+
+    References
+    ----------
+    .. [1] Raunig et al., Stat. Methods Med. Res. 24, 27, 2015.
+    """
     scans = _of_subject(x)
     with np.errstate(divide="ignore", invalid="ignore"):
         each = scans.std(axis=-1, ddof=1) / np.abs(scans.mean(axis=-1))
@@ -126,8 +182,19 @@ def variation(x: np.ndarray) -> np.ndarray:
 
 
 def quartile_dispersion(x: np.ndarray) -> np.ndarray:
-    """Quartile coefficient of dispersion (Q3 - Q1) / |Q3 + Q1| of a subject's k r scans (quartiles interpolated
-    linearly), median over subjects. NaN where a subject's values do not share one sign."""
+    """Quartile coefficient of dispersion, median over subjects.
+
+    (Q3 - Q1) / |Q3 + Q1| of a subject's k r scans (quartiles interpolated linearly).
+
+    Parameters
+    ----------
+    x : ndarray, shape (..., subjects, conditions, repeats)
+
+    Returns
+    -------
+    ndarray, shape (...)
+        NaN where a subject's values do not share one sign.
+    """
     scans = _of_subject(x)
     first, third = np.percentile(scans, [25, 75], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -136,7 +203,7 @@ def quartile_dispersion(x: np.ndarray) -> np.ndarray:
 
 
 def _of_subject(x: np.ndarray) -> np.ndarray:
-    """[..., subject, all its scans]"""
+    """[..., subject, all its scans]."""
     return x.reshape(*x.shape[:-2], -1)
 
 

@@ -26,15 +26,19 @@ RESAMPLES = 1000
 class Attribution:
     """What `attribute` found.
 
-    cells        one row per variant, ROI and feature: variant, roi, feature, family, shift_baseline and shift_variant
-                 (repeat SDs of the recording), removed_sd (of |shift|; negative where the variant is farther off),
-                 removed_share (1 where the shift is gone, negative where it grew; missing without a shift) with
-                 removed_lower and removed_upper (95 %), missed (by the baseline: |shift| over the margin), repaired
-                 (missed, and within the margin in the variant) and broken (the other way round)
-    properties   one row per family ("all" first) and variant, the best first: family, rank, variant, cells, misses,
-                 repaired, share_repaired (of the misses) with lower and upper, broken, median_removed_share (over the
-                 misses) with median_removed_lower and _upper, share_best (of the resamples in which it was ranked
-                 first). Without misses shares are missing
+    Attributes
+    ----------
+    cells : DataFrame
+        One row per variant, ROI and feature: variant, roi, feature, family, shift_baseline and shift_variant (repeat
+        SDs of the recording), removed_sd (of |shift|; negative where the variant is farther off), removed_share (1
+        where the shift is gone, negative where it grew; missing without a shift) with removed_lower and removed_upper
+        (95 %), missed (by the baseline: |shift| over the margin), repaired (missed, and within the margin in the
+        variant) and broken (the other way round).
+    properties : DataFrame
+        One row per family ("all" first) and variant, the best first: family, rank, variant, cells, misses, repaired,
+        share_repaired (of the misses) with lower and upper, broken, median_removed_share (over the misses) with
+        median_removed_lower and _upper, share_best (of the resamples in which it was ranked first). Without misses
+        shares are missing.
     """
 
     cells: pd.DataFrame
@@ -54,15 +58,39 @@ def attribute(
 ) -> Attribution:
     """How much of the baseline's shifts each variant removes, and which variant repairs most misses.
 
-    variants   features by name, among them `baseline`; as `recorded`, one row per image and ROI with columns roi and
-               `features`. Variants are of the baseline's own repeats, in the same order, so that they share its noise
-    rois       as in `comparison.compare`
     Variants are ranked by the share of misses that they repair, then by the median share of shift that they remove.
     Intervals are percentiles (95 %) of a bootstrap over repeats, those of the simulation drawn alike for all variants
     and ROIs, and those of the recording apart. The recording's SD, which is only the unit, and which features the
     baseline missed are held.
-    Raises InputError if there is no baseline or nothing beside it, ROIs or features lack, numbers of repeats differ
-    between variants, an ROI has fewer than two, or values are not finite.
+
+    Parameters
+    ----------
+    variants : mapping of str to DataFrame
+        Features by name, among them `baseline`. Variants are of the baseline's own repeats, in the same order, so that
+        they share its noise.
+    recorded : DataFrame
+        As each of the variants: one row per image and ROI with columns roi and `features`.
+    features : sequence of str
+    baseline : str, optional
+        Its name.
+    rois : sequence of str, optional
+        As in `comparison.compare`.
+    margin_sd : float, optional
+        Repeat SDs of the recording over which a shift is a miss.
+    resamples : int, optional
+        Of the bootstrap.
+    seed : int, optional
+        Of the bootstrap.
+
+    Returns
+    -------
+    Attribution
+
+    Raises
+    ------
+    InputError
+        If there is no baseline or nothing beside it, ROIs or features lack, numbers of repeats differ between variants,
+        an ROI has fewer than two, or values are not finite.
     """
     if baseline not in variants or len(variants) < 2:
         raise InputError(
@@ -113,9 +141,13 @@ def attribute(
 
 
 def _means(repeats: Mapping[str, np.ndarray], rois: Sequence[str], resamples: int, rng) -> np.ndarray:
-    """Means over repeats [1 + resamples, roi, feature]: first as they are, then of repeats drawn with replacement.
+    """Means over repeats: first as they are, then of repeats drawn with replacement.
 
     ROIs that have as many images draw the same ones, so that what is common to an image stays together.
+
+    Returns
+    -------
+    ndarray, shape (1 + resamples, rois, features)
     """
     weights: dict[int, np.ndarray] = {}
     means = []

@@ -1,8 +1,12 @@
 """How far simulated features lie from those of a recording, in units of the recording's own repeatability.
 
 A difference that is not significant may only be badly measured, so agreement is claimed by equivalence alone: an
-interval that lies within a margin (two one-sided tests; Schuirmann, J. Pharmacokinet. Biopharm. 15, 657, 1987). What is
-neither equivalent nor significantly different is undecided.
+interval that lies within a margin (two one-sided tests [1]_). What is neither equivalent nor significantly different
+is undecided.
+
+References
+----------
+.. [1] Schuirmann, J. Pharmacokinet. Biopharm. 15, 657, 1987.
 """
 
 from __future__ import annotations
@@ -66,7 +70,7 @@ COMPARABLE = ("yes", "with care", "no")
 
 
 def common_features(simulated: pd.DataFrame, recorded: pd.DataFrame) -> list[str]:
-    """Those of feature_names.FEATURES that both tables have, in that order."""
+    """Those of names.FEATURES that both tables have, in that order."""
     return [feature for feature in FEATURES if feature in simulated and feature in recorded]
 
 
@@ -81,27 +85,50 @@ def compare(
 ) -> pd.DataFrame:
     """Means and SDs over repeats of every feature in every ROI, simulated against recorded.
 
-    simulated, recorded   one row per image and ROI, with columns roi, tissue_class and `features`; all images of a
-                          table are repeats of one scan
-    rois                  which to compare; None for all, which must then be those of both tables
-    margin_sd, sd_factor  what counts as agreement: a shift of as many repeat SDs, an SD larger or smaller by a factor
-    Returns one row per ROI (in the recording's order) and feature:
-      roi, tissue_class, feature, family, n_simulated, n_recorded, mean_*, sd_* (n - 1);
-      shift_sd      (mean_simulated - mean_recorded)/sd_recorded, with shift_lower and shift_upper (95 %): MOVER of the
-                    Welch interval of the difference and the chi-square interval of the SD, so that the uncertainty of
-                    the unit counts (Donner and Zou, Stat. Methods Med. Res. 21, 347, 2012)
-      sd_ratio      sd_simulated/sd_recorded, with sd_ratio_lower and sd_ratio_upper (95 %, F distribution; normal
-                    repeats are assumed here, not in p_sd)
-      p_mean, p_sd  Welch's t test, and the Brown-Forsythe test (J. Am. Stat. Assoc. 69, 364, 1974); then over all ROIs
-                    and features q_* (false discovery rate, Benjamini and Yekutieli, Ann. Stat. 29, 1165, 2001: valid
-                    however features depend on each other) and holm_* (family-wise, Holm, Scand. J. Stat. 6, 65, 1979)
-      mean_equivalent, sd_equivalent   the 90 % interval lies within the margin
-      mean_agrees, sd_agrees           "yes" if equivalent, "no" if q is under 0.05 and it is not, else "undecided"
-      margin_sd, sd_factor             as given
     A recording that is constant gives no unit: the shift is then 0 or infinite, the ratio infinite (missing if both are
-    constant), and intervals are missing; two equal constants agree. p_sd is missing for fewer than three repeats.
-    Raises InputError for ROIs or features of one table only, tissue classes that differ, fewer than two repeats of an
-    ROI, margins that are none, or values that are not finite.
+    constant), and intervals are missing; two equal constants agree.
+
+    Parameters
+    ----------
+    simulated, recorded : DataFrame
+        One row per image and ROI, with columns roi, tissue_class and `features`; all images of a table are repeats of
+        one scan.
+    features : sequence of str
+    rois : sequence of str, optional
+        Which to compare; None for all, which must then be those of both tables.
+    margin_sd, sd_factor : float, optional
+        What counts as agreement: a shift of as many repeat SDs, an SD larger or smaller by a factor.
+
+    Returns
+    -------
+    DataFrame
+        One row per ROI (in the recording's order) and feature:
+
+        * roi, tissue_class, feature, family, n_simulated, n_recorded, mean_*, sd_* (n - 1)
+        * shift_sd: (mean_simulated - mean_recorded)/sd_recorded, with shift_lower and shift_upper (95 %): MOVER of the
+          Welch interval of the difference and the chi-square interval of the SD, so that the uncertainty of the unit
+          counts [1]_
+        * sd_ratio: sd_simulated/sd_recorded, with sd_ratio_lower and sd_ratio_upper (95 %, F distribution; normal
+          repeats are assumed here, not in p_sd)
+        * p_mean, p_sd: Welch's t test, and the Brown-Forsythe test [2]_ (missing for fewer than three repeats); then
+          over all ROIs and features q_* (false discovery rate, Benjamini and Yekutieli [3]_: valid however features
+          depend on each other) and holm_* (family-wise, Holm [4]_)
+        * mean_equivalent, sd_equivalent: the 90 % interval lies within the margin
+        * mean_agrees, sd_agrees: "yes" if equivalent, "no" if q is under 0.05 and it is not, else "undecided"
+        * margin_sd, sd_factor: as given
+
+    Raises
+    ------
+    InputError
+        For ROIs or features of one table only, tissue classes that differ, fewer than two repeats of an ROI, margins
+        that are none, or values that are not finite.
+
+    References
+    ----------
+    .. [1] Donner and Zou, Stat. Methods Med. Res. 21, 347, 2012.
+    .. [2] Brown and Forsythe, J. Am. Stat. Assoc. 69, 364, 1974.
+    .. [3] Benjamini and Yekutieli, Ann. Stat. 29, 1165, 2001.
+    .. [4] Holm, Scand. J. Stat. 6, 65, 1979.
     """
     if not margin_sd > 0 or not sd_factor > 1:
         raise InputError(
@@ -142,8 +169,21 @@ def compare(
 def common_rois(simulated: pd.DataFrame, recorded: pd.DataFrame, rois: Sequence[str] | None = None) -> list[str]:
     """The ROIs to compare, in the recording's order, or as asked for.
 
-    Raises InputError naming those that only one of the tables has and that were not left out by `rois`, or if nothing
-    is left.
+    Parameters
+    ----------
+    simulated, recorded : DataFrame
+        With a column roi.
+    rois : sequence of str, optional
+        Those asked for.
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    InputError
+        Naming those that only one of the tables has and that were not left out by `rois`, or if nothing is left.
     """
     have = {"simulated": list(simulated["roi"].unique()), "recorded": list(recorded["roi"].unique())}
     for side, other in (("simulated", "recorded"), ("recorded", "simulated")):
@@ -158,9 +198,25 @@ def common_rois(simulated: pd.DataFrame, recorded: pd.DataFrame, rois: Sequence[
 
 
 def samples(table: pd.DataFrame, features: Sequence[str], rois: Sequence[str], source: str) -> dict[str, np.ndarray]:
-    """The repeats of every ROI, float64 [image, feature], in the table's order.
+    """The repeats of every ROI.
 
-    Raises InputError if a feature is missing or not finite, or an ROI has fewer than two repeats.
+    Parameters
+    ----------
+    table : DataFrame
+        One row per image and ROI.
+    features, rois : sequence of str
+    source : str
+        What the message begins with.
+
+    Returns
+    -------
+    dict of str to ndarray of float64, shape (images, features)
+        By ROI, in the table's order.
+
+    Raises
+    ------
+    InputError
+        If a feature is missing or not finite, or an ROI has fewer than two repeats.
     """
     if missing := [feature for feature in features if feature not in table]:
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
@@ -193,10 +249,25 @@ def in_sd(difference: np.ndarray, sd: np.ndarray, size: np.ndarray) -> np.ndarra
 def shift_interval(
     difference: np.ndarray, lower: np.ndarray, upper: np.ndarray, sd: np.ndarray, n: int, level: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Interval of a difference of means over an SD, both uncertain, by MOVER (Donner and Zou 2012).
+    """Interval of a difference of means over an SD, both uncertain, by MOVER [1]_.
 
-    difference, lower, upper   the difference and its interval of this level
-    sd, n                      the SD, estimated from n normal values independently of the difference
+    Parameters
+    ----------
+    difference, lower, upper : ndarray
+        The difference and its interval of this level.
+    sd : ndarray
+        Estimated from n normal values independently of the difference.
+    n : int
+    level : float
+        From 0 to 1.
+
+    Returns
+    -------
+    lower, upper : ndarray
+
+    References
+    ----------
+    .. [1] Donner and Zou, Stat. Methods Med. Res. 21, 347, 2012.
     """
     tail = (1 - level) / 2
     small, large = (sd * np.sqrt((n - 1) / stats.chi2.ppf(q, n - 1)) for q in (1 - tail, tail))
@@ -292,11 +363,22 @@ def _tissue_classes(simulated: pd.DataFrame, recorded: pd.DataFrame, rois: Seque
 def ranks(table: pd.DataFrame) -> pd.DataFrame:
     """Whether each feature orders the ROIs as it was measured to.
 
-    table   from `compare`
-    Returns one row per feature: feature, family, rois, kendall_tau (tau-b), kendall_p (two-sided, exact without ties),
-    spearman. They are of the means over repeats, so a pair of ROIs that the recording itself hardly tells apart counts
-    as any other. Missing where either side is the same in all ROIs.
-    Raises InputError for fewer than three ROIs.
+    Parameters
+    ----------
+    table : DataFrame
+        From `compare`.
+
+    Returns
+    -------
+    DataFrame
+        One row per feature: feature, family, rois, kendall_tau (tau-b), kendall_p (two-sided, exact without ties),
+        spearman. They are of the means over repeats, so a pair of ROIs that the recording itself hardly tells apart
+        counts as any other. Missing where either side is the same in all ROIs.
+
+    Raises
+    ------
+    InputError
+        For fewer than three ROIs.
     """
     if (count := table["roi"].nunique()) < MINIMUM_ROIS:
         raise InputError(f"comparison: {count} ROIs; an order of ROIs needs at least {MINIMUM_ROIS}")
@@ -322,12 +404,21 @@ def ranks(table: pd.DataFrame) -> pd.DataFrame:
 def summary(table: pd.DataFrame) -> pd.DataFrame:
     """What `compare` says of each feature, over its ROIs.
 
-    Returns one row per feature: feature, family, rois, median_abs_shift_sd, share_within_margin (of the ROIs: |shift|
-    within the margin, whether or not that is certain), share_equivalent (shown to be), share_mean_differs (q under
-    0.05), median_sd_ratio, share_sd_within, share_sd_equivalent, share_sd_differs, kendall_tau, spearman (missing for
-    fewer than three ROIs), and mean_right, sd_right (in at least MOST of the ROIs within the margin), rank_right (tau
-    of at least RANK_RIGHT) and their sum as `verdict`: "mean, SD and rank right" to "none right".
     The verdict is of what was found, not of what is certain: beside it stand the shares that equivalence was shown for.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `compare`.
+
+    Returns
+    -------
+    DataFrame
+        One row per feature: feature, family, rois, median_abs_shift_sd, share_within_margin (of the ROIs: |shift|
+        within the margin, whether or not that is certain), share_equivalent (shown to be), share_mean_differs (q under
+        0.05), median_sd_ratio, share_sd_within, share_sd_equivalent, share_sd_differs, kendall_tau, spearman (missing
+        for fewer than three ROIs), and mean_right, sd_right (in at least MOST of the ROIs within the margin),
+        rank_right (tau of at least RANK_RIGHT) and their sum as `verdict`: "mean, SD and rank right" to "none right".
     """
     cells = _cells(table)
     result = _shares(cells.groupby(["feature", "family"], sort=False)).reset_index()
@@ -348,9 +439,16 @@ def summary(table: pd.DataFrame) -> pd.DataFrame:
 def family_summary(table: pd.DataFrame) -> pd.DataFrame:
     """The same of each family and, last, of "all" features: medians and shares are over all its features and ROIs.
 
-    Returns one row per family: family, features, the columns of `summary` from median_abs_shift_sd to
-    share_sd_differs, median_kendall_tau, and of its features share_mean_right, share_sd_right, share_rank_right and
-    share_all_right.
+    Parameters
+    ----------
+    table : DataFrame
+        From `compare`.
+
+    Returns
+    -------
+    DataFrame
+        One row per family: family, features, the columns of `summary` from median_abs_shift_sd to share_sd_differs,
+        median_kendall_tau, and of its features share_mean_right, share_sd_right, share_rank_right and share_all_right.
     """
     cells, each = _cells(table), summary(table)
     rows = []
@@ -416,22 +514,42 @@ def comparable(
 ) -> pd.DataFrame:
     """Which features of a recording may be compared with those of a 3D simulation in HU.
 
-    recording_dimensions   2 if they were extracted from single slices
-    stored_offset          HU that were added before extraction
-    same_voxels            both were extracted from ROIs of the same voxels on the same grid
-    Returns one row per feature: feature, family; flags by pyradiomics' definitions (van Griethuysen et al., Cancer
-    Res. 77, e104, 2017; https://pyradiomics.readthedocs.io, "Radiomic Features"):
-      needs_hu               the value itself moves with the offset, and measured.to_hu brings it back
-      depends_on_bin_edges   bins of 25 start at multiples of 25: an offset that is none moves the edges by a fraction
-                             of a bin (1024: by one HU), for Entropy, Uniformity and all textures
-      depends_on_size        grows with the ROI: with its voxels, or (TotalEnergy) with its volume in mm^3
-      depends_on_voxel_size  counts neighbours or voxels, so that the same object on another grid gives another value
-      depends_on_dimensions  in a slice there are 8 neighbours, in a volume 26
-    and comparable, "yes", "with care" or "no", with the reason. "no" are: features that depend on size unless
-    same_voxels; and of slices, dependences and zones, whose counts of neighbours differ. Co-occurrences and runs in a
-    slice are averaged over 4 directions instead of 13, which is the same in expectation only if texture and voxels
-    are isotropic: with care. Voxel sizes are not known here: depends_on_voxel_size alone gives no reason.
-    Raises InputError for dimensions other than 2 and 3, or unknown features.
+    Parameters
+    ----------
+    features : sequence of str
+    recording_dimensions : {2, 3}
+        2 if they were extracted from single slices.
+    stored_offset : float
+        HU that were added before extraction.
+    same_voxels : bool, optional
+        Both were extracted from ROIs of the same voxels on the same grid.
+
+    Returns
+    -------
+    DataFrame
+        One row per feature: feature, family; flags by pyradiomics' definitions [1]_:
+
+        * needs_hu: the value itself moves with the offset, and measured.to_hu brings it back
+        * depends_on_bin_edges: bins of 25 start at multiples of 25: an offset that is none moves the edges by a
+          fraction of a bin (1024: by one HU), for Entropy, Uniformity and all textures
+        * depends_on_size: grows with the ROI: with its voxels, or (TotalEnergy) with its volume in mm^3
+        * depends_on_voxel_size: counts neighbours or voxels, so that the same object on another grid gives another
+          value
+        * depends_on_dimensions: in a slice there are 8 neighbours, in a volume 26
+
+        and comparable, "yes", "with care" or "no", with the reason. "no" are: features that depend on size unless
+        same_voxels; and of slices, dependences and zones, whose counts of neighbours differ. Co-occurrences and runs in
+        a slice are averaged over 4 directions instead of 13, which is the same in expectation only if texture and
+        voxels are isotropic: with care. Voxel sizes are not known here: depends_on_voxel_size alone gives no reason.
+
+    Raises
+    ------
+    InputError
+        For dimensions other than 2 and 3, or unknown features.
+
+    References
+    ----------
+    .. [1] van Griethuysen et al., Cancer Res. 77, e104, 2017; https://pyradiomics.readthedocs.io, "Radiomic Features".
     """
     if recording_dimensions not in (2, 3):
         raise InputError(f"comparison: dimensions is {recording_dimensions}; features are of 2 or 3 dimensions")
@@ -467,11 +585,24 @@ def comparable(
 
 
 def roi_sizes(table: pd.DataFrame) -> pd.DataFrame:
-    """Number and size of each ROI's voxels, which the features themselves tell: Energy is N RootMeanSquared^2, and
-    TotalEnergy is Energy times the voxel's volume.
+    """Number and size of each ROI's voxels, which the features themselves tell.
 
-    Returns one row per ROI: roi, n_voxels (median over images), voxel_mm3 (missing without TotalEnergy).
-    Raises InputError if Energy or RootMeanSquared is missing.
+    Energy is N RootMeanSquared^2, and TotalEnergy is Energy times the voxel's volume.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row per image and ROI.
+
+    Returns
+    -------
+    DataFrame
+        One row per ROI: roi, n_voxels (median over images), voxel_mm3 (missing without TotalEnergy).
+
+    Raises
+    ------
+    InputError
+        If Energy or RootMeanSquared is missing.
     """
     energy, square = "original_firstorder_Energy", "original_firstorder_RootMeanSquared"
     for name in (energy, square):

@@ -13,8 +13,14 @@ from .ranking import KINDS
 
 
 def load(path: str | Path = RESOURCES / "default_study_seeds.csv") -> pd.DataFrame:
-    """One row per seed and feature: settings (`plan.Plan.scored_settings`), seed, feature, stability_percent,
-    discrimination_percent."""
+    """Read the scores of all seeds.
+
+    Returns
+    -------
+    DataFrame
+        One row per seed and feature: settings (`plan.Plan.scored_settings`), seed, feature, stability_percent,
+        discrimination_percent.
+    """
     return read_csv(path, dtype={"settings": str})
 
 

@@ -1,9 +1,13 @@
 """Image quality from repeated images: contrast, noise magnitude and noise texture, each with its standard error.
 
-Definitions: ICRU Report 87 (2012); AAPM Report 233, Performance Evaluation of Computed Tomography Systems (2019). Noise
-is taken from differences of repeats, which are free of structure. Its standard errors are those of Gaussian noise: an
-ordinate of a periodogram has a standard deviation equal to its expectation. Correlations that reach farther than a
-square of the spectrum, as streaks of few views do, are not counted.
+Definitions: [1]_, [2]_. Noise is taken from differences of repeats, which are free of structure. Its standard errors
+are those of Gaussian noise: an ordinate of a periodogram has a standard deviation equal to its expectation.
+Correlations that reach farther than a square of the spectrum, as streaks of few views do, are not counted.
+
+References
+----------
+.. [1] ICRU Report 87, 2012.
+.. [2] AAPM Report 233, Performance Evaluation of Computed Tomography Systems, 2019.
 """
 
 from __future__ import annotations
@@ -33,9 +37,14 @@ class Measure:
 class Spectrum:
     """A radial noise power spectrum of the axial plane.
 
-    frequency   (ring,) 1/mm, mean of the ordinates in each ring
-    power       (ring,) HU^2 mm^2, with its variance
-    area        voxels of the axial plane that hold one independent value of the noise, for the error of a variance
+    Attributes
+    ----------
+    frequency : ndarray, shape (rings,)
+        Mean of the ordinates in each ring, 1/mm.
+    power, variance : ndarray, shape (rings,)
+        HU^2 mm^2, with its variance.
+    area : float
+        Voxels of the axial plane that hold one independent value of the noise, for the error of a variance.
     """
 
     frequency: np.ndarray
@@ -50,10 +59,22 @@ class Spectrum:
 
 
 def noise_of(images: np.ndarray) -> np.ndarray:
-    """Independent draws of the noise of one image, [repeat - 1, z, y, x], from repeats [repeat, z, y, x].
+    """Independent draws of the noise of one image.
 
     Helmert's contrasts: orthonormal differences, with the variance of a single image and without any structure.
-    Raises InputError for a single repeat.
+
+    Parameters
+    ----------
+    images : ndarray, shape (repeats, z, y, x)
+
+    Returns
+    -------
+    ndarray of float64, shape (repeats - 1, z, y, x)
+
+    Raises
+    ------
+    InputError
+        For a single repeat.
     """
     if len(images) < 2:
         raise InputError("noise is measured between repeats, and there is one; record more")
@@ -61,8 +82,18 @@ def noise_of(images: np.ndarray) -> np.ndarray:
 
 
 def slice_correlations(noise: np.ndarray, mask: np.ndarray) -> tuple[float, float]:
-    """Factors by which correlated slices make variances of (means, mean squares) over slices larger than independent
-    ones would."""
+    """Factors by which correlated slices make variances over slices larger than independent ones would.
+
+    Parameters
+    ----------
+    noise : ndarray, shape (contrasts, z, y, x)
+        From `noise_of`.
+    mask : ndarray of bool, shape (z, y, x)
+
+    Returns
+    -------
+    of_means, of_mean_squares : float
+    """
     slices = noise.shape[1]
     square = (noise**2)[:, mask].mean()
     if not square:  # without noise nothing is correlated
@@ -80,8 +111,18 @@ def slice_correlations(noise: np.ndarray, mask: np.ndarray) -> tuple[float, floa
 def propagated(statistic: Callable[[np.ndarray], float], values: np.ndarray, noise: np.ndarray, repeats: int) -> float:
     """Standard error of statistic(values) where values are means over repeats, to first order in the noise.
 
-    noise   [contrast, group, ...]: what the noise of one repeat (from `noise_of`) adds to `values` in each of several
-            groups of voxels, whose noises are independent
+    Parameters
+    ----------
+    statistic : callable
+    values : ndarray
+    noise : ndarray, shape (contrasts, groups, ...)
+        What the noise of one repeat (from `noise_of`) adds to `values` in each of several groups of voxels, whose
+        noises are independent.
+    repeats : int
+
+    Returns
+    -------
+    float
     """
     centre = statistic(values)
     moved = [[statistic(values + part / np.sqrt(repeats)) - centre for part in groups] for groups in noise]
@@ -91,9 +132,22 @@ def propagated(statistic: Callable[[np.ndarray], float], values: np.ndarray, noi
 def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray], reference: str | None = None) -> Measure:
     """Mean absolute difference of the ROIs' means, HU: of all pairs, or of each from the reference ROI.
 
-    images   [repeat, z, y, x], HU
-    rois     bool [z, y, x] by name
-    Raises InputError for fewer than two ROIs of at least LEAST_ROI_VOXELS voxels, or another reference.
+    Parameters
+    ----------
+    images : ndarray, shape (repeats, z, y, x)
+        HU.
+    rois : mapping of str to ndarray of bool, shape (z, y, x)
+        By name.
+    reference : str, optional
+
+    Returns
+    -------
+    Measure
+
+    Raises
+    ------
+    InputError
+        For fewer than two ROIs of at least LEAST_ROI_VOXELS voxels, or another reference.
     """
     used = _large(rois)
     if len(used) < 2:
@@ -121,8 +175,23 @@ def contrast(images: np.ndarray, rois: Mapping[str, np.ndarray], reference: str 
 def noise_magnitude(images: np.ndarray, rois: Mapping[str, np.ndarray], area: float) -> Measure:
     """Standard deviation over repeats, HU: root of the ROIs' mean variance.
 
-    area   as Spectrum.area
-    Raises InputError for a single repeat or no ROI.
+    Parameters
+    ----------
+    images : ndarray, shape (repeats, z, y, x)
+        HU.
+    rois : mapping of str to ndarray of bool, shape (z, y, x)
+        By name.
+    area : float
+        As Spectrum.area.
+
+    Returns
+    -------
+    Measure
+
+    Raises
+    ------
+    InputError
+        For a single repeat or no ROI.
     """
     noise, used = noise_of(images), _large(rois)
     if not used:
@@ -144,10 +213,23 @@ def noise_magnitude(images: np.ndarray, rois: Mapping[str, np.ndarray], area: fl
 def noise_spectrum(images: np.ndarray, mask: np.ndarray, spacing: Sequence[float]) -> Spectrum:
     """Radial noise power spectrum of squares within the mask, up to the Nyquist frequency.
 
-    images    [repeat, z, y, x], HU
-    mask      bool [z, y, x] where the noise counts
-    spacing   mm (z, y, x)
-    Raises InputError for a single repeat, or a mask that holds fewer than LEAST_TILES squares of any size.
+    Parameters
+    ----------
+    images : ndarray, shape (repeats, z, y, x)
+        HU.
+    mask : ndarray of bool, shape (z, y, x)
+        Where the noise counts.
+    spacing : sequence of 3 float
+        mm (z, y, x).
+
+    Returns
+    -------
+    Spectrum
+
+    Raises
+    ------
+    InputError
+        For a single repeat, or a mask that holds fewer than LEAST_TILES squares of any size.
     """
     noise = noise_of(images)
     side, corners = tiles(mask)
@@ -173,9 +255,23 @@ def noise_spectrum(images: np.ndarray, mask: np.ndarray, spacing: Sequence[float
 
 
 def tiles(mask: np.ndarray) -> tuple[int, list[tuple[int, int, int]]]:
-    """Side and first corners (z, y, x) of squares of the axial plane that lie in a mask [z, y, x], side by side.
+    """Squares of the axial plane that lie in a mask, side by side.
 
-    Raises InputError if there are fewer than LEAST_TILES of even the smallest.
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (z, y, x)
+
+    Returns
+    -------
+    side : int
+        Voxels.
+    corners : list of tuple of 3 int
+        The first corner (z, y, x) of each.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than LEAST_TILES of even the smallest.
     """
     for side in TILE_VOXELS:
         corners = []

@@ -1,13 +1,13 @@
 """Measured references: facts derived from scans of the real phantom, and the full table where a user has it.
 
 Two public data sets of the anthropomorphic phantom that the paper simulates (see README.md of the resources):
-  CT-Phantom4Radiomics, TCIA, doi 10.7937/a1v1-rc66, CC BY 4.0: the paper's tandem study, 8 parameter groups,
-  one scanner.
-    Features (public repository Joingl/radiomic-features) are of the largest 2D cross-section of each ROI,
-    pixel spacing 1, on stored values (HU + 1024), bin width 25.
-  CT4Harmonization-Multicentric, TCIA, CC BY 4.0: here one Siemens SOMATOM Definition Edge, 1, 3 and 10 mGy,
-    two reconstructions. Features (public repository mariamartinasiain/radiomics_phantom_dose_analysis, MIT)
-    are 3D, in HU.
+
+* CT-Phantom4Radiomics, TCIA, doi 10.7937/a1v1-rc66, CC BY 4.0: the paper's tandem study, 8 parameter groups,
+  one scanner. Features (public repository Joingl/radiomic-features) are of the largest 2D cross-section of each ROI,
+  pixel spacing 1, on stored values (HU + 1024), bin width 25.
+* CT4Harmonization-Multicentric, TCIA, CC BY 4.0: here one Siemens SOMATOM Definition Edge, 1, 3 and 10 mGy,
+  two reconstructions. Features (public repository mariamartinasiain/radiomics_phantom_dose_analysis, MIT)
+  are 3D, in HU.
 """
 
 from __future__ import annotations
@@ -59,7 +59,10 @@ STUDY_FEATURES = tuple(feature for feature in FEATURES if not feature.endswith("
 def load_group_summary() -> pd.DataFrame:
     """Mean and SD (n - 1) over scans of each feature in CT-Phantom4Radiomics, first-order features in HU.
 
-    Columns group (1 to 8), roi, tissue_class, feature (85 of the 86), mean, sd, n.
+    Returns
+    -------
+    DataFrame
+        Columns group (1 to 8), roi, tissue_class, feature (85 of the 86), mean, sd, n.
     """
     return _with_classes(read_csv(RESOURCES / "ct_phantom4radiomics_groups.csv"))
 
@@ -71,12 +74,16 @@ def group_means() -> pd.DataFrame:
 
 
 def load_scores() -> pd.DataFrame:
-    """Stability and discriminative power measured in CT-Phantom4Radiomics, from stored values as published and from all
-    29 or 30 acquisitions, re-positioned ones among them.
+    """Stability and discriminative power measured in CT-Phantom4Radiomics.
 
-    Columns feature (85 of the 86), stability_percent, discrimination_percent; `statistics.wilcoxon.scores` at
-    threshold 1, ROI by ROI, over 8 groups: 168 comparisons for stability, 104 for discrimination.
-    Not to be set beside scores of fewer repeats: |W| grows with their root. See `load_score_draws`.
+    From stored values as published and from all 29 or 30 acquisitions, re-positioned ones among them. Not to be set
+    beside scores of fewer repeats: |W| grows with their root. See `load_score_draws`.
+
+    Returns
+    -------
+    DataFrame
+        Columns feature (85 of the 86), stability_percent, discrimination_percent; `statistics.wilcoxon.scores` at
+        threshold 1, ROI by ROI, over 8 groups: 168 comparisons for stability, 104 for discrimination.
     """
     return read_csv(RESOURCES / "ct_phantom4radiomics_scores.csv")
 
@@ -84,11 +91,23 @@ def load_scores() -> pd.DataFrame:
 def load_score_draws(repeats: int, acquisitions: str = "fixed") -> pd.DataFrame:
     """The scores of `load_scores` from random subsamples of as many acquisitions as a study has repeats.
 
-    repeats        acquisitions of each group, at least 2
-    acquisitions   "fixed": of the 19 that all groups have without re-positioning; "all": of all 29
-    Returns one row per draw and feature, as `statistics.repeats.draws`. More repeats than there are acquisitions are
-    brought down to these; column repeats says to how many.
-    Raises InputError for another word, or repeats that were not drawn.
+    Parameters
+    ----------
+    repeats : int
+        Acquisitions of each group, at least 2.
+    acquisitions : {"fixed", "all"}, optional
+        "fixed": of the 19 that all groups have without re-positioning; "all": of all 29.
+
+    Returns
+    -------
+    DataFrame
+        One row per draw and feature, as `statistics.repeats.draws`. More repeats than there are acquisitions are
+        brought down to these; column repeats says to how many.
+
+    Raises
+    ------
+    InputError
+        For another word, or repeats that were not drawn.
     """
     kept = read_csv(RESOURCES / "ct_phantom4radiomics_draws.csv")
     kept = kept[kept["acquisitions"] == acquisitions]
@@ -107,20 +126,38 @@ def load_score_draws(repeats: int, acquisitions: str = "fixed") -> pd.DataFrame:
 
 
 def load_dose_series() -> pd.DataFrame:
-    """Mean and SD (n - 1) over repeats of each of the 86 features in the dose series of
-    CT4Harmonization-Multicentric.
+    """Mean and SD (n - 1) over repeats of each feature in the dose series of CT4Harmonization-Multicentric.
 
-    Columns dose_mgy (1, 3, 10), reconstruction (fbp | iterative), roi, tissue_class, feature, mean, sd, n.
+    Returns
+    -------
+    DataFrame
+        Columns dose_mgy (1, 3, 10), reconstruction (fbp | iterative), roi, tissue_class, feature (all 86), mean, sd, n.
     """
     return _with_classes(read_csv(RESOURCES / "edge_dose_series_summary.csv"))
 
 
 def dose_variance(reconstruction: str, dose_mgy: float, roi: str = "cyst_1") -> float:
-    """Measured variance in HU^2 among the voxels of an ROI of the dose series; by default the large, uniform
-    cyst.
+    """Measured variance among the voxels of an ROI of the dose series.
 
-    It holds the cyst's own texture and any shading beside the noise, so it bounds the noise variance from
-    above.
+    It holds the ROI's own texture and any shading beside the noise, so it bounds the noise variance from above.
+
+    Parameters
+    ----------
+    reconstruction : {"fbp", "iterative"}
+    dose_mgy : {1, 3, 10}
+        mGy.
+    roi : str, optional
+        By default the large, uniform cyst.
+
+    Returns
+    -------
+    float
+        HU^2.
+
+    Raises
+    ------
+    InputError
+        If the series has no such scans.
     """
     table = load_dose_series()
     rows = table[
@@ -139,10 +176,21 @@ def dose_variance(reconstruction: str, dose_mgy: float, roi: str = "cyst_1") -> 
 def load_full_table(path: str | Path) -> pd.DataFrame:
     """The full table of CT-Phantom4Radiomics features, in this project's names, values as stored (HU + 1024).
 
-    Columns scan, group, acquisition (1 to 30, the same one in all groups: `true_acquisition`), repositioned (0 or 1),
-    roi, tissue_class, n_voxels, 85 features.
-    Raises InputError if the file is missing, lacks a column, or holds an ROI, a group or values that do not
-    belong.
+    Parameters
+    ----------
+    path : str or Path
+        The published CSV as it is.
+
+    Returns
+    -------
+    DataFrame
+        Columns scan, group, acquisition (1 to 30, the same one in all groups: `true_acquisition`), repositioned (0 or
+        1), roi, tissue_class, n_voxels, 85 features.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, lacks a column, or holds an ROI, a group or values that do not belong.
     """
     raw = _source_table(path, ["scan_id", "group", "class", "mask size"], STUDY_FEATURES, {"class": STUDY_ROIS})
     scan = raw["scan_id"].astype(str).str.extract(r"^(\d{3})-", expand=False)
@@ -165,12 +213,22 @@ def load_full_table(path: str | Path) -> pd.DataFrame:
 
 
 def true_acquisition(group: np.ndarray, number: np.ndarray) -> np.ndarray:
-    """Which of the 30 acquisitions a scan of CT-Phantom4Radiomics reconstructs, by its group (1 to 8) and the number in
-    its name, digits 2 and 3.
+    """Which of the 30 acquisitions a scan of CT-Phantom4Radiomics reconstructs.
 
     All groups reconstruct the same acquisitions, but groups 1 and 2 leave out the first and count from the second, and
     group 3 counts some backwards. Found from the ROIs' means, which the groups share but for their reconstruction, and
     held against the masks' places, which are another after each re-positioning (tests/test_measured.py).
+
+    Parameters
+    ----------
+    group : array_like of int
+        1 to 8.
+    number : array_like of int
+        That in the scan's name, digits 2 and 3.
+
+    Returns
+    -------
+    ndarray of int
     """
     group, number = np.asarray(group), np.asarray(number)
     third = np.select(
@@ -182,9 +240,20 @@ def true_acquisition(group: np.ndarray, number: np.ndarray) -> np.ndarray:
 def load_full_dose_series(path: str | Path) -> pd.DataFrame:
     """The full table of the dose series of CT4Harmonization-Multicentric, in this project's names, HU.
 
-    Columns dose_mgy, reconstruction (fbp | iterative), repeat (1, 2, ...), roi, tissue_class, 86 features.
-    Raises InputError if the file is missing, lacks a column, or holds an ROI, a reconstruction or values that
-    do not belong.
+    Parameters
+    ----------
+    path : str or Path
+        The published CSV as it is.
+
+    Returns
+    -------
+    DataFrame
+        Columns dose_mgy, reconstruction (fbp | iterative), repeat (1, 2, ...), roi, tissue_class, 86 features.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, lacks a column, or holds an ROI, a reconstruction or values that do not belong.
     """
     known = {"roi6": DOSE_ROIS, "recon_code": DOSE_RECONSTRUCTIONS}
     raw = _source_table(path, ["dose_mGy", "recon_code", "repeat", "roi6"], FEATURES, known)
@@ -215,14 +284,28 @@ def _source_table(path, columns, features, known) -> pd.DataFrame:
 
 
 def to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> pd.DataFrame:
-    """First-order features in HU instead of stored values, HU + `offset_hu`; by default those of `load_full_table`.
+    """First-order features in HU instead of stored values.
 
     Means and quantiles shift; energy is N (variance + mean^2), the mean now in HU and N the stored energy over the
     square of the stored root mean square; RootMeanSquared is the root of the same without N, and TotalEnergy keeps its
     ratio to energy. Spreads stay. Histograms and textures cannot be converted: 1024 is not a whole number of bins of
     25, so bin edges lie one unit off those of values in HU.
-    Features that the table lacks are passed over. Raises InputError if it has an energy or root mean square without
-    what their conversion needs.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Features that it lacks are passed over.
+    offset_hu : float, optional
+        Stored values are HU + this; by default those of `load_full_table`.
+
+    Returns
+    -------
+    DataFrame
+
+    Raises
+    ------
+    InputError
+        If the table has an energy or root mean square without what their conversion needs.
     """
     if offset_hu == 0:
         return table
@@ -253,9 +336,17 @@ def to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> pd.DataFr
 
 
 def load_published_top() -> pd.DataFrame:
-    """The ten highest-ranked features of the paper's appendix table (Flouris et al., Sci. Rep. 2022), in
-    pyradiomics' names. Columns kind (stability | discrimination), source (simulator | phantom), rank,
-    feature."""
+    """The ten highest-ranked features of the paper's appendix table, in pyradiomics' names.
+
+    Returns
+    -------
+    DataFrame
+        Columns kind (stability | discrimination), source (simulator | phantom), rank, feature.
+
+    References
+    ----------
+    Flouris et al., Sci. Rep. 12, 2022.
+    """
     return read_csv(RESOURCES / "published_top_features.csv")
 
 

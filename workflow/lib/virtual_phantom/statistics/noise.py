@@ -16,17 +16,29 @@ from . import MINIMUM_LEVELS, MINIMUM_REPEATS
 def repeat_variance(
     images: Iterable[np.ndarray], masks: dict[str, np.ndarray], name: str = "noise calibration"
 ) -> pd.DataFrame:
-    """Voxel-wise variance over repeats of a scan, averaged over the voxels of each ROI, and of all ROIs
-    together.
+    """Voxel-wise variance over repeats of a scan, averaged over the voxels of each ROI, and of all ROIs together.
 
-    images   arrays [z, y, x] in HU, one per repeat; looked at one at a time, and only the ROIs' voxels are
-             kept
-    masks    boolean arrays [z, y, x] by ROI
-    Returns one row per ROI and one for "all" (the union of the ROIs): roi, repeats, variance_hu2 (n - 1 in
-    the denominator, so unbiased), standard_error (jackknife over repeats: neighbouring voxels share noise and
-    cannot be counted as independent), spatial_variance_hu2 (among the voxels of one image, n in the denominator, as
-    pyradiomics' Variance: noise and what the object varies by; mean over repeats).
-    Raises InputError for fewer than three repeats, another shape, an empty ROI or values that are not finite.
+    Parameters
+    ----------
+    images : iterable of ndarray, shape (z, y, x)
+        HU, one per repeat; looked at one at a time, and only the ROIs' voxels are kept.
+    masks : dict of str to ndarray of bool, shape (z, y, x)
+        By ROI.
+    name : str, optional
+        What the message begins with.
+
+    Returns
+    -------
+    DataFrame
+        One row per ROI and one for "all" (the union of the ROIs): roi, repeats, variance_hu2 (n - 1 in the denominator,
+        so unbiased), standard_error (jackknife over repeats: neighbouring voxels share noise and cannot be counted as
+        independent), spatial_variance_hu2 (among the voxels of one image, n in the denominator, as pyradiomics'
+        Variance: noise and what the object varies by; mean over repeats).
+
+    Raises
+    ------
+    InputError
+        For fewer than three repeats, another shape, an empty ROI or values that are not finite.
     """
     union = np.logical_or.reduce(list(masks.values()))
     rows = []
@@ -73,7 +85,17 @@ class LinearFit:
     r_squared: float
 
     def noise_level_for(self, variance: float) -> float:
-        """The noise level at which the line reaches a variance. InputError if no positive level does."""
+        """The noise level at which the line reaches a variance, HU^2.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        InputError
+            If no positive level does.
+        """
         level = (variance - self.intercept) / self.slope if self.slope > 0 else float("nan")
         if not level > 0:
             raise InputError(
@@ -84,8 +106,17 @@ class LinearFit:
 
 
 def linear_fit(noise_level: np.ndarray, variance: np.ndarray) -> LinearFit:
-    """Straight line of variance (HU^2) against noise level A. Raises InputError for fewer than two different
-    levels."""
+    """Straight line of variance (HU^2) against noise level A.
+
+    Returns
+    -------
+    LinearFit
+
+    Raises
+    ------
+    InputError
+        For fewer than two different levels.
+    """
     noise_level = np.asarray(noise_level, dtype=np.float64)
     if np.unique(noise_level).size < 2:
         raise InputError("noise calibration: a line needs at least two different noise levels")
@@ -97,9 +128,14 @@ def linear_fit(noise_level: np.ndarray, variance: np.ndarray) -> LinearFit:
 class Match:
     """The noise level at which a protocol shows a measured variance.
 
-    A, A_standard_error   noise level and the error of it that the fit and the measurement leave
-    variance_hu2          what was measured
-    extrapolated          True if A lies outside the simulated levels
+    Attributes
+    ----------
+    A, A_standard_error : float
+        Noise level and the error of it that the fit and the measurement leave.
+    variance_hu2 : float
+        What was measured, HU^2.
+    extrapolated : bool
+        True if A lies outside the simulated levels.
     """
 
     A: float
@@ -111,12 +147,30 @@ class Match:
 def match(calibration: pd.DataFrame, protocol: str, rois: list[str], measured: pd.DataFrame) -> Match:
     """The A at which the variance within ROIs, averaged over them, meets a recording's.
 
-    calibration   protocol, noise_level, roi, spatial_variance_hu2, of at least three levels
-    measured      variance (HU^2) of each ROI (columns) in each recorded repeat (rows)
-    The line is fitted by weighted least squares. Standard error: that of a calibration line read backwards (N. R.
-    Draper and H. Smith, Applied Regression Analysis, 3rd ed., 1998, section 3.2), with the recording's own over its
-    repeats.
-    Raises InputError for an unknown protocol or ROI, fewer than three levels, or a variance that no A reaches.
+    The line is fitted by weighted least squares. Standard error: that of a calibration line read backwards [1]_, with
+    the recording's own over its repeats.
+
+    Parameters
+    ----------
+    calibration : DataFrame
+        Columns protocol, noise_level, roi, spatial_variance_hu2, of at least three levels.
+    protocol : str
+    rois : list of str
+    measured : DataFrame
+        Variance (HU^2) of each ROI (columns) in each recorded repeat (rows).
+
+    Returns
+    -------
+    Match
+
+    Raises
+    ------
+    InputError
+        For an unknown protocol or ROI, fewer than three levels, or a variance that no A reaches.
+
+    References
+    ----------
+    .. [1] N. R. Draper and H. Smith, Applied Regression Analysis, 3rd ed., 1998, section 3.2.
     """
     rows = calibration[calibration["protocol"] == protocol]
     if rows.empty:

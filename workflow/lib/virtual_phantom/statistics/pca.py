@@ -40,18 +40,28 @@ def project(
 ) -> pd.DataFrame:
     """Simulated and measured features in the plane of the first two principal components.
 
-    simulated    rows with ACQUISITION, roi, tissue_class and features
-    measured     rows with group, roi, tissue_class and features, or None; features of only one table are left
-                 out
-    fit_on       whose components: "simulated", "measured" or "pooled"
-    standardise  "each": each set by its own mean and SD, so that offsets of a whole set (2D against 3D, voxel
-                 size) do not show and only the layout is compared; "together": both by those of the set
-                 fitted on
-    Returns rows of source, ACQUISITION, group, roi, tissue_class, pc1, pc2, explained_pc1_percent and
-    explained_pc2_percent (of the set fitted on). The sign of an axis is such that its largest loading is
-    positive.
-    Raises InputError for an unknown choice, a measured fit without measured data, or values that are not
-    finite.
+    Parameters
+    ----------
+    simulated : DataFrame
+        Rows with ACQUISITION, roi, tissue_class and features.
+    measured : DataFrame, optional
+        Rows with group, roi, tissue_class and features; features of only one table are left out.
+    fit_on : {"simulated", "measured", "pooled"}, optional
+        Whose components.
+    standardise : {"each", "together"}, optional
+        "each": each set by its own mean and SD, so that offsets of a whole set (2D against 3D, voxel size) do not show
+        and only the layout is compared; "together": both by those of the set fitted on.
+
+    Returns
+    -------
+    DataFrame
+        Rows of source, ACQUISITION, group, roi, tissue_class, pc1, pc2, explained_pc1_percent and explained_pc2_percent
+        (of the set fitted on). The sign of an axis is such that its largest loading is positive.
+
+    Raises
+    ------
+    InputError
+        For an unknown choice, a measured fit without measured data, or values that are not finite.
     """
     for key, value, allowed in (("fit_on", fit_on, FIT_ON), ("standardise", standardise, STANDARDISE)):
         if value not in allowed:
@@ -90,14 +100,26 @@ def project(
 def separability(points: pd.DataFrame, name: str) -> pd.DataFrame:
     """How many points a linear discriminant in the plane of components puts into the right tissue class.
 
-    points  from `project`
-    name    of the analysis, copied into the column pca
     Cross-validated by leaving out one setting at a time (protocol and noise level; a measured group), so that
     no point is judged by repeats of its own setting; with a single setting, one repeat (seed) at a time.
-    Returns one row per source: pca, source, left_out (setting | repeat), accuracy (0 to 1), largest_class
-    (what guessing the commonest class would reach), n (points).
-    Raises InputError for fewer than two classes, if nothing can be left out, or if what remains is not more points than
-    classes.
+
+    Parameters
+    ----------
+    points : DataFrame
+        From `project`.
+    name : str
+        Of the analysis, copied into the column pca.
+
+    Returns
+    -------
+    DataFrame
+        One row per source: pca, source, left_out (setting | repeat), accuracy (0 to 1), largest_class (what guessing
+        the commonest class would reach), n (points).
+
+    Raises
+    ------
+    InputError
+        For fewer than two classes, if nothing can be left out, or if what remains is not more points than classes.
     """
     rows = []
     for source, part in points.groupby("source", sort=False):

@@ -40,12 +40,21 @@ class Held:
 class Entry:
     """One seed.
 
-    unseen     nobody had looked at it and nothing was tuned on it when it was scored
-    state      of the code that was run
-    note       in what it differs from others
-    cases      of the suite; None if it was never run as a whole
-    counts     {name of QUANTITIES: (how many, of how many)}; empty if it was never run as a whole
-    coverage   by effect, or by groups of effects where no more was kept
+    Attributes
+    ----------
+    seed : int
+    unseen : bool
+        Nobody had looked at it and nothing was tuned on it when it was scored.
+    state : str
+        Of the code that was run.
+    note : str
+        In what it differs from others.
+    cases : int or None
+        Of the suite; None if it was never run as a whole.
+    counts : mapping of str to tuple of 2 int
+        {name of QUANTITIES: (how many, of how many)}; empty if it was never run as a whole.
+    coverage : tuple of Held
+        By effect, or by groups of effects where no more was kept.
     """
 
     seed: int
@@ -58,7 +67,17 @@ class Entry:
 
 
 def read(path: str | Path) -> tuple[Entry, ...]:
-    """All entries, in the order of the file. Raises InputError if it is missing or broken, or names a seed twice."""
+    """All entries, in the order of the file.
+
+    Returns
+    -------
+    tuple of Entry
+
+    Raises
+    ------
+    InputError
+        If it is missing or broken, or names a seed twice.
+    """
     kinds = (OSError, KeyError, TypeError, ValueError, AttributeError, yaml.YAMLError)
     with refusing(f"{path}: is no record of the proof", *kinds, advice="restore it"):
         entries = tuple(_entry(one) for one in yaml.safe_load(read_text(path, "restore it")))
@@ -94,9 +113,14 @@ def pooled(entries: Iterable[Entry]) -> dict[str, tuple[int, int]]:
 
 
 def held(entries: Iterable[Entry], effect: str) -> Held | None:
-    """How often intervals of an effect's parameters held over the unseen seeds; None if nothing is known of it.
+    """How often intervals of an effect's parameters held over the unseen seeds.
 
     Of a seed that kept groups alone the group counts that the effect is in; `effects` are all that counted together.
+
+    Returns
+    -------
+    Held or None
+        None if nothing is known of it.
     """
     found = []
     for entry in entries:
@@ -111,8 +135,12 @@ def held(entries: Iterable[Entry], effect: str) -> Held | None:
 def with_coverage(content: dict, entries: Sequence[Entry]) -> dict:
     """What diagnosis.json holds, each parameter's `ci95` with how often such intervals held the truth.
 
-    ci95_held   {count, n, effects, all: {count, n}}: of this effect's parameters, or of all the `effects` that were
-                counted together (None each if nothing is known of it), and of all effects
+    Returns
+    -------
+    dict
+        The content with, beside every `ci95`, `ci95_held`: {count, n, effects, all: {count, n}} of this effect's
+        parameters, or of all the `effects` that were counted together (None each if nothing is known of it), and of all
+        effects.
     """
     count, n = pooled(entries)["intervals"]
 

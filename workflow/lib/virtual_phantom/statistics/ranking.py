@@ -1,7 +1,7 @@
 """The highest-scoring features, and how far two rankings agree.
 
 Scores are fractions of a few dozen comparisons, so many features tie. Where a list must be printed, ties
-stand in the order of feature_names.FEATURES and are marked. Where two lists are compared, the order within a tie
+stand in the order of names.FEATURES and are marked. Where two lists are compared, the order within a tie
 is taken as random.
 """
 
@@ -26,14 +26,28 @@ def top(
 ) -> pd.DataFrame:
     """The n most stable and most discriminative features beside the measured and published ones.
 
-    scores      from `wilcoxon.scores`
-    published   kind, rank, source (simulator | phantom), feature
-    measured    from `repeats.draws`, if there are any: the best by their means over draws
-    Returns per rank and kind: {kind}_simulated, {kind}_simulated_percent, {kind}_simulated_tied (how many
-    features share the score: where this is more than one, rank and even membership follow the order of names,
-    not merit), {kind}_measured, {kind}_measured_percent and {kind}_measured_sd (with `measured`),
-    {kind}_published_simulator, {kind}_published_phantom.
-    Raises InputError if scores lack a column or are not finite.
+    Parameters
+    ----------
+    scores : DataFrame
+        From `wilcoxon.scores`.
+    published : DataFrame
+        Columns kind, rank, source (simulator | phantom), feature.
+    measured : DataFrame, optional
+        From `repeats.draws`: the best by their means over draws.
+    n : int, optional
+
+    Returns
+    -------
+    DataFrame
+        Per rank and kind: {kind}_simulated, {kind}_simulated_percent, {kind}_simulated_tied (how many features share
+        the score: where this is more than one, rank and even membership follow the order of names, not merit),
+        {kind}_measured, {kind}_measured_percent and {kind}_measured_sd (with `measured`), {kind}_published_simulator,
+        {kind}_published_phantom.
+
+    Raises
+    ------
+    InputError
+        If scores lack a column or are not finite.
     """
     _check(scores, "scores of the simulation")
     if measured is not None:
@@ -59,8 +73,18 @@ def top(
 
 
 def membership(scores: np.ndarray, n: int) -> np.ndarray:
-    """Probability that each item is among the n highest of `scores`, ties broken at random: 1 above the n-th
-    highest score, 0 below, and within the tie across the cut the share of places left."""
+    """Probability that each item is among the n highest scores, ties broken at random.
+
+    Parameters
+    ----------
+    scores : array_like, shape (items,)
+    n : int
+
+    Returns
+    -------
+    ndarray, shape (items,)
+        1 above the n-th highest score, 0 below, and within the tie across the cut the share of places left.
+    """
     scores = np.asarray(scores, dtype=np.float64)
     cut = np.sort(scores)[-n]
     above, tied = scores > cut, scores == cut
@@ -68,21 +92,38 @@ def membership(scores: np.ndarray, n: int) -> np.ndarray:
 
 
 def heads(scores: np.ndarray) -> np.ndarray:
-    """`membership` for every n, (lengths, items)."""
+    """`membership` for every n, shape (lengths, items)."""
     return np.array([membership(scores, n) for n in range(1, len(scores) + 1)])
 
 
 def expected_overlap(a: np.ndarray, b: np.ndarray, n: int) -> float:
-    """Mean number of items that the n highest of two lists of scores share, ties in each list broken at
-    random, independently. Without ties it is the plain count."""
+    """Mean number of items that the n highest of two lists of scores share.
+
+    Ties in each list are broken at random, independently. Without ties it is the plain count.
+
+    Returns
+    -------
+    float
+    """
     return float(membership(a, n) @ membership(b, n))
 
 
 def shared_variance(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFrame:
-    """How much of their order every two features share: the square of Spearman's coefficient over all rows of an ROI,
-    as a mean over ROIs; symmetric, features by features. A feature that does not vary in an ROI shares nothing there.
+    """How much of their order every two features share.
 
-    table   one row per image and ROI, with columns roi and `features`, finite
+    The square of Spearman's coefficient over all rows of an ROI, as a mean over ROIs. A feature that does not vary in
+    an ROI shares nothing there.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row per image and ROI, with columns roi and `features`, finite.
+    features : sequence of str
+
+    Returns
+    -------
+    DataFrame, shape (features, features)
+        Symmetric.
     """
     squares = np.zeros((len(features), len(features)))
     rois = [rows[list(features)].rank().to_numpy() for _, rows in table.groupby("roi")]
@@ -97,14 +138,24 @@ def shared_variance(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFram
 
 
 def unrelated_overlaps(heads: np.ndarray, shared: np.ndarray) -> np.ndarray:
-    """Overlaps, for every length, of UNRELATED random lists with a given one, (lists, lengths), shares of 1.
+    """Overlaps, for every length, of UNRELATED random lists with a given one.
 
-    heads    probability that an item (columns) is among the n highest (rows, n = 1, 2, ...) of the given list
-    shared   covariance of the items' scores in a random list, (items, items): `shared_variance`
     Features that order images alike rank alike, whatever they are worth. A random list is a draw of scores from a
     normal distribution whose correlations are the squares of the features': a score counts |W| over many pairs of
     groups, and where groups differ in nothing the scores of two features correlate by 0.95 of that square (r = 0.95
     over all pairs of features of the measured table, its groups permuted; tests/statistics/test_statistics_ranking.py).
+
+    Parameters
+    ----------
+    heads : ndarray, shape (lengths, items)
+        Probability that an item is among the n highest (rows, n = 1, 2, ...) of the given list.
+    shared : ndarray, shape (items, items)
+        Covariance of the items' scores in a random list: `shared_variance`.
+
+    Returns
+    -------
+    ndarray, shape (lists, lengths)
+        Shares of 1.
     """
     values, vectors = np.linalg.eigh(shared)
     root = vectors * np.sqrt(np.clip(values, 0, None))
@@ -116,18 +167,32 @@ def unrelated_overlaps(heads: np.ndarray, shared: np.ndarray) -> np.ndarray:
 def overlap(simulated: pd.DataFrame, measured: pd.DataFrame, shared: pd.DataFrame, level: float = 0.95) -> pd.DataFrame:
     """Overlap of the n best simulated and measured features, for every n, as in the paper's overlap figure.
 
-    simulated   feature, stability_percent and discrimination_percent
-    measured    the same, of one or more draws of equal repeats (`repeats.draws`)
-    shared      `shared_variance` of at least the features that both have; others are left out (the measured scores come
-                from 2D regions, for which pyradiomics gives no TotalEnergy)
-    Returns one row per n: n_top, percent (of the common features) and for both kinds overlap_{kind}_percent (of n; mean
-    over draws), overlap_{kind}_sd (`repeats.spread`; NaN of one draw), and of lists that are unrelated to the measured
-    one, their features being correlated as these are (`unrelated_overlaps`), expected_{kind}_percent (mean),
-    lower_{kind}_percent and upper_{kind}_percent (central 95 %). The same in every row: area_{kind}, mean over n of the
-    overlap (1 is full agreement), area_{kind}_sd, area_{kind}_expected and area_{kind}_upper (97.5th percentile) of
-    unrelated lists, and n_features.
-    Raises InputError if a table lacks a column or holds scores that are not finite, or they share fewer than two
-    features.
+    Parameters
+    ----------
+    simulated : DataFrame
+        Columns feature, stability_percent and discrimination_percent.
+    measured : DataFrame
+        The same, of one or more draws of equal repeats (`repeats.draws`).
+    shared : DataFrame, shape (features, features)
+        `shared_variance` of at least the features that both have; others are left out (the measured scores come from 2D
+        regions, for which pyradiomics gives no TotalEnergy).
+    level : float, optional
+        Of the band of unrelated lists.
+
+    Returns
+    -------
+    DataFrame
+        One row per n: n_top, percent (of the common features) and for both kinds overlap_{kind}_percent (of n; mean
+        over draws), overlap_{kind}_sd (`repeats.spread`; NaN of one draw), and of lists that are unrelated to the
+        measured one, their features being correlated as these are (`unrelated_overlaps`), expected_{kind}_percent
+        (mean), lower_{kind}_percent and upper_{kind}_percent (central 95 %). The same in every row: area_{kind}, mean
+        over n of the overlap (1 is full agreement), area_{kind}_sd, area_{kind}_expected and area_{kind}_upper (97.5th
+        percentile) of unrelated lists, and n_features.
+
+    Raises
+    ------
+    InputError
+        If a table lacks a column or holds scores that are not finite, or they share fewer than two features.
     """
     _check(simulated, "scores of the simulation")
     _check(measured, "measured scores")

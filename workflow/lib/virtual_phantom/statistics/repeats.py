@@ -18,12 +18,26 @@ SEED = 4732  # of the stream of subsamples, the same in every study
 
 
 def subsamples(table: pd.DataFrame, repeats: int, unit: str, shared: bool) -> Iterator[tuple[pd.DataFrame, int]]:
-    """DRAWS random choices of `repeats` repeats of every group, without replacement, and of how many they are chosen.
+    """Choose repeats of every group at random, without replacement: DRAWS times, or once if they are no more.
 
-    table    rows with columns group and `unit`, which tells the repeats of a group apart
-    shared   whether a value of `unit` is the same acquisition in every group, and is then chosen in all or in none;
-             otherwise each group has a choice of its own, of as many as the smallest group has
-    One choice of all there is, if there are no more than that.
+    Parameters
+    ----------
+    table : DataFrame
+        Rows with columns group and `unit`.
+    repeats : int
+        Of every group.
+    unit : str
+        Column that tells the repeats of a group apart.
+    shared : bool
+        Whether a value of `unit` is the same acquisition in every group, and is then chosen in all or in none;
+        otherwise each group has a choice of its own, of as many as the smallest group has.
+
+    Yields
+    ------
+    chosen : DataFrame
+        Rows of the repeats chosen.
+    of : int
+        How many they are chosen of.
     """
     of_group = {group: np.sort(rows[unit].unique()) for group, rows in table.groupby("group")}
     if shared:
@@ -44,9 +58,20 @@ def draws(
 ) -> pd.DataFrame:
     """Scores of every feature in every subsample.
 
-    options   of `wilcoxon.scores`, which says what it raises
-    Returns one row per draw and feature: repeats, of (how many they were drawn from), draw (1, 2, ...), and the columns
-    of `wilcoxon.scores`.
+    Parameters
+    ----------
+    table : DataFrame
+    features : sequence of str
+    repeats, unit, shared
+        As `subsamples` takes them.
+    **options
+        Of `wilcoxon.scores`, which says what it raises.
+
+    Returns
+    -------
+    DataFrame
+        One row per draw and feature: repeats, of (how many they were drawn from), draw (1, 2, ...), and the columns of
+        `wilcoxon.scores`.
     """
     found = []
     for draw, (chosen, of) in enumerate(subsamples(table, repeats, unit, shared), 1):
@@ -64,10 +89,23 @@ def share_drawn(scores: pd.DataFrame) -> float:
 
 
 def spread(values: np.ndarray, share: float) -> np.ndarray:
-    """SD over draws (the first axis) that as many repeats taken again would have; NaN of a single draw.
+    """SD over draws that as many repeats taken again would have.
 
-    share   `share_drawn`: subsamples of n of N repeats overlap, so that their SD is that of n new ones times
-            sqrt(1 - n / N), exactly so for means (Cochran, Sampling Techniques, 3rd edition, 1977, theorem 2.2)
+    Parameters
+    ----------
+    values : ndarray, shape (draws, ...)
+    share : float
+        `share_drawn`: subsamples of n of N repeats overlap, so that their SD is that of n new ones times sqrt(1 - n /
+        N), exactly so for means [1]_.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        NaN of a single draw.
+
+    References
+    ----------
+    .. [1] Cochran, Sampling Techniques, 3rd edition, 1977, theorem 2.2.
     """
     if len(values) < 2:
         return np.full(np.shape(values)[1:], np.nan)

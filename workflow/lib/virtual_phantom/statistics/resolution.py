@@ -1,9 +1,12 @@
-"""Resolution from edges: the edge spread function across a known boundary, and the frequency where its modulation
-transfer function (MTF) falls to one half.
+"""Resolution from edges: the edge spread function, and where its modulation transfer function (MTF) falls to one half.
 
-Task-based MTF of AAPM Report 233 (2019), after S. Richard et al., Med. Phys. 39, 4115 (2012): voxels are
-sorted by their distance to the boundary, which samples the edge far more finely than voxels do. A signed distance
-serves boundaries of any shape.
+Task-based MTF of AAPM Report 233 [1]_, after [2]_: voxels are sorted by their distance to a known boundary, which
+samples the edge far more finely than voxels do. A signed distance serves boundaries of any shape.
+
+References
+----------
+.. [1] AAPM Report 233, Performance Evaluation of Computed Tomography Systems, 2019.
+.. [2] S. Richard et al., Med. Phys. 39, 4115, 2012.
 """
 
 from __future__ import annotations
@@ -24,12 +27,22 @@ FREQUENCIES, MOST_PER_VOXEL = 400, 2.0  # of the MTF, and cycles per voxel up to
 
 
 def signed_distance_mm(mask: np.ndarray, spacing: Sequence[float], factor: int = 1) -> np.ndarray:
-    """Distance of every voxel's centre from a region's boundary in its own slice, mm [z, y, x]: negative within.
+    """Distance of every voxel's centre from a region's boundary in its own slice, negative within.
 
-    mask      bool [z, factor y, factor x]: where the region is, sampled `factor` times (odd) finer in the plane than
-              the result; the boundary lies half-way between its samples, so that 1 places it to half a voxel
-    spacing   mm (z, y, x) of the result
-    A slice without a boundary is infinitely far off, with the sign.
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (z, factor * y, factor * x)
+        Where the region is, sampled finer in the plane than the result; the boundary lies half-way between its samples,
+        so that a factor of 1 places it to half a voxel.
+    spacing : sequence of 3 float
+        mm (z, y, x) of the result.
+    factor : int, optional
+        Odd.
+
+    Returns
+    -------
+    ndarray, shape (z, y, x)
+        mm. A slice without a boundary is infinitely far off, with the sign.
     """
     first, fine = factor // 2, [step / factor for step in spacing[1:]]
     result = np.empty((len(mask), mask.shape[1] // factor, mask.shape[2] // factor))
@@ -46,11 +59,25 @@ def signed_distance_mm(mask: np.ndarray, spacing: Sequence[float], factor: int =
 def mtf_half(images: np.ndarray, distance_mm: np.ndarray, spacing: Sequence[float], valid: np.ndarray) -> Measure:
     """Frequency at which the MTF is one half, 1/mm (f50).
 
-    images        [repeat, z, y, x], HU
-    distance_mm   [z, y, x] signed distance from the edge in the axial plane
-    spacing       mm (z, y, x)
-    valid         bool [z, y, x]: voxels that may be used
-    Raises InputError if too few voxels lie at the edge, or the MTF does not fall to one half.
+    Parameters
+    ----------
+    images : ndarray, shape (repeats, z, y, x)
+        HU.
+    distance_mm : ndarray, shape (z, y, x)
+        Signed distance from the edge in the axial plane, mm.
+    spacing : sequence of 3 float
+        mm (z, y, x).
+    valid : ndarray of bool, shape (z, y, x)
+        Voxels that may be used.
+
+    Returns
+    -------
+    Measure
+
+    Raises
+    ------
+    InputError
+        If too few voxels lie at the edge, or the MTF does not fall to one half.
     """
     pixel = max(spacing[1:])
     step = pixel / BINS_PER_VOXEL
@@ -82,9 +109,14 @@ def mtf_half(images: np.ndarray, distance_mm: np.ndarray, spacing: Sequence[floa
 class EdgeMtf:
     """The MTF of edge spread functions that are sampled at given distances.
 
-    place        (bin,) mm from the edge
-    step, half   mm: of the even grid that they are brought to, and how far it goes to either side
-    flat         mm: how far the line spread function counts fully; from there a cosine takes it to 0
+    Parameters
+    ----------
+    place : ndarray, shape (bins,)
+        mm from the edge.
+    step, half : float
+        Of the even grid that they are brought to, and how far it goes to either side, mm.
+    flat : float
+        How far the line spread function counts fully; from there a cosine takes it to 0, mm.
     """
 
     def __init__(self, place: np.ndarray, step: float, half: float, flat: float):
@@ -100,13 +132,28 @@ class EdgeMtf:
         self.blur = np.sinc(self.frequency * step) ** 2
 
     def of(self, edge: np.ndarray) -> np.ndarray:
-        """MTF at `frequency`, 1 at frequency 0."""
+        """MTF of an edge spread function at `frequency`, 1 at frequency 0."""
         line = np.diff(np.interp(self.grid, self.place, edge)) * self.window
         transfer = np.abs(self.kernel @ line)
         return transfer / transfer[0] / self.blur
 
     def half(self, edge: np.ndarray) -> float:
-        """Where the MTF first falls to one half, 1/mm. Raises InputError if it does not."""
+        """Where the MTF first falls to one half, 1/mm.
+
+        Parameters
+        ----------
+        edge : ndarray, shape (bins,)
+            Edge spread function.
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        InputError
+            If it does not.
+        """
         transfer = self.of(edge)
         below = np.flatnonzero(transfer < 0.5)
         if not below.size:

@@ -25,10 +25,17 @@ def profiles(table: pd.DataFrame, features: Sequence[str]) -> pd.DataFrame:
 def compare(simulated: pd.DataFrame, measured: pd.DataFrame) -> pd.DataFrame:
     """How alike two sets of `profiles` are, for every feature that both have.
 
-    Returns feature, order (Spearman's coefficient over ROIs; 0 where a feature does not tell ROIs apart in one of the
-    two) and distance (median over ROIs of |simulated - measured|, in SDs of the measured values between ROIs; infinite
-    where these do not vary).
-    Raises InputError if they share fewer than three ROIs, or no feature.
+    Returns
+    -------
+    DataFrame
+        Columns feature, order (Spearman's coefficient over ROIs; 0 where a feature does not tell ROIs apart in one of
+        the two) and distance (median over ROIs of |simulated - measured|, in SDs of the measured values between ROIs;
+        infinite where these do not vary).
+
+    Raises
+    ------
+    InputError
+        If they share fewer than three ROIs, or no feature.
     """
     rois = [roi for roi in measured.index if roi in simulated.index]
     features = [feature for feature in measured.columns if feature in simulated.columns]

@@ -36,12 +36,28 @@ def measures(
 ) -> pd.DataFrame:
     """Every measure of every feature.
 
-    table      one row per image and ROI, with columns group, roi, seed and `features`
-    scores     of the same images, from `wilcoxon.scores`
-    cut_offs   w_stability_percent, icc, ccc (stable from there up), cv, qcd (stable up to there)
-    Returns one row per feature and measure: feature, family, measure, value, ci95_low, ci95_high (ICC only),
-    cut_off, stable (yes, no, or undefined where the measure is).
-    Raises InputError if a group lacks a seed of an ROI, or there are fewer than two groups or ROIs.
+    Parameters
+    ----------
+    table : DataFrame
+        One row per image and ROI, with columns group, roi, seed and `features`.
+    scores : DataFrame
+        Of the same images, from `wilcoxon.scores`.
+    features : sequence of str
+    cut_offs : mapping of str to float
+        w_stability_percent, icc, ccc (stable from there up), cv, qcd (stable up to there).
+    source : str, optional
+        What the message begins with.
+
+    Returns
+    -------
+    DataFrame
+        One row per feature and measure: feature, family, measure, value, ci95_low, ci95_high (ICC only), cut_off,
+        stable (yes, no, or undefined where the measure is).
+
+    Raises
+    ------
+    InputError
+        If a group lacks a seed of an ROI, or there are fewer than two groups or ROIs.
     """
     x = cube(table, features, source)
     w = scores.set_index("feature")["stability_percent"].reindex(list(features)).to_numpy(dtype=np.float64)
@@ -85,9 +101,25 @@ def by_feature(measured: pd.DataFrame) -> pd.DataFrame:
 
 
 def cube(table: pd.DataFrame, features: Sequence[str], source: str = "features") -> np.ndarray:
-    """The features as [feature, ROI, group, seed], ROIs in order of appearance.
+    """The features of a table as an array.
 
-    Raises InputError as `measures`.
+    Parameters
+    ----------
+    table : DataFrame
+        As `measures` takes it.
+    features : sequence of str
+    source : str, optional
+        What the message begins with.
+
+    Returns
+    -------
+    ndarray of float64, shape (features, rois, groups, seeds)
+        ROIs in order of appearance.
+
+    Raises
+    ------
+    InputError
+        As `measures`.
     """
     keys = ["roi", "group", "seed"]
     levels = [table["roi"].unique(), np.sort(table["group"].unique()), np.sort(table["seed"].unique())]

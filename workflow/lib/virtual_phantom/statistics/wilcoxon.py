@@ -1,15 +1,18 @@
 """Stability and discriminative power of features from the Wilcoxon rank-sum statistic W.
 
-Flouris et al., Sci. Rep. 2022, Results: a pair of groups is stable for a feature of a tissue class where
-W < 1; a pair of tissue classes in one group is told apart where W > 1. The paper leaves two things open,
-settled here on the measured table of CT-Phantom4Radiomics (numbers:
-tests/statistics/test_statistics_wilcoxon.py):
-W       is read as |z|, the standardised rank sum.
-compare says what a sample is. "roi" (default): the repeats of one ROI; a class with two ROIs counts each, and
-        ROIs are told apart only across classes. "tissue_class": the repeats of all ROIs of a class, pooled.
-        Features that grow with the ROI (Energy, non-uniformities, large areas) fill the paper's
-        discriminative top ten, which pooling ROIs of different sizes cannot give: pooled, most of them rank
-        in the last third.
+A pair of groups is stable for a feature of a tissue class where W < 1; a pair of tissue classes in one group is told
+apart where W > 1 [1]_. The paper leaves two things open, settled here on the measured table of CT-Phantom4Radiomics
+(numbers: tests/statistics/test_statistics_wilcoxon.py):
+
+* W is read as |z|, the standardised rank sum.
+* `compare` says what a sample is. "roi" (default): the repeats of one ROI; a class with two ROIs counts each, and
+  ROIs are told apart only across classes. "tissue_class": the repeats of all ROIs of a class, pooled. Features that
+  grow with the ROI (Energy, non-uniformities, large areas) fill the paper's discriminative top ten, which pooling ROIs
+  of different sizes cannot give: pooled, most of them rank in the last third.
+
+References
+----------
+.. [1] Flouris et al., Sci. Rep. 12, 2022, Results.
 """
 
 from __future__ import annotations
@@ -27,11 +30,21 @@ from ..features.tables import finite_values
 
 
 def ranksum_z(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """|z| of the rank-sum test of two samples (rows) for every feature (columns): normal approximation,
-    mid-ranks for ties (Wilcoxon, Biometrics 1, 80, 1945).
+    """|z| of the rank-sum test of two samples for every feature: normal approximation, mid-ranks for ties [1]_.
 
-    The same numbers as scipy.stats.ranksums, which ranks one feature at a time and takes thirty times as
-    long.
+    The same numbers as scipy.stats.ranksums, which ranks one feature at a time and takes thirty times as long.
+
+    Parameters
+    ----------
+    a, b : ndarray, shape (repeats, features)
+
+    Returns
+    -------
+    ndarray, shape (features,)
+
+    References
+    ----------
+    .. [1] Wilcoxon, Biometrics 1, 80, 1945.
     """
     n, m = len(a), len(b)
     rank_sum = rankdata(np.concatenate([a, b]), axis=0)[:n].sum(axis=0)
@@ -53,15 +66,34 @@ def scores(
 ) -> pd.DataFrame:
     """Stability and discriminative power of every feature.
 
-    table   one row per image and ROI, with columns group, roi, tissue_class and `features`
     Stability: the percentage of all pairs of groups, over all ROIs (or classes, by `compare`), with W below
-    `threshold`.
-    Discrimination: the percentage of all pairs of ROIs (or classes) of different classes, over all groups,
+    `threshold`. Discrimination: the percentage of all pairs of ROIs (or classes) of different classes, over all groups,
     with W above.
-    Returns one row per feature: feature, family, stability_percent, discrimination_percent, stability_{class}
-    (percent) for every class, stability_comparisons, discrimination_comparisons.
-    Raises InputError for an unknown test or `compare`, fewer than two groups or classes, a group that lacks
-    an ROI, or values that are not finite.
+
+    Parameters
+    ----------
+    table : DataFrame
+        One row per image and ROI, with columns group, roi, tissue_class and `features`.
+    features : sequence of str
+    test : {"ranksum_z"}, optional
+        One of TESTS.
+    threshold : float, optional
+    compare : {"roi", "tissue_class"}, optional
+        What a sample is: see the module's docstring.
+    source : str, optional
+        What the message begins with.
+
+    Returns
+    -------
+    DataFrame
+        One row per feature: feature, family, stability_percent, discrimination_percent, stability_{class} (percent) for
+        every class, stability_comparisons, discrimination_comparisons.
+
+    Raises
+    ------
+    InputError
+        For an unknown test or `compare`, fewer than two groups or classes, a group that lacks an ROI, or values that
+        are not finite.
     """
     if test not in TESTS:
         raise InputError(f"statistics.test: {test!r} is not known; choose from {', '.join(TESTS)}")
