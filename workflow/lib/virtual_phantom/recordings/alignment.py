@@ -27,8 +27,19 @@ from .registration import Alignment, Search, angles_deg, refine
 
 @dataclass(frozen=True)
 class RepeatShift:
-    """Where a repeat lies against the first one: shift of the body's centre, mm (x, y, z), rotation as in Alignment,
-    degrees, and the farthest that any corner of the body's box moved, mm."""
+    """Where a repeat lies against the first one.
+
+    Attributes
+    ----------
+    repeat : str
+        Its file.
+    shift_mm : tuple of 3 float
+        Of the body's centre, mm (x, y, z).
+    rotation_deg : tuple of 3 float
+        As in Alignment, degrees.
+    farthest_mm : float
+        The farthest that any corner of the body's box moved, mm.
+    """
 
     repeat: str
     shift_mm: tuple[float, float, float]
@@ -37,13 +48,29 @@ class RepeatShift:
 
 
 def align_recording(recording: ImagesRecording, phantom: Volume) -> tuple[Alignment, Volume, tuple[RepeatShift, ...]]:
-    """Align a recording's mean image: the fit, the mean (HU, float32, on the recording's grid), every repeat's shift.
+    """Align a recording's mean image.
 
     Each repeat is aligned by itself first, all at the same resolution, so that what the phantom's model lacks drops out
     of the shifts.
 
-    Raises InputError as `registration.Search` and its result do, and for a repeat that moved by more than a voxel
-    against the first.
+    Parameters
+    ----------
+    recording : ImagesRecording
+    phantom : Volume
+        HU.
+
+    Returns
+    -------
+    alignment : Alignment
+    mean : Volume
+        HU, float32, on the recording's grid.
+    shifts : tuple of RepeatShift
+        Of every repeat; none of a single one.
+
+    Raises
+    ------
+    InputError
+        As `registration.Search` and its result do, and for a repeat that moved by more than a voxel against the first.
     """
     total, first, start, shifts = None, None, None, []
     for path, image in zip(recording.repeats.paths, recording.repeats, strict=True):
@@ -70,6 +97,21 @@ def align_recording(recording: ImagesRecording, phantom: Volume) -> tuple[Alignm
 
 
 def shift_of(name: str, first: sitk.Euler3DTransform, own: sitk.Euler3DTransform, search: Search) -> RepeatShift:
+    """How far a repeat lies from the first one.
+
+    Parameters
+    ----------
+    name : str
+        Of the repeat.
+    first, own : SimpleITK.Euler3DTransform
+        Of the first repeat and of this one, phantom world to recording world.
+    search : Search
+        What holds the phantom's body.
+
+    Returns
+    -------
+    RepeatShift
+    """
     moved = matrix_of(own) - matrix_of(first)
     occupied = np.argwhere(search.body)
     corners = np.array(list(product(*zip(occupied.min(axis=0), occupied.max(axis=0), strict=True))))[:, ::-1]
@@ -81,10 +123,20 @@ def shift_of(name: str, first: sitk.Euler3DTransform, own: sitk.Euler3DTransform
 
 
 def check_same_phantom(recording: ImagesRecording, source: str, image: str | Path | None) -> None:
-    """Raise InputError unless the recording names no phantom or the study's: its source, or the file of its CT.
+    """Check that a recording is of the study's phantom, or names none.
 
-    source   "synthetic" or "ct"
-    image    the CT of a phantom of source "ct"
+    Parameters
+    ----------
+    recording : ImagesRecording
+    source : {"synthetic", "ct"}
+        Of the study's phantom.
+    image : str, Path or None
+        The CT of a phantom of source "ct".
+
+    Raises
+    ------
+    InputError
+        If the recording names neither the phantom's source nor the file of its CT.
     """
     named = recording.phantom
     if named is None or named == source:
@@ -101,7 +153,21 @@ def check_same_phantom(recording: ImagesRecording, source: str, image: str | Pat
 
 
 def covered_share(alignment: Alignment, mask: np.ndarray, grid: Grid, image: Volume) -> float:
-    """Share of a mask on the phantom's grid whose voxel centres lie in a voxel that the recording really holds."""
+    """Share of a mask whose voxel centres lie in a voxel that the recording really holds.
+
+    Parameters
+    ----------
+    alignment : Alignment
+    mask : ndarray of bool, shape (z, y, x)
+    grid : Grid
+        Of the mask: the phantom's.
+    image : Volume
+        The recording's image, HU.
+
+    Returns
+    -------
+    float
+    """
     places = np.argwhere(mask)[:, ::-1] * grid.spacing[::-1] + grid.affine[:3, 3]
     own = image.grid
     index = np.rint((alignment.to_recording(places) - own.affine[:3, 3]) / own.spacing[::-1]).astype(int)[:, ::-1]
@@ -114,14 +180,28 @@ def carried_rois(
 ) -> tuple[Roi, ...]:
     """The phantom's ROIs on the recording's own grid, which is left as it is.
 
-    rois           masks on phantom_grid
-    image          the recording's image, HU
-    name           of the recording, for messages
-
     The mask (0 or 1) is interpolated linearly at points no farther apart than the phantom's voxels, averaged over each
     voxel of the recording, and cut at one half: as ROIs come onto the study's grid.
 
-    Raises InputError for an ROI of which the recording covers less than WHOLE_ROI, or that fills no voxel by half.
+    Parameters
+    ----------
+    alignment : Alignment
+    rois : sequence of Roi
+        Masks on `phantom_grid`.
+    phantom_grid : Grid
+    image : Volume
+        The recording's image, HU.
+    name : str
+        Of the recording, for messages.
+
+    Returns
+    -------
+    tuple of Roi
+
+    Raises
+    ------
+    InputError
+        For an ROI of which the recording covers less than WHOLE_ROI, or that fills no voxel by half.
     """
     back = alignment.transform.GetInverse()
     samples = max(
@@ -150,7 +230,22 @@ def carried_rois(
 
 
 def window_of(alignment: Alignment, mask: np.ndarray, grid: Grid, own: Grid) -> tuple[tuple[slice, ...], Grid]:
-    """The box of the recording's voxels that holds a carried mask, as slices and as a grid."""
+    """The box of the recording's voxels that holds a carried mask.
+
+    Parameters
+    ----------
+    alignment : Alignment
+    mask : ndarray of bool, shape (z, y, x)
+    grid, own : Grid
+        Of the mask, and of the recording.
+
+    Returns
+    -------
+    window : tuple of 3 slice
+        Of the recording's voxels (z, y, x).
+    part : Grid
+        Of the same box.
+    """
     occupied = np.argwhere(mask)[:, ::-1]
     ends = zip(occupied.min(axis=0) - 1, occupied.max(axis=0) + 1, strict=True)
     corners = np.array(list(product(*ends))) * grid.spacing[::-1] + grid.affine[:3, 3]

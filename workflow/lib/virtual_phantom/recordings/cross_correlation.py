@@ -1,6 +1,8 @@
 """Normalised cross-correlation of two masked volumes over every shift at once.
 
-D. Padfield, "Masked object registration in the Fourier domain", IEEE Trans. Image Process. 21, 2706 (2012).
+References
+----------
+D. Padfield, "Masked object registration in the Fourier domain", IEEE Trans. Image Process. 21, 2706, 2012.
 """
 
 from __future__ import annotations
@@ -12,10 +14,21 @@ LEAST_COVERED = 0.4  # of the body: with less in common, chance fits win over th
 
 
 def masked_cross_correlation(template, region, image, seen):
-    """Normalised cross-correlation of a template [z, y, x] within its region with what is seen of an image, for every
-    shift that lays at least LEAST_COVERED of the region on it.
+    """Normalised cross-correlation of a template with an image, for every shift that leaves enough in common.
 
-    Returns the coefficients (-1 elsewhere) and, for each axis, the shifts in voxels.
+    Parameters
+    ----------
+    template, region : ndarray, shape (z, y, x)
+        HU, and where it counts (not 0).
+    image, seen : ndarray, shape (z, y, x)
+        HU, and where it is seen (not 0).
+
+    Returns
+    -------
+    scores : ndarray, shape (z shifts, y shifts, x shifts)
+        Coefficients; -1 where less than LEAST_COVERED of the region lies on what is seen.
+    shifts : list of 3 ndarray
+        For each axis, the shifts in voxels.
     """
     shape = [a + b - 1 for a, b in zip(template.shape, image.shape, strict=True)]
     size = [fft.next_fast_len(n, real=True) for n in shape]

@@ -36,10 +36,12 @@ class Document:
 
     @property
     def repeats(self) -> tuple[Path, ...]:
+        """Files of the repeats, or folders of DICOM series."""
         return tuple(self.folder / name for name in self.content["repeats"])
 
     @property
     def held_out(self) -> tuple[Path, ...]:
+        """Files or folders of the repeats that are held out."""
         return tuple(self.folder / name for name in self.content["held_out"])
 
     @property
@@ -55,11 +57,18 @@ class Document:
 
 
 def read_document(folder: str | Path) -> Document:
-    """Read and check recording.yaml in `folder`.
+    """Read and check recording.yaml in a folder.
 
-    Raises InputError, one line, if it is missing, not YAML, refused by schemas/recording.schema.yaml, holds a
-    number that is not finite or a section of another kind of recording, names a file twice, or names a path that is
-    not there or leads out of the folder.
+    Returns
+    -------
+    Document
+
+    Raises
+    ------
+    InputError
+        One line, if it is missing, not YAML, refused by schemas/recording.schema.yaml, holds a number that is not
+        finite or a section of another kind of recording, names a file twice, or names a path that is not there or leads
+        out of the folder.
     """
     folder = Path(folder)
     path = folder / FILE_NAME

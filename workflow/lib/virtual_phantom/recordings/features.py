@@ -27,9 +27,13 @@ STORED_ABOVE = 500.0  # mean of a soft-tissue ROI: under this in HU, over it in 
 class FeaturesRecording(Recording):
     """Features measured on repeated images.
 
-    repeats, held_out   tables with the columns image, roi, tissue_class, the conditions, whatever else the files hold,
-                        and `features`; values as in the files
-    features            those of feature_names.FEATURES that the tables have, in that order
+    Attributes
+    ----------
+    repeats, held_out : DataFrame
+        Tables with the columns image, roi, tissue_class, the conditions, whatever else the files hold, and `features`;
+        values as in the files.
+    features : tuple of str
+        Those of names.FEATURES that the tables have, in that order.
     """
 
     repeats: pd.DataFrame
@@ -38,6 +42,7 @@ class FeaturesRecording(Recording):
 
     @property
     def conditions(self) -> tuple[str, ...]:
+        """Columns that tell the conditions of images apart."""
         return tuple(self.document.content["features"]["conditions"])
 
     @property
@@ -58,7 +63,17 @@ class FeaturesRecording(Recording):
 
 
 def load(document: Document) -> FeaturesRecording:
-    """Read all tables, and refuse the recording if any is not what recording.yaml says."""
+    """Read all tables.
+
+    Returns
+    -------
+    FeaturesRecording
+
+    Raises
+    ------
+    InputError
+        If any is not what recording.yaml says.
+    """
     settings = document.content["features"]
     if unknown := [name for name in settings["absent"] if name not in FEATURES]:
         raise InputError(f"{document.path}: features.absent: {_unknown(unknown[0])}")
@@ -85,11 +100,27 @@ def load(document: Document) -> FeaturesRecording:
 
 
 def read(path: Path, features: tuple[str, ...], conditions: list[str]) -> pd.DataFrame:
-    """Read one table; keys come first, then its other columns, then `features`.
+    """Read one table.
 
-    Raises InputError if it is not CSV or empty; if a column of KEYS, a condition or a feature is missing, empty
-    somewhere or there twice; if a column is named as a feature but is none of ours; if two rows are of one ROI of one
-    image, or an image has two conditions or an ROI two tissue classes; if a feature is not a finite number.
+    Parameters
+    ----------
+    path : Path
+        The CSV file.
+    features : tuple of str
+    conditions : list of str
+        Columns.
+
+    Returns
+    -------
+    DataFrame
+        Keys come first, then its other columns, then `features`.
+
+    Raises
+    ------
+    InputError
+        If it is not CSV or empty; if a column of KEYS, a condition or a feature is missing, empty somewhere or there
+        twice; if a column is named as a feature but is none of ours; if two rows are of one ROI of one image, or an
+        image has two conditions or an ROI two tissue classes; if a feature is not a finite number.
     """
     check_unchanged(path, "make it again")
     try:

@@ -37,15 +37,33 @@ class ImagesRecording(Recording):
     grid: Grid
 
     def rois(self) -> tuple[Roi, ...]:
-        """The ROIs that recording.yaml names, on the recording's grid; none if it names none.
+        """The ROIs that recording.yaml names, on the recording's grid.
 
-        Raises InputError for a file or label that is not there, a file on another grid, and ROIs empty or lost.
+        Returns
+        -------
+        tuple of Roi
+            Empty if it names none.
+
+        Raises
+        ------
+        InputError
+            For a file or label that is not there, a file on another grid, and ROIs empty or lost.
         """
         return _rois(self.document, self.grid)
 
 
 def load(document: Document) -> ImagesRecording:
-    """Read every image once, and refuse the recording if any is not what recording.yaml says."""
+    """Read every image once.
+
+    Returns
+    -------
+    ImagesRecording
+
+    Raises
+    ------
+    InputError
+        If any is not what recording.yaml says.
+    """
     notes: list[str] = []
     grid, facts = None, {}
     for path in (*document.repeats, *document.held_out):
@@ -73,10 +91,18 @@ def load(document: Document) -> ImagesRecording:
 
 
 def read(path: Path) -> Volume:
-    """Read one image in HU (float32) [z, y, x].
+    """Read one image in HU.
 
-    Raises InputError if it cannot be read or is tilted (volumes.read_nifti, dicom_series.read_series), if its values
-    are not HU or not finite, or if its size cannot be in mm.
+    Returns
+    -------
+    Volume
+        float32.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is tilted (volumes.read_nifti, dicom_series.read_series), if its values are not HU or
+        not finite, or if its size cannot be in mm.
     """
     image = read_hu(path)
     _check_size(path, image.grid)

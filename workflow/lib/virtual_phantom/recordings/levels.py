@@ -31,7 +31,15 @@ SMOOTHING = 0.6  # voxels, standard deviation
 
 @dataclass(frozen=True)
 class Level:
-    """Phantom and recording in HU at one resolution, smoothed, with the region that is compared."""
+    """Phantom and recording in HU at one resolution, smoothed, with the region that is compared.
+
+    Attributes
+    ----------
+    phantom, region : SimpleITK.Image
+        HU, and where it is compared (not 0).
+    recording, seen : SimpleITK.Image
+        HU, and where the recording really holds something (not 0).
+    """
 
     phantom: sitk.Image
     region: sitk.Image
@@ -40,6 +48,7 @@ class Level:
 
     @cached_property
     def arrays(self):
+        """The phantom, HU, and the region, bool: both [z, y, x]."""
         return sitk.GetArrayFromImage(self.phantom), sitk.GetArrayFromImage(self.region) != 0
 
     def carried(self, transform: sitk.Transform) -> tuple[np.ndarray, np.ndarray]:
@@ -65,6 +74,7 @@ class Level:
 
 
 def soft(array: np.ndarray) -> np.ndarray:
+    """HU limited to those of soft tissue."""
     return np.clip(array, *SOFT_HU)
 
 
@@ -76,6 +86,7 @@ def correlation(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def clipped(array: np.ndarray) -> np.ndarray:
+    """HU limited to those from air to DENSEST_HU, float32."""
     return np.clip(array, HU_AIR, DENSEST_HU).astype(np.float32)
 
 
@@ -104,12 +115,48 @@ def coarser(volume: Volume, spacing: Sequence[float]) -> Volume:
 
 
 def coarser_mask(mask: np.ndarray, grid: Grid, voxel_mm: np.ndarray, least: float) -> tuple[np.ndarray, Grid]:
+    """Where a mask fills coarser voxels by at least some share.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (z, y, x)
+    grid : Grid
+        Of the mask.
+    voxel_mm : ndarray, shape (3,)
+        Least voxel (z, y, x), mm.
+    least : float
+        The share.
+
+    Returns
+    -------
+    coarse : ndarray of uint8, shape (z, y, x)
+    grid : Grid
+        Of the coarser voxels.
+    """
     share = coarser(Volume(mask.astype(np.float32), grid), voxel_mm)
     return (share.array >= least).astype(np.uint8), share.grid
 
 
 def level_of(phantom: Volume, region: np.ndarray, image: Volume, seen: np.ndarray, voxel_mm: np.ndarray) -> Level:
-    """Both in voxels of at least `voxel_mm` (z, y, x), smoothed alike over the widest voxel of the two."""
+    """Both in coarser voxels, smoothed alike over the widest voxel of the two.
+
+    Parameters
+    ----------
+    phantom : Volume
+        HU.
+    region : ndarray of bool, shape (z, y, x)
+        What is compared, on the phantom's grid.
+    image : Volume
+        The recording's image, HU.
+    seen : ndarray of bool, shape (z, y, x)
+        What the recording really holds, on its grid.
+    voxel_mm : ndarray, shape (3,)
+        Least voxel (z, y, x), mm.
+
+    Returns
+    -------
+    Level
+    """
     sigma_mm = SMOOTHING * np.maximum.reduce([voxel_mm, phantom.grid.spacing, image.grid.spacing])
 
     def hu(volume: Volume) -> sitk.Image:
@@ -124,7 +171,13 @@ def level_of(phantom: Volume, region: np.ndarray, image: Volume, seen: np.ndarra
 
 
 def edges(level: Level, transform: sitk.Transform) -> tuple[float | None, float | None]:
-    """Median size and median of the distances between the HU_BODY surfaces, along the phantom's normals, mm."""
+    """Distances between the HU_BODY surfaces, along the phantom's normals.
+
+    Returns
+    -------
+    size, signed : float or None
+        Median of their sizes, and of the distances themselves, mm; None if there are too few.
+    """
     array = level.arrays[0]
     if min(array.shape) < 2 or not array.min() < HU_BODY < array.max():
         return None, None
@@ -154,7 +207,19 @@ def edges(level: Level, transform: sitk.Transform) -> tuple[float | None, float 
 
 
 def falls(profiles: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Where each profile (n, steps) falls through 0, nearest to step 0; NaN where it does not."""
+    """Where each profile falls through 0, nearest to step 0.
+
+    Parameters
+    ----------
+    profiles : ndarray, shape (n, steps)
+    steps : ndarray, shape (steps,)
+        Places, evenly spaced.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        NaN where it does not.
+    """
     before, after = profiles[:, :-1], profiles[:, 1:]
     crossing = (before > 0) & (after <= 0)
     drop = np.where(crossing, before - after, 1)

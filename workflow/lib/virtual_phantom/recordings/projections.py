@@ -28,9 +28,14 @@ MOST_DEAD = 0.01  # share of pixels without signal; more means that fields are s
 class Projections:
     """One acquisition.
 
-    data    [view, row, column]: line integrals (float32), or counts as stored, in any linear unit
-    white   [row, column] mean counts without an object; None with line integrals
-    dark    [row, column] mean counts without X-rays; None with line integrals
+    Attributes
+    ----------
+    data : ndarray, shape (views, rows, columns)
+        Line integrals (float32), or counts as stored, in any linear unit.
+    white : ndarray, shape (rows, columns), or None
+        Mean counts without an object; None with line integrals.
+    dark : ndarray, shape (rows, columns), or None
+        Mean counts without X-rays; None with line integrals.
     """
 
     data: np.ndarray
@@ -44,16 +49,28 @@ class Projections:
 
     @property
     def dead(self) -> np.ndarray:
-        """[row, column] True where the white field does not exceed the dark one: such pixels measure nothing."""
+        """Pixels that measure nothing, shape (rows, columns): where the white field does not exceed the dark one."""
         if self.log:
             return np.zeros(self.data.shape[1:], bool)
         return self.white <= self.dark
 
     def line_integrals(self, smallest_transmission: float) -> np.ndarray:
-        """-ln((data - dark) / (white - dark)), float32 [view, row, column]; NaN at dead pixels.
+        """-ln((data - dark) / (white - dark)). Data that are line integrals already come back as they are.
 
-        smallest_transmission   what lower transmissions, zero and negative ones among them, are read as
-        Data that are line integrals already come back as they are.
+        Parameters
+        ----------
+        smallest_transmission : float
+            What lower transmissions, zero and negative ones among them, are read as.
+
+        Returns
+        -------
+        ndarray of float32, shape (views, rows, columns)
+            NaN at dead pixels.
+
+        Raises
+        ------
+        InputError
+            If `smallest_transmission` is not between 0 and 1.
         """
         if self.log:
             return self.data
@@ -66,7 +83,14 @@ class Projections:
 
 @dataclass(frozen=True)
 class ProjectionsRecording(Recording):
-    """Repeated acquisitions in one known geometry."""
+    """Repeated acquisitions in one known geometry.
+
+    Attributes
+    ----------
+    repeats, held_out : Repeats of Projections
+    log : bool
+        True for line integrals.
+    """
 
     repeats: Repeats[Projections]
     held_out: Repeats[Projections]
@@ -74,7 +98,17 @@ class ProjectionsRecording(Recording):
 
 
 def load(document: Document) -> ProjectionsRecording:
-    """Read every acquisition once, and refuse the recording if any is not what recording.yaml says."""
+    """Read every acquisition once.
+
+    Returns
+    -------
+    ProjectionsRecording
+
+    Raises
+    ------
+    InputError
+        If any is not what recording.yaml says.
+    """
     geometry = scan_geometry(document.content["scan"], str(document.path))
     notes, logs = [], {}
     again = geometry.views - math.ceil(geometry.views_per_rotation)
@@ -103,8 +137,15 @@ def load(document: Document) -> ProjectionsRecording:
 def read(path: Path, geometry: OrbitGeometry) -> Projections:
     """Read one acquisition of a known geometry.
 
-    Raises InputError if the file is missing, truncated or another; if views, rows, columns or angles are not the
-    geometry's; if counts lack their white or dark field; if values are not finite, or not what the attribute log says.
+    Returns
+    -------
+    Projections
+
+    Raises
+    ------
+    InputError
+        If the file is missing, truncated or another; if views, rows, columns or angles are not the geometry's; if
+        counts lack their white or dark field; if values are not finite, or not what the attribute log says.
     """
     with opened(path, ADVICE) as file:
         if not isinstance(file.get("exchange/data"), h5py.Dataset):

@@ -28,9 +28,14 @@ SHARED = ("tube_kvp", "kernel", "slice_thickness_mm", "manufacturer", "model")
 
 
 def checksums(document: Document) -> dict[str, str | list[str]]:
-    """SHA-256 by file, named as in recording.yaml; of a DICOM folder those of its files, sorted.
+    """SHA-256 of every file of a recording.
 
     The names of files in a DICOM folder are left out: exports put patients' names into them.
+
+    Returns
+    -------
+    dict of str to str or list of str
+        By file, named as in recording.yaml; of a DICOM folder those of its files, sorted.
     """
     found: dict[str, str | list[str]] = {document.relative(document.path): sha256(document.path)}
     folders = [path for path in (*document.repeats, *document.held_out) if path.is_dir()]
@@ -43,10 +48,18 @@ def checksums(document: Document) -> dict[str, str | list[str]]:
 
 
 def dicom_facts(folder: Path) -> dict[str, str | float | list[float]]:
-    """What the headers of one series say of the scan; keys as under `nominal` of recording.yaml, lengths in mm.
+    """What the headers of one series say of the scan.
 
-    Also spacing_mm, the pixel spacing (y, x). Facts that a header leaves out are left out. Raises InputError if the
-    slices disagree on a fact that one scan has only one of.
+    Returns
+    -------
+    dict
+        Keys as under `nominal` of recording.yaml, lengths in mm; also spacing_mm, the pixel spacing (y, x). Facts that
+        a header leaves out are left out.
+
+    Raises
+    ------
+    InputError
+        If the slices disagree on a fact that one scan has only one of.
     """
     with reading(folder, "a DICOM series"):
         return _facts(folder, list(read_headers(folder).values()))
@@ -85,7 +98,20 @@ def _plain(name: str, value):
 
 
 def check_shared(facts: dict, first: dict, path: Path, first_path: Path) -> None:
-    """Raise InputError if two series differ in a fact that repeats share."""
+    """Check that two series agree in every fact that repeats share.
+
+    Parameters
+    ----------
+    facts, first : dict
+        From `dicom_facts`.
+    path, first_path : Path
+        Their folders, for the message.
+
+    Raises
+    ------
+    InputError
+        If they do not.
+    """
     for name in SHARED:
         if facts.get(name) != first.get(name):
             raise InputError(
@@ -95,7 +121,22 @@ def check_shared(facts: dict, first: dict, path: Path, first_path: Path) -> None
 
 
 def check_nominal(facts: dict, nominal: dict, source: Path) -> None:
-    """Raise InputError if recording.yaml says otherwise than the DICOM headers in a fact that repeats share."""
+    """Check that recording.yaml and the DICOM headers agree in every fact that repeats share.
+
+    Parameters
+    ----------
+    facts : dict
+        From `dicom_facts`.
+    nominal : dict
+        That of recording.yaml.
+    source : Path
+        What the message begins with.
+
+    Raises
+    ------
+    InputError
+        If they do not.
+    """
     for name in SHARED:
         if name in facts and name in nominal and facts[name] != nominal[name]:
             raise InputError(

@@ -14,10 +14,16 @@ LOADERS = {"images": images.load, "projections": projections.load, "features": f
 
 
 def load(folder: str | Path) -> ImagesRecording | ProjectionsRecording | FeaturesRecording:
-    """Read the recording in `folder`. Every file is read once and checked; images and projections again when used.
+    """Read the recording in a folder. Every file is read once and checked; images and projections again when used.
 
-    Raises InputError, one line that names the file, for anything that is missing, broken or not what recording.yaml
-    says.
+    Returns
+    -------
+    ImagesRecording, ProjectionsRecording or FeaturesRecording
+
+    Raises
+    ------
+    InputError
+        One line that names the file, for anything that is missing, broken or not what recording.yaml says.
     """
     document = read_document(folder)
     return LOADERS[document.content["kind"]](document)

@@ -30,9 +30,14 @@ class Repeats(Sequence, Generic[Content]):
 class Provenance:
     """Where the data come from and what exactly they are.
 
-    origin   as under `origin` of recording.yaml: citation, licence, importer, checksums of what was imported
-    sha256   checksums by file (provenance.checksums)
-    dicom    scan facts of the first repeat's headers (provenance.dicom_facts); empty where there are none
+    Attributes
+    ----------
+    origin : dict
+        As under `origin` of recording.yaml: citation, licence, importer, checksums of what was imported.
+    sha256 : dict of str to str or list of str
+        Checksums by file (provenance.checksums).
+    dicom : dict
+        Scan facts of the first repeat's headers (provenance.dicom_facts); empty where there are none.
     """
 
     origin: dict
@@ -44,10 +49,15 @@ class Provenance:
 class Recording:
     """A checked recording.
 
-    scan       the scan section as given, mm, degrees and pixels; empty where nothing is known
-    geometry   None where the scan section does not say enough
-    nominal    what the label on the scanner says
-    notes      what a user should know of these data and need not act on
+    Attributes
+    ----------
+    document : Document
+        What recording.yaml says.
+    provenance : Provenance
+    geometry : OrbitGeometry or None
+        None where the scan section does not say enough.
+    notes : tuple of str
+        What a user should know of these data and need not act on.
     """
 
     document: Document
@@ -57,14 +67,17 @@ class Recording:
 
     @property
     def name(self) -> str:
+        """As recording.yaml names it."""
         return self.document.content["name"]
 
     @property
     def kind(self) -> str:
+        """One of "images", "projections" and "features"."""
         return self.document.content["kind"]
 
     @property
     def phantom(self) -> str | None:
+        """What was scanned; None if recording.yaml does not say."""
         return self.document.content.get("phantom")
 
     @property
@@ -75,8 +88,10 @@ class Recording:
 
     @property
     def scan(self) -> dict:
+        """The scan section as given, mm, degrees and pixels; empty where nothing is known."""
         return self.document.content.get("scan", {})
 
     @property
     def nominal(self) -> dict:
+        """What the label on the scanner says."""
         return self.document.content["nominal"]

@@ -27,6 +27,10 @@ def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
 
     Without conditions all images are group 1. A condition of the name group, as the tandem study has, is replaced by
     its number in order.
+
+    Returns
+    -------
+    DataFrame
     """
     if not conditions:
         return table.assign(group=1)
@@ -34,12 +38,26 @@ def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
 
 
 def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image") -> pd.DataFrame:
-    """Measured features for `statistics.pca.project`: columns group, roi, tissue_class and those of FEATURES that the
-    table has.
+    """Measured features for `statistics.pca.project`.
 
-    table   one row per image and ROI, in HU
-    per     "image": every repeat; "condition": the mean over the repeats of each condition and ROI
-    Raises InputError for another `per`.
+    Parameters
+    ----------
+    table : DataFrame
+        One row per image and ROI, in HU.
+    conditions : sequence of str
+        Columns.
+    per : {"image", "condition"}, optional
+        "image": every repeat; "condition": the mean over the repeats of each condition and ROI.
+
+    Returns
+    -------
+    DataFrame
+        Columns group, roi, tissue_class and those of FEATURES that the table has.
+
+    Raises
+    ------
+    InputError
+        For another `per`.
     """
     if per not in PER:
         raise InputError(f"reference: {per!r} is not known; choose from {', '.join(PER)}")
@@ -56,11 +74,26 @@ def has_scores(recording: FeaturesRecording) -> bool:
 def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFrame:
     """Stability and discriminative power over the recording's conditions, for `statistics.ranking.overlap`.
 
-    repeats   images of each condition that are taken at random, again and again (`statistics.repeats.draws`); all
-              conditions have as many as the smallest has, if that is less
-    options   of `statistics.wilcoxon.scores`: test, threshold, compare
     Conditions of a single image are left out. Values are as in the files, as were those published.
-    Raises InputError if fewer than two conditions remain, and what wilcoxon.scores raises.
+
+    Parameters
+    ----------
+    recording : FeaturesRecording
+    repeats : int
+        Images of each condition that are taken at random, again and again (`statistics.repeats.draws`); all conditions
+        have as many as the smallest has, if that is less.
+    **options
+        Of `statistics.wilcoxon.scores`: test, threshold, compare.
+
+    Returns
+    -------
+    DataFrame
+        As `statistics.repeats.draws` gives it.
+
+    Raises
+    ------
+    InputError
+        If fewer than two conditions remain, and what wilcoxon.scores raises.
     """
     name = f"recording {recording.name}"
     if not has_scores(recording):
@@ -83,7 +116,22 @@ def scores(recording: FeaturesRecording, repeats: int, **options) -> pd.DataFram
 def where(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:
     """The rows of a recording's table whose condition columns have these values, the others' values being free.
 
-    Raises InputError naming `source` for a column that is not there, or values that no row has.
+    Parameters
+    ----------
+    table : DataFrame
+    conditions : dict
+        Value by column.
+    source : str
+        What the message begins with.
+
+    Returns
+    -------
+    DataFrame
+
+    Raises
+    ------
+    InputError
+        For a column that is not there, or values that no row has.
     """
     chosen = table
     for name, value in conditions.items():

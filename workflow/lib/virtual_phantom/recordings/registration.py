@@ -1,9 +1,13 @@
 """Where the phantom lies in an image: rigid 3D registration.
 
 The transform maps phantom world mm to recording world mm, so that masks go to the image and the image is never
-resampled. Search, all of it deterministic: the masked normalised cross-correlation over every shift at once (D.
-Padfield, IEEE Trans. Image Process. 21, 2706, 2012) at coarse voxels and some turns about z gives starts, beside the
-isocentre and the centres of mass; the best of them are refined with SimpleITK through three levels of resolution.
+resampled. Search, all of it deterministic: the masked normalised cross-correlation over every shift at once [1]_ at
+coarse voxels and some turns about z gives starts, beside the isocentre and the centres of mass; the best of them are
+refined with SimpleITK through three levels of resolution.
+
+References
+----------
+.. [1] D. Padfield, IEEE Trans. Image Process. 21, 2706, 2012.
 """
 
 from __future__ import annotations
@@ -56,10 +60,25 @@ def body_of(phantom: Volume) -> np.ndarray:
 def refine(
     level: Level, start: sitk.Euler3DTransform, relaxation: float = 0.8, last: bool = False
 ) -> sitk.Euler3DTransform:
-    """Descend from a start; steps shrink by `relaxation` at each turn: 0.5 stops early, some tenths of a degree off.
+    """Descend from a start.
 
-    last   line searches instead (Powell, Comput. J. 7, 155, 1964): on a slab of 40 mm, where a tilt changes little, the
-           descent stopped 0.34 degrees off and this at 0.06
+    Parameters
+    ----------
+    level : Level
+    start : SimpleITK.Euler3DTransform
+    relaxation : float, optional
+        By which steps shrink at each turn: 0.5 stops early, some tenths of a degree off.
+    last : bool, optional
+        Line searches instead [1]_: on a slab of 40 mm, where a tilt changes little, the descent stopped 0.34 degrees
+        off and this at 0.06.
+
+    Returns
+    -------
+    SimpleITK.Euler3DTransform
+
+    References
+    ----------
+    .. [1] Powell, Comput. J. 7, 155, 1964.
     """
     method = sitk.ImageRegistrationMethod()
     # sums over threads depend on their number in the last digits
@@ -89,20 +108,35 @@ def refine(
 class Alignment:
     """Where the phantom lies in a recording, and how well it fits.
 
-    matrix           4 x 4, phantom world mm (x, y, z) to recording world mm
-    translation_mm   how far the centre is moved, (x, y, z)
-    rotation_deg     right-handed about x, y, z: first about y, then x, then z, all through centre_mm
-    centre_mm        centre of rotation in the phantom's world: the body's centre of mass, (x, y, z)
-    correlation      over the body and a rim around it, at voxels of `residual_voxel_mm`, HU limited to -1000 to 1000
-    correlation_inside   the same over the body less that rim, HU limited to SOFT_HU: without the outline, and bone and
-                     gas do not outvote soft tissue
-    rms_hu           root mean square difference over the body, HU, same voxels
-    edge_mm          median distance between the surfaces at HU_BODY, outer and inner, along their normals, mm; None
-                     if they are too few
-    growth_mm        median of the same distances with sign: positive where the recording is larger, mm
-    covered          share of the phantom's body that the recording covers
-    loss             correlation lost if the phantom is shifted by a rim's width along x, y, z: what is near 0 is not
-                     known from this recording
+    Attributes
+    ----------
+    matrix : tuple of 4 tuple of 4 float
+        Phantom world mm (x, y, z) to recording world mm.
+    translation_mm : tuple of 3 float
+        How far the centre is moved, (x, y, z).
+    rotation_deg : tuple of 3 float
+        Right-handed about x, y, z: first about y, then x, then z, all through centre_mm.
+    centre_mm : tuple of 3 float
+        Centre of rotation in the phantom's world: the body's centre of mass, (x, y, z).
+    correlation : float
+        Over the body and a rim around it, at voxels of `residual_voxel_mm`, HU limited to -1000 to 1000.
+    correlation_inside : float
+        The same over the body less that rim, HU limited to SOFT_HU: without the outline, and bone and gas do not
+        outvote soft tissue.
+    rms_hu : float
+        Root mean square difference over the body, HU, same voxels.
+    residual_voxel_mm : tuple of 3 float
+        Voxels (z, y, x), mm.
+    edge_mm : float or None
+        Median distance between the surfaces at HU_BODY, outer and inner, along their normals, mm; None if they are too
+        few.
+    growth_mm : float or None
+        Median of the same distances with sign: positive where the recording is larger, mm.
+    covered : float
+        Share of the phantom's body that the recording covers.
+    loss : tuple of 3 float
+        Correlation lost if the phantom is shifted by a rim's width along x, y, z: what is near 0 is not known from this
+        recording.
     """
 
     matrix: tuple[tuple[float, ...], ...]
@@ -130,12 +164,27 @@ class Alignment:
         return sitk.AffineTransform(matrix[:3, :3].ravel().tolist(), matrix[:3, 3].tolist())
 
     def to_recording(self, points_mm: np.ndarray) -> np.ndarray:
-        """Phantom world points (n, 3) in the recording's world, mm."""
+        """Phantom world points, shape (n, 3), in the recording's world, mm."""
         matrix = np.array(self.matrix)
         return points_mm @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def euler(centre_mm, rotation_deg=(0.0, 0.0, 0.0), translation_mm=(0.0, 0.0, 0.0)) -> sitk.Euler3DTransform:
+    """A rigid transform.
+
+    Parameters
+    ----------
+    centre_mm : sequence of 3 float
+        Centre of rotation, (x, y, z).
+    rotation_deg : sequence of 3 float, optional
+        About (x, y, z), as in Alignment.
+    translation_mm : sequence of 3 float, optional
+        (x, y, z).
+
+    Returns
+    -------
+    SimpleITK.Euler3DTransform
+    """
     transform = sitk.Euler3DTransform()
     transform.SetCenter(tuple(map(float, centre_mm)))
     transform.SetRotation(*(math.radians(angle) for angle in rotation_deg))
@@ -144,6 +193,7 @@ def euler(centre_mm, rotation_deg=(0.0, 0.0, 0.0), translation_mm=(0.0, 0.0, 0.0
 
 
 def angles_deg(transform: sitk.Euler3DTransform) -> tuple[float, float, float]:
+    """Rotation of a transform about x, y and z, degrees."""
     return tuple(map(math.degrees, (transform.GetAngleX(), transform.GetAngleY(), transform.GetAngleZ())))
 
 
@@ -156,13 +206,21 @@ def centre_of(mask: np.ndarray, grid: Grid) -> tuple[float, float, float]:
 class Search:
     """One registration: both images at three resolutions, made when first used, and what is compared.
 
-    image, phantom   HU, each on its own grid; any difference of voxels and of the boxes around them
-    name             of the recording, for messages
-
     Compared are voxels of the phantom's body and a rim of half a coarse voxel around it (1/80 of its width), less as
     much at the first and last slices. In the last refinement what lies beside the body in the recording alone (a table,
     arms) is left out. The same input gives the same numbers, whatever the number of threads.
-    Raises InputError, naming the recording, if either holds nothing.
+
+    Parameters
+    ----------
+    image, phantom : Volume
+        HU, each on its own grid; any difference of voxels and of the boxes around them.
+    name : str
+        Of the recording, for messages.
+
+    Raises
+    ------
+    InputError
+        Naming the recording, if either holds nothing.
     """
 
     def __init__(self, image: Volume, phantom: Volume, name: str):
@@ -193,21 +251,31 @@ class Search:
 
     @cached_property
     def coarsest(self) -> Level:
+        """At the coarsest resolution."""
         return level_of(self.phantom, self.region, self.image, self.seen, self.coarse)
 
     @cached_property
     def middle(self) -> Level:
+        """At half of its voxels."""
         return level_of(self.phantom, self.region, self.image, self.seen, self.coarse / 2)
 
     @cached_property
     def finest(self) -> Level:
+        """At a quarter of its voxels."""
         return level_of(self.phantom, self.region, self.image, self.seen, self.coarse / 4)
 
     def place(self, isocentre_mm: Sequence[float] | None) -> sitk.Euler3DTransform:
         """The search from nothing, right to a voxel.
 
-        isocentre_mm   phantom world point (x, y, z) that lay at the middle of the recording's volume; None: the middle
-                       of the phantom's volume. One start among several
+        Parameters
+        ----------
+        isocentre_mm : sequence of 3 float or None
+            Phantom world point (x, y, z) that lay at the middle of the recording's volume; None: the middle of the
+            phantom's volume. One start among several.
+
+        Returns
+        -------
+        SimpleITK.Euler3DTransform
         """
         coarse, middle = self.coarsest, self.middle
         starts = self.starts(coarse, isocentre_mm)
@@ -222,8 +290,14 @@ class Search:
         return refine(self.without_table(self.finest, once), once, last=True)
 
     def without_table(self, level: Level, transform: sitk.Transform) -> Level:
-        """The level without those parts of the rim where the recording holds matter that is not the body's: matter that
-        reaches far from it. What lies near its surface alone is the body, not yet in place."""
+        """The level without those parts of the rim where the recording holds matter that is not the body's.
+
+        That is matter that reaches far from it. What lies near its surface alone is the body, not yet in place.
+
+        Returns
+        -------
+        Level
+        """
         array, region = level.arrays
         spacing = level.phantom.GetSpacing()[::-1]
         body = coarser_mask(self.body, self.phantom.grid, self.coarse / 4, HALF_COVERED)[0] != 0
@@ -247,8 +321,21 @@ class Search:
         return starts + [euler(centre, (0, 0, turn), self.best_shift(level, turn)[1]) for turn in TURNS_DEG]
 
     def best_shift(self, level: Level, turn_deg: float) -> tuple[float, np.ndarray]:
-        """Masked normalised cross-correlation of the turned phantom with the recording over all shifts on the
-        recording's voxels: the largest, and its shift in mm (x, y, z)."""
+        """Masked normalised cross-correlation of the turned phantom with the recording over all shifts.
+
+        Parameters
+        ----------
+        level : Level
+        turn_deg : float
+            About z, degrees.
+
+        Returns
+        -------
+        score : float
+            The largest coefficient.
+        shift_mm : ndarray, shape (3,)
+            Where it is found, (x, y, z), on the recording's voxels.
+        """
         moving = sitk.GetArrayViewFromImage(level.recording)
         seen = sitk.GetArrayViewFromImage(level.seen)
         spacing = np.array(level.recording.GetSpacing())
@@ -276,6 +363,7 @@ class Search:
         return float(scores[best]), shift
 
     def measure(self, transform) -> Alignment:
+        """The fit of a transform in numbers."""
         middle, fine = self.middle, self.finest
         array, region = middle.arrays
         inside, body = (
@@ -338,8 +426,19 @@ class Search:
     def result(self, transform: sitk.Euler3DTransform) -> Alignment:
         """The measured fit.
 
-        Raises InputError if it is worse than LEAST_CORRELATION, LEAST_CORRELATION_INSIDE or LEAST_COVERED, or better
-        with sides swapped.
+        Parameters
+        ----------
+        transform : SimpleITK.Euler3DTransform
+
+        Returns
+        -------
+        Alignment
+
+        Raises
+        ------
+        InputError
+            If it is worse than LEAST_CORRELATION, LEAST_CORRELATION_INSIDE or LEAST_COVERED, or better with sides
+            swapped.
         """
         result = self.measure(transform)
         sides = self.other_sides()

@@ -1,4 +1,4 @@
-"""The scan section of recording.yaml: a OrbitGeometry where it says enough, and lengths that cannot be millimetres."""
+"""The scan section of recording.yaml: an OrbitGeometry where it says enough, and lengths that cannot be millimetres."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TIME_TOLERANCE = 0.01  # by which stated times may be rounded
 
 
 def missing_for_geometry(scan: dict) -> list[str]:
-    """The keys that a OrbitGeometry still needs; empty if the section is complete."""
+    """The keys that an OrbitGeometry still needs; empty if the section is complete."""
     needed = (*REQUIRED, *HELICAL) if scan.get("trajectory") == "helical" else REQUIRED
     return [key for key in needed if key not in scan]
 
@@ -29,11 +29,25 @@ def missing_for_geometry(scan: dict) -> list[str]:
 def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
     """The geometry of a recording of projections.
 
-    scan     the scan section; offsets and, for a circular scan, start_z_mm count as 0 where they are absent
-    source   what messages name
     View i stands at start + direction 2 pi i / views_per_rotation, its source at start_z + table_feed i /
-    views_per_rotation (see geometry.py). Raises InputError for a missing key, a curved detector, a helix without feed,
-    a circle with one, and for lengths that cannot all be millimetres.
+    views_per_rotation (see geometry.py).
+
+    Parameters
+    ----------
+    scan : dict
+        The scan section; offsets and, for a circular scan, start_z_mm count as 0 where they are absent.
+    source : str
+        What messages name.
+
+    Returns
+    -------
+    OrbitGeometry
+
+    Raises
+    ------
+    InputError
+        For a missing key, a curved detector, a helix without feed, a circle with one, and for lengths that cannot all
+        be millimetres.
     """
     if scan.get("detector", "flat") != "flat":
         raise InputError(f"{source}: scan.detector is curved; only flat ones can be simulated: rebin the views first")
@@ -60,10 +74,26 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
 
 
 def times(scan: dict, source: str) -> tuple[float | None, float | None]:
-    """(view_interval_ms, exposure_ms), each None if it is not known.
+    """The times of a scan.
 
-    Where the exposure alone is stated, views are taken to follow each other without a pause (`assumed`). Raises
-    InputError for times that contradict each other.
+    Where the exposure alone is stated, views are taken to follow each other without a pause (`assumed`).
+
+    Parameters
+    ----------
+    scan : dict
+        The scan section.
+    source : str
+        What messages name.
+
+    Returns
+    -------
+    view_interval_ms, exposure_ms : float or None
+        None if it is not known.
+
+    Raises
+    ------
+    InputError
+        For times that contradict each other.
     """
     interval, exposure = scan.get("view_interval_ms"), scan.get("exposure_ms")
     if "rotation_time_ms" in scan:
@@ -85,8 +115,19 @@ def times(scan: dict, source: str) -> tuple[float | None, float | None]:
 
 
 def timed(content: dict) -> bool:
-    """Whether a recording (content of recording.yaml) says how fast its views follow each other. Images are simulated
-    by a protocol of the study, which has its times."""
+    """Whether a recording says how fast its views follow each other.
+
+    Images are simulated by a protocol of the study, which has its times.
+
+    Parameters
+    ----------
+    content : dict
+        That of recording.yaml.
+
+    Returns
+    -------
+    bool
+    """
     return content["kind"] != "projections" or times(content["scan"], "scan")[0] is not None
 
 
@@ -106,7 +147,20 @@ def assumed(scan: dict) -> str | None:
 
 
 def check_lengths(scan: dict, source: str) -> None:
-    """Raise InputError if the lengths that are known, all of them or a few, cannot all be millimetres."""
+    """Check that the lengths that are known, all of them or a few, can all be millimetres.
+
+    Parameters
+    ----------
+    scan : dict
+        The scan section.
+    source : str
+        What messages name.
+
+    Raises
+    ------
+    InputError
+        If they cannot.
+    """
     advice = "are all lengths in mm, none in cm?"
     if not {"source_to_isocentre_mm", "source_to_detector_mm"} <= scan.keys():
         return

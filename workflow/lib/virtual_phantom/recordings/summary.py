@@ -25,9 +25,12 @@ WANTED = {
 def summary(recording: Recording) -> dict:
     """Everything worth knowing of a recording, ready for JSON.
 
-    Keys: name; kind; phantom; repeats and held_out (how many); content (grid, views or table, in numbers); text (the
-    same in a line); known (scan, and nominal with DICOM facts); missing (what a comparison would want to know); notes;
-    origin; sha256.
+    Returns
+    -------
+    dict
+        Keys: name; kind; phantom; repeats and held_out (how many); content (grid, views or table, in numbers); text
+        (the same in a line); known (scan, and nominal with DICOM facts); missing (what a comparison would want to
+        know); notes; origin; sha256.
     """
     labelled = {**recording.provenance.dicom, **recording.nominal}
     repeats, held_out, content, text = DESCRIPTIONS[type(recording)](recording)

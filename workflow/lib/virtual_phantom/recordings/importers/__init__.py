@@ -23,12 +23,24 @@ NAME = re.compile(r"[A-Za-z0-9_]+")
 
 
 def write_folder(folder: str | Path, content: dict, write_data: Callable[[Path], None]) -> Recording:
-    """Write a recording folder and load it.
+    """Write a recording folder and load it. The folder appears only when it is complete and loads.
 
-    content      what stands in recording.yaml, but for the name, which is that of the folder
-    write_data   called with the folder, writes the data files
-    The folder appears only when it is complete and loads. Raises InputError if it is there already, or is named
-    otherwise than in letters, digits and underscores.
+    Parameters
+    ----------
+    folder : str or Path
+    content : dict
+        What stands in recording.yaml, but for the name, which is that of the folder.
+    write_data : callable
+        Called with the folder, writes the data files.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        If the folder is there already, or is named otherwise than in letters, digits and underscores.
     """
     folder = Path(folder)
     if not NAME.fullmatch(folder.name):

@@ -39,13 +39,29 @@ class Series:
 def import_dicom_tree(
     root: str | Path, folder: str | Path, phantom: str | None = None, kernel: str | None = None
 ) -> Recording:
-    """Write a recording of images and load it.
+    """Write a recording of images and load it. Repeats are numbered in the order of the folders' names.
 
-    root     every folder under it (or itself) that holds CT slices is one series, as archives lay them out; folders of
-             other modalities (SEG, RTSTRUCT) are passed over
-    kernel   take only the series of this reconstruction kernel, as its DICOM header names it (Br38f/3 for [Br38f, 3])
-    Repeats are numbered in the order of the folders' names. Raises InputError if there is no series, if one cannot be
-    read (dicom_series.read_series), or if two differ in grid, kernel, tube voltage, slice thickness or scanner.
+    Parameters
+    ----------
+    root : str or Path
+        Every folder under it (or itself) that holds CT slices is one series, as archives lay them out; folders of other
+        modalities (SEG, RTSTRUCT) are passed over.
+    folder : str or Path
+        The recording's, which is made.
+    phantom : str, optional
+        What was scanned, for recording.yaml.
+    kernel : str, optional
+        Take only the series of this reconstruction kernel, as its DICOM header names it (Br38f/3 for [Br38f, 3]).
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        If there is no series, if one cannot be read (dicom_series.read_series), or if two differ in grid, kernel, tube
+        voltage, slice thickness or scanner.
     """
     root, target_folder = Path(root), Path(folder)
     if not root.is_dir():

@@ -1,8 +1,9 @@
 """Published tables of radiomics features to recordings of features, in this project's names of ROIs and features.
 
 Two are known, both of the phantom that the paper simulates (see measured.py for sources and what is inferred):
-  the tandem study CT-Phantom4Radiomics (recognised by its column scan_id),
-  a dose series of CT4Harmonization-Multicentric on one scanner (recognised by its column recon_code).
+
+* the tandem study CT-Phantom4Radiomics (recognised by its column scan_id),
+* a dose series of CT4Harmonization-Multicentric on one scanner (recognised by its column recon_code).
 """
 
 from __future__ import annotations
@@ -31,8 +32,24 @@ DOSE_CITATION = (
 def import_features(csv_file: str | Path, folder: str | Path, phantom: str | None = None) -> Recording:
     """Write a recording of features with the table's values as they are, and load it.
 
-    Raises InputError if the table is missing, of neither layout, or not what its layout asks for
-    (measured.load_full_table, measured.load_full_dose_series).
+    Parameters
+    ----------
+    csv_file : str or Path
+        The published table.
+    folder : str or Path
+        The recording's, which is made.
+    phantom : str, optional
+        What was scanned, for recording.yaml.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        If the table is missing, of neither layout, or not what its layout asks for (measured.load_full_table,
+        measured.load_full_dose_series).
     """
     csv_file = Path(csv_file)
     try:

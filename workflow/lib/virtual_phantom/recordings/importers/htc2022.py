@@ -36,10 +36,26 @@ def import_htc2022(
 ) -> Recording:
     """Write a recording of projections (line integrals, one detector row) and load it.
 
-    phantom        what was scanned, for recording.yaml
-    segmentation   the data set's own (.mat), which becomes OBJECT, the mask of what was scanned
-    Raises InputError if the file is missing, truncated or something else, lacks a field, is not in mm, or has angles
-    that are not evenly spaced.
+    Parameters
+    ----------
+    mat_file : str or Path
+        A sinogram of the data set.
+    folder : str or Path
+        The recording's, which is made.
+    phantom : str, optional
+        What was scanned, for recording.yaml.
+    segmentation : str or Path, optional
+        The data set's own (.mat), which becomes OBJECT, the mask of what was scanned.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        If the file is missing, truncated or something else, lacks a field, is not in mm, or has angles that are not
+        evenly spaced.
     """
     mat_file = Path(mat_file)
     data = _read(mat_file)

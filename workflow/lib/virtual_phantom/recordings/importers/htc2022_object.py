@@ -23,13 +23,28 @@ SLICE_MM = 1.0  # a single slice stands for an object alike along z
 
 
 def read_object(mat_file: str | Path, scan: dict) -> Volume:
-    """The share (0 to 1, float32 [1, y, x]) of every pixel that the object fills.
+    """The share of every pixel that the object fills.
 
-    scan   of the recording
     A threshold says of every pixel in or out only. Smoothed by a Gaussian, its edge at 1/2 follows the object's to a
     fraction of a pixel; the slope there, 1/(sqrt(2 pi) sigma) per pixel, is steepened to 1 per pixel, that of an edge
     averaged over a pixel. The area stays that of the threshold.
-    Raises InputError if the file is missing, broken, or holds no segmentation.
+
+    Parameters
+    ----------
+    mat_file : str or Path
+        A segmentation of the data set.
+    scan : dict
+        Of the recording.
+
+    Returns
+    -------
+    Volume
+        Shape (1, y, x), float32, 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, broken, or holds no segmentation.
     """
     mat_file = Path(mat_file)
     if not mat_file.is_file():

@@ -18,10 +18,25 @@ from . import write_folder
 def import_study(source: str | Path, folder: str | Path, phantom: str | None = None) -> Recording:
     """Write a recording of the acquisitions of one geometry and noise level, one repeat per seed.
 
-    source    `projections/<geometry>/<noise>` under results_dir
-    phantom   what was scanned, for recording.yaml
-    What the study simulated beyond the baseline does not come along. Raises InputError if there is no acquisition, or
-    one is broken.
+    What the study simulated beyond the baseline does not come along.
+
+    Parameters
+    ----------
+    source : str or Path
+        `projections/<geometry>/<noise>` under results_dir.
+    folder : str or Path
+        The recording's, which is made.
+    phantom : str, optional
+        What was scanned, for recording.yaml.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        If there is no acquisition, or one is broken.
     """
     source = Path(source)
     files = sorted(source.glob("seed*.h5"))
