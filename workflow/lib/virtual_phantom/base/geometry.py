@@ -1,7 +1,7 @@
 """Grids and scan geometries, and the one statement of the coordinates that everything here uses.
 
 Right-handed scanner frame in mm, the axes of NIfTI's RAS world frame: +x to the patient's right, +y to anterior,
-+z to superior, along the table. The isocentre lies at the centre of the volume. At view angle b (radians)
++z to superior, along the table. The isocentre lies at the centre of the volume. At view angle b (radians)::
 
     source           (-R sin b,  R cos b,  z_b)        R = source_to_isocentre_mm; at b = 0 the source is at +y
     detector columns ( cos b,    sin b,    0  )        unit vector of increasing column

@@ -1,6 +1,6 @@
 """Scan geometries as vectors: where the source, the detector and its pixels are in every view.
 
-A ray runs from the source to the middle of a pixel. Pixel (row, column) of a flat detector lies at
+A ray runs from the source to the middle of a pixel. Pixel (row, column) of a flat detector lies at::
 
     detector_mm + u column_direction + v row_direction        u, v: column_positions_mm, row_positions_mm
 

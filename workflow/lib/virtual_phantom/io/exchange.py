@@ -1,11 +1,13 @@
 """Projections on disk: HDF5 in the Data Exchange layout.
 
-/exchange/data        counts, or line integrals (attribute log = True), [view, row, column]
-/exchange/data_white  mean counts without an object, [1, row, column]      (counts only)
-/exchange/data_dark   counts without X-rays, [1, row, column]              (counts only)
-/exchange/theta       view angles, degrees
-/physics              where effects are switched on: mean signals with and without the object, and the noise's law
-/acquisition          the rest of the scan geometry: attributes in mm, and source_z_mm per view
+A file holds::
+
+    /exchange/data        counts, or line integrals (attribute log = True), [view, row, column]
+    /exchange/data_white  mean counts without an object, [1, row, column]      (counts only)
+    /exchange/data_dark   counts without X-rays, [1, row, column]              (counts only)
+    /exchange/theta       view angles, degrees
+    /physics              where effects are switched on: mean signals with and without the object, and the noise's law
+    /acquisition          the rest of the scan geometry: attributes in mm, and source_z_mm per view
 
 References
 ----------

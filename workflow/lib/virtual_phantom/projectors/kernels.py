@@ -1,6 +1,6 @@
 """Numba kernels of the CPU engine: Joseph's forward projection, its exact transpose, and voxel-driven back-projection.
 
-Flat float32 arrays, laid out with one voxel or pixel of zeros around them so that interpolation needs no edge cases:
+Flat float32 arrays, laid out with one voxel or pixel of zeros around them so that interpolation needs no edge cases::
 
     volume       [y + 2, x + 2, z + 2, lane]
     projections  [view, column + 2, row + 2, lane]
