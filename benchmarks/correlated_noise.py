@@ -18,7 +18,7 @@ from scipy import ndimage, stats
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core.attribute import trial
-from virtual_phantom.diagnosis.core.locate import Half, aligned
+from virtual_phantom.diagnosis.core.locate import aligned
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.chain import Chain
@@ -97,22 +97,12 @@ def one(chain, model, name, physics, draw, repeats=REPEATS):
     began = time.perf_counter()
     given = prepared.prepare(scans(chain, physics, random, repeats), None, model, nominal_photons=PHOTONS)
     fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
-    correlated = prepared.with_noise_of(given, fit)
+    correlated = given.with_noise_of(fit)
     if correlated is not given:
         given = correlated
         fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
-    fitter = given.fitter
-    fitted = Half(fitter.residuals(fit, held_out=False), fitter.weights, given.data)
-    held = Half(fitter.residuals(fit), fitter.held_weights, given.held_out)
-    places = given.look.places(
-        held.residuals,
-        held.weights,
-        held.data,
-        fit.pattern_variance,
-        fitted,
-        aligned(fit, fitter.model.distortions),
-        given.look.uncertain(fitter, fit),
-    )
+    fitted, held = (given.half(fit, held_out) for held_out in (False, True))
+    places = given.domains(held, fit, fitted, aligned(fit, given.fitter.model.distortions))
     worst = places[0]
     row = {"setting": name, "draw": draw, "seconds": round(time.perf_counter() - began, 2)}
     row |= {"verdict": "left" if worst.significant else "nothing left", "worst": worst.domain, "p": worst.p}

@@ -28,12 +28,13 @@ from scipy.optimize import brentq
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core.attribute import choose, trial
+from virtual_phantom.diagnosis.core.linearisation import LinearisationPoint
 from virtual_phantom.diagnosis.core.locate import EDGE_SHARE, Half, aligned
 from virtual_phantom.diagnosis.core.templates import strength, varied, whitened
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.model import stacked
-from virtual_phantom.diagnosis.projections.numerical import LinearisationPoint, model_and_floor
+from virtual_phantom.diagnosis.projections.locate import locate
+from virtual_phantom.diagnosis.projections.numerical import model_and_floor
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load, names
@@ -140,14 +141,14 @@ def left_over(given, physics, fit):
     truth = fitter.model.predict(physics, place, held_out, LinearisationPoint.of(physics, place))
     gain = fitter.model.chain.state(physics).gain
     found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearisation)
-    parts = [there - here for there, here in zip(stacked(held_out, found), stacked(held_out, truth), strict=True)]
+    parts = [there - here for there, here in zip(held_out.residuals(found), held_out.residuals(truth), strict=True)]
     shape = held_out.mean.shape
     pattern = (0 if fit.pattern is None else -fit.pattern) - (0 if gain is None else np.log(gain))
     parts[0] = (parts[0].reshape(shape) + held_out.whitened(np.where(held_out.usable, pattern, 0))).ravel()
     size = float(np.linalg.norm(whitened(parts, fitter.held_weights)))
     fitted = Half([part.copy() for part in parts], fitter.weights, given.data)
     more = aligned(fit, fitter.model.distortions)
-    places = given.look.places(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted, more)
+    places = locate(parts, fitter.held_weights, held_out, fit.pattern_variance, fitted, more)
     # A sum of squares has its number of terms less without noise.
     weight = fitter.held_weights[0].reshape(shape)
     terms = {"edges": EDGE_SHARE * (weight > 0).sum(), "pixels": (weight.sum(axis=0) > 0).sum()}

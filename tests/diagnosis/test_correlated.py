@@ -13,7 +13,7 @@ from virtual_phantom.diagnosis.core.pattern import estimate
 from virtual_phantom.diagnosis.core.templates import data_changes
 from virtual_phantom.diagnosis.core.uncertainty import left_by_numbers
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.model import stacked
+from virtual_phantom.diagnosis.projections.locate import locate
 from virtual_phantom.physics.chain import Chain, State
 from virtual_phantom.physics.correlation import correlations
 from virtual_phantom.physics.materials import Segmentation
@@ -230,14 +230,7 @@ def test_with_the_right_effect_nothing_is_left_of_correlated_noise(scene, name):
         given = prepared.prepare(scans(chain, {name: CORRELATED[name]}, random), None, chain, nominal_photons=PHOTONS)
         fitter = given.fitter
         fit = trial(fitter, (name,)).fit
-        fitted = Half(fitter.residuals(fit, False), fitter.weights, given.data)
-        places = given.look.places(
-            fitter.residuals(fit),
-            fitter.held_weights,
-            given.held_out,
-            fitted=fitted,
-            uncertain=given.look.uncertain(fitter, fit),
-        )
+        places = given.domains(given.half(fit, held_out=True), fit, given.half(fit, held_out=False))
         assert not places[0].significant, places[0]
         for place in places:
             z.setdefault(place.domain, []).append(place.map.ravel())
@@ -269,7 +262,7 @@ def test_halves_have_nothing_in_common_where_weights_are_measured():
         given = prepared.prepare(scans(chain, {}, np.random.default_rng(draw)), None, chain, nominal_photons=PHOTONS)
         fitter = given.fitter
         place = {one.name: one.expected for one in fitter.model.aligned}
-        parts = [stacked(data, fitter.model.predict({}, place, data)) for data in (given.data, given.held_out)]
+        parts = [data.residuals(fitter.model.predict({}, place, data)) for data in (given.data, given.held_out)]
         halves = [
             Half(part, weights, data)
             for part, weights, data in zip(
@@ -302,15 +295,15 @@ def test_a_single_repeat_has_its_correlations_from_the_fit():
         scans(chain, physics, np.random.default_rng(12), repeats=1), None, chain, nominal_photons=PHOTONS
     )
     first = trial(given.fitter, ("optical_crosstalk",)).fit
-    found = prepared.with_noise_of(given, first)
-    assert found.fitter is not given.fitter and prepared.with_noise_of(found, first) is found
-    assert prepared.with_noise_of(given, trial(given.fitter, ()).fit) is given
+    found = given.with_noise_of(first)
+    assert found.fitter is not given.fitter and found.with_noise_of(first) is found
+    assert given.with_noise_of(trial(given.fitter, ()).fit) is given
     fit = trial(found.fitter, ("optical_crosstalk",)).fit
 
     def spread(one, of):
-        places = one.look.places(
-            of.residuals(fit), of.held_weights, one.held_out, uncertain=one.look.uncertain(of, fit)
-        )
+        half = one.half(fit, held_out=True)
+        uncertain = left_by_numbers(of, fit)
+        places = locate(half.residuals, half.weights, half.data, uncertain=uncertain)
         z = next(place.map for place in places if place.domain == "projections")
         return np.sqrt((z**2).mean())
 

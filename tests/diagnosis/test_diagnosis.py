@@ -12,12 +12,13 @@ from simulated_scans import body, chosen
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core.attribute import trial
-from virtual_phantom.diagnosis.core.locate import ALPHA, Half, locate, variance_z
+from virtual_phantom.diagnosis.core.linearisation import LinearisationPoint
+from virtual_phantom.diagnosis.core.locate import ALPHA, Half, variance_z
 from virtual_phantom.diagnosis.core.pattern import estimate
 from virtual_phantom.diagnosis.core.store import read_trial, write_trial
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.numerical import LinearisationPoint
+from virtual_phantom.diagnosis.projections.locate import locate
 from virtual_phantom.io.files import checksum_path
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import Segmentation

@@ -13,8 +13,8 @@ from simulated_scans import body, noisy_lines
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core.screening import amounts, explained, screened
 from virtual_phantom.diagnosis.core.steps import NORMAL_95, bounded_step, standard_errors
+from virtual_phantom.diagnosis.core.unknown import Unknown
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.model import Unknown
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.materials import Segmentation

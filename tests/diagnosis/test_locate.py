@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from virtual_phantom.diagnosis.core.locate import Half, locate, normal_scores
-from virtual_phantom.diagnosis.projections.observed import Blocks, Observed
+from virtual_phantom.diagnosis.core.locate import Half, normal_scores
+from virtual_phantom.diagnosis.core.observed import Blocks
+from virtual_phantom.diagnosis.projections.locate import locate
+from virtual_phantom.diagnosis.projections.observed import PARTS, ObservedScans
 
 SHAPE = (24, 4, 32)
 
@@ -25,10 +27,10 @@ def test_scores_of_known_weights_stay():
     assert np.isfinite(normal_scores(1e4 * z, 0.01)).all()
 
 
-def observed(blocks: Blocks, weighed) -> Observed:
+def observed(blocks: Blocks, weighed) -> ObservedScans:
     everything = np.ones(SHAPE)
     missing = dict.fromkeys(("variance", "variance_error", "correlation", "correlation_error", "white"))
-    return Observed(everything, 2, everything > 0, blocks, everything, **missing, weighed=weighed)
+    return ObservedScans(everything, 2, everything > 0, blocks, everything, **missing, weighed=weighed)
 
 
 def test_measured_weights_make_no_place_louder():
@@ -50,6 +52,6 @@ def test_measured_weights_make_no_place_louder():
 def test_products_of_both_halves_vary_by_the_square_of_their_weights():
     """The square of a weight of relative variance s is 1 + s on average."""
     one, other = (np.full(np.prod(SHAPE), value) for value in (1.5, 0.5))
-    data = observed(Blocks.of(SHAPE), np.full(Blocks.of(SHAPE).count, 3.0))
+    data = observed(Blocks.of(SHAPE, PARTS), np.full(Blocks.of(SHAPE, PARTS).count, 3.0))
     common = Half([one], [np.ones(one.size)], data).in_common(Half([other], [np.ones(one.size)], data))
     assert common.z() == pytest.approx(0.75 * one.size / np.sqrt(4 * one.size))

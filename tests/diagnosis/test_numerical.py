@@ -8,16 +8,11 @@ from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core.attribute import choose, trial
+from virtual_phantom.diagnosis.core.linearisation import BASE, LinearisationPoint
 from virtual_phantom.diagnosis.core.pattern import estimate
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.numerical import (
-    BASE,
-    MOST_STRAY,
-    LinearisationPoint,
-    Numerical,
-    model_and_floor,
-)
+from virtual_phantom.diagnosis.projections.numerical import MOST_STRAY, Numerical, model_and_floor
 from virtual_phantom.diagnosis.projections.scanned import coarse_scene
 from virtual_phantom.io.volumes import Volume, read_nifti, write_nifti
 from virtual_phantom.phantom import block_mean

@@ -13,7 +13,7 @@ from gecatsim.pyfiles.Detection_Lag import Detection_Lag
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.model import Model
+from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.io.exchange import read_line_integrals, write_line_integrals
 from virtual_phantom.physics.chain import AIR, Chain, State, between, lagged
 from virtual_phantom.physics.correlation import correlations
@@ -258,7 +258,7 @@ def test_what_is_found_in_readings_or_shares_becomes_photons_of_a_study():
     """900 of 30 000 readout units, or 3 % of air, of 20 000 photons are 600 photons."""
     geometry, aligned = scanner(view_interval_ms=5.0), {"log_photons": np.log(2e4)}
     for readout, level in ((30900.0, 900.0), (AIR, 0.03)):
-        model = Model(Chain(DiscScene(160.0, "water"), geometry, readout=readout), ())
+        model = ScansModel(Chain(DiscScene(160.0, "water"), geometry, readout=readout), ())
         physics = {"dark_signal": {"level_units": level, "drift_units_per_s": -level}, "motion": MOVED}
         found = model.of_study(physics | {"gain_pattern": {"rms": 0.004}}, aligned)
         assert found.pop("gain_pattern") == {"rms": 0.004}  # fitted without saying which pattern

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from virtual_phantom.diagnosis.core.candidates import candidates
+from virtual_phantom.diagnosis.candidates import candidates
 from virtual_phantom.physics import effect, effects
 from virtual_phantom.physics.image import with_effects
 

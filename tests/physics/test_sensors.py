@@ -7,7 +7,7 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis.projections.model import Model
+from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
@@ -146,7 +146,7 @@ def test_what_is_known_of_a_sensor():
 
 def test_a_fit_holds_the_thickness_by_what_is_known_of_it():
     for sensor in (stated(), stated("gadolinium_oxysulfide"), stated("caesium_iodide", 0.4)):
-        model = Model(Chain(DiscScene(160.0, "water"), GEOMETRY, sensor=sensor), ())
+        model = ScansModel(Chain(DiscScene(160.0, "water"), GEOMETRY, sensor=sensor), ())
         (one,) = (unknown for unknown in model.unknowns(("spectrum",)) if unknown.name == "sensor_mm")
         assert one.value(one.expected) == pytest.approx(sensor.thickness_mm)
         assert one.sd == sensor.thickness_sd and one.starts == (one.expected,)

@@ -1,5 +1,5 @@
 # Where recordings and the simulator differ, and which physics explains it: one job per recording and candidate effect.
-from virtual_phantom.diagnosis.core.candidates import (
+from virtual_phantom.diagnosis.candidates import (
     candidates,
     check_accuracy,
     check_kinds,

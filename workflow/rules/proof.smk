@@ -1,5 +1,5 @@
 # The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
-from virtual_phantom.diagnosis.core.candidates import candidates
+from virtual_phantom.diagnosis.candidates import candidates
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.proof.conceal.suite import (
     PHANTOMS,

@@ -3,17 +3,18 @@
 import json
 
 from virtual_phantom.base.streams import Branch
+from virtual_phantom.diagnosis.core.asked import Asked
 from virtual_phantom.diagnosis.core.attribute import choose, trial
 from virtual_phantom.diagnosis.core.verified import Physics, verified
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
-from virtual_phantom.diagnosis.projections.reconstructed import agreement_of_recording
-from virtual_phantom.diagnosis.projections.setting import ready
+from virtual_phantom.diagnosis.ready import agreement, ready
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, given = snakemake.params, snakemake.input
-    recording, prepared = ready(**params.model, phantom=given.phantom, threads=snakemake.threads)
+    asked = Asked(**params.model, phantom=given.phantom, threads=snakemake.threads)
+    recording, prepared = ready(asked)
     physics = Physics.read(given.physics, needed=False)
     baseline = trial(prepared.fitter, ())
     if physics.effects:
@@ -21,7 +22,5 @@ with job(snakemake) as log:
     else:
         choice = choose(prepared.fitter, baseline, {})
     scanned = Scanned.read(given.phantom, given.image, given.rois)
-    table = agreement_of_recording(
-        recording, prepared, choice, params.model, Branch.AGREEMENT_ELSEWHERE, scanned, snakemake.threads
-    )
+    table = agreement(recording, prepared, choice, asked, Branch.AGREEMENT_ELSEWHERE, scanned)
     write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", snakemake.output[0])

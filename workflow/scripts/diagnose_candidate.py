@@ -1,13 +1,15 @@
 """Fit one effect, or the alignment alone, to a recording."""
 
+from virtual_phantom.diagnosis.core.asked import Asked
 from virtual_phantom.diagnosis.core.attribute import trial
 from virtual_phantom.diagnosis.core.store import read_trial, write_trial
-from virtual_phantom.diagnosis.projections.setting import ready
+from virtual_phantom.diagnosis.ready import ready
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, given = snakemake.params, snakemake.input
-    recording, prepared = ready(**params.model, phantom=given.get("phantom"), threads=snakemake.threads)
+    asked = Asked(**params.model, phantom=given.get("phantom"), threads=snakemake.threads)
+    _, prepared = ready(asked)
     effect = params.effect
     baseline = read_trial(given.baseline) if effect else None
     found = trial(prepared.fitter, (effect,) if effect else (), baseline, baseline)

@@ -6,8 +6,8 @@ import numpy as np
 
 from ..diagnosis.core.fit import Fit
 from ..diagnosis.core.look import Look
+from ..diagnosis.core.prepared import Prepared
 from ..diagnosis.core.verdict import Diagnosis
-from ..diagnosis.projections.prepared import Prepared
 from ..figures import diagnosis as figures
 from ..physics.effect import load
 from .agreement_table import agreement_table

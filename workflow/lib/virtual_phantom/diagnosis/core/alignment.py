@@ -15,6 +15,7 @@ SURE = 5.0
 # finer by itself is blurred by less, down to 0 (0.33), one of voxels half as large by h^2/24 (0.28), one of just these
 # voxels, but with sharp edges, by h^2/12 (0.22).
 NUMERICAL = {"rays": (1.0, 1 / 3), "voxels": (0.28, 0.06)}
+NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
 PLACE = ("x_mm", "y_mm", "z_mm", "turn_deg")
 POSES = (*PLACE, "size")
 

@@ -8,11 +8,11 @@ from itertools import product
 import numpy as np
 
 from ...physics.effect import load
-from ..projections.model import Model, stacked, weights
-from ..projections.numerical import BASE, LinearisationPoint
-from ..projections.observed import Observed
 from . import pattern as patterns
 from .alignment import SURE, Nuisance
+from .linearisation import BASE, LinearisationPoint
+from .model import Model
+from .observed import Observed
 from .steps import bounded_step, standard_errors, updated
 
 ITERATIONS = 25
@@ -40,7 +40,7 @@ class Fit:
     nuisance       nuisance parameters, with nuisance_errors
     pulled         how far that lies off what the fit knew of it, in standard deviations, where anything was known
     chi_square     of the data that were fitted, and of the Gaussian knowledge
-    parts          chi-square of mean, variance, correlation and white field, those that are there
+    parts          chi-square by part of the data (Observed.parts)
     free           number of effects' parameters
     linearisation  where numerical errors were computed
     corrected      chi-square that they make up
@@ -75,8 +75,8 @@ class Fitter:
 
     def __init__(self, model: Model, data: Observed, held_out: Observed, variance: np.ndarray, floor: np.ndarray):
         self.model, self.data, self.held_out = model, data, held_out
-        self.weights = weights(data, variance, floor)
-        self.held_weights = weights(held_out, variance, floor)
+        self.weights = data.weights(variance, floor)
+        self.held_weights = held_out.weights(variance, floor)
 
     def fit(self, effects: tuple[str, ...], given: Fit | None = None) -> Fit:
         """Refit all parameters of these effects and the alignment, beginning where `given` ended."""
@@ -130,7 +130,7 @@ class Fitter:
     def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
         """Observed less predicted, by part, of the data held out or of those fitted; the mean's noise made white."""
         data = self.held_out if held_out else self.data
-        parts = stacked(data, self.model.predict(fit.physics, fit.nuisance, data, fit.linearisation))
+        parts = data.residuals(self.model.predict(fit.physics, fit.nuisance, data, fit.linearisation))
         return less_pattern(parts, fit.pattern, data)
 
     def score(self, fit: Fit) -> float:
@@ -226,15 +226,15 @@ class Problem:
         if not self.model.distortions or self.linearised == MOST_LINEARISATIONS:
             return False
         physics, nuisance = self._named(point)
-        lines, _ = self.model.predict(physics, nuisance, self.data, self.linearisation).design
-        if not self.model.numerical.strayed(self.linearisation, lines, self.weights[0].reshape(lines.shape)):
+        prediction = self.model.predict(physics, nuisance, self.data, self.linearisation)
+        if not self.model.strayed(self.linearisation, prediction, self.weights[0]):
             return False
         self.linearisation, self.linearised = LinearisationPoint.of(physics, nuisance), self.linearised + 1
         return True
 
     def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:
         prediction = self.model.predict(*self._named(point), self.data, self.linearisation)
-        return less_pattern(stacked(self.data, prediction), pattern, self.data)
+        return less_pattern(self.data.residuals(prediction), pattern, self.data)
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Effects' parameters and the alignment of a point, by name."""
@@ -251,7 +251,7 @@ class Problem:
         """
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearisation)
-        residuals = less_pattern(stacked(self.data, prediction), pattern, self.data)
+        residuals = less_pattern(self.data.residuals(prediction), pattern, self.data)
         first = len(self.unknowns)
         index = [first + [one.name for one in self.aligned].index(name) for name in ("scale", "offset")]
         changes = (self.data.whitened(np.where(self.data.usable, column, 0)) for column in prediction.design)

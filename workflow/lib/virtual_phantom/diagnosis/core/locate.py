@@ -9,15 +9,13 @@ import numpy as np
 from scipy import special, stats
 
 from ...statistics.multiplicity import bonferroni, holm
-from ..projections.observed import FEWEST, Observed
 from .alignment import PLACE
 from .fit import Fit
+from .observed import FEWEST, Observed
 
 ALPHA = 0.01  # family-wise, over all domains and all places in them
-EDGE_SHARE = 0.1  # of the rays: those where line integrals change most from column to column count as edges
+EDGE_SHARE = 0.1  # of the rays or voxels: those where what is recorded changes most count as edges
 BINS = 10
-AXES = ("views", "rows", "columns")
-THIN = 0.05  # of the largest line integral: rays with less pass beside the object
 
 
 @dataclass(frozen=True)
@@ -89,58 +87,6 @@ class InCommon:
         return max(0.0, beyond) / float(np.sqrt(max(1.0, noise) + 2 * (numerical**2).sum()))
 
 
-def locate(
-    residuals: list[np.ndarray],
-    weights: list[np.ndarray],
-    data: Observed,
-    constants: np.ndarray | None = None,
-    fitted: Half | None = None,
-    more: Sequence[Location] = (),
-    uncertain: Sequence[np.ndarray] | None = None,
-) -> list[Location]:
-    """Standardised residuals of every domain, the worst first, p corrected over places (Bonferroni) and domains (Holm).
-
-    residuals, weights   by part, as Fitter gives them: the mean's noise made white
-    constants            [row, column] variance that a fitted gain pattern leaves to every pixel's constant
-    fitted               the data that the model was fitted to, if those are others
-    more                 domains that residuals do not show
-    uncertain            by part, [direction, datum]: what the errors of the fit's numbers add (left_by_numbers)
-
-    A domain counts by its worst place or by the sum of squares over all places, whichever is less likely, times two.
-    """
-    shape = data.mean.shape
-    residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
-    predicted = data.mean - data.as_recorded(residual)  # measured values would sort rays by their own noise
-    left = np.zeros(shape[1:]) if constants is None else constants
-    pixels = weight.sum(axis=0)
-    # A sum over views of one pixel also varies by what its constant is not known to.
-    extra = pixels**2 * left
-    of_views = (weight**2 * left).sum((1, 2))
-    numbers = () if uncertain is None else uncertain[0].reshape(-1, *shape)
-    alike = Alike(weight, [*data.numerical, *numbers], data.scatter)
-    found = [
-        extreme(
-            "columns", _marginal(residual, weight, (0, 1), extra.sum(0), alike), lambda i: f"column {i} of {shape[2]}"
-        ),
-        extreme("rows", _marginal(residual, weight, (0, 2), extra.sum(1), alike), lambda i: f"row {i} of {shape[1]}"),
-        extreme("views", _marginal(residual, weight, (1, 2), of_views, alike), lambda i: f"view {i} of {shape[0]}"),
-        blocks("projections", _block_z(residual, weight, data, left, alike), data, weighed=data.weighed),
-        _path_lengths(residual, weight, predicted, alike),
-        _edges(residual, weight, predicted, numbers, data),
-        _pixels(_marginal(residual, weight, 0, extra, alike), pixels),
-    ]
-    if fitted is not None:
-        common = Half(residuals, weights, data).in_common(fitted)
-        if common.there.any():  # halves of the views have no ray in common
-            found.append(_both_halves(common, _steep(weight, _slope(predicted)).ravel()))
-    pairs = [f"neighbouring {name}" for name in AXES[::-1]]
-    found += noise_places(residuals, weights, data, pairs, fitted=fitted, uncertain=uncertain)
-    if data.white is not None:
-        z = residuals[-1] * np.sqrt(weights[-1])
-        found.append(extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))
-    return corrected([*found, *more])
-
-
 def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
     """How far a fit has pulled its alignment off what it knew of it: a difference that residuals no longer show.
 
@@ -156,7 +102,7 @@ def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
 
 
 def noise_places(
-    residuals, weights, data: Observed, pairs: list[str], axes=AXES, fitted=None, uncertain=None
+    residuals, weights, data: Observed, pairs: list[str], axes: tuple[str, str, str], fitted=None, uncertain=None
 ) -> list[Location]:
     """Places of difference in the noise's variance over blocks, its level, and its correlations between `pairs`.
 
@@ -229,23 +175,6 @@ class Alike:
         return sum((total(self.weight * one) ** 2 for one in self.distortions), 0.0)
 
 
-def _marginal(residual, weight, axes, extra, alike: Alike) -> np.ndarray:
-    total = weight.sum(axis=axes)
-    extra = extra + alike(lambda one: one.sum(axis=axes))
-    return (residual * weight).sum(axis=axes) / np.sqrt(np.where(total > 0, total + extra, np.inf))
-
-
-def _block_z(residual, weight, data, left, alike) -> np.ndarray:
-    total = data.blocks.sum(weight)
-    views, parts = weight.shape[0], data.blocks.shape[0]
-    starts = [-(-views * i // parts) for i in range(parts)]  # as Blocks.of divides them
-    pixels = np.add.reduceat(weight, starts, axis=0)
-    extra = np.zeros(data.blocks.count) + alike.of_block(data.blocks.sum)
-    for part, start in enumerate(starts):
-        extra += np.bincount(data.blocks.index[start].ravel(), (pixels[part] ** 2 * left).ravel(), data.blocks.count)
-    return data.blocks.sum(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
-
-
 def _two_sided(z: float, places: int) -> float:
     """Bonferroni over places."""
     return float(bonferroni(2 * stats.norm.sf(abs(z)), places))
@@ -281,7 +210,9 @@ def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
     return np.where(measured, scores, z)
 
 
-def blocks(domain: str, z: np.ndarray, data: Observed, axes=AXES, weighed: np.ndarray | float = 0.0) -> Location:
+def blocks(
+    domain: str, z: np.ndarray, data: Observed, axes: tuple[str, str, str], weighed: np.ndarray | float = 0.0
+) -> Location:
     """A domain of blocks of the data, whose axes have these names.
 
     weighed   relative variance of the weights that z rests on
@@ -294,12 +225,6 @@ def blocks(domain: str, z: np.ndarray, data: Observed, axes=AXES, weighed: np.nd
     ]
     likely = _likely(normal_scores(z, weighed))
     return Location(domain, ", ".join(ranges), float(z[worst]), likely, z.reshape(data.blocks.shape))
-
-
-def _path_lengths(residual, weight, predicted, alike) -> Location:
-    """By line integral: what depends on the amount of matter alone."""
-    inside = (weight > 0) & (predicted > THIN * predicted.max())
-    return by_value("path length", "line integrals {:.2f} to {:.2f}", residual, weight, predicted, inside, alike)
 
 
 def by_value(domain: str, words: str, residual, weight, values, inside, alike: Alike | None = None) -> Location:
@@ -315,19 +240,8 @@ def by_value(domain: str, words: str, residual, weight, values, inside, alike: A
     return extreme(domain, z, lambda i: words.format(edges[i], edges[i + 1]))
 
 
-def _edges(residual, weight, predicted, numbers, data: Observed) -> Location:
-    """Where line integrals change most: blur, geometry and motion show there."""
-    slope = _slope(predicted)
-    # All rays of a block have their weights from one measured variance.
-    of_weights = float((data.blocks.sum(_steep(weight, slope)) ** 2 * data.weighed).sum())
-    return steepest("rays", residual, weight, slope, numbers, of_weights)
-
-
-def _slope(predicted) -> np.ndarray:
-    return np.abs(np.gradient(predicted, axis=2)) if predicted.shape[2] > 1 else np.zeros_like(predicted)
-
-
-def _steep(weight, slope) -> np.ndarray:
+def steep(weight, slope) -> np.ndarray:
+    """Where a slope is largest, of the data that count."""
     return (weight > 0) & (slope >= np.quantile(slope[weight > 0], 1 - EDGE_SHARE))
 
 
@@ -339,7 +253,7 @@ def steepest(
     numbers      what the errors of a fit's numbers add
     of_weights   variance that errors of the weights add
     """
-    chosen = _steep(weight, slope)
+    chosen = steep(weight, slope)
     count = int(chosen.sum())
     square = float((weight[chosen] * residual[chosen] ** 2).sum())
     expected = count + sum(float((weight[chosen] * one[chosen] ** 2).sum()) for one in numbers)
@@ -348,20 +262,3 @@ def steepest(
     freedom = 2 * count**2 / (2 * count + of_weights)  # of the chi-square with this mean and variance, but for a factor
     p = float(stats.chi2.sf(square * freedom / count, freedom))
     return Location("edges", f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))
-
-
-def _both_halves(common: InCommon, steep: np.ndarray) -> Location:
-    """What the data fitted and those held out have in common: of all rays, and of the steepest.
-
-    Unlike a sum of squares this does not ask how large the noise is, and it sees what is spread too thinly over all
-    rays to stand out at any place.
-    """
-    words = ("all rays", f"the {100 * EDGE_SHARE:.0f} % steepest rays")
-    return extreme("both halves", np.array([common.z(), common.z(steep)]), lambda i: words[i])
-
-
-def _pixels(z, pixels) -> Location:
-    """Constants of single pixels over all views: rings."""
-    square, count = float((z**2).sum()), int((pixels > 0).sum())
-    excess = (square - count) / np.sqrt(2 * max(count, 1))
-    return Location("pixels", "all pixels, mean over views", float(excess), float(stats.chi2.sf(square, count)), z)

@@ -11,11 +11,8 @@ from scipy.optimize import lsq_linear
 from scipy.spatial.distance import squareform
 
 from ...physics.effect import load
-from ..projections.model import stacked
 from .fit import Fit, Fitter, Problem
 from .templates import SMALL, changes, projected, templates, varied, whitened
-
-PARTS = ("mean", "noise variance", "noise correlation", "white field")
 
 
 @dataclass(frozen=True)
@@ -62,14 +59,13 @@ def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
         for physics in (fit.physics, fit.physics | {name: effect.values({})})
     )
     mean = data.whitened(np.where(data.usable, with_it - without, 0)).ravel()
-    rest = stacked(data, fitter.model.predict(fit.physics, fit.nuisance, data, fit.linearisation))[1:]
+    rest = data.residuals(fitter.model.predict(fit.physics, fit.nuisance, data, fit.linearisation))[1:]
     return whitened([mean, *(np.zeros_like(part) for part in rest)], fitter.weights)
 
 
 def split(fitter: Fitter, row: np.ndarray) -> dict[str, np.ndarray]:
     """A whitened row [datum, ...] by the parts of the data that are there; what stands below the data is left out."""
-    there = [True, fitter.data.variance is not None, fitter.data.variance is not None, fitter.data.white is not None]
-    names = [name for name, present in zip(PARTS, there, strict=True) if present]
+    names = fitter.data.parts
     ends = np.cumsum([weight.size for weight in fitter.weights])
     return {name: row[end - w.size : end] for name, end, w in zip(names, ends, fitter.weights, strict=True)}
 

@@ -13,9 +13,9 @@ import yaml
 from ...base.errors import refusing
 from ...io.documents import DIAGNOSIS, write_document
 from ...io.files import read_text, replacing, write_text
-from ..projections.numerical import LinearisationPoint
 from .attribute import Trial
 from .fit import Fit
+from .linearisation import LinearisationPoint
 
 PATTERNS = ("pattern", "pattern_variance")
 RESIDUAL_MAPS = ("residuals before", "residuals after")  # beside the maps of domains

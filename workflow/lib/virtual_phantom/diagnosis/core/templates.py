@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ...physics.effect import Parameter
-from ..projections.model import stacked
 from .fit import Fit, Fitter, Problem
 
 SMALL = 1e-9  # of a template's square: what is left of one that the alignment takes up entirely
@@ -69,7 +68,7 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     """
     every = fitter.model.parameters(name)
     now = fitter.model.predict(fit.physics, fit.nuisance, fitter.data, fit.linearisation)
-    before = stacked(fitter.data, now)
+    before = fitter.data.residuals(now)
     ranges = {one.name: one for one in fitter.model.unknowns((name,))}
     typical = {
         parameter.name: one.value(min(max(parameter.number(parameter.typical), one.low), one.high))
@@ -83,6 +82,6 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
         for strong in [{parameter.name: strength(parameter)} for parameter in parameters] or [{}]:
             values = typical | dict(shape) | off | strong
             changed = fitter.model.predict(fit.physics | {name: values}, fit.nuisance, fitter.data, fit.linearisation)
-            after = stacked(fitter.data, changed)
+            after = fitter.data.residuals(changed)
             rows.append(whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
     return np.stack(rows)

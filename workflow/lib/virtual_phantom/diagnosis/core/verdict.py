@@ -7,12 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...physics.effect import load
-from ..projections.caveats import caveats
-from ..projections.model import Model
-from ..projections.prepared import Prepared
 from .attribute import Choice, Trial
-from .fit import Fit
-from .locate import Half, Location, aligned
+from .caveats import caveats
+from .locate import Location, aligned
+from .model import Model
+from .prepared import Prepared
 from .steps import NORMAL_95
 
 LEFT_SD = 3.0
@@ -36,19 +35,11 @@ class Diagnosis:
 
 def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     """Judge a choice of effects on the data held out."""
-    fitter, locate = prepared.fitter, prepared.look.places
+    fitter = prepared.fitter
 
     def places(fit):
-        fitted, held = _halves(prepared, fit)
-        return locate(
-            held.residuals,
-            held.weights,
-            held.data,
-            fit.pattern_variance,
-            fitted=fitted,
-            more=aligned(fit, fitter.model.distortions),
-            **({} if prepared.look.uncertain is None else {"uncertain": prepared.look.uncertain(fitter, fit)}),
-        )
+        fitted, held = (prepared.half(fit, held_out) for held_out in (False, True))
+        return prepared.domains(held, fit, fitted, aligned(fit, fitter.model.distortions))
 
     before, after = places(choice.baseline.fit), places(choice.chosen.fit)
     effects = choice.chosen.fit.effects
@@ -101,16 +92,11 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
     gained = 2 * (chosen.score - baseline.score)
     if not gained > 0:
         return None
-    locate = prepared.look.places
-    fitted, held = _halves(prepared, chosen.fit)
+    fitted, held = (prepared.half(chosen.fit, held_out) for held_out in (False, True))
     sums = []
     if domains := {place.domain for place in standing} - set(NO_SIGNED_MAP):
         maps = [
-            {
-                place.domain: place.map.ravel()
-                for place in locate(half.residuals, half.weights, half.data, chosen.fit.pattern_variance)
-            }
-            for half in (fitted, held)
+            {place.domain: place.map.ravel() for place in prepared.domains(half, chosen.fit)} for half in (fitted, held)
         ]
         sums += [(maps[0][domain] * maps[1][domain], 0.0) for domain in domains & maps[0].keys()]
     common = held.in_common(fitted)
@@ -126,16 +112,9 @@ def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
 
     `excess_removed` is a share of what was there: beside a large difference it hides a remainder that this shows.
     """
-    fitted, held = _halves(prepared, chosen.fit)
+    fitted, held = (prepared.half(chosen.fit, held_out) for held_out in (False, True))
     common = held.in_common(fitted)
     return common.z() if common.there.any() else None
-
-
-def _halves(prepared: Prepared, fit: Fit) -> tuple[Half, Half]:
-    """What a fit leaves of the data fitted and of those held out."""
-    fitter = prepared.fitter
-    fitted = Half(fitter.residuals(fit, held_out=False), fitter.weights, prepared.data)
-    return fitted, Half(fitter.residuals(fit), fitter.held_weights, prepared.held_out)
 
 
 def excess_rms_removed(before: float, after: float, floor: float) -> float | None:
@@ -155,22 +134,20 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     data = prepared.held_out if held_out else prepared.data
     weights = fitter.held_weights if held_out else fitter.weights
     found = {}
-    parts = ["mean", *(["noise_variance", "noise_correlation"] if data.variance is not None else [])]
-    parts += ["white_field"] if data.white is not None else []
     residuals = {
         key: fitter.residuals(one.fit, held_out) for key, one in (("before", choice.baseline), ("after", choice.chosen))
     }
     rms = {
-        key: float(np.sqrt((prepared.look.difference(prepared, one.fit, held_out) ** 2).mean()))
+        key: float(np.sqrt((prepared.difference(one.fit, held_out) ** 2).mean()))
         for key, one in (("before", choice.baseline), ("after", choice.chosen))
     }
     floor = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
     found[f"rms_{prepared.look.unit}"] = {**rms, "floor": floor}
-    for place, name in enumerate(parts):
+    for place, name in enumerate(data.parts):
         count = int((weights[place] > 0).sum())
         if not count:
             continue
-        found[f"chi_square_{name}"] = {
+        found[f"chi_square_{name.replace(' ', '_')}"] = {
             key: float((weights[place] * value[place] ** 2).sum()) / count for key, value in residuals.items()
         } | {"floor": 1.0}
     found["log_score"] = {"before": choice.baseline.score, "after": choice.chosen.score} if held_out else {}

@@ -12,8 +12,8 @@ AXES = ("slices", "rows", "columns")
 RINGS = 16  # of equal width around the isocentre
 
 
-def locate(residuals, weights, data: ObservedImages, constants: None = None, fitted=None, more=()) -> list[Location]:
-    """As diagnosis.locate.locate, of whitened voxels. `constants` is there for projections alone."""
+def locate(residuals, weights, data: ObservedImages, fitted=None, more=()) -> list[Location]:
+    """As projections.locate.locate, of whitened voxels."""
     shape = data.mean.shape
     residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
     total = data.blocks.sum(weight)

@@ -15,8 +15,9 @@ from ...physics.effect import acts_on_images
 from ...physics.image import with_effects
 from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import Nuisance, pose_of
-from ..projections.model import Model, Prediction
-from ..projections.numerical import BASE, LinearisationPoint
+from ..core.linearisation import BASE, LinearisationPoint
+from ..core.model import Model
+from ..core.prediction import Prediction
 from .observed import Condenser, ObservedImages
 
 REALISATIONS = 7  # of noise; one more lane holds the mean
@@ -67,7 +68,7 @@ class ImagesModel(Model):
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(statistics.variance)
         design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
-        return Prediction(white(scaled(mean, nuisance)), log_variance, statistics.correlation, None, None, design)
+        return Prediction(white(scaled(mean, nuisance)), log_variance, statistics.correlation, design)
 
     def repeats(self, physics, nuisance, count: int) -> np.ndarray:
         """Simulated images [repeat, z, y, x] in HU, at most REALISATIONS."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..projections.observed import Blocks, Observed
+from ..core.observed import Blocks, Observed
 from .whitening import Whitening
 
 # Blocks along z, y and x for the noise's variance: of smaller ones few voxels are left that vary on their own.
@@ -82,7 +82,6 @@ class Condenser:
             variance_error=variance_error,
             correlation=None if statistics is None else statistics.correlation,
             correlation_error=correlation_error,
-            white=None,
             repeats=repeats,
             hu=mean,
             expected=self.expected,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy import fft, stats
@@ -12,11 +14,13 @@ from ...base.streams import Stream
 from ...base.units import HU_AIR
 from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
-from ..core.alignment import nuisances
-from ..core.fit import Fitter
-from ..projections.prepared import NOMINAL_PHOTONS_SD, Prepared
-from .look import IMAGES
-from .model import REALISATIONS, ImagesModel, noise_lines
+from ..core.alignment import NOMINAL_PHOTONS_SD, nuisances
+from ..core.fit import Fit, Fitter
+from ..core.locate import Half, Location
+from ..core.look import Look
+from ..core.prepared import Prepared
+from .locate import locate
+from .model import REALISATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser
 from .whitening import local_variance, whitening
 
@@ -25,6 +29,44 @@ RECORDED_NOISE = 3  # repeats from which the noise is known by itself; with fewe
 FINE = 0.5  # of the highest frequency in the plane: noise rules there, not the object
 TRIAL_PHOTONS = 1e5
 NULLS = 4  # batches of realisations that say how noise scatters
+
+
+LOOK = Look(
+    unit="hu",
+    summed=0,
+    down="row",
+    across="column",
+    profiles=(
+        ("distance from the axis", "ring around the isocentre", 1),
+        ("slices", "slice", 0),
+        ("tissue", "HU (tenth of the object)", 1),
+    ),
+    one_repeat="is that of the repeats held out, if there are two, else of simulated scans, scaled to what changes "
+    "from voxel to voxel in the recording",
+)
+
+
+@dataclass(frozen=True)
+class PreparedImages(Prepared):
+    """A recording of images, made ready."""
+
+    look: ClassVar[Look] = LOOK
+
+    def domains(
+        self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
+    ) -> list[Location]:
+        """As Prepared.domains."""
+        return locate(half.residuals, half.weights, half.data, fitted, more)
+
+    def recorded(self) -> np.ndarray:
+        """As Prepared.recorded."""
+        return self.data.hu[self.data.usable]
+
+    def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
+        """As Prepared.difference."""
+        data = self.held_out if held_out else self.data
+        mean = self.fitter.model.images(fit.physics, fit.nuisance)[0]
+        return (data.hu - scaled(mean, fit.nuisance))[data.usable]
 
 
 def prepare(
@@ -41,13 +83,13 @@ def prepare(
     tube_kvp: float | None = None,
     nominal_photons: float | None = None,
     known: dict[str, float] | None = None,
-) -> Prepared:
+) -> PreparedImages:
     """Noise, floor and alignment of a recording.
 
     repeats, further   [repeat, z, y, x] in HU; `further` is held out, or None
     reconstruct        [lane, view, row, column] line integrals to [lane, z, y, x] HU on the same voxels
     valid              bool [z, y, x]: voxels that were reconstructed from complete data
-    The other arguments are those of diagnosis.prepared.prepare.
+    The other arguments are those of projections.prepared.prepare.
     Raises InputError if the repeats do not vary.
     """
     given = {"offset": OFFSET_SD_HU} | (known or {})
@@ -83,7 +125,7 @@ def prepare(
     final.condenser = Condenser(white, nulls, REALISATIONS, expected)
     data, held_out = (final.condenser.observe(part, use) for part, use in zip((fitted, held), usable, strict=True))
     fitter = Fitter(final, data, held_out, local_variance(white, nulls), np.zeros(expected.shape))
-    return Prepared(fitter, data, held_out, white.sd**2, words, single, photons, IMAGES)
+    return PreparedImages(fitter, data, held_out, white.sd**2, words, single, photons)
 
 
 def _split(repeats, further, valid):

@@ -9,16 +9,18 @@ import numpy as np
 from ...base.errors import InputError
 from ...base.geometry import Grid, OrbitGeometry, grid_of, scan_geometry
 from ...base.streams import Branch, branch
-from ...physics.chain import Chain
+from ...physics.chain import AIR
 from ...reconstruction.images import in_hu
 from ...recordings.images import ImagesRecording
 from ..core.alignment import pose_of
+from ..core.asked import Asked, Labels
 from ..core.attribute import Choice
-from ..projections.prepared import Prepared
+from ..projections.numerical import model_and_floor
+from ..projections.scanned import scene_of
 from .agreement import agreement
 from .compared_regions import Scanned, complete, phantom_regions
 from .model import REALISATIONS
-from .prepared import prepare
+from .prepared import PreparedImages, prepare
 
 MOST_SLICES = 24  # more would add little but time
 LEAST_SLICES = 4
@@ -45,21 +47,14 @@ class Protocol:
         return scan_geometry(self.scan, self.projections, grid_of(self.grid))
 
 
-def ready_images(
-    recording: ImagesRecording,
-    protocol: Protocol,
-    chains: tuple[Chain, Chain],
-    mu_water_per_mm: float,
-    seed: int,
-    threads: int,
-    stated: dict,
-) -> Prepared:
+def ready_images(recording: ImagesRecording, asked: Asked, labels: Labels) -> PreparedImages:
     """The central slices of a recording, prepared for fits. The images' centre is taken for the isocentre.
 
-    chains   the simulator, and the same with more rays per pixel
-    stated   keywords of prepare
     Raises InputError if too few slices are seen from every direction.
     """
+    protocol, settings = Protocol(**asked.protocol), asked.settings
+    scene = scene_of(settings, asked.phantom, asked.mu_water_per_mm, asked.materials, asked.threads)
+    chains = model_and_floor(scene, protocol.geometry, settings["samples"], sensor=labels.sensor, readout=AIR)
     whole = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
     valid = complete(protocol.geometry, whole)
     slices = central_slices(valid)
@@ -75,8 +70,8 @@ def ready_images(
             protocol.algorithm,
             protocol.settings,
             protocol.engine,
-            mu_water_per_mm,
-            threads,
+            asked.mu_water_per_mm,
+            asked.threads,
         )[:, shown]
 
     def arrays(repeats):
@@ -89,8 +84,11 @@ def ready_images(
         reconstruct,
         grid.spacing,
         valid[slices],
-        branch(seed, Branch.SIMULATED_IMAGES),
-        **stated,
+        branch(asked.seed, Branch.SIMULATED_IMAGES),
+        anode=labels.anode,
+        tube_kvp=labels.tube_kvp,
+        nominal_photons=settings.get("nominal_photons"),
+        known=settings["alignment"],
     )
 
 
@@ -113,11 +111,16 @@ def central_slices(valid: np.ndarray) -> slice:
     return slice(away, count - away)
 
 
-def agreement_of_images(prepared: Prepared, choice: Choice, scanned: Scanned, algorithm: str) -> dict:
-    """agreement.agreement of the repeats held out with as many simulated ones (at most REALISATIONS) of each.
-
-    algorithm   that reconstructed them, "sirt" or "fbp"
-    """
+def agreement_of_images(
+    recording: ImagesRecording,
+    prepared: PreparedImages,
+    choice: Choice,
+    asked: Asked,
+    purpose: Branch,
+    scanned: Scanned,
+) -> dict:
+    """agreement.agreement of the repeats held out with as many simulated ones (at most REALISATIONS) of each: those
+    that predictions were made of, whatever the purpose."""
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALISATIONS)
     pose = pose_of(choice.chosen.fit.nuisance)
@@ -130,6 +133,6 @@ def agreement_of_images(prepared: Prepared, choice: Choice, scanned: Scanned, al
     return agreement(repeats, simulated, regions) | {
         "rois": list(regions.rois),
         "repeats": len(repeats),
-        "algorithm": algorithm,
+        "algorithm": asked.protocol["algorithm"],
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
     }

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from ...base.geometry import ScanGeometry
 from ...base.recent import Kept
 from ...physics.chain import Chain
-from ...physics.effect import load
 from ...physics.posed import PosedScene
 from ...physics.scene import DiscScene
 from ...physics.spectra import TUNGSTEN, Anode
-from ..core.alignment import POSES, pose_of
+from ..core.alignment import pose_of
+from ..core.linearisation import BASE, LinearisationPoint
 
 # Chi-square by which predictions may move until errors are computed again. On the proof's scans, a detector that is
 # 0.15 pixels off moves them by 10^5; errors left where they were are then taken for a focal spot, by 200.
@@ -34,33 +31,6 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
         Chain(fitted, geometry, samples=samples, **more),
         Chain(scene, geometry, samples=FINER * samples, **more),
     )
-
-
-@dataclass(frozen=True)
-class LinearisationPoint:
-    """What is modelled when errors are computed.
-
-    physics   {effect: {parameter: value}}
-    nuisance  the numbers of the alignment that move the object
-    """
-
-    physics: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    nuisance: Mapping[str, float] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> LinearisationPoint:
-        """That of settings of effects and of the alignment."""
-        smooth = {name: dict(values) for name, values in physics.items() if not load(name).pattern}
-        return cls(smooth, {name: nuisance[name] for name in POSES if name in nuisance})
-
-    @property
-    def key(self) -> tuple:
-        """Equal for linearisation points that are the same, and hashable."""
-        physics = tuple((name, *sorted(values.items())) for name, values in sorted(self.physics.items()))
-        return physics, tuple(sorted(self.nuisance.items()))
-
-
-BASE = LinearisationPoint()
 
 
 class Numerical:

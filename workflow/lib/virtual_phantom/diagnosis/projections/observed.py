@@ -21,11 +21,11 @@ from scipy import special
 
 from ...base.errors import InputError
 from ..core.correlated import WHITE, Correlations, Whitening
+from ..core.observed import Blocks, Observed
 
-VIEW_BLOCKS, COLUMN_BLOCKS, ROW_BLOCKS = 12, 8, 4
+PARTS = (12, 4, 8)  # blocks along views, rows and columns
 LEAST_TRANSMISSION = 1e-5  # what fewer photons are read as: such rays are left out
 PLATEAU = 0.001  # share of rays that may have one value by chance; integer counts in air repeat
-FEWEST = 8  # degrees of freedom from which on the mean of an inverse says anything
 WHITE_COLUMNS, WHITE_ROWS = 4, 2  # highest orders of the white field's shape
 WHITE_TOLERANCE = 0.005  # by which pixels' sensitivities may shape a white field smoothly
 
@@ -73,80 +73,28 @@ def saturated(signal: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Blocks:
-    """A division of the rays into blocks of views, rows and columns."""
+class ObservedScans(Observed):
+    """As Observed, of line integrals [view, row, column]; `correlation` is that of neighbouring columns, rows and
+    views, missing (NaN) along axes of one pixel.
 
-    index: np.ndarray  # [view, row, column], number of the block
-    count: int
-    shape: tuple[int, int, int]
-
-    @classmethod
-    def of(cls, shape: tuple[int, int, int], parts=(VIEW_BLOCKS, ROW_BLOCKS, COLUMN_BLOCKS)) -> Blocks:
-        parts = tuple(min(part, n) for part, n in zip(parts, shape, strict=True))
-        axes = [np.arange(n) * part // n for part, n in zip(parts, shape, strict=True)]
-        index = (axes[0][:, None, None] * parts[1] + axes[1][:, None]) * parts[2] + axes[2]
-        return cls(index, int(np.prod(parts)), parts)
-
-    def sum(self, array: np.ndarray) -> np.ndarray:
-        return np.bincount(self.index.ravel(), np.broadcast_to(array, self.index.shape).ravel(), self.count)
-
-    def spread(self, values: np.ndarray) -> np.ndarray:
-        return values[self.index]
-
-
-@dataclass(frozen=True)
-class Observed:
-    """The condensed repeats.
-
-    mean              [view, row, column]
-    n                 number of repeats
-    usable            rays that count
-    variance          (block,) mean of the sample variance over `reference`, so scaled that its logarithm is unbiased;
-                      None of a single repeat
-    variance_error    (block,) standard error of its logarithm, as sums over many blocks have it: of noise that
-                      neighbours share, those of blocks side by side vary together
-    correlation       (column, row, view), with correlation_error; entries of an axis of one pixel are missing (NaN)
-    white             coefficients of the white field's shape, or None
-    numerical         [view, row, column] each: distortions alike in many rays by which predictions may be off (one
-                      standard deviation), whitened
-    alone             variance of a single block's logarithm over the square of `variance_error`
-    whitening         what makes the mean's noise white, or None where it is
-    weighed           (block,) relative variance of the mean's weights, which are measured block by block
+    white   coefficients of the white field's shape, or None
     """
 
-    mean: np.ndarray
-    n: int
-    usable: np.ndarray
-    blocks: Blocks
-    reference: np.ndarray
-    variance: np.ndarray | None
-    variance_error: np.ndarray | None
-    correlation: np.ndarray | None
-    correlation_error: np.ndarray | None
-    white: np.ndarray | None
-    numerical: tuple[np.ndarray, ...] = ()
-    alone: np.ndarray | float = 1.0
-    whitening: Whitening | None = None
-    weighed: np.ndarray | float = 0.0
-
-    def whitened(self, residual: np.ndarray) -> np.ndarray:
-        """A residual of the mean [view, row, column], its noise made white."""
-        return residual if self.whitening is None else self.whitening(residual)
-
-    def as_recorded(self, whitened: np.ndarray) -> np.ndarray:
-        """A whitened residual [view, row, column] as it was."""
-        return whitened if self.whitening is None else self.whitening.inverse(whitened)
+    white: np.ndarray | None = None
 
     @property
-    def scatter(self) -> np.ndarray:
-        """Relative variance of the weight of every ray, [view, row, column], or of all of them alike."""
-        weighed = np.asarray(self.weighed)
-        return self.blocks.spread(weighed) if weighed.ndim else weighed
+    def parts(self) -> tuple[str, ...]:
+        """As Observed.parts."""
+        return super().parts + (() if self.white is None else ("white field",))
 
-    @property
-    def counted(self) -> np.ndarray:
-        """Usable rays that count in the mean: whitening takes away those beside missing ones."""
-        return self.usable if self.whitening is None else self.whitening.counted
+    def residuals(self, prediction) -> list[np.ndarray]:
+        """As Observed.residuals."""
+        return super().residuals(prediction) + ([] if self.white is None else [self.white - prediction.white])
+
+    def weights(self, variance: np.ndarray, floor: np.ndarray) -> list[np.ndarray]:
+        """As Observed.weights."""
+        shape = [] if self.white is None else [np.full(self.white.size, 1 / WHITE_TOLERANCE**2)]
+        return super().weights(variance, floor) + shape
 
 
 def observe(
@@ -155,7 +103,7 @@ def observe(
     blocks: Blocks | None = None,
     correlations: Correlations = WHITE,
     whitening: Whitening | None = None,
-) -> Observed:
+) -> ObservedScans:
     """Condense repeats.
 
     reference      [view, row, column] variance of a first model: what variances are divided by, so that what is left
@@ -166,7 +114,7 @@ def observe(
     """
     if not taken.usable.any():
         raise InputError("no ray of the recording measured anything; is the object opaque, or are the fields swapped?")
-    blocks = blocks or Blocks.of(taken.usable.shape)
+    blocks = blocks or Blocks.of(taken.usable.shape, PARTS)
     n = len(taken)
     mean = taken.repeats.mean(axis=0, dtype=np.float64)
     variance = variance_error = correlation = correlation_error = None
@@ -201,7 +149,7 @@ def observe(
             correlation[place] = products / (pairs * square[taken.usable].mean())
             fewer = correlations.variance_of_neighbours(axis, taken.usable.shape)
             correlation_error[place] = np.sqrt(fewer / (pairs * (n - 1)))
-    return Observed(
+    return ObservedScans(
         mean=mean,
         n=n,
         usable=taken.usable,

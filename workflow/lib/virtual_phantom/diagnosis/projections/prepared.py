@@ -4,61 +4,100 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from ...base.errors import InputError
 from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
-from ..core.alignment import nuisances
+from ..core.alignment import NOMINAL_PHOTONS_SD, nuisances
 from ..core.correlated import WHITE, Correlations, Whitening, estimated, of_state
 from ..core.fit import Fit, Fitter
-from ..core.look import PROJECTIONS, Look
-from .model import Model
+from ..core.locate import Half, Location
+from ..core.look import Look
+from ..core.observed import FEWEST, Blocks
+from ..core.prepared import Prepared
+from ..core.uncertainty import left_by_numbers
+from .caveats import lost_rays
+from .locate import locate
+from .model import ScansModel
 from .numerical import Numerical
-from .observed import FEWEST, Blocks, Observed, Scans, observe
+from .observed import PARTS, ObservedScans, Scans, observe
 
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
-NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
 SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20 000 are taken for distances or offsets
 # Of a numerical distortion: what is left of it once it is fitted, as errors of higher order are alike in no two rays.
 LEFT = {"rays": 1.0, "voxels": 1 / 3}
 MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
-BY_VIEW = "every second view"
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
+BY_VIEW = "every second view"
+LOOK = Look(
+    unit="line_integral",
+    summed=1,
+    down="view",
+    across="detector column",
+    profiles=(("columns", "detector column", 0), ("views", "view", 0), ("path length", "line integral (tenth)", 1)),
+    one_repeat="was taken from second differences of neighbouring views, so variances and correlations were not tested",
+)
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """What all fits of a recording share.
+class PreparedScans(Prepared):
+    """A recording of projections, made ready. `single`: its noise is that of differences of neighbouring views."""
 
-    held      what is held out, in words
-    single    True if the noise had to be taken from neighbouring views of a single repeat
-    photons   per pixel in air, as estimated from the variances
-    look      how its differences are looked at
-    step      one view of so many was fitted or held out
-    lacking   what of the scan's times is not stated, in words
-    """
-
-    fitter: Fitter
-    data: Observed
-    held_out: Observed
-    variance: np.ndarray
-    held: str
-    single: bool
-    photons: float
-    look: Look = PROJECTIONS
-    step: int = 1
-    lacking: str | None = None
+    look: ClassVar[Look] = LOOK
 
     @property
     def usable(self) -> np.ndarray:
         """Rays that measured something, [view, row, column], fitted or held out."""
         if self.held == BY_VIEW:  # each half leaves out the other's views
             return self.data.usable | self.held_out.usable
-        return self.data.usable & self.held_out.usable
+        return super().usable
+
+    def domains(
+        self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
+    ) -> list[Location]:
+        """As Prepared.domains."""
+        uncertain = None if fitted is None else left_by_numbers(self.fitter, fit)
+        return locate(half.residuals, half.weights, half.data, fit.pattern_variance, fitted, more, uncertain)
+
+    def recorded(self) -> np.ndarray:
+        """As Prepared.recorded."""
+        return self.data.mean[self.data.usable]
+
+    def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
+        """As Prepared.difference."""
+        data = self.held_out if held_out else self.data
+        whitened = self.fitter.residuals(fit, held_out)[0].reshape(data.mean.shape)
+        return data.as_recorded(whitened)[data.usable]
+
+    def with_noise_of(self, fit: Fit) -> PreparedScans:
+        """The same with noise that neighbours share as a fit has it, if it is that of a single repeat, which was taken
+        for white; differences of repeats say it otherwise.
+
+        The second difference of views that are correlated by r1 and, two apart, r2 has 6 - 8 r1 + 2 r2 of their
+        variance.
+        """
+        model, data = self.fitter.model, self.data
+        if not self.single or data.whitening is not None:
+            return self
+        correlations = of_state(model.predict(fit.physics, fit.nuisance, data, fit.linearisation).state)
+        if correlations.white:
+            return self
+        clean = model.chain.state({}, photons=1.0, anode=model.anode).line_integrals()
+        data, held_out = (_whitened(one, correlations, clean, one.numerical) for one in (data, self.held_out))
+        first, memory = correlations.views
+        variance = self.variance * SECOND_DIFFERENCE / (SECOND_DIFFERENCE - 8 * first + 2 * first * memory)
+        weighed = variance * np.exp(-clean) * data.whitening.variance(clean) * data.whitening.amplification
+        fitter = Fitter(model, data, held_out, weighed, _floor(data))
+        return replace(self, fitter=fitter, data=data, held_out=held_out, variance=variance)
+
+    def caveats(self) -> list[str]:
+        """As Prepared.caveats."""
+        return lost_rays(self.usable)
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
@@ -86,7 +125,7 @@ def prepare(
     coarse_chain: Chain | None = None,
     step: int = 1,
     lacking: str | None = None,
-) -> Prepared:
+) -> PreparedScans:
     """Noise, floor and alignment of a recording.
 
     chain             the simulator
@@ -112,7 +151,7 @@ def prepare(
         floor_chain, coarse_chain = (None if one is None else every(one, step) for one in (floor_chain, coarse_chain))
         clean, unit, noise = clean[::step], unit[::step], noise[::step]
     reference = unit / photons
-    blocks = Blocks.of(taken.usable.shape)
+    blocks = Blocks.of(taken.usable.shape, PARTS)
     whole = observe(taken, reference, blocks)
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
@@ -138,30 +177,8 @@ def prepare(
         {"size": SIZE_SD} | (known or {}),
         numerical.names,
     )
-    fitter = Fitter(Model(chain, aligned, anode, tube_kvp, numerical=numerical), data, held_out, weighed, floor)
-    return Prepared(fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking)
-
-
-def with_noise_of(prepared: Prepared, fit: Fit) -> Prepared:
-    """The same with noise that neighbours share as a fit has it, if it is that of a single repeat, which was taken for
-    white; differences of repeats say it otherwise.
-
-    The second difference of views that are correlated by r1 and, two apart, r2 has 6 - 8 r1 + 2 r2 of their variance.
-    """
-    model, data = prepared.fitter.model, prepared.data
-    if not prepared.single or data.whitening is not None or prepared.look is not PROJECTIONS:
-        return prepared
-    correlations = of_state(model.predict(fit.physics, fit.nuisance, data, fit.linearisation).state)
-    if correlations.white:
-        return prepared
-    clean = model.chain.state({}, photons=1.0, anode=model.anode).line_integrals()
-    data, held_out = (_whitened(one, correlations, clean, one.numerical) for one in (data, prepared.held_out))
-    first, memory = correlations.views
-    variance = prepared.variance * SECOND_DIFFERENCE / (SECOND_DIFFERENCE - 8 * first + 2 * first * memory)
-    weighed = variance * np.exp(-clean) * data.whitening.variance(clean) * data.whitening.amplification
-    floor = _floor(data)
-    fitter = Fitter(model, data, held_out, weighed, floor)
-    return replace(prepared, fitter=fitter, data=data, held_out=held_out, variance=variance)
+    fitter = Fitter(ScansModel(chain, aligned, anode, tube_kvp, numerical=numerical), data, held_out, weighed, floor)
+    return PreparedScans(fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking)
 
 
 def every(chain: Chain, step: int) -> Chain:
@@ -177,7 +194,7 @@ def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:
     second = np.zeros_like(residual)
     second[1:-1] = residual[:-2] - 2 * residual[1:-1] + residual[2:]
     second[0], second[-1] = second[1], second[-2]
-    blocks = Blocks.of(residual.shape)
+    blocks = Blocks.of(residual.shape, PARTS)
     square = np.where(taken.usable, second**2 * np.exp(-clean), np.nan).ravel()
     order = np.argsort(blocks.index.ravel(), kind="stable")
     parts = np.split(square[order], np.cumsum(np.bincount(blocks.index.ravel(), minlength=blocks.count))[:-1])
@@ -193,7 +210,7 @@ def _mean_square(squares: np.ndarray) -> float:
     return float(np.median(squares)) / MEDIAN_SQUARE
 
 
-def _floor(data: Observed) -> np.ndarray:
+def _floor(data: ObservedScans) -> np.ndarray:
     """Numerical error of the predictions, whitened, standard deviation, [view, row, column]."""
     return np.sqrt(sum((one**2 for one in data.numerical), np.zeros(data.mean.shape)))
 
@@ -204,7 +221,7 @@ def _correlations(taken: Scans, clean: np.ndarray, variance: np.ndarray) -> Corr
     return estimated([(one - mean) / sd for one in taken.repeats], clean, taken.usable, len(taken) - 1)
 
 
-def _whitened(data: Observed, correlations: Correlations, clean: np.ndarray, numerical) -> Observed:
+def _whitened(data: ObservedScans, correlations: Correlations, clean: np.ndarray, numerical) -> ObservedScans:
     """The same with what makes its noise white, and with the numerical distortions whitened."""
     if correlations.white:
         return replace(data, numerical=tuple(numerical))

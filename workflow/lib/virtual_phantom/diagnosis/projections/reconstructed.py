@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from ...base.errors import InputError
@@ -14,40 +12,36 @@ from ...projectors import projector
 from ...reconstruction.fbp import fbp
 from ...recordings.recording import Recording
 from ..core.alignment import pose_of
+from ..core.asked import Asked
 from ..core.attribute import Choice
 from ..core.fit import Fit
 from ..images.agreement import agreement
 from ..images.compared_regions import Scanned, complete, disc_regions, image_grid, phantom_regions
-from ..images.setting import agreement_of_images
 from .observed import LEAST_TRANSMISSION, Scans, scans
-from .prepared import HALVES, Prepared, split
+from .prepared import HALVES, PreparedScans, split
 
 
-def agreement_of_recording(
+def agreement_of_scans(
     recording: Recording,
-    prepared: Prepared,
+    prepared: PreparedScans,
     choice: Choice,
-    settings: Mapping,
+    asked: Asked,
     purpose: Branch,
     scanned: Scanned | None = None,
-    threads: int = 1,
 ) -> dict:
-    """Agreement of a model with the repeats held out: of images as they are, of projections in images made of them.
+    """agreement_of the repeats held out, in images made of them.
 
-    settings   what the recording was made ready with: seed, mu_water_per_mm, and of images the protocol
-    purpose    what simulated noise of projections is drawn for
+    purpose   what simulated noise is drawn for
     """
-    if recording.kind == "images":
-        return agreement_of_images(prepared, choice, scanned, settings["protocol"]["algorithm"])
     further = scans(recording.held_out) if len(recording.held_out) else None
     repeats = compared(scans(recording.repeats), further).every(prepared.step)
-    seed = branch(settings["seed"], purpose)
-    return agreement_of(repeats, prepared, choice, settings["mu_water_per_mm"], seed, scanned, threads)
+    seed = branch(asked.seed, purpose)
+    return agreement_of(repeats, prepared, choice, asked.mu_water_per_mm, seed, scanned, asked.threads)
 
 
 def agreement_of(
     repeats: Scans,
-    prepared: Prepared,
+    prepared: PreparedScans,
     choice: Choice,
     mu_water_per_mm: float,
     seed: Stream,
@@ -95,7 +89,7 @@ def compared(taken: Scans, further: Scans | None) -> Scans:
     return split(taken, further)[1]
 
 
-def simulated_repeats(prepared: Prepared, fit: Fit, count: int, random: np.random.Generator) -> np.ndarray:
+def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.random.Generator) -> np.ndarray:
     """Noisy line integrals [repeat, view, row, column] of a fitted model with its alignment and gain pattern."""
     state = prepared.fitter.model.predict(fit.physics, fit.nuisance, prepared.held_out, fit.linearisation).state
     air = state.measured_air * state.photons

@@ -1,14 +1,14 @@
 """What the configuration asks of a diagnosis: which effects are tried, and on which kinds of recordings.
 
-Apart from `setting`, whose imports take two seconds that every start of the workflow would pay.
+Apart from `ready`, whose imports take two seconds that every start of the workflow would pay.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ...base.errors import InputError
-from ...physics.effect import acts_on_images, load, names, needs_times, require
+from ..base.errors import InputError
+from ..physics.effect import acts_on_images, load, names, needs_times, require
 
 
 def candidates(settings: dict, kind: str = "projections", timed: bool = True) -> list[str]:
@@ -19,7 +19,8 @@ def candidates(settings: dict, kind: str = "projections", timed: bool = True) ->
     Raises InputError for one that the library does not have, that the kind does not show, or that needs a statement
     which is missing.
     """
-    hidden = _hidden(kind)
+    hides, why = HIDDEN[kind]
+    hidden = {name: why for name in names() if hides(name)}
     if settings.get("nominal_photons") is None:
         hidden["photon_flux"] = "needs nominal_photons, which it could differ from and which are not stated"
     if not timed:
@@ -45,11 +46,11 @@ def check_accuracy(accuracy: Mapping[str, float]) -> None:
             )
 
 
-def _hidden(kind: str) -> dict[str, str]:
-    """Effects that recordings of a kind do not show, and why."""
-    if kind == "images":
-        return {name: "has one unknown per detector pixel, which images mix" for name in names() if load(name).pattern}
-    return {name: "acts on images, and projections do not show it" for name in names() if acts_on_images(name)}
+# {kind of a recording: (which effects it does not show, and why)}
+HIDDEN = {
+    "projections": (acts_on_images, "acts on images, and projections do not show it"),
+    "images": (lambda name: load(name).pattern, "has one unknown per detector pixel, which images mix"),
+}
 
 
 def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:

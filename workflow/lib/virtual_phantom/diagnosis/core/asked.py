@@ -1,0 +1,45 @@
+"""What the configuration asks of the diagnosis of one recording, and what the recording's labels say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ...physics.sensors import Sensor
+from ...physics.spectra import Anode
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the configuration asks.
+
+    folder            of the recording
+    settings          diagnosis.recordings.<name>, complete
+    mu_water_per_mm   of the monochromatic beam
+    materials         how HU are divided, as the configuration's section
+    phantom           image of the study's phantom, HU; None where `settings` has a disc or an object
+    seed              of the study, for simulated noise
+    protocol          of images: their scan, projections, grid, algorithm, settings and engine (images.setting.Protocol)
+    """
+
+    folder: str | Path
+    settings: Mapping
+    mu_water_per_mm: float
+    materials: Mapping
+    phantom: str | Path | None = None
+    seed: int = 0
+    protocol: Mapping | None = None
+    threads: int = 1
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What is written on the scanner.
+
+    tube_kvp   None: not known
+    """
+
+    anode: Anode
+    tube_kvp: float | None
+    sensor: Sensor

@@ -1,0 +1,135 @@
+"""What fits ask a model for: its numbers, what is known of them, and what it predicts."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ...physics.chain import Chain
+from ...physics.effect import READOUT_UNITS, Parameter, acts_on_images, load
+from ...physics.spectra import KVP, TUNGSTEN, Anode
+from .alignment import SURE, Nuisance
+from .linearisation import BASE, LinearisationPoint
+from .observed import Observed
+from .prediction import Prediction
+from .unknown import Unknown
+
+DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
+TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
+STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin whose start may be no good
+
+
+class Model(ABC):
+    """Predictions of a recording for effects' parameters and the alignment: what fits ask for, whatever was recorded.
+
+    chain      with the detector's sensor, whose thickness is held by what the chain knows of it
+    anode      of the tube
+    tube_kvp   as the label on the scanner says, taken to be known to TUBE_KVP_SD; None: not known
+    fixed      effects whose parameters are known from elsewhere and not fitted
+    density    of the material over the listed one, and its standard deviation: the scale beside a spectrum
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        aligned: tuple[Nuisance, ...],
+        anode: Anode = TUNGSTEN,
+        tube_kvp: float | None = None,
+        fixed: Mapping[str, Mapping[str, float]] | None = None,
+        density: tuple[float, float] = (1.0, DENSITY_SD),
+    ):
+        self.chain, self.aligned, self.anode, self.tube_kvp = chain, aligned, anode, tube_kvp
+        self.fixed, self.density = fixed or {}, density
+
+    def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
+        """The alignment beside these effects. A spectrum leaves the scale only the density of the material: that of a
+        monochromatic beam also holds the energy."""
+        if "spectrum" not in effects:
+            return self.aligned
+        value, sd = self.density
+        return tuple(
+            replace(one, expected=value, sd=min(one.sd, sd)) if one.name == "scale" else one for one in self.aligned
+        )
+
+    def parameters(self, name: str) -> tuple[Parameter, ...]:
+        """An effect's parameters as the recorded scan shows them."""
+        return self.chain.parameters(name)
+
+    def known(self, name: str) -> dict[str, float]:
+        """Parameters of an effect that are not fitted."""
+        return self.chain.held(name) | dict(self.fixed.get(name, {}))
+
+    def of_study(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
+        """Settings of effects as a study takes them, whose readout units are photons.
+
+        nuisance  the alignment, whose photons per pixel they are
+        """
+        photons = float(np.exp(nuisance["log_photons"]))
+        state = self.chain.state(
+            # A pattern of pixels changes no unit, and which one it is nobody knows.
+            {name: values for name, values in physics.items() if not (acts_on_images(name) or load(name).pattern)},
+            photons=photons,
+            anode=self.anode,
+        )
+        counted = {one.name for name in physics for one in load(name).parameters if READOUT_UNITS in one.unit}
+        return {
+            name: {key: value * photons / state.unit if key in counted else value for key, value in values.items()}
+            for name, values in physics.items()
+        }
+
+    def unknowns(self, effects: tuple[str, ...]) -> list[Unknown]:
+        """The effects' numbers that are fitted, in order. Of a gain pattern and of fixed effects there are none."""
+        found = []
+        for name in effects:
+            effect = load(name)
+            for one in () if effect.pattern or name in self.fixed else self.parameters(name):
+                low, high = one.number(one.low), one.number(one.high)
+                if (name, one.name) == ("spectrum", "kvp"):
+                    low, high = KVP[self.anode.target]
+                expected, sd = (low + high) / 2, high - low
+                starts = (min(max(one.number(one.start), low), high),)
+                # A slice thinner than their distance changes nothing, so that no fit would leave it.
+                if one.neutral is None or (acts_on_images(name) and len(effect.parameters) == 1):
+                    starts += tuple(low + share * (high - low) for share in STARTS)
+                if (name, one.name) == ("spectrum", "kvp") and self.tube_kvp is not None:
+                    expected, sd, starts = self.tube_kvp, TUBE_KVP_SD, (self.tube_kvp,)
+                    low, high = max(low, expected - SURE * sd), min(high, expected + SURE * sd)
+                if (name, one.name) == ("spectrum", "sensor_mm"):
+                    expected, sd = one.number(self.chain.sensor.thickness_mm), self.chain.sensor.thickness_sd
+                    low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
+                neutral, starts = None if one.neutral is None else one.number(one.neutral), tuple(dict.fromkeys(starts))
+                found.append(Unknown(name, one.name, low, high, starts, neutral, expected, sd, one.power))
+        return found
+
+    @property
+    def distortions(self) -> tuple[str, ...]:
+        """Names of the numerical errors among the numbers of the alignment."""
+        return ()
+
+    def distortion(self, nuisance: Mapping[str, float], linearisation: LinearisationPoint = BASE) -> np.ndarray | float:
+        """Numerical error that an alignment takes off what is predicted of the mean.
+
+        linearisation  where it is computed
+        """
+        return 0.0
+
+    def strayed(self, linearisation: LinearisationPoint, prediction: Prediction, weights: np.ndarray) -> bool:
+        """Whether a prediction lies too far off a linearisation point for its numerical errors to hold.
+
+        weights   [datum] inverse variances of the mean
+        """
+        return False
+
+    @abstractmethod
+    def predict(
+        self,
+        physics: Mapping[str, Mapping[str, float]],
+        nuisance: Mapping[str, float],
+        data: Observed,
+        linearisation: LinearisationPoint = BASE,
+    ) -> Prediction:
+        """The prediction for settings of effects and of the alignment. A gain pattern is fitted elsewhere: it has no
+        mean of its own here."""

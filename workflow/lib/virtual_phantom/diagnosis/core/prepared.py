@@ -1,0 +1,78 @@
+"""A recording made ready for fits: what is fitted, what is held out, and how its differences are tested."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from .fit import Fit, Fitter
+from .locate import Half, Location
+from .look import Look
+from .observed import Observed
+
+
+@dataclass(frozen=True)
+class Prepared(ABC):
+    """What all fits of a recording share, and what a kind of recording says of itself.
+
+    variance  of one repeat, along the data's three axes
+    held      what is held out, in words
+    single    True if the noise had to be taken from a single repeat
+    photons   per pixel in air, as estimated from the variances
+    step      one view of so many was fitted or held out
+    lacking   what of the scan's times is not stated, in words
+    """
+
+    look: ClassVar[Look]
+
+    fitter: Fitter
+    data: Observed
+    held_out: Observed
+    variance: np.ndarray
+    held: str
+    single: bool
+    photons: float
+    step: int = 1
+    lacking: str | None = None
+
+    @property
+    def usable(self) -> np.ndarray:
+        """Data that count, fitted and held out, along three axes."""
+        return self.data.usable & self.held_out.usable
+
+    def half(self, fit: Fit, held_out: bool) -> Half:
+        """What a fit leaves of the data held out, or of those fitted."""
+        fitter = self.fitter
+        if held_out:
+            return Half(fitter.residuals(fit), fitter.held_weights, self.held_out)
+        return Half(fitter.residuals(fit, held_out=False), fitter.weights, self.data)
+
+    @abstractmethod
+    def domains(
+        self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
+    ) -> list[Location]:
+        """Where a half and a fit differ beyond noise, by domain, the worst first.
+
+        fitted   the data that the model was fitted to, where `half` are others: then errors of the fit count too
+        more     domains that residuals do not show
+        """
+
+    @abstractmethod
+    def recorded(self) -> np.ndarray:
+        """The data that were fitted, in the unit of `look`, where they count: one-dimensional."""
+
+    @abstractmethod
+    def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
+        """Recorded less modelled in the unit of `look`, where data count: one-dimensional."""
+
+    def with_noise_of(self, fit: Fit) -> Prepared:
+        """The same with noise as a fit says that it is correlated, where recordings do not say it themselves."""
+        return self
+
+    def caveats(self) -> list[str]:
+        """Sentences for the report about what was recorded, none if all is well."""
+        return []
