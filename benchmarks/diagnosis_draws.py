@@ -28,7 +28,7 @@ from scipy.optimize import brentq
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core.attribute import choose, trial
-from virtual_phantom.diagnosis.core.linearisation import LinearisationPoint
+from virtual_phantom.diagnosis.core.linearisation import Linearisation, LinearisationPoint
 from virtual_phantom.diagnosis.core.locate import EDGE_SHARE, Half, aligned
 from virtual_phantom.diagnosis.core.templates import strength, varied, whitened
 from virtual_phantom.diagnosis.core.verdict import diagnose
@@ -138,7 +138,7 @@ def left_over(given, physics, fit):
     it is significant."""
     fitter, held_out = given.fitter, given.held_out
     place = {one.name: one.expected for one in fitter.model.aligned}
-    truth = fitter.model.predict(physics, place, held_out, LinearisationPoint.of(physics, place))
+    truth = fitter.model.predict(physics, place, held_out, Linearisation(*2 * (LinearisationPoint.of(physics, place),)))
     gain = fitter.model.chain.state(physics).gain
     found = fitter.model.predict(fit.physics, fit.nuisance, held_out, fit.linearisation)
     parts = [there - here for there, here in zip(held_out.residuals(found), held_out.residuals(truth), strict=True)]

@@ -10,6 +10,7 @@ from simulated_scans import body, chosen, noisy_lines
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core.attribute import trial
+from virtual_phantom.diagnosis.core.linearisation import BASE, Linearisation, LinearisationPoint
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.images.compared_regions import complete
 from virtual_phantom.diagnosis.images.model import noise_lines
@@ -192,3 +193,19 @@ def test_one_repeat_says_where_its_noise_is_from(scene):
         square = (given.fitter.residuals(baseline.fit)[0] ** 2 * given.fitter.held_weights[0]).sum()
         chi_square.append(square / (given.fitter.held_weights[0] > 0).sum())
     assert np.mean(chi_square) == pytest.approx(1, abs=0.2)
+
+
+def test_noise_depends_on_what_is_said_and_not_on_what_was_asked_before(scene):
+    """Where the object lies that the noise is of is part of the linearisation."""
+    fresh, used = (prepared(scene, {}).fitter.model for _ in range(2))
+    expected = {one.name: one.expected for one in fresh.aligned}
+    moved = expected | {"x_mm": 4.0}
+    there = Linearisation(LinearisationPoint({}, {"x_mm": 4.0}))
+    used.images({}, moved)
+    used.images({}, moved, there)
+    for nuisance, linearisation in ((expected, BASE), (moved, BASE), (moved, there)):
+        for one, other in zip(*(m.images({}, nuisance, linearisation) for m in (fresh, used)), strict=True):
+            np.testing.assert_array_equal(one, other)
+    assert not np.array_equal(fresh.images({}, moved)[1], fresh.images({}, moved, there)[1])
+    assert fresh.strayed(BASE.errors, expected | {"x_mm": 7.0}, None, None)
+    assert not fresh.strayed(BASE.errors, expected | {"x_mm": 6.0}, None, None)

@@ -8,7 +8,7 @@ from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core.attribute import choose, trial
-from virtual_phantom.diagnosis.core.linearisation import BASE, LinearisationPoint
+from virtual_phantom.diagnosis.core.linearisation import BASE, NOMINAL, LinearisationPoint
 from virtual_phantom.diagnosis.core.pattern import estimate
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
@@ -90,7 +90,7 @@ def test_errors_follow_the_rays(known):
     scene = scene_of(read_nifti(path))
     chains = [Chain(scene, GEOMETRY, samples=count) for count in (2, 3)]
     numerical = Numerical(*chains, Chain(coarse_scene(path, MU, MATERIALS), GEOMETRY, samples=2))
-    base, moved = numerical.at(BASE), numerical.at(offset(3.0))
+    base, moved = numerical.at(NOMINAL), numerical.at(offset(3.0))
     assert set(base) == {"rays", "voxels"} == set(numerical.names)
     for name, errors in base.items():
         assert np.abs(errors).max() > 1e-3
@@ -103,8 +103,8 @@ def test_errors_are_computed_anew_where_predictions_have_moved_too_far(known):
     numerical = Numerical(chain, Chain(scene, GEOMETRY, samples=3), None)
     lines, weights = chain.state({}).line_integrals(), np.full(GEOMETRY.shape, 4.0)
     off = np.sqrt(MOST_STRAY / weights.sum())
-    assert not numerical.strayed(BASE, lines + 0.99 * off, weights)
-    assert numerical.strayed(BASE, lines + 1.01 * off, weights)
+    assert not numerical.strayed(NOMINAL, lines + 0.99 * off, weights)
+    assert numerical.strayed(NOMINAL, lines + 1.01 * off, weights)
     assert numerical.strayed(offset(0.3), lines, 1000 * weights)
 
 
@@ -114,7 +114,7 @@ def test_a_fit_takes_errors_along(known):
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=SOLID_ANGLE).state(truth)
     fitter = prepared_from(known, state).fitter
     fit = fitter.fit(("detector_offset",), fitter.fit(()))
-    assert fit.linearisation.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
+    assert fit.linearisation.errors.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
     blurred = fitter.fit(("detector_offset", "focal_spot"), fit)
     assert fit.chi_square - blurred.chi_square < 12  # one in 400 by chance, of two numbers
     left_behind = replace(fit, linearisation=BASE)
@@ -131,7 +131,7 @@ def test_a_gain_pattern_is_estimated_of_the_errors_that_are_taken_along(known):
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=SOLID_ANGLE).state(truth)
     fitter = prepared_from(known, state).fitter
     fit = fitter.fit(("detector_offset", "gain_pattern"), fitter.fit(()))
-    assert fit.linearisation.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
+    assert fit.linearisation.errors.physics["detector_offset"]["columns_px"] == pytest.approx(0.4, abs=0.02)
     bare = fitter.residuals(replace(fit, pattern=None), held_out=False)[0].reshape(GEOMETRY.shape)
     weight = fitter.weights[0].reshape(GEOMETRY.shape)
     np.testing.assert_allclose(fit.pattern, estimate(bare, weight).values, atol=2e-5)

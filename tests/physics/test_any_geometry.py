@@ -92,7 +92,8 @@ def test_a_ball_through_a_rolled_and_tilted_detector(scene, roll, tilt):
 
 
 def test_rays_near_a_rolled_detector_are_followed(scene):
-    posed, geometry = PosedScene(scene), rolled(GEOMETRY, 0.3, 0.1)
+    geometry = rolled(GEOMETRY, 0.3, 0.1)
+    posed = PosedScene(scene).near([(geometry, Pose(), None)])
     start = posed.path_lengths(geometry)
     near = Pose(x_mm=0.004, y_mm=-0.003, z_mm=0.002, turn_deg=0.001)
     followed, anew = posed.path_lengths(geometry, near), scene.path_lengths(geometry, near)

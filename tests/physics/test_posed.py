@@ -53,6 +53,7 @@ def test_a_pose_that_was_traced_is_exact(traced):
         np.testing.assert_array_equal(posed.path_lengths(GEOMETRY, pose), traced.path_lengths(GEOMETRY, pose))
 
 
+IN_PLACE = (GEOMETRY, Pose(), None)
 PLACES = {
     "pose": (GEOMETRY, NEAR, None),
     "detector offset": (replace(GEOMETRY, column_offset_px=0.0015, row_offset_px=0.001), Pose(), None),
@@ -64,7 +65,7 @@ PLACES = {
 
 @pytest.mark.parametrize("place", PLACES)
 def test_rays_nearby_are_followed(traced, place):
-    posed = PosedScene(traced)
+    posed = PosedScene(traced).near([IN_PLACE])
     start = posed.path_lengths(GEOMETRY, Pose())
     again = traced.path_lengths(*PLACES[place])
     changed = np.abs(again - start).max()
@@ -89,7 +90,7 @@ def test_slopes_are_what_small_steps_change(traced):
 
 def test_rays_nearby_cost_no_further_traces(traced):
     counting = Counting(traced)
-    posed = PosedScene(counting)
+    posed = PosedScene(counting).near([IN_PLACE])
     posed.path_lengths(GEOMETRY, Pose())
     posed.path_lengths(GEOMETRY, NEAR)
     for place in PLACES.values():
@@ -97,12 +98,24 @@ def test_rays_nearby_cost_no_further_traces(traced):
     assert counting.traces == 1
     posed.path_lengths(GEOMETRY, Pose(x_mm=1.0))
     assert counting.traces == 2
+    posed.path_lengths(GEOMETRY, Pose(x_mm=1.0))
+    assert counting.traces == 2  # kept
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_what_was_asked_before_changes_nothing(traced, place):
+    """Path lengths are a function of the scan and of the scans that it may follow: byte for byte."""
+    fresh, used = (PosedScene(traced).near([IN_PLACE]) for _ in range(2))
+    nearly = (GEOMETRY, Pose(x_mm=NEAR.x_mm / 2), None)
+    for one in (nearly, (GEOMETRY, Pose(x_mm=1.0), None), *PLACES.values()):
+        used.path_lengths(*one)
+    np.testing.assert_array_equal(used.path_lengths(*PLACES[place]), fresh.path_lengths(*PLACES[place]))
 
 
 def test_rays_farther_off_are_traced(traced):
     motion = np.zeros((12, 3))
     motion[6:, 0] = 2.0
-    posed = PosedScene(traced)
+    posed = PosedScene(traced).near([IN_PLACE])
     posed.path_lengths(GEOMETRY, Pose())
     np.testing.assert_array_equal(
         posed.path_lengths(GEOMETRY, Pose(), motion), traced.path_lengths(GEOMETRY, Pose(), motion)

@@ -73,7 +73,7 @@ def test_finer_and_offset_masks_are_cut_to_what_they_hold():
 
 def test_rays_nearby_are_followed_without_tracing():
     scene = slice_of(lambda x, y: 1 / (1 + np.exp(2 * (np.hypot(x / 30, (y - 4) / 20) - 1) * 12)))
-    posed = PosedScene(scene)
+    posed = PosedScene(scene).near([(GEOMETRY, Pose(), None)])
     start = posed.path_lengths(GEOMETRY, Pose())
     motion = np.linspace(-0.001, 0.001, 7)[:, None] * [1.0, -1.0, 0.0]
     higher = replace(GEOMETRY, row_offset_px=0.5)

@@ -30,6 +30,7 @@ from .effect import (
 )
 from .materials import attenuation_per_mm
 from .poisson import poisson_counts
+from .posed import NearScene, PosedScene, Scan
 from .scene import IN_PLACE, Pose, VoxelScene
 from .sensors import Sensor
 from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum, passing
@@ -387,8 +388,31 @@ class Chain:
 
     def copy(self, geometry: ScanGeometry | None = None, samples: int | None = None) -> Chain:
         """The same, of another geometry or number of rays if one is given, with nothing kept."""
-        given = self.photons, samples or self.samples, self.illumination, self.sensor, self.readout
-        return Chain(self.scene, geometry or self.geometry, *given)
+        return self._of(self.scene, geometry or self.geometry, samples or self.samples)
+
+    def _of(self, scene: VoxelScene, geometry: ScanGeometry, samples: int) -> Chain:
+        return Chain(scene, geometry, self.photons, samples, self.illumination, self.sensor, self.readout)
+
+    def near(self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, **extra) -> Chain:
+        """The same, whose rays follow to first order those that these settings of `state` send, where they lie near
+        enough; itself where the scene traces all rays or follows others already."""
+        if not isinstance(self.scene, PosedScene):
+            return self
+        return self._of(self.scene.near(self._scans(physics, pose, extra)), self.geometry, self.samples)
+
+    def follows(self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, **extra) -> bool:
+        """Whether all rays that these settings of `state` send lie near enough to those that they may follow, or there
+        are none to follow."""
+        return not isinstance(self.scene, NearScene) or all(map(self.scene.follows, self._scans(physics, pose, extra)))
+
+    def _scans(self, physics: Mapping[str, Mapping[str, float]], pose: Pose, extra: Mapping) -> list[Scan]:
+        """What these settings ask of the scene."""
+        state, _ = self._before_the_object(physics, **extra)
+        return [
+            (beside, pose, state.motion_mm)
+            for *place_mm, _ in state.sources
+            for beside, _, _ in self._rays(displaced(state.geometry, *place_mm))
+        ]
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:
         """An effect's parameters with range, start, typical strength and unit as this scan shows them.
@@ -455,6 +479,14 @@ class Chain:
         -------
         State
         """
+        state, behind = self._before_the_object(physics, photons, **extra)
+        self._transmit(state, pose)
+        for effect in behind:
+            effect.apply(state, physics[effect.name])
+        return state
+
+    def _before_the_object(self, physics, photons: float | None = None, **extra) -> tuple[State, list]:
+        """The state of the beam that meets the object, and the effects that come behind it."""
         state = State(self.geometry, photons or self.photons, sensor=self.sensor, readout=self.readout, **extra)
         if self.illumination == SOLID_ANGLE:
             state.fluence = self.geometry.solid_angles()
@@ -462,10 +494,7 @@ class Chain:
         before = [effect for effect in effects if STAGES.index(effect.stage) < STAGES.index("scatter")]
         for effect in before:
             effect.apply(state, physics[effect.name])
-        self._transmit(state, pose)
-        for effect in effects[len(before) :]:
-            effect.apply(state, physics[effect.name])
-        return state
+        return state, effects[len(before) :]
 
     def _transmit(self, state: State, pose: Pose) -> None:
         beam, air = self._beam(state)
@@ -521,17 +550,27 @@ class Chain:
 
     def _transmission(self, rays, geometry, pose, motion_mm, beam) -> np.ndarray:
         total = 0.0
-        for place, weight in quadrature(self.samples, geometry.rows > 1):
-            beside = replace(
-                geometry,
-                column_offset_px=geometry.column_offset_px + place[0],
-                row_offset_px=geometry.row_offset_px + place[1],
-            )
+        for beside, place, weight in self._rays(geometry):
             paths = self._paths.get(
                 (rays, place), lambda beside=beside: self.scene.path_lengths(beside, pose, motion_mm)
             )
             total = total + weight * self._through(paths, beam)
         return total
+
+    def _rays(self, geometry: ScanGeometry) -> list[tuple[ScanGeometry, tuple[float, float], float]]:
+        """Of a geometry, those of one ray per pixel that are averaged: (geometry, where in the pixel, weight)."""
+        return [
+            (
+                replace(
+                    geometry,
+                    column_offset_px=geometry.column_offset_px + place[0],
+                    row_offset_px=geometry.row_offset_px + place[1],
+                ),
+                place,
+                weight,
+            )
+            for place, weight in quadrature(self.samples, geometry.rows > 1)
+        ]
 
     def _through(self, paths: np.ndarray, beam: Spectrum | None) -> np.ndarray:
         if beam is None:

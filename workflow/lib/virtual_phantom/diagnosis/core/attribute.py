@@ -100,17 +100,17 @@ _fitter: Fitter | None = None  # of the processes that `trials` forks: too large
 
 
 def trials(fitter: Fitter, tasks: Sequence[tuple], processes: int = 1) -> list[Trial]:
-    """`trial` of all tasks (effects, given, against), each in a process forked for it alone.
+    """`trial` of all tasks (effects, given, against), in forked processes with one thread for linear algebra each.
 
-    A fit leaves traced rays behind that the next one would begin from. Forked from one state, with one thread for
-    linear algebra each, results are the same whatever the number of processes.
+    Predictions depend on what is asked alone, so that results are the same whatever the number of processes and their
+    order.
     """
     global _fitter
     if not tasks:
         return []
     _fitter = fitter
     try:
-        with multiprocessing.get_context("fork").Pool(min(processes, len(tasks)), maxtasksperchild=1) as pool:
+        with multiprocessing.get_context("fork").Pool(min(processes, len(tasks))) as pool:
             return pool.map(_trial, tasks, chunksize=1)
     finally:
         _fitter = None

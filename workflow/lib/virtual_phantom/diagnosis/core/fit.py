@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from ...physics.effect import load
 from . import pattern as patterns
 from .alignment import SURE, Nuisance
-from .linearisation import BASE, LinearisationPoint
+from .linearisation import BASE, Linearisation, LinearisationPoint
 from .model import Model
 from .observed import Observed
 from .steps import bounded_step, standard_errors, updated
@@ -42,7 +42,7 @@ class Fit:
     chi_square     of the data that were fitted, and of the Gaussian knowledge
     parts          chi-square by part of the data (Observed.parts)
     free           number of effects' parameters
-    linearisation  where numerical errors were computed
+    linearisation  of the predictions
     corrected      chi-square that they make up
     pattern        [row, column] gain pattern (added to line integrals), or None, and the variance that each of its
                    constants is left with
@@ -57,7 +57,7 @@ class Fit:
     parts: tuple[float, ...]
     free: int
     pulled: dict[str, float] = field(default_factory=dict)
-    linearisation: LinearisationPoint = BASE
+    linearisation: Linearisation = BASE
     corrected: float = 0.0
     pattern: np.ndarray | None = field(default=None, repr=False)
     pattern_variance: np.ndarray | None = field(default=None, repr=False)
@@ -83,6 +83,7 @@ class Fitter:
         problem = Problem(self, effects, given)
         jacobian = None
         point = problem.best_start()
+        problem.follow(point)
         pattern, residuals = problem.afresh(point)
         current, damping, as_expected = problem.chi_square(residuals, point), 0.0, False
         for _ in range(ITERATIONS):
@@ -102,6 +103,9 @@ class Fitter:
                 if reached <= current:
                     jacobian = updated(jacobian, (trial - point) / problem.steps, residuals, tried)
                     point, residuals, current = trial, tried, reached
+                    if problem.follow(point):
+                        residuals = problem.residuals(point, pattern)
+                        current = problem.chi_square(residuals, point)
                     damping = damping / DAMPING if damping > LEAST_DAMPING else 0.0
                     break
                 damping = max(LEAST_DAMPING, damping * DAMPING)
@@ -223,13 +227,22 @@ class Problem:
     def strays(self, point: np.ndarray) -> bool:
         """Whether predictions of a point lie off those of which numerical errors were computed; these are computed
         there then."""
-        if not self.model.distortions or self.linearised == MOST_LINEARISATIONS:
+        if self.linearised == MOST_LINEARISATIONS:
             return False
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearisation)
-        if not self.model.strayed(self.linearisation, prediction, self.weights[0]):
+        if not self.model.strayed(self.linearisation.errors, nuisance, prediction, self.weights[0]):
             return False
-        self.linearisation, self.linearised = LinearisationPoint.of(physics, nuisance), self.linearised + 1
+        self.linearisation = replace(self.linearisation, errors=LinearisationPoint.of(physics, nuisance))
+        self.linearised += 1
+        return True
+
+    def follow(self, point: np.ndarray) -> bool:
+        """Let rays follow those of a point, if its own are too far off those that they follow; whether they were."""
+        physics, nuisance = self._named(point)
+        if self.model.follows(physics, nuisance, self.linearisation.rays):
+            return False
+        self.linearisation = replace(self.linearisation, rays=LinearisationPoint.of(physics, nuisance))
         return True
 
     def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:

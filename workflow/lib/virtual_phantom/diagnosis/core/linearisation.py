@@ -1,4 +1,4 @@
-"""What is modelled where predictions are linearised."""
+"""Where predictions are linearised: said with every prediction, so that it depends on nothing that was asked before."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .alignment import POSES
 
 @dataclass(frozen=True)
 class LinearisationPoint:
-    """What is modelled when errors are computed.
+    """Settings about which something is linearised.
 
     physics   {effect: {parameter: value}}
     nuisance  the numbers of the alignment that move the object
@@ -33,4 +33,19 @@ class LinearisationPoint:
         return physics, tuple(sorted(self.nuisance.items()))
 
 
-BASE = LinearisationPoint()
+NOMINAL = LinearisationPoint()
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """About what predictions are linearised.
+
+    errors  where the errors of the model's own steps, and the noise of images, are computed
+    rays    whose rays others follow to first order
+    """
+
+    errors: LinearisationPoint = NOMINAL
+    rays: LinearisationPoint = NOMINAL
+
+
+BASE = Linearisation()

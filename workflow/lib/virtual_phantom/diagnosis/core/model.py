@@ -8,17 +8,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...base.recent import Kept
 from ...physics.chain import Chain
 from ...physics.effect import READOUT_UNITS, Parameter, acts_on_images, load
 from ...physics.spectra import KVP, TUNGSTEN, Anode
-from .alignment import SURE, Nuisance
-from .linearisation import BASE, LinearisationPoint
+from .alignment import SURE, Nuisance, pose_of
+from .linearisation import BASE, Linearisation, LinearisationPoint
 from .observed import Observed
 from .prediction import Prediction
 from .unknown import Unknown
 
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
+NEAR_KEPT = 4  # chains whose rays follow those of a linearisation point
 STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin whose start may be no good
 
 
@@ -43,6 +45,7 @@ class Model(ABC):
     ):
         self.chain, self.aligned, self.anode, self.tube_kvp = chain, aligned, anode, tube_kvp
         self.fixed, self.density = fixed or {}, density
+        self._near = Kept(NEAR_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """The alignment beside these effects. A spectrum leaves the scale only the density of the material: that of a
@@ -69,8 +72,7 @@ class Model(ABC):
         """
         photons = float(np.exp(nuisance["log_photons"]))
         state = self.chain.state(
-            # A pattern of pixels changes no unit, and which one it is nobody knows.
-            {name: values for name, values in physics.items() if not (acts_on_images(name) or load(name).pattern)},
+            self.before_images(physics),  # a pattern of pixels changes no unit
             photons=photons,
             anode=self.anode,
         )
@@ -109,19 +111,44 @@ class Model(ABC):
         """Names of the numerical errors among the numbers of the alignment."""
         return ()
 
-    def distortion(self, nuisance: Mapping[str, float], linearisation: LinearisationPoint = BASE) -> np.ndarray | float:
+    def distortion(self, nuisance: Mapping[str, float], linearisation: Linearisation = BASE) -> np.ndarray | float:
         """Numerical error that an alignment takes off what is predicted of the mean.
 
-        linearisation  where it is computed
+        linearisation  `errors` is where it is computed
         """
         return 0.0
 
-    def strayed(self, linearisation: LinearisationPoint, prediction: Prediction, weights: np.ndarray) -> bool:
-        """Whether a prediction lies too far off a linearisation point for its numerical errors to hold.
+    def strayed(
+        self,
+        errors: LinearisationPoint,
+        nuisance: Mapping[str, float],
+        prediction: Prediction,
+        weights: np.ndarray,
+    ) -> bool:
+        """Whether a prediction lies too far off a point where `errors` of a linearisation were computed.
 
-        weights   [datum] inverse variances of the mean
+        nuisance   of the prediction
+        weights    [datum] inverse variances of the mean
         """
         return False
+
+    def follows(
+        self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float], rays: LinearisationPoint
+    ) -> bool:
+        """Whether all rays of a prediction are near enough to those of a linearisation to follow them, or none can."""
+        return self.near(rays).follows(self.before_images(physics), pose_of(nuisance), anode=self.anode)
+
+    def near(self, rays: LinearisationPoint) -> Chain:
+        """The chain whose rays follow those of a linearisation."""
+        return self._near.get(
+            rays.key,
+            lambda: self.chain.near(self.before_images(rays.physics), pose_of(rays.nuisance), anode=self.anode),
+        )
+
+    @staticmethod
+    def before_images(physics: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
+        """Settings of the effects that the chain knows: those on images, and patterns of pixels, come later."""
+        return {name: values for name, values in physics.items() if not (acts_on_images(name) or load(name).pattern)}
 
     @abstractmethod
     def predict(
@@ -129,7 +156,7 @@ class Model(ABC):
         physics: Mapping[str, Mapping[str, float]],
         nuisance: Mapping[str, float],
         data: Observed,
-        linearisation: LinearisationPoint = BASE,
+        linearisation: Linearisation = BASE,
     ) -> Prediction:
         """The prediction for settings of effects and of the alignment. A gain pattern is fitted elsewhere: it has no
         mean of its own here."""

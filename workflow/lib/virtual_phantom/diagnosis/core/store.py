@@ -15,7 +15,7 @@ from ...io.documents import DIAGNOSIS, write_document
 from ...io.files import read_text, replacing, write_text
 from .attribute import Trial
 from .fit import Fit
-from .linearisation import LinearisationPoint
+from .linearisation import Linearisation, LinearisationPoint
 
 PATTERNS = ("pattern", "pattern_variance")
 RESIDUAL_MAPS = ("residuals before", "residuals after")  # beside the maps of domains
@@ -53,7 +53,9 @@ def read_trial(path: str | Path) -> Trial:
         content = json.loads(read_text(path))
         fit = content["fit"]
         fit["effects"], fit["parts"] = tuple(fit["effects"]), tuple(fit["parts"])
-        fit["linearisation"] = LinearisationPoint(**fit["linearisation"])
+        fit["linearisation"] = Linearisation(
+            **{about: LinearisationPoint(**point) for about, point in fit["linearisation"].items()}
+        )
         for name in PATTERNS:
             fit[name] = None if fit[name] is None else np.array(fit[name])
         return Trial(Fit(**fit), content["score"], content["p"])

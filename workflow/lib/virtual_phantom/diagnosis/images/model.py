@@ -15,7 +15,7 @@ from ...physics.effect import acts_on_images
 from ...physics.image import with_effects
 from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import Nuisance, pose_of
-from ..core.linearisation import BASE, LinearisationPoint
+from ..core.linearisation import BASE, Linearisation, LinearisationPoint
 from ..core.model import Model
 from ..core.prediction import Prediction
 from .observed import Condenser, ObservedImages
@@ -59,44 +59,53 @@ class ImagesModel(Model):
         physics: Mapping[str, Mapping[str, float]],
         nuisance: Mapping[str, float],
         data: ObservedImages,
-        linearisation: LinearisationPoint = BASE,
+        linearisation: Linearisation = BASE,
     ) -> Prediction:
         """The prediction for settings of effects and of the alignment: `mean` is whitened."""
         white = self.condenser.white
-        mean, noise, _ = self.images(physics, nuisance)
+        mean, noise = self.images(physics, nuisance, linearisation)
         statistics = self.condenser.noise(nuisance["scale"] * noise)
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(statistics.variance)
         design = (white(mean - HU_AIR), white(np.ones(mean.shape)))
         return Prediction(white(scaled(mean, nuisance)), log_variance, statistics.correlation, design)
 
-    def repeats(self, physics, nuisance, count: int) -> np.ndarray:
+    def strayed(self, errors: LinearisationPoint, nuisance: Mapping[str, float], prediction, weights) -> bool:
+        """As Model.strayed: whether the object has moved by more than a voxel, so that its noise is another's."""
+        here, there = pose_of(nuisance), pose_of(errors.nuisance)
+        moved = (here.z_mm - there.z_mm, here.y_mm - there.y_mm, here.x_mm - there.x_mm)
+        return bool((np.abs(moved) > self.spacing_mm).any())
+
+    def repeats(self, physics, nuisance, linearisation: Linearisation, count: int) -> np.ndarray:
         """Simulated images [repeat, z, y, x] in HU, at most REALISATIONS."""
-        mean, noise, _ = self.images(physics, nuisance)
+        mean, noise = self.images(physics, nuisance, linearisation)
         return scaled(mean + noise[:count], nuisance)
 
-    def images(self, physics, nuisance) -> tuple[np.ndarray, np.ndarray, State]:
-        """Mean [z, y, x] and noise [realisation, z, y, x] in HU before scale and offset, and the state of the chain."""
-        on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
-        before = {name: dict(values) for name, values in physics.items() if name not in on_images}
-        photons = float(np.exp(nuisance["log_photons"]))
-        pose = pose_of(nuisance)
-        state = self.chain.state(before, pose, photons=photons, anode=self.anode)
-        key = (tuple((name, *sorted(values.items())) for name, values in sorted(before.items())), photons)
+    def images(self, physics, nuisance, linearisation: Linearisation = BASE) -> tuple[np.ndarray, np.ndarray]:
+        """Mean [z, y, x] and noise [realisation, z, y, x] in HU before scale and offset.
 
-        # Where the object moves by less than a voxel, its noise stays, so that it does not count for the noise's key.
-        lines = (state.line_integrals() + state.log_noise()[0])[None]
-        if key not in self._noises:
-            both = self.reconstruct(np.concatenate([lines, noise_lines(state, REALISATIONS, self._seed)]))
-            self._means.get((key, pose), lambda: both[0])
-            self._noises.get(key, lambda: both[1:] - HU_AIR)
-        image = self._means.get((key, pose), lambda: self.reconstruct(lines)[0])
-        realisations = self._noises.get(key)
+        The noise is that of the object where the linearisation's `errors` have it.
+        """
+        on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
+        before, photons = self.before_images(physics), float(np.exp(nuisance["log_photons"]))
+        settings = LinearisationPoint(before).key, photons
+        here, rays, errors = pose_of(nuisance), linearisation.rays, linearisation.errors
+
+        def mean() -> np.ndarray:
+            state = self.near(rays).state(before, here, photons=photons, anode=self.anode)
+            return self.reconstruct((state.line_integrals() + state.log_noise()[0])[None])[0]
+
+        def noise() -> np.ndarray:
+            state = self.near(errors).state(before, pose_of(errors.nuisance), photons=photons, anode=self.anode)
+            return self.reconstruct(noise_lines(state, REALISATIONS, self._seed)) - HU_AIR
+
+        image = self._means.get((settings, here, rays.key), mean)
+        realisations = self._noises.get((settings, errors.key), noise)
         if not on_images:
-            return image, realisations, state
+            return image, realisations
         zero = with_effects(np.zeros_like(image), self.spacing_mm, on_images)
         changed = np.stack([with_effects(one, self.spacing_mm, on_images) - zero for one in realisations])
-        return with_effects(image, self.spacing_mm, on_images), changed, state
+        return with_effects(image, self.spacing_mm, on_images), changed
 
 
 def scaled(hu: np.ndarray, nuisance: Mapping[str, float]) -> np.ndarray:

@@ -65,7 +65,7 @@ class PreparedImages(Prepared):
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
         """As Prepared.difference."""
         data = self.held_out if held_out else self.data
-        mean = self.fitter.model.images(fit.physics, fit.nuisance)[0]
+        mean, _ = self.fitter.model.images(fit.physics, fit.nuisance, fit.linearisation)
         return (data.hu - scaled(mean, fit.nuisance))[data.usable]
 
 
@@ -98,7 +98,7 @@ def prepare(
         return ImagesModel(chain, nuisances(log_photons, sd, given), reconstruct, spacing_mm, seed, anode, tube_kvp)
 
     blank = model(np.log(TRIAL_PHOTONS), np.inf)
-    expected, simulated, _ = blank.images({}, {"log_photons": np.log(TRIAL_PHOTONS)})
+    expected, simulated = blank.images({}, {"log_photons": np.log(TRIAL_PHOTONS)})
     taken = repeats if further is None else np.concatenate([repeats, further])
     single = len(repeats) == 1
     if len(taken) >= RECORDED_NOISE:

@@ -127,7 +127,7 @@ def agreement_of_images(
     grid = Grid(repeats.shape[1:], model.spacing_mm)
     regions = phantom_regions(grid, prepared.data.usable | prepared.held_out.usable, scanned, pose)
     simulated = {
-        column: model.repeats(fit.physics, fit.nuisance, count)
+        column: model.repeats(fit.physics, fit.nuisance, fit.linearisation, count)
         for column, fit in (("before", choice.baseline.fit), ("after", choice.chosen.fit))
     }
     return agreement(repeats, simulated, regions) | {

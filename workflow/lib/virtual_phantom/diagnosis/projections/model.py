@@ -9,10 +9,9 @@ import numpy as np
 
 from ...physics.chain import Chain, State
 from ...physics.correlation import correlations
-from ...physics.effect import load
 from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import Nuisance, pose_of
-from ..core.linearisation import BASE, LinearisationPoint
+from ..core.linearisation import BASE, Linearisation, LinearisationPoint
 from ..core.model import DENSITY_SD, Model
 from ..core.prediction import Prediction
 from .numerical import Numerical
@@ -56,28 +55,34 @@ class ScansModel(Model):
         """As Model.distortions."""
         return () if self.numerical is None else self.numerical.names
 
-    def distortion(self, nuisance: Mapping[str, float], linearisation: LinearisationPoint = BASE) -> np.ndarray | float:
+    def distortion(self, nuisance: Mapping[str, float], linearisation: Linearisation = BASE) -> np.ndarray | float:
         """As Model.distortion."""
         if self.numerical is None:
             return 0.0
-        return sum(nuisance[name] * change for name, change in self.numerical.at(linearisation).items())
+        return sum(nuisance[name] * change for name, change in self.numerical.at(linearisation.errors).items())
 
-    def strayed(self, linearisation: LinearisationPoint, prediction: ScansPrediction, weights: np.ndarray) -> bool:
+    def strayed(
+        self,
+        errors: LinearisationPoint,
+        nuisance: Mapping[str, float],
+        prediction: ScansPrediction,
+        weights: np.ndarray,
+    ) -> bool:
         """As Model.strayed."""
         lines = prediction.design[0]
-        return bool(self.distortions) and self.numerical.strayed(linearisation, lines, weights.reshape(lines.shape))
+        return bool(self.distortions) and self.numerical.strayed(errors, lines, weights.reshape(lines.shape))
 
     def predict(
         self,
         physics: Mapping[str, Mapping[str, float]],
         nuisance: Mapping[str, float],
         data: ObservedScans,
-        linearisation: LinearisationPoint = BASE,
+        linearisation: Linearisation = BASE,
     ) -> ScansPrediction:
         """As Model.predict."""
-        shown = {name: values for name, values in physics.items() if not load(name).pattern}
         photons = float(np.exp(nuisance["log_photons"]))
-        state = self.chain.state(shown, pose_of(nuisance), photons=photons, anode=self.anode)
+        chain = self.near(linearisation.rays)
+        state = chain.state(self.before_images(physics), pose_of(nuisance), photons=photons, anode=self.anode)
         # The logarithm of noisy counts lies above that of their mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()

@@ -11,7 +11,7 @@ from ...physics.posed import PosedScene
 from ...physics.scene import DiscScene
 from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import pose_of
-from ..core.linearisation import BASE, LinearisationPoint
+from ..core.linearisation import NOMINAL, LinearisationPoint
 
 # Chi-square by which predictions may move until errors are computed again. On the proof's scans, a detector that is
 # 0.15 pixels off moves them by 10^5; errors left where they were are then taken for a focal spot, by 200.
@@ -48,7 +48,7 @@ class Numerical:
         self._kept = Kept(KEPT)
         self.names = tuple(name for name, one in (("rays", finer), ("voxels", coarser)) if one is not None)
 
-    def at(self, linearisation: LinearisationPoint = BASE) -> dict[str, np.ndarray]:
+    def at(self, linearisation: LinearisationPoint = NOMINAL) -> dict[str, np.ndarray]:
         """{name: [view, row, column]}, by how much each step falls short of a finer one."""
         return self._made(linearisation)[0]
 

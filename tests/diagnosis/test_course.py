@@ -1,0 +1,103 @@
+"""One course for users' recordings and for the proof: a verdict depends on what was recorded, and not on which fits
+were made before, in which processes, or whether they went through files."""
+
+import json
+
+import numpy as np
+import pytest
+from simulated_scans import body, noisy_lines
+
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.diagnosis.core.attribute import trial
+from virtual_phantom.diagnosis.core.linearisation import BASE, Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.core.store import read_trial, write_trial
+from virtual_phantom.diagnosis.course import Fitted, explain
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import VoxelScene
+
+PHOTONS = 1e5
+ACCURACY = {"default": 0.15, "numerical": 0.1}
+CANDIDATES = ("focal_spot", "scatter", "detector_offset")
+GEOMETRY = circular(
+    views=48,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=40,
+    rows=4,
+    column_pitch_mm=12.0,
+    row_pitch_mm=12.0,
+    view_interval_ms=10.0,
+)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    grid = Grid((14, 48, 48), (4.0, 5.0, 5.0))
+    volume = body(grid, (100, 75), 20.0, [((45, 10, 5), 18, 800.0), ((-40, -20, -5), 16, -80.0)])
+    return VoxelScene.of(volume, Segmentation(), 0.0193)
+
+
+def ready(scene, physics, seed=5):
+    """A recording that holds this physics, made ready, with nothing asked of its model yet."""
+    state = Chain(scene, GEOMETRY, PHOTONS).state(physics)
+    lines = noisy_lines(state, 4, np.random.default_rng(seed)).astype(np.float32)
+    white = state.measured_air.mean(axis=0) * state.photons
+    taken = observed.Scans(lines, white, np.ones(lines[0].shape, bool))
+    chain, floor = model_and_floor(scene, GEOMETRY, 1, photons=PHOTONS)
+    return prepared.prepare(taken, None, chain, nominal_photons=PHOTONS, floor_chain=floor)
+
+
+def written(content):
+    return json.dumps(content, indent=1, allow_nan=False)
+
+
+def test_a_verdict_is_the_same_in_one_job_and_in_jobs_of_their_own(scene, tmp_path):
+    """The proof diagnoses in one job. Recordings of a user have a job for every candidate, in any order, each with a
+    model of its own, which hand over their fits as files."""
+    physics = {"scatter": {"amount": 0.03, "width_mm": 60.0}, "detector_offset": {"columns_px": 0.05}}
+    _, at_once = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2)
+
+    write_trial(trial(ready(scene, physics).fitter, ()), tmp_path / "alignment.json")
+    baseline = read_trial(tmp_path / "alignment.json")
+    used = ready(scene, physics).fitter
+    for name in reversed(CANDIDATES):
+        write_trial(trial(used, (name,), baseline, baseline), tmp_path / f"{name}.json")
+    fitted = Fitted(baseline, {name: read_trial(tmp_path / f"{name}.json") for name in CANDIDATES})
+    _, by_jobs = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=1, fitted=fitted)
+
+    assert {one["name"] for one in at_once.content["effects"]} == set(physics)
+    assert written(by_jobs.content) == written(at_once.content)
+    for here, there in zip(by_jobs.after, at_once.after, strict=True):
+        np.testing.assert_array_equal(here.map, there.map)
+
+
+SETTINGS = (
+    ({}, {"x_mm": 0.4}),
+    ({"focal_spot": {"width_mm": 2.0, "length_mm": 1.0}}, {"x_mm": 0.401, "turn_deg": 0.003}),
+    ({"detector_offset": {"columns_px": 0.02}}, {"y_mm": -0.2}),
+    ({"motion": {"x_mm_per_s": 1.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0}}, {"x_mm": 0.402}),
+)
+
+
+def test_predictions_do_not_depend_on_what_was_asked_before(scene):
+    fresh, used = (ready(scene, {}) for _ in range(2))
+    expected = {one.name: one.expected for one in fresh.fitter.model.aligned}
+    points = [LinearisationPoint(physics, {"x_mm": 0.4, **off}) for physics, off in SETTINGS[:2]]
+    places = [BASE, *(Linearisation(BASE.errors, rays) for rays in points)]
+
+    def predicted(one, settings, place):
+        physics, off = settings
+        return one.fitter.model.predict(physics, expected | off, one.data, place).mean
+
+    asked = [(settings, place) for settings in SETTINGS for place in places]
+    for one in reversed(asked):
+        predicted(used, *one)
+    for one in asked:
+        np.testing.assert_array_equal(predicted(fresh, *one), predicted(used, *one))
+    # Rays that are followed are not those that are traced: what is said about where they are followed from matters.
+    near, far = (predicted(fresh, SETTINGS[3], place) for place in (places[1], BASE))
+    assert not np.array_equal(near, far)
+    assert np.abs(near - far).max() < 1e-3
