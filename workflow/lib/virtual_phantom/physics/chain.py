@@ -394,15 +394,35 @@ class Chain:
         return Chain(scene, geometry, self.photons, samples, self.illumination, self.sensor, self.readout)
 
     def near(self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, **extra) -> Chain:
-        """The same, whose rays follow to first order those that these settings of `state` send, where they lie near
-        enough; itself where the scene traces all rays or follows others already."""
+        """The same, whose rays follow to first order those that given settings send, where they lie near enough.
+
+        Parameters
+        ----------
+        physics, pose, **extra
+            As `state` takes them.
+
+        Returns
+        -------
+        Chain
+            This one, where the scene traces all rays or follows others already.
+        """
         if not isinstance(self.scene, PosedScene):
             return self
         return self._of(self.scene.near(self._scans(physics, pose, extra)), self.geometry, self.samples)
 
     def follows(self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, **extra) -> bool:
-        """Whether all rays that these settings of `state` send lie near enough to those that they may follow, or there
-        are none to follow."""
+        """Whether all rays that given settings send lie near enough to those that they may follow.
+
+        Parameters
+        ----------
+        physics, pose, **extra
+            As `state` takes them.
+
+        Returns
+        -------
+        bool
+            True also where the scene traces all rays.
+        """
         return not isinstance(self.scene, NearScene) or all(map(self.scene.follows, self._scans(physics, pose, extra)))
 
     def _scans(self, physics: Mapping[str, Mapping[str, float]], pose: Pose, extra: Mapping) -> list[Scan]:
