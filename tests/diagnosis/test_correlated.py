@@ -14,10 +14,11 @@ from virtual_phantom.diagnosis.core.templates import data_changes
 from virtual_phantom.diagnosis.core.uncertainty import left_by_numbers
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.locate import locate
-from virtual_phantom.physics.chain import Chain, State
+from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.correlation import correlations
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import DiscScene, VoxelScene
+from virtual_phantom.physics.state import State
 
 PHOTONS = 1e5
 SHAPE = (14, 4, 6)

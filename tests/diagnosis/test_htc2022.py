@@ -14,9 +14,10 @@ from virtual_phantom.diagnosis.core.verified import Physics, verified
 from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.diagnosis.projections.observed import observe, scans
 from virtual_phantom.diagnosis.projections.scanned import mask_scene
-from virtual_phantom.physics.chain import AIR, Chain
+from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.spectra import Anode
+from virtual_phantom.physics.state import AIR
 from virtual_phantom.recordings.importers.htc2022 import OBJECT, import_htc2022
 
 REAL = Path(__file__).resolve().parents[2] / "../shared/real/htc2022"

@@ -10,9 +10,9 @@ from scanner import SCANNER
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.physics.chain import displaced
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.prism import PrismScene
+from virtual_phantom.physics.sampling import displaced
 from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
 from virtual_phantom.projectors.cpu import CpuProjector
 

@@ -15,13 +15,14 @@ from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.io.exchange import read_line_integrals, write_line_integrals
-from virtual_phantom.physics.chain import AIR, Chain, State, between, lagged
+from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.correlation import correlations
 from virtual_phantom.physics.effect import OF_AIR, acts_on_images, load, names, needs_times
 from virtual_phantom.physics.effects.afterglow import of_views
 from virtual_phantom.physics.materials import attenuation_per_mm
 from virtual_phantom.physics.noise import acquire
 from virtual_phantom.physics.scene import DISC_ENERGY_KEV, DiscScene
+from virtual_phantom.physics.state import AIR, State, between, lagged
 from virtual_phantom.physics.stored_state import read_state, to_store
 from virtual_phantom.recordings.projections import Projections
 

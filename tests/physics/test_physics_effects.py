@@ -12,14 +12,16 @@ from simulated_scans import body, noisy_lines
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.projections.observed import Scans, observe
-from virtual_phantom.physics.chain import Chain, State, displaced, lagged, quadrature, shared
+from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.correlation import correlations
 from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load, names
 from virtual_phantom.physics.image import with_effects
 from virtual_phantom.physics.line_integrals import clean_line_integrals
 from virtual_phantom.physics.materials import Segmentation, attenuation_per_mm, energy_of
+from virtual_phantom.physics.sampling import displaced, quadrature
 from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
 from virtual_phantom.physics.spectra import Anode, tube_spectrum, weighted_spectrum
+from virtual_phantom.physics.state import State, lagged, shared
 
 ROOT = Path(__file__).resolve().parents[2]
 MU = 0.0193

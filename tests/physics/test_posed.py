@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.physics.chain import displaced
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.rays import outline
+from virtual_phantom.physics.sampling import displaced
 from virtual_phantom.physics.scene import Pose, VoxelScene
 
 GEOMETRY = circular(

@@ -8,8 +8,8 @@ import pytest
 
 from virtual_phantom.base import streams
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.physics.chain import State
 from virtual_phantom.physics.noise import acquire
+from virtual_phantom.physics.state import State
 from virtual_phantom.study.dependencies import LIBRARY
 
 LINES = np.full((10, 20, 50), 1.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .chain import State, between, blurred, lagged
+from .state import State, between, blurred, lagged
 
 AXES = (2, 1, 0)  # of [view, row, column], in the order in which correlations are given
 

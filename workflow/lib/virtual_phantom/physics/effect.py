@@ -143,7 +143,7 @@ class Effect:
         The further recording that shows it alone.
     parameters : tuple of Parameter
     apply : callable
-        (state, values by name): changes in place a chain.State, or at stage "image" an image.ImageState.
+        (state, values by name): changes in place a state.State, or at stage "image" an image.ImageState.
     pattern : bool
         True if one unknown per detector pixel is fitted beside the parameters (rings).
     rank : int

@@ -13,7 +13,7 @@ from ..base.streams import Stream, acquisition, common_acquisition, generator
 from .poisson import poisson_counts
 
 if TYPE_CHECKING:
-    from .chain import State
+    from .state import State
 
 MODELS = ("astra", "physical")
 INDEPENDENT, COMMON = "independent", "common"

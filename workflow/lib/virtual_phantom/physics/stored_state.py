@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from ..io.exchange import Physics, read_physics
-from .chain import State
+from .state import State
 
 ARRAYS = ("signal", "noise", "air", "gain", "dark")
 NUMBERS = ("photons", "electronic", "neighbours", "lag", "dark_air")

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft, signal
 
-from ...physics.chain import State
+from ...physics.state import State
 
 SEEN = 3.0  # standard errors by which a correlation must stand out; what is less changes no sum by 1 % of its error
 VIEW_LAGS = 48  # successive views whose correlations are looked at, where there are twice as many

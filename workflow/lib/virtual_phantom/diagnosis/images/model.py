@@ -10,10 +10,11 @@ import numpy as np
 from ...base.recent import Kept
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
-from ...physics.chain import Chain, State
+from ...physics.chain import Chain
 from ...physics.effect import acts_on_images
 from ...physics.image import with_effects
 from ...physics.spectra import TUNGSTEN, Anode
+from ...physics.state import State
 from ..core.alignment import Nuisance, pose_of
 from ..core.linearisation import BASE, Linearisation, LinearisationPoint
 from ..core.model import Model

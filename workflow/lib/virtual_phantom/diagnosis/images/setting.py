@@ -9,7 +9,7 @@ import numpy as np
 from ...base.errors import InputError
 from ...base.geometry import Grid, OrbitGeometry, grid_of, scan_geometry
 from ...base.streams import Branch, branch
-from ...physics.chain import AIR
+from ...physics.state import AIR
 from ...reconstruction.images import in_hu
 from ...recordings.images import ImagesRecording
 from ..core.alignment import pose_of

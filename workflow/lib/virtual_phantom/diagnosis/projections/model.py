@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...physics.chain import Chain, State
+from ...physics.chain import Chain
 from ...physics.correlation import correlations
 from ...physics.spectra import TUNGSTEN, Anode
+from ...physics.state import State
 from ..core.alignment import Nuisance, pose_of
 from ..core.linearisation import BASE, Linearisation, LinearisationPoint
 from ..core.model import DENSITY_SD, Model

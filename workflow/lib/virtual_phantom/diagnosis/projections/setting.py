@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ...physics.chain import AIR, EVEN, Chain
+from ...physics.chain import EVEN, Chain
+from ...physics.state import AIR
 from ...recordings.recording import Recording
 from ...recordings.scan import assumed
 from ..core.asked import Asked, Labels

@@ -2,8 +2,8 @@
 
 import math
 
-from ..chain import State
 from ..effect import LOGARITHM, PER_VIEW, Effect, Parameter, Reach
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ...base.geometry import orbit_of
-from ..chain import State
 from ..effect import Effect, Parameter
+from ..state import State
 
 REFERENCE_DEG = 20.0
 

@@ -1,7 +1,7 @@
 """Centre of rotation beside the central ray."""
 
-from ..chain import State
 from ..effect import Effect, Parameter
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

@@ -2,8 +2,8 @@
 
 import math
 
-from ..chain import State
 from ..effect import OF_AIR, OF_AIR_PER_SCAN, Effect, Parameter, Reach
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

@@ -2,8 +2,8 @@
 
 from dataclasses import replace
 
-from ..chain import State
 from ..effect import Effect, Parameter
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

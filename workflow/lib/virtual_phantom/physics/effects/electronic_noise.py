@@ -1,7 +1,7 @@
 """Electronic noise of the read-out."""
 
-from ..chain import State
 from ..effect import Effect, Parameter
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 
-from ..chain import State
 from ..effect import Effect, Parameter
+from ..state import State
 
 # Points per side: their shadows, of what lies at the isocentre, are no farther apart than a pixel is wide. Against 96
 # points per side, the peak of a ball as wide as a pixel is then right to 6 % (three points of pixels a quarter as wide

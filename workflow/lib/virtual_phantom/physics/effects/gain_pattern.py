@@ -3,8 +3,8 @@
 import numpy as np
 
 from ...base.streams import Branch, branch, generator
-from ..chain import State
 from ..effect import Effect, Parameter
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ...base.geometry import orbit_of
-from ..chain import State
 from ..effect import Effect, Parameter
+from ..state import State
 
 MATERIALS = {"W": "tungsten", "Mo": "molybdenum", "Rh": "rhodium"}
 LEAST_ANGLE_DEG = 1.0  # of a ray to the anode's surface: flatter ones are taken to leave as these, all but absorbed

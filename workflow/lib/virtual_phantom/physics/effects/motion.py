@@ -1,7 +1,7 @@
 """Rigid motion of the object during the scan."""
 
-from ..chain import State
 from ..effect import PER_SCAN, Effect, Parameter, Reach
+from ..state import State
 
 # mm/s. Vessels move at 11 in quiet breathing, a heart's wall at 53 at most: C. J. Ritchie et al., Radiology 185, 37
 # (1992).

@@ -1,7 +1,7 @@
 """Optical crosstalk: light shared by neighbouring pixels after detection."""
 
-from ..chain import State
 from ..effect import Effect, Parameter
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

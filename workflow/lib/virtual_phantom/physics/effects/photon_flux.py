@@ -1,7 +1,7 @@
 """Photon flux: another dose than stated."""
 
-from ..chain import State
 from ..effect import Effect, Parameter
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..chain import State
 from ..effect import Effect, Parameter
 from ..spread import spread
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

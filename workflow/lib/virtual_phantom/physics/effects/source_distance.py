@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from ...base.geometry import orbit_of
-from ..chain import State
 from ..effect import Effect, Parameter
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

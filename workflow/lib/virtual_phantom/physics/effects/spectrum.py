@@ -1,8 +1,8 @@
 """Polychromatic spectrum: beam hardening."""
 
-from ..chain import State
 from ..effect import LOGARITHM, Effect, Parameter
 from ..spectra import weighted_spectrum
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

@@ -1,8 +1,8 @@
 """Veiling glare: light that spreads far within the detector."""
 
-from ..chain import State
 from ..effect import Effect, Parameter
 from ..spread import spread
+from ..state import State
 
 
 def apply(state: State, values: dict[str, float]) -> None:

@@ -1,7 +1,7 @@
 """X-ray crosstalk between detector pixels."""
 
-from ..chain import State, shared
 from ..effect import Effect, Parameter
+from ..state import State, shared
 
 
 def apply(state: State, values: dict[str, float]) -> None:

@@ -1,0 +1,323 @@
+"""What effects change of a scan, stage by stage, and what is read out of it: means, noise and line integrals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..base.geometry import ScanGeometry
+from .poisson import poisson_counts
+from .sensors import Sensor
+from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
+
+PHOTONS, AIR = "photons", "air"  # of a readout: its unit
+LEAST_SIGNAL = 1e-6  # of the signal in air: a logarithm of less is none
+MOST_NOISE = 0.2  # variance of line integrals up to which moments of the logarithm follow their series
+
+
+@dataclass
+class State:
+    """What effects change, stage by stage.
+
+    Attributes
+    ----------
+    geometry : ScanGeometry
+        Of the scan as it really is.
+    photons : float
+        Noise-equivalent quanta of a pixel in air at fluence 1, that is 1 over its relative quantum variance: 1/A. Where
+        all photons count alike, their number. What widens all deposits alike (the light's part of Swank's factor)
+        lowers it and stands nowhere else.
+    motion_mm : ndarray, shape (views, 3), or None
+        Displacement of the object, mm.
+    anode : Anode
+        Of the tube.
+    sensor : Sensor
+        Of the detector.
+    spectrum : Spectrum or None
+        What is read out of the beam without an object; None for the monochromatic beam.
+    sources : tuple of tuple of 4 float
+        Displacements of points of the focal spot along the columns, the rows and the central ray, away from the
+        isocentre, mm, and their weights.
+    filters : tuple of tuple of str and ndarray
+        Materials that the beam passes before the object, and their thickness in mm, broadcastable to (rows, columns);
+        over that of the central ray where this is in the spectrum already.
+    fluence : ndarray
+        Photons that leave the tube towards each pixel, relative, broadcastable to (views, rows, columns).
+    signal, air : ndarray, shape (views, rows, columns), or None
+        Mean signal with the object and without (air may have one view), over the signal of a pixel in air at fluence 1.
+    noise : ndarray, shape (views, rows, columns), or None
+        Quantum variance of the signal, times `photons`: the signal itself where all photons count alike.
+    electronic : float
+        Standard deviation of electronic noise, in photons: of each, the signal in air over `photons`.
+    neighbours : tuple of 2 float
+        (column, row): share of the signal that goes to the next pixel on either side, after the quantum noise is in it.
+    lag : tuple of 3 float
+        (share, memory, before): share of a view's signal that is read with later views, what of the glow each further
+        view of the scanner leaves, and how much of it there is before the first view, over what that view's signal
+        would bring about if it lasted.
+    gain : ndarray or None
+        Of each pixel since the air scan, a factor broadcastable to (rows, columns).
+    dark : ndarray or None
+    dark_air : float
+        Read out beside the signal and no photons, in readout units: in the scan, broadcastable to (views, rows,
+        columns), and in the air scan.
+    readout : float or {"photons", "air"}
+        Mean reading of the air scan in readout units; PHOTONS where these are photons; AIR where no reading is known
+        and the mean signal in air takes their place.
+    """
+
+    geometry: ScanGeometry
+    photons: float = 1e5
+    motion_mm: np.ndarray | None = None
+    anode: Anode = TUNGSTEN
+    sensor: Sensor = SENSOR
+    spectrum: Spectrum | None = None
+    sources: tuple[tuple[float, float, float, float], ...] = ((0.0, 0.0, 0.0, 1.0),)
+    filters: Filters = ()
+    fluence: np.ndarray = field(default_factory=lambda: np.ones((1, 1, 1)))
+    signal: np.ndarray | None = None
+    air: np.ndarray | None = None
+    noise: np.ndarray | None = None
+    electronic: float = 0.0
+    neighbours: tuple[float, float] = (0.0, 0.0)
+    lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    gain: np.ndarray | None = None
+    dark: np.ndarray | None = None
+    dark_air: float = 0.0
+    readout: float | str = PHOTONS
+
+    @property
+    def unit(self) -> float:
+        """Readout units of the signal 1."""
+        if self.readout == PHOTONS:
+            return self.photons
+        air = float(self.air.mean())
+        return 1 / air if self.readout == AIR else (self.readout - self.dark_air) / air
+
+    def __post_init__(self):
+        if self.noise is None:
+            self.noise = self.signal
+
+    @property
+    def measured(self) -> np.ndarray:
+        """The mean signal as it is read out, shape (views, rows, columns)."""
+        signal = self.read(self.signal)
+        signal = signal if self.gain is None else signal * self.gain
+        return signal if self.dark is None else np.maximum(signal + self.dark / self.unit, LEAST_SIGNAL)
+
+    @property
+    def measured_air(self) -> np.ndarray:
+        """The air scan as it is read out, shape (views or 1, rows, columns)."""
+        return shared(self.air, self.neighbours) + self.dark_air / self.unit
+
+    def read(
+        self, signal: np.ndarray, squared: bool = False, first: np.ndarray | None = None, apart: int | None = None
+    ) -> np.ndarray:
+        """What is read out of a signal that neighbours share and that lags behind.
+
+        Parameters
+        ----------
+        signal : ndarray, shape (views, rows, columns)
+        squared : bool, optional
+            Of variances of independent values.
+        first : ndarray, shape (rows, columns), optional
+            Signal of the views before the scan; None: as that of its first view.
+        apart : int, optional
+            As of `lagged`; None: that of the geometry.
+
+        Returns
+        -------
+        ndarray, shape (views, rows, columns)
+        """
+        first = None if first is None else shared(first[None], self.neighbours, squared)[0]
+        apart = apart or self.geometry.views_apart
+        return lagged(shared(signal, self.neighbours, squared), self.lag, squared, first, apart)
+
+    def drawn_before(self, mean: np.ndarray, variance: np.ndarray, random: np.random.Generator) -> np.ndarray | None:
+        """A mean over the views before the scan, as their glow weighs them, that is as noisy as these are.
+
+        Parameters
+        ----------
+        mean, variance : ndarray, shape (rows, columns)
+            Of the signal of one such view.
+        random : numpy.random.Generator
+
+        Returns
+        -------
+        ndarray, shape (rows, columns), or None
+            None without afterglow.
+        """
+        if not self.lag[0]:
+            return None
+        return mean + random.normal(size=mean.shape) * np.sqrt(variance * (1 - self.lag[1]) / (1 + self.lag[1]))
+
+    def line_integrals(self) -> np.ndarray:
+        """-ln(signal / air) of the means, float64, shape (views, rows, columns)."""
+        return -np.log(self.measured / self.measured_air)
+
+    def variance(self) -> np.ndarray:
+        """Of the line integrals, to first order in the noise: that of the signal over its mean squared."""
+        quantum, electronic = self._noise_parts()
+        return quantum + electronic
+
+    def log_noise(self) -> tuple[np.ndarray, np.ndarray]:
+        """What noise adds to the mean of the line integrals, and their variance, both to second order.
+
+        Moments of -ln(1 + x) to the fourth in x, whose third moment is that of Poisson counts: v/2 + 3/4 v^2 - q^2/3
+        and v + 5/2 v^2 - q^2, of the first-order variance v and its quantum part q; for counts of mean m alone 1/(2m) +
+        5/(12 m^2) and 1/m + 3/(2 m^2). Where v is over MOST_NOISE, the series says nothing any more, and the
+        second-order terms stay at that.
+
+        Returns
+        -------
+        mean, variance : ndarray, shape (views, rows, columns)
+        """
+        quantum, electronic = self._noise_parts()
+        first = quantum + electronic
+        noise, quantum = np.minimum(first, MOST_NOISE), np.minimum(quantum, MOST_NOISE)
+        return first / 2 + 0.75 * noise**2 - quantum**2 / 3, first + 2.5 * noise**2 - quantum**2
+
+    def _noise_parts(self) -> tuple[np.ndarray, np.ndarray]:
+        """Variances of what is read over the square of its mean: quantum and electronic."""
+        if self.dark is None:  # gains change signal and noise alike
+            over = 1 / self.read(self.signal) ** 2
+        else:
+            over = (1.0 if self.gain is None else self.gain) ** 2 / self.measured**2
+        return self.read(self.noise / self.photons, squared=True) * over, (self.electronic / self.photons) ** 2 * over
+
+    def counts(self, random: np.random.Generator) -> np.ndarray:
+        """One noisy scan: quantum noise, shared by neighbours, and electronic noise.
+
+        Quantum noise is drawn as so many Poisson counts of so much signal each that mean and variance are right. The
+        third moment is then that of `log_noise`.
+
+        Parameters
+        ----------
+        random : numpy.random.Generator
+            It gives one number per pixel for the counts. What was before the scan and electronic noise have streams of
+            their own, spawned from it, so that counts are the same with and without them.
+
+        Returns
+        -------
+        ndarray of float64, shape (views, rows, columns)
+            Photons.
+        """
+        earlier, electronic = random.spawn(2)
+        each = np.divide(self.noise, self.signal, out=np.ones_like(self.signal), where=self.signal > 0)
+        before = self.drawn_before(self.signal[0] * self.photons, self.noise[0] * self.photons, earlier)
+        # Of views that are left out, the glow that they leave has noise of its own.
+        apart = self.geometry.views_apart if self.lag[0] else 1
+        signal, each = between(self.signal, apart), between(each, apart)
+        drawn = poisson_counts(signal / each * self.photons, random) * each
+        read = self.read(drawn, first=before, apart=1)[::apart]
+        if self.electronic:
+            read += self.electronic * electronic.normal(size=read.shape)
+        read = read if self.gain is None else read * self.gain
+        return read if self.dark is None else read + self.dark * (self.photons / self.unit)
+
+
+def shared(array: np.ndarray, neighbours: tuple[float, float], squared: bool = False) -> np.ndarray:
+    """What neighbours share: (c, 1 - 2c, c) along columns and rows.
+
+    Signal that would leave the detector stays in the pixel at its edge.
+
+    Parameters
+    ----------
+    array : ndarray, shape (views, rows, columns)
+    neighbours : tuple of 2 float
+        c along columns and along rows.
+    squared : bool, optional
+        The weights are squared: variances of independent values.
+
+    Returns
+    -------
+    ndarray, shape (views, rows, columns)
+    """
+    for axis, share in zip((2, 1), neighbours, strict=True):
+        if share and array.shape[axis] > 1:
+            array = blurred(array, share, axis, squared)
+    return array
+
+
+def lagged(
+    array: np.ndarray,
+    lag: tuple[float, float, float],
+    squared: bool = False,
+    first: np.ndarray | None = None,
+    apart: int = 1,
+) -> np.ndarray:
+    """What is read where a share glows on and fades by the factor `memory` from view to view.
+
+    Parameters
+    ----------
+    array : ndarray, shape (views, ...)
+    lag : tuple of 3 float
+        As State.lag.
+    squared : bool, optional
+        The weights are squared: variances of independent values.
+    first : ndarray, optional
+        What the views before the scan held; None: as the first view.
+    apart : int, optional
+        Of so many views of the scanner one is there: those between are interpolated.
+
+    Returns
+    -------
+    ndarray, shape (views, ...)
+    """
+    share, memory, before = lag
+    if not share:
+        return array
+    if apart > 1:
+        return lagged(between(array, apart), lag, squared, first)[::apart]
+    keep, late, fading, new = 1 - share, share, memory, 1 - memory
+    first = array[0] if first is None else first
+    glow = before * first
+    if squared:
+        keep, late, fading, new = keep**2, late**2, fading**2, new**2
+        glow = before**2 * first * new / (1 - fading)
+    result = np.empty(array.shape)
+    for view, signal in enumerate(array):
+        result[view] = keep * signal + late * glow
+        glow = fading * glow + new * signal
+    return result
+
+
+def between(array: np.ndarray, apart: int) -> np.ndarray:
+    """[view, ...] with `apart` - 1 further ones from each view to the next, interpolated linearly."""
+    if apart == 1:
+        return array
+    place = np.arange((len(array) - 1) * apart + 1) / apart
+    low = np.minimum(place.astype(int), max(len(array) - 2, 0))
+    share = (place - low).reshape(-1, *[1] * (array.ndim - 1))
+    return array[low] * (1 - share) + array[np.minimum(low + 1, len(array) - 1)] * share
+
+
+def blurred(array: np.ndarray, share: float, axis: int, squared: bool = False) -> np.ndarray:
+    """(c, 1 - 2c, c) along an axis, edge pixels keeping what would leave.
+
+    Parameters
+    ----------
+    array : ndarray
+    share : float
+        c.
+    axis : int
+    squared : bool, optional
+        The weights are squared: variances of independent values.
+
+    Returns
+    -------
+    ndarray
+        Shaped as `array`.
+    """
+    middle, side = 1 - 2 * share, share
+    kept = side  # what an edge pixel has beyond the middle's share
+    if squared:
+        middle, side, kept = middle**2, side**2, (middle + side) ** 2 - middle**2
+    array = np.moveaxis(array, axis, -1)
+    result = middle * array
+    result[..., 1:] += side * array[..., :-1]
+    result[..., :-1] += side * array[..., 1:]
+    result[..., 0] += kept * array[..., 0]
+    result[..., -1] += kept * array[..., -1]
+    return np.moveaxis(result, -1, axis)
