@@ -126,9 +126,16 @@ def test_the_transpose_holds_for_vectors_too():
     assert left == pytest.approx(np.vdot(x.astype(float), projector.adjoint(y).astype(float)), rel=1e-5)
 
 
+def test_a_focal_spot_lies_along_the_axes_of_a_rolled_detector():
+    geometry = rolled(GEOMETRY, 0.3, 0.1)
+    moved = displaced(geometry, 2.0, -1.0, 0.5)
+    by = moved.source_mm - geometry.source_mm
+    for axis, far in ((geometry.column_direction, 2.0), (geometry.row_direction, -1.0), (geometry.normal, -0.5)):
+        np.testing.assert_allclose((by * axis).sum(axis=1), far, atol=1e-9)
+    np.testing.assert_array_equal(moved.detector_mm, geometry.detector_mm)
+
+
 def test_what_the_shortcuts_cannot_do_is_refused():
     geometry = rolled(GEOMETRY, 0.1)
     with pytest.raises(InputError, match="engine cpu needs detector rows along z"):
         CpuProjector(geometry, Grid((4, 4, 4), (1.0, 1.0, 1.0)))
-    with pytest.raises(InputError, match="focal_spot needs a circular or helical scan"):
-        displaced(geometry, 1.0, 0.0)

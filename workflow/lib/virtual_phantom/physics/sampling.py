@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..base.geometry import ScanGeometry, orbit_of
+from ..base.geometry import ScanGeometry
 
 
 def quadrature(samples: int, of_rows: bool = True) -> list[tuple[tuple[float, float], float]]:
@@ -33,39 +33,22 @@ def quadrature(samples: int, of_rows: bool = True) -> list[tuple[tuple[float, fl
 
 
 def displaced(geometry: ScanGeometry, column_mm: float, row_mm: float, away_mm: float = 0.0) -> ScanGeometry:
-    """The geometry of a point of the focal spot beside its centre.
-
-    A source moved by s along the column axis stands where a gantry turned by -s/R would put it; the detector, which
-    stays, then lies s (D - R)/R off in the turned frame. Its tilt against that frame (s/R) is neglected.
+    """The geometry of a point of the focal spot beside its centre: the source moves, the detector stays.
 
     Parameters
     ----------
     geometry : ScanGeometry
     column_mm, row_mm : float
-        Along the detector's columns and rows.
+        Displacement along the detector's columns and rows, mm.
     away_mm : float, optional
-        Along the central ray, away from the isocentre.
+        Displacement across the detector, away from it, mm.
 
     Returns
     -------
     ScanGeometry
-
-    Raises
-    ------
-    InputError
-        If the point is displaced and the scan is no circle or helix.
     """
     if not column_mm and not row_mm and not away_mm:
         return geometry
-    geometry = orbit_of(geometry, "focal_spot")
-    radius, distance = geometry.source_to_isocentre_mm, geometry.source_to_detector_mm
-    turn = -column_mm / radius
-    return replace(
-        geometry,
-        angles_rad=geometry.angles_rad + turn,
-        column_offset_px=geometry.column_offset_px - turn * (distance - radius) / geometry.column_pitch_mm,
-        source_z_mm=geometry.source_z_mm + row_mm,
-        source_to_isocentre_mm=radius + away_mm,
-        source_to_detector_mm=distance + away_mm,
-        row_offset_px=geometry.row_offset_px - row_mm / geometry.row_pitch_mm,
-    )
+    vectors = geometry.by_vectors()
+    by_mm = column_mm * vectors.column_direction + row_mm * vectors.row_direction - away_mm * vectors.normal
+    return replace(vectors, source_mm=vectors.source_mm + by_mm)
