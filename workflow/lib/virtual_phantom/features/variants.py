@@ -17,7 +17,7 @@ from scipy import ndimage
 
 from ..base.errors import InputError
 
-MINIMUM_REPEATS = 2
+MINIMUM_REPEATS = 2  # from which noise is what differs between them
 TRUNCATE = 6.0  # of Gaussians, in SDs: what is cut off has no weight in single precision
 
 

@@ -31,6 +31,7 @@ COMPOUNDS = {
     "polyethylene": ("Polyethylene", None),
     "air": ("Air, Dry (near sea level)", None),
 }
+# Name: atomic number, and density in g/cm^3 at room temperature (CRC Handbook of Chemistry and Physics).
 ELEMENTS = {
     "aluminium": (13, 2.699),
     "copper": (29, 8.96),

@@ -36,7 +36,7 @@ class Pose:
 
 
 IN_PLACE = Pose()
-DISC_ENERGY_KEV = 60.0
+DISC_ENERGY_KEV = 60.0  # of the monochromatic beam where none is stated: about the mean of a body scan at 120 kV
 
 
 class VoxelScene:

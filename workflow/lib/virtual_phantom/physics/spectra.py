@@ -24,8 +24,8 @@ from ..io.files import check_unchanged, replacing
 from .materials import attenuation_per_mm
 from .sensors import Sensor, response
 
-BINS = 24
-STEP_KEV = 0.5
+BINS = 24  # energies that a spectrum is reduced to
+STEP_KEV = 0.5  # of tube spectra as SpekPy makes them: its own default
 KVP = {"W": (30.0, 150.0), "Mo": (20.0, 50.0), "Rh": (20.0, 50.0)}  # what SpekPy's tables cover
 
 

@@ -20,12 +20,12 @@ from .recording import Provenance, Recording, Repeats
 from .scan import check_lengths, missing_for_geometry, scan_geometry
 
 WIDTH_MM = (40.0, 1500.0)  # in-plane: from a small phantom to the bore of a scanner
-LARGEST_VOXEL_MM = 20.0
+LARGEST_VOXEL_MM = 20.0  # of any side: more are metres or another unit
 # Soft tissue and water stored as HU + 1000 or HU + 1024 lie here; of HU, little does: dense bone, PTFE.
 OFFSET_TISSUE = (900.0, 1300.0)
-MOST_DENSE = 0.1
+MOST_DENSE = 0.1  # share of voxels there; more are stored values, not HU
 BELOW_AIR_HU = -1100.0  # lower than the noise of air goes in numbers: padding outside the scanned circle
-MENTIONED_SHARE = 0.01
+MENTIONED_SHARE = 0.01  # of voxels that is worth a remark
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ from ..phantom.ct import resample
 from .cross_correlation import LEAST_COVERED
 from .images import BELOW_AIR_HU, MENTIONED_SHARE
 
-SOFT_HU = (-200.0, 300.0)
+SOFT_HU = (-200.0, 300.0)  # fat to contrast-filled vessels: what soft tissue is aligned by
 DENSEST_HU = 1000.0  # metal and its streaks would outvote soft tissue
-WHOLE_ROI = 0.99
-EDGE_POINTS, LEAST_EDGE_POINTS = 20_000, 100
+WHOLE_ROI = 0.99  # share of an ROI that must be seen for it to count as seen
+EDGE_POINTS, LEAST_EDGE_POINTS = 20_000, 100  # of the body's surface: more add time only, fewer say too little
 EDGE_REACH_VOXELS = 3  # farther apart, two edges are not the same one
 SMOOTHING = 0.6  # voxels, standard deviation
 

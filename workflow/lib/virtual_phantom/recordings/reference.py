@@ -13,7 +13,7 @@ from ..statistics import repeats as repeats_of
 from .features import FeaturesRecording
 
 PER = ("image", "condition")
-MINIMUM_GROUPS = 2
+MINIMUM_GROUPS = 2  # to be compared with each other
 MINIMUM_IMAGES = 2  # of a group: the rank-sum test knows no spread of a single one
 
 

@@ -33,7 +33,7 @@ from .levels import Level, clipped, coarser_mask, correlation, edges, level_of, 
 
 COARSE_VOXELS = 40  # across the body's width in the coarsest level; each further level has half its voxel
 TURNS_DEG = (-14.0, -7.0, 0.0, 7.0, 14.0)  # about z; the optimiser covers half of a step and other axes' few degrees
-KEPT_STARTS = 2
+KEPT_STARTS = 2  # best of TURNS_DEG and shifts, followed to the finest level
 THIN = 8  # voxels that even a thin phantom is high in the coarsest level
 TOUCHING_VOXELS = 1  # of the finest level: nearer to the body's surface, matter may be a shifted body
 FAR_MM = 10.0  # from the body's surface: farther than it is out of place by now
@@ -44,8 +44,7 @@ SIDES = ("left and right", "front and back", "top and bottom")
 #           0.91 to 0.94 (0.95 to 0.99)
 #   wrong:  printed phantom mirrored 0.92 (0.60), end to end 0.96 (0.83); abdomen mirrored 0.78 (0.50), end to end 0.85
 #           (0.83), front to back 0.67 (0.52), other slices of it 0.77 (0.69); the one for the other 0.62 (0.52)
-LEAST_CORRELATION = 0.85
-LEAST_CORRELATION_INSIDE = 0.9
+LEAST_CORRELATION, LEAST_CORRELATION_INSIDE = 0.85, 0.9
 # Left unexplained (1 - correlation inside) by swapped sides, as a share of that by the right ones: 3 to 10 for abdomen
 # and printed phantom, 1 for an object that is its own mirror image, 0.02 to 0.1 if the recording has them swapped.
 FLIPPED_LEAVES = 0.5

@@ -14,9 +14,8 @@ REQUIRED = ("trajectory", *DETECTOR, "views", "views_per_rotation", "start_angle
 HELICAL = ("table_feed_mm", "start_z_mm")
 # Scanners for bodies and phantoms: body CT has fans of 45 to 60 degrees and fields of view of 500 mm, bench scanners of
 # small objects start at some 80 mm. One length in centimetres among millimetres moves these by a factor of ten.
-LARGEST_FAN_DEG = 120.0
-FIELD_OF_VIEW_MM = (60.0, 2000.0)
-LARGEST_PIXEL_ASPECT = 5.0
+LARGEST_FAN_DEG, FIELD_OF_VIEW_MM = 120.0, (60.0, 2000.0)
+LARGEST_PIXEL_ASPECT = 5.0  # of the pitches of columns and rows: more are mixed units
 TIME_TOLERANCE = 0.01  # by which stated times may be rounded
 
 

@@ -19,7 +19,7 @@ from itertools import combinations
 import numpy as np
 from scipy.stats import f as f_distribution
 
-CONFIDENCE = 0.95
+CONFIDENCE = 0.95  # of intervals
 ROUNDING = 1e-12  # a sum of squares under this share of the values' own squares is rounding alone
 
 

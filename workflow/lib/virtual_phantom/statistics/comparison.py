@@ -29,7 +29,7 @@ MARGIN_SD = 1.0
 # With ten repeats each, the 90 % interval of a ratio of SDs is a factor of 1.8 wide to either side; a narrower margin
 # than half to twice could hardly ever be shown to be kept.
 SD_FACTOR = 2.0
-LEVEL = 0.95
+LEVEL = 0.95  # of intervals
 ALPHA = 0.05  # of tests; two one-sided tests at 5 % are a 90 % interval within the margin
 # Relative: sums in another order differ by as much, and a feature that varies less is constant.
 ROUNDING = 1e-9

@@ -21,8 +21,8 @@ from scipy import linalg, ndimage
 from ..base.errors import InputError
 
 TILE_VOXELS = (64, 32, 16, 8)  # sides of the squares that spectra are taken of: the largest that fits often enough
-LEAST_TILES = 8
-LEAST_ROI_VOXELS = 4
+LEAST_TILES = 8  # of which a spectrum is averaged: its SD is then 35 % of itself
+LEAST_ROI_VOXELS = 4  # of a mean or an SD that is compared
 
 
 @dataclass(frozen=True)

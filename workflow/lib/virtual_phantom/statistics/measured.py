@@ -22,7 +22,7 @@ from ..base.errors import InputError
 from ..features.names import FEATURES
 from ..io.files import read_csv
 
-STORED_OFFSET_HU = 1024
+STORED_OFFSET_HU = 1024  # of the published tables over HU: their scans store HU + 1024
 FIRST_REPOSITIONED = 21  # of 30 acquisitions; Flouris et al., Sci. Rep. 12, 4732 (2022), methods
 ACQUISITIONS = ("fixed", "all")  # without re-positioning, or with
 TISSUE_CLASSES = {

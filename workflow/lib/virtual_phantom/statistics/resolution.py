@@ -20,7 +20,7 @@ from ..base.errors import InputError
 from .image_quality import Measure, noise_of, propagated, slice_correlations
 
 HALF_WIDTH_VOXELS, FLAT_VOXELS = 6.0, 4.0  # of the window around the edge, and of its part that counts fully
-BINS_PER_VOXEL = 4
+BINS_PER_VOXEL = 4  # of the oversampled edge (ISO 12233)
 SECTORS = 8  # of directions: pieces of the edge with noises of their own
 LEAST_FILLED = 0.5  # share of bins
 FREQUENCIES, MOST_PER_VOXEL = 400, 2.0  # of the MTF, and cycles per voxel up to which it is taken

@@ -15,7 +15,7 @@ from .model import Model
 from .observed import Observed
 from .steps import bounded_step, standard_errors, updated
 
-ITERATIONS = 25
+ITERATIONS = 25  # of a fit, so that it ends
 MOST_LINEARISATIONS = 3  # times that numerical errors are computed again in a fit, each when it has settled
 # Of chi-square between two iterations: in units of noise, and of its excess over noise where the model lacks much.
 CONVERGED, CONVERGED_SHARE = 0.02, 1e-5

@@ -14,7 +14,7 @@ from .model import Model
 from .prepared import Prepared
 from .steps import NORMAL_95
 
-LEFT_SD = 3.0
+LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
 NO_SIGNED_MAP = ("edges", "both halves")  # sums of squares and products
 VERDICTS = ("match", "mismatch explained", "mismatch partly explained", "unexplained")
 

@@ -22,7 +22,7 @@ from ...statistics.multiplicity import holm
 from .properties import FOLDS, Property
 from .responses import Curve, Responses, finer, removed, weight
 
-DRAWS = 999
+DRAWS = 999  # of a permutation test: p down to 0.001
 MATERIAL = 0.1  # share of the excess on held-out regions that a property must remove
 AS_GOOD = 0.05  # of a paired t-test over regions: what is not worse at this level stands as well
 # A property without a strength was fitted to the recording by its own numbers, and is so to a random difference.

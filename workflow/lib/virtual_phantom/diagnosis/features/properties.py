@@ -23,11 +23,11 @@ from ...statistics.attribution import BASELINE
 from ...statistics.comparison import MINIMUM_ROIS
 from .simulated_variants import MEAN, SIGMAS_VOXELS, sampled
 
-FOLDS = (1, 2)
-EVERY_FOLD = 0
-FLUX_FACTORS = (0.25, 0.5, 2.0, 4.0)
+FOLDS = (1, 2)  # halves of the regions: strengths are fitted to one and judged on the other
+EVERY_FOLD = 0  # of rows that both folds share
+FLUX_FACTORS = (0.25, 0.5, 2.0, 4.0)  # of the photons that are simulated; between them strengths are interpolated
 TEXTURE_SIGMAS_VOXELS = (*SIGMAS_VOXELS, 1.4, 2.0)  # a scanner's noise may be as coarse in these larger voxels
-THICKNESSES_SLICES = (1.5, 2.0, 3.0)
+THICKNESSES_SLICES = (1.5, 2.0, 3.0)  # that are simulated; between them strengths are interpolated
 SQUARE, LOGARITHM, LINEAR = (np.square, np.sqrt), (np.log, np.exp), (np.asarray, np.asarray)
 
 

@@ -15,7 +15,7 @@ from .places import Place, Places, places
 from .properties import FOLDS, Property, calibration
 from .responses import Responses, finer, removed
 
-RESAMPLES = 200
+RESAMPLES = 200  # of regions, for intervals: the ends of a 95 % interval are then those of 92 to 98 %
 TAIL = 2.5  # per cent, on either side of an interval
 FINER_DATA = (
     "images of the same scans: tables of features keep neither places nor spatial frequencies, images show edges and "

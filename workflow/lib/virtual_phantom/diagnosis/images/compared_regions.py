@@ -21,7 +21,7 @@ from ...statistics.resolution import signed_distance_mm
 from ..projections.scanned import read_mask
 from .agreement import INNER_VOXELS, Regions
 
-MOST_VOXELS, MOST_SLICES = 128, 8
+MOST_VOXELS, MOST_SLICES = 128, 8  # of images that are made for the comparison; a choice that bounds the time
 AIR_VOXELS = 8  # around the object: what its edge needs
 PRISM_MM = 1000.0  # slice of an object that is alike along z: beyond any beam's height
 SUBDIVIDED = 5  # samples per voxel and direction, of the edge

@@ -23,7 +23,7 @@ from .observed import Condenser, ObservedImages
 
 REALISATIONS = 7  # of noise; one more lane holds the mean
 WATER_SD = 0.3  # of the scale beside a spectrum: scanners set HU by scans of water, whatever their energies
-IMAGES_KEPT = 6
+IMAGES_KEPT = 6  # of the last settings: a Jacobian goes back to its point for every number
 EARLIER = 0  # branch of the realisations' stream
 
 

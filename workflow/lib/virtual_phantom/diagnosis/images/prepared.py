@@ -27,7 +27,7 @@ from .whitening import local_variance, whitening
 OFFSET_SD_HU = 1.0  # of the alignment: zero of the HU scale
 RECORDED_NOISE = 3  # repeats from which the noise is known by itself; with fewer, by simulation
 FINE = 0.5  # of the highest frequency in the plane: noise rules there, not the object
-TRIAL_PHOTONS = 1e5
+TRIAL_PHOTONS = 1e5  # of the noise that is scaled to the recording's
 NULLS = 4  # batches of realisations that say how noise scatters
 
 

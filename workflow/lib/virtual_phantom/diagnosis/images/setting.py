@@ -23,7 +23,7 @@ from .model import REALISATIONS
 from .prepared import PreparedImages, prepare
 
 MOST_SLICES = 24  # more would add little but time
-LEAST_SLICES = 4
+LEAST_SLICES = 4  # fewer do not show noise along z, and cannot be halved where there is one repeat
 
 
 @dataclass(frozen=True)

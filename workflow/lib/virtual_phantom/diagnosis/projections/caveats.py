@@ -9,7 +9,7 @@ from .observed import LEAST_TRANSMISSION, Scans
 
 LEAST_VIEWS = 16  # fewer cannot tell the object's place from its physics
 MOST_LOST = 0.5  # share of rays that measured nothing
-MENTIONED_LOST = 0.001
+MENTIONED_LOST = 0.001  # share of rays that is worth a remark
 
 
 def check_scans(taken: Scans, source: str) -> None:

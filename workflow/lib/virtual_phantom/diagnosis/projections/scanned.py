@@ -16,7 +16,7 @@ from ...physics.materials import Segmentation
 from ...physics.prism import PrismScene
 from ...physics.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
 
-PARTIAL_TOLERANCE = 1e-3
+PARTIAL_TOLERANCE = 1e-3  # beyond 0 and 1, of shares: what resampling leaves
 
 
 def scene_of(settings: dict, phantom: str | Path | None, mu_water_per_mm: float, materials: dict, threads: int = 1):

@@ -6,7 +6,7 @@ from ...base.geometry import orbit_of
 from ..effect import Effect, Parameter
 from ..state import State
 
-REFERENCE_DEG = 20.0
+REFERENCE_DEG = 20.0  # fan angle at which the thickness is stated: inside every body scanner's fan
 
 
 def apply(state: State, values: dict[str, float]) -> None:

@@ -12,6 +12,7 @@ from ..conceal.case import EXPLAINED, MATCH, PARTLY, UNEXPLAINED, Case
 from .intervals import share
 
 GAINS = (-np.inf, 10.0, 30.0, 100.0, 1000.0, np.inf)
+# Bounds of classes of p: most are far below what any test needs.
 CHANCES = (0.0, 1e-300, 1e-100, 1e-30, 1e-10, 1.0)
 MEANING = {
     "first_named": (

@@ -28,7 +28,7 @@ VARIABLES = ("CtDataFull", "CtDataLimited")
 CITATION = "Helsinki Tomography Challenge 2022 (HTC2022) open tomographic dataset, Zenodo, 10.5281/zenodo.6984868"
 FIRST_DEG = 180.0  # of the frame here, where the files have 0
 OBJECT = "object.nii.gz"
-STEP_TOLERANCE_DEG = 1e-3
+STEP_TOLERANCE_DEG = 1e-3  # between steps from view to view, which the files have evenly
 
 
 def import_htc2022(
