@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import importlib
 import math
+import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 from ..base.errors import InputError, meant
+from . import effects
 
-FOLDER = Path(__file__).parent / "effects"
 # In the order in which they act.
 STAGES = (
     "geometry",
@@ -196,10 +197,43 @@ class Effect:
         return {name: float(given.get(name, parameter.typical)) for name, parameter in known.items()}
 
 
-@cache
 def names() -> tuple[str, ...]:
-    """Every effect of the library, sorted: the files of `effects`."""
-    return tuple(sorted(path.stem for path in FOLDER.glob("*.py") if path.stem != "__init__"))
+    """Every effect that there is, sorted: the files of `effects`, and of folders that were added."""
+    return _names(tuple(effects.__path__))
+
+
+@cache
+def _names(folders: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(sorted(one.name for one in pkgutil.iter_modules(folders)))
+
+
+def add_folder(folder: str | Path) -> tuple[str, ...]:
+    """Let the library know the effects of a folder of one's own, for as long as Python runs.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Every Python file in it is an effect, as those in `effects` are, and may import from `..effect` and `..state`.
+
+    Returns
+    -------
+    tuple of str
+        Their names.
+
+    Raises
+    ------
+    InputError
+        If there is no such folder, it holds no Python file, or one has the name of an effect that there is.
+    """
+    folder = Path(folder).resolve()
+    found = _names((str(folder),))
+    if not found:
+        raise InputError(f"{folder}: holds no effects; name a folder of Python files, one for each")
+    for name in found:
+        if name in names():
+            raise InputError(f"{folder / name}.py: there is an effect '{name}' already; give it another name")
+    effects.__path__.append(str(folder))
+    return found
 
 
 def require(name: str, source: str) -> None:

@@ -1,0 +1,145 @@
+"""What the library lacks is one file in a folder of one's own: an effect on projections, and one on images."""
+
+import sys
+
+import numpy as np
+import pytest
+from simulated_scans import body, chosen, noisy_lines
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.diagnosis.candidates import candidates
+from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.images.compared_regions import complete
+from virtual_phantom.diagnosis.images.prepared import prepare as prepare_images
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.physics import effect, effects
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.image import with_effects
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.reconstruction.images import in_hu
+
+DRIFT = '''"""Tube output that drifts during the scan."""
+
+from ..effect import Effect, Parameter
+from ..state import State
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    """Let the signal drift over the scan."""
+    time = state.geometry.times_s[:, None, None]
+    state.signal = state.signal * (1 + values["drift_per_s"] * time)
+
+
+EFFECT = Effect(
+    name="output_drift",
+    physics="The tube gives more photons at the end of the scan, and no monitor corrects for it.",
+    equation="S' = S (1 + d t)",
+    source="a test",
+    stage="noise",
+    signature="line integrals that change from view to view",
+    settled_by="a monitor pixel beside the object",
+    parameters=(Parameter("drift_per_s", "1/s", "relative change per second", -0.3, 0.3, 0.0, 0.1),),
+    apply=apply,
+)
+'''
+CUPPING = '''"""Images that are darker the nearer to the axis."""
+
+import numpy as np
+
+from ..effect import Effect, Parameter
+from ..image import ImageState
+
+
+def apply(state: ImageState, values: dict[str, float]) -> None:
+    """Lower the HU towards the axis."""
+    y, x = (np.linspace(-1, 1, n) for n in state.hu.shape[-2:])
+    state.hu = state.hu - values["depth_hu"] * (1 - np.minimum(1, x**2 + y[:, None] ** 2))
+
+
+EFFECT = Effect(
+    name="cupping",
+    physics="The maker's correction of beam hardening leaves a cup.",
+    equation="HU' = HU - d (1 - r^2)",
+    source="a test",
+    stage="image",
+    signature="HU that fall towards the axis",
+    settled_by="a water cylinder of another size",
+    parameters=(Parameter("depth_hu", "HU", "depth on the axis", -100.0, 100.0, 0.0, 20.0),),
+    apply=apply,
+    rank=2,
+)
+'''
+GEOMETRY = circular(
+    views=40,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=50,
+    rows=8,
+    column_pitch_mm=10.0,
+    row_pitch_mm=10.0,
+    view_interval_ms=25.0,
+)
+MU, PHOTONS = 0.0193, 1e5
+
+
+@pytest.fixture(scope="module")
+def scene():
+    grid = Grid((14, 48, 48), (4.0, 5.0, 5.0))
+    volume = body(grid, (100, 75), 20.0, [((45, 10, None), 18, 800.0), ((-40, -20, None), 16, -80.0)])
+    return VoxelScene.of(volume, Segmentation(), MU)
+
+
+@pytest.fixture
+def added(tmp_path):
+    """Effects of a folder of one's own; gone afterwards."""
+    before = list(effects.__path__)
+    (tmp_path / "output_drift.py").write_text(DRIFT)
+    (tmp_path / "cupping.py").write_text(CUPPING)
+    yield effect.add_folder(tmp_path)
+    effects.__path__[:] = before
+    for name in ("output_drift", "cupping"):
+        sys.modules.pop(f"{effects.__name__}.{name}", None)
+
+
+def test_an_effect_on_projections_is_found(scene, added):
+    assert added == ("cupping", "output_drift") and set(added) <= set(effect.names())
+    tried = candidates({"nominal_photons": PHOTONS})
+    assert "output_drift" in tried and "cupping" not in tried
+    chain = Chain(scene, GEOMETRY, PHOTONS)
+    state = chain.state({"output_drift": {"drift_per_s": 0.03}})
+    lines = noisy_lines(state, 4, np.random.default_rng(1)).astype(np.float32)
+    taken = observed.Scans(lines, state.measured_air.mean(axis=0) * PHOTONS, np.ones(lines[0].shape, bool))
+    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
+    found = diagnose("bench", given, chosen(given.fitter, ("output_drift", "scatter", "motion"))).content
+    (one,) = found["effects"]
+    low, high = one["parameters"]["drift_per_s"]["ci95"]
+    assert one["name"] == "output_drift" and low < 0.03 < high and found["verdict"] == "mismatch explained"
+
+
+def test_an_effect_on_images_is_found(scene, added):
+    tried = candidates({"nominal_photons": PHOTONS}, "images")
+    assert set(added) <= set(tried)
+    grid, chain = Grid((6, 40, 40), (5.4, 6.4, 6.4)), Chain(scene, GEOMETRY, PHOTONS)
+
+    def reconstruct(lines):
+        return in_hu(lines.astype(np.float32), GEOMETRY, grid, "fbp", {}, "cpu", MU)
+
+    noisy = reconstruct(noisy_lines(chain.state({}), 4, np.random.default_rng(2)))
+    images = np.stack([with_effects(one, grid.spacing, {"cupping": {"depth_hu": 12.0}}) for one in noisy])
+    seed, valid = np.random.SeedSequence(3), complete(GEOMETRY, grid)
+    given = prepare_images(images, None, chain, chain, reconstruct, grid.spacing, valid, seed, nominal_photons=PHOTONS)
+    found = diagnose("scanner", given, chosen(given.fitter, ("cupping", "hu_calibration", "scatter"))).content
+    assert [one["name"] for one in found["effects"]][:1] == ["cupping"]
+    low, high = found["effects"][0]["parameters"]["depth_hu"]["ci95"]
+    assert low - (high - low) / 2 < 12.0 < high + (high - low) / 2
+
+
+def test_a_folder_that_cannot_be_added_is_refused(tmp_path):
+    with pytest.raises(InputError, match="holds no effects"):
+        effect.add_folder(tmp_path / "missing")
+    (tmp_path / "scatter.py").write_text(DRIFT)
+    with pytest.raises(InputError, match="there is an effect 'scatter' already"):
+        effect.add_folder(tmp_path)
+    assert str(tmp_path) not in effects.__path__
