@@ -1,0 +1,170 @@
+"""Lengths of rays in convex shapes, in closed form, where later shapes replace earlier ones.
+
+A shape is what lies behind all of its planes and within its quadric, if it has one: points x with
+
+    normal . x <= offset                        of every plane
+    x . Q x + 2 b . x + c <= 0                  of the quadric
+
+so that a ray has one interval in it: balls, cylinders and cones from quadrics, boxes from planes, ends from either.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from .lanes import OPTIONS
+
+EXACT = OPTIONS | {"fastmath": False}  # roots of quadratics are written so that they do not cancel
+PARALLEL = 1e-12  # of a direction's part along a normal, and of a quadratic's leading factor: less is rounding
+
+
+class Shapes(NamedTuple):
+    """Convex shapes as arrays, the ones that replace others last.
+
+    Attributes
+    ----------
+    planes : ndarray, shape (planes, 4)
+        Normal (x, y, z) and offset, mm.
+    first_plane : ndarray of int, shape (shapes + 1,)
+        Planes first_plane[i] to first_plane[i + 1] - 1 are those of shape i.
+    quadrics : ndarray, shape (shapes, 10)
+        Q as xx, yy, zz, xy, xz, yz, then b, then c.
+    curved : ndarray of bool, shape (shapes,)
+        Whether a shape has a quadric.
+    material : ndarray of int, shape (shapes,)
+        Index of each shape's material; -1: nothing.
+    """
+
+    planes: np.ndarray
+    first_plane: np.ndarray
+    quadrics: np.ndarray
+    curved: np.ndarray
+    material: np.ndarray
+
+
+@njit(inline="always", **EXACT)
+def _behind_planes(shapes, i, source, way):
+    """The part [first, last] of the way from the source, in shares of it, that lies behind a shape's planes."""
+    first, last = 0.0, 1.0
+    for p in range(shapes.first_plane[i], shapes.first_plane[i + 1]):
+        plane = shapes.planes[p]
+        along = plane[0] * way[0] + plane[1] * way[1] + plane[2] * way[2]
+        left = plane[3] - (plane[0] * source[0] + plane[1] * source[1] + plane[2] * source[2])
+        if abs(along) < PARALLEL:
+            if left < 0:
+                last = -1.0
+        elif along > 0:
+            last = min(last, left / along)
+        else:
+            first = max(first, left / along)
+    return first, last
+
+
+@njit(inline="always", **EXACT)
+def _within_quadric(q, source, way, first, last):
+    """What of [first, last] lies within a quadric. Of a cone, whose two halves a ray may pass, planes leave one."""
+    x, y, z = source[0], source[1], source[2]
+    u, v, w = way[0], way[1], way[2]
+    qx, qy, qz = q[0] * u + q[3] * v + q[4] * w, q[3] * u + q[1] * v + q[5] * w, q[4] * u + q[5] * v + q[2] * w
+    a = qx * u + qy * v + qz * w
+    half = qx * x + qy * y + qz * z + q[6] * u + q[7] * v + q[8] * w
+    c = (
+        (q[0] * x + q[3] * y + q[4] * z) * x
+        + (q[3] * x + q[1] * y + q[5] * z) * y
+        + (q[4] * x + q[5] * y + q[2] * z) * z
+        + 2.0 * (q[6] * x + q[7] * y + q[8] * z)
+        + q[9]
+    )
+    length = u * u + v * v + w * w
+    if abs(a) < PARALLEL * length:
+        if abs(half) < PARALLEL * length:
+            return (first, last) if c <= 0 else (0.0, -1.0)
+        edge = -0.5 * c / half
+        return (first, min(last, edge)) if half > 0 else (max(first, edge), last)
+    root = half * half - a * c
+    if root <= 0:
+        return (first, last) if a < 0 else (0.0, -1.0)
+    # Without cancellation: one root from the sum of like signs, the other from their product.
+    sum_ = -half - np.sqrt(root) if half > 0 else -half + np.sqrt(root)
+    one, another = sum_ / a, c / sum_ if sum_ != 0 else 0.0
+    low, high = min(one, another), max(one, another)
+    if a > 0:
+        return max(first, low), min(last, high)
+    before, after = min(last, low) - first, last - max(first, high)
+    return (first, min(last, low)) if before > after else (max(first, high), last)
+
+
+class Room(NamedTuple):
+    """What one ray needs: where it enters and leaves the shapes that it meets, and which these are."""
+
+    begin: np.ndarray
+    end: np.ndarray
+    met: np.ndarray
+    edges: np.ndarray
+    way: np.ndarray
+
+    @classmethod
+    def of(cls, shapes: Shapes) -> Room:
+        """For so many shapes."""
+        count = len(shapes.material)
+        return cls(np.empty(count), np.empty(count), np.empty(count, np.int64), np.empty(2 * count), np.empty(3))
+
+
+@njit(inline="always", **EXACT)
+def _insert(edges, count, value):
+    """Put a value into its place among `count` that are in order."""
+    place = count
+    while place > 0 and edges[place - 1] > value:
+        edges[place] = edges[place - 1]
+        place -= 1
+    edges[place] = value
+
+
+@njit(**EXACT)
+def chords(shapes, sources, ways, rises, lengths, room):
+    """Add the lengths of rays in every material, mm.
+
+    Parameters
+    ----------
+    shapes : Shapes
+    sources : ndarray, shape (views, 3)
+        Where rays begin, mm.
+    ways : ndarray, shape (views, bundles, 3)
+        From there to the detector, mm, of the bundle's rays without their rise.
+    rises : ndarray, shape (rows,)
+        What each row adds to z, mm.
+    lengths : ndarray, shape (materials, views, rows, bundles)
+        What is added to.
+    room : Room
+    """
+    count = len(shapes.material)
+    views, bundles = ways.shape[0], ways.shape[1]
+    begin, end, met, edges, way = room.begin, room.end, room.met, room.edges, room.way
+    for view in range(views):
+        source = sources[view]
+        for row in range(len(rises)):
+            for bundle in range(bundles):
+                way[0], way[1] = ways[view, bundle, 0], ways[view, bundle, 1]
+                way[2] = ways[view, bundle, 2] + rises[row]
+                found = 0
+                for i in range(count):
+                    first, last = _behind_planes(shapes, i, source, way)
+                    if first < last and shapes.curved[i]:
+                        first, last = _within_quadric(shapes.quadrics[i], source, way, first, last)
+                    if first < last:
+                        begin[found], end[found], met[found] = first, last, i
+                        _insert(edges, 2 * found, first)
+                        _insert(edges, 2 * found + 1, last)
+                        found += 1
+                whole = np.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+                for part in range(2 * found - 1):
+                    middle = 0.5 * (edges[part] + edges[part + 1])
+                    for k in range(found - 1, -1, -1):
+                        if begin[k] < middle < end[k]:
+                            material = shapes.material[met[k]]
+                            if material >= 0:
+                                lengths[material, view, row, bundle] += (edges[part + 1] - edges[part]) * whole
+                            break
