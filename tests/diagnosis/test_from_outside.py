@@ -1,5 +1,6 @@
-"""What the library lacks is one file in a folder of one's own: an effect on projections, and one on images."""
+"""What the library lacks is one file of one's own: an effect on projections, one on images, and a kind of scene."""
 
+import importlib.util
 import sys
 
 import numpy as np
@@ -13,6 +14,7 @@ from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.images.compared_regions import complete
 from virtual_phantom.diagnosis.images.prepared import prepare as prepare_images
 from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections.numerical import model_and_floor
 from virtual_phantom.physics import effect, effects
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.image import with_effects
@@ -70,6 +72,33 @@ EFFECT = Effect(
     apply=apply,
     rank=2,
 )
+'''
+BALLS = '''"""Balls of one material."""
+
+import numpy as np
+
+from virtual_phantom.physics.materials import attenuation_per_mm
+from virtual_phantom.physics.scene import IN_PLACE, turned_back
+
+
+class Balls:
+    """Path lengths through balls that do not overlap, in closed form."""
+
+    def __init__(self, balls, material):
+        self.balls, self.materials, self.energy_kev = balls, (material,), 60.0
+        self.attenuation_per_mm = attenuation_per_mm(material, [self.energy_kev])
+
+    def path_lengths(self, geometry, pose=IN_PLACE, motion_mm=None):
+        geometry, shift = turned_back(geometry, pose, motion_mm)
+        to, rows = geometry.bundles()
+        way = np.moveaxis(to, 0, -1)[:, None] + rows[:, None, None] * [0.0, 0.0, 1.0]
+        way = way / np.linalg.norm(way, axis=-1, keepdims=True)
+        source = (geometry.source_mm - shift)[:, None, None]
+        total = 0.0
+        for *centre, radius in self.balls:
+            off = np.linalg.norm(np.cross(np.array(centre) * pose.size - source, way), axis=-1)
+            total = total + 2 * np.sqrt(np.maximum((radius * pose.size) ** 2 - off**2, 0))
+        return total.astype(np.float32).reshape(1, *geometry.shape)
 '''
 GEOMETRY = circular(
     views=40,
@@ -143,3 +172,21 @@ def test_a_folder_that_cannot_be_added_is_refused(tmp_path):
     with pytest.raises(InputError, match="there is an effect 'scatter' already"):
         effect.add_folder(tmp_path)
     assert str(tmp_path) not in effects.__path__
+
+
+def test_a_kind_of_scene_is_one_file(tmp_path):
+    """All that is asked of a scene: materials, their attenuation, the beam's energy, and path lengths."""
+    (tmp_path / "balls_scene.py").write_text(BALLS)
+    spec = importlib.util.spec_from_file_location("balls_scene", tmp_path / "balls_scene.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    scene = module.Balls([(30.0, 10.0, 0.0, 25.0), (-40.0, -20.0, 5.0, 20.0)], "pmma")
+    chain, _ = model_and_floor(scene, GEOMETRY, 2, photons=PHOTONS)
+    state = chain.state({"detector_offset": {"columns_px": 0.05}})
+    lines = noisy_lines(state, 4, np.random.default_rng(1)).astype(np.float32)
+    taken = observed.Scans(lines, state.measured_air.mean(axis=0) * PHOTONS, np.ones(lines[0].shape, bool))
+    given = prepared.prepare(taken, None, chain, nominal_photons=PHOTONS)
+    found = diagnose("bench", given, chosen(given.fitter, ("detector_offset", "scatter"))).content
+    assert [one["name"] for one in found["effects"]] == ["detector_offset"] and found["verdict"] == "mismatch explained"
+    low, high = found["effects"][0]["parameters"]["columns_px"]["ci95"]
+    assert low < 0.05 < high and high - low < 0.05

@@ -8,7 +8,6 @@ from ...base.geometry import ScanGeometry
 from ...base.recent import Kept
 from ...physics.chain import Chain
 from ...physics.posed import PosedScene
-from ...physics.scene import DiscScene
 from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import pose_of
 from ..core.linearisation import NOMINAL, LinearisationPoint
@@ -26,7 +25,7 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
     scene   path lengths in closed form need not be followed
     more    keywords of Chain
     """
-    fitted = scene if isinstance(scene, DiscScene) else PosedScene(scene, samples)
+    fitted = PosedScene(scene, samples) if hasattr(scene, "slopes") else scene
     return (
         Chain(fitted, geometry, samples=samples, **more),
         Chain(scene, geometry, samples=FINER * samples, **more),
