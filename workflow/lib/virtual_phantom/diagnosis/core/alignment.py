@@ -22,7 +22,14 @@ POSES = (*PLACE, "size")
 
 @dataclass(frozen=True)
 class Nuisance:
-    """A number of the alignment: nobody's physics, fitted in every model, held by a Gaussian of what is known of it."""
+    """A number of the alignment: nobody's physics, fitted in every model.
+
+    Attributes
+    ----------
+    name, unit : str
+    expected, sd : float
+        The Gaussian of what is known of it, by which it is held.
+    """
 
     name: str
     unit: str
@@ -39,9 +46,18 @@ def nuisances(
 ) -> tuple[Nuisance, ...]:
     """The alignment of a recording of projections.
 
-    log_photons, photons_sd   logarithm of the photons per pixel in air, and how well it is known (infinite: not)
-    known                     standard deviations that the configuration gives instead of the defaults
-    numerical                 names of the model's numerical distortions, of NUMERICAL
+    Parameters
+    ----------
+    log_photons, photons_sd : float
+        Logarithm of the photons per pixel in air, and how well it is known (infinite: not).
+    known : mapping of str to float
+        Standard deviations that the configuration gives instead of the defaults.
+    numerical : iterable of str, optional
+        Names of the model's numerical distortions, of NUMERICAL.
+
+    Returns
+    -------
+    tuple of Nuisance
     """
     defaults = {
         "scale": ("1", 1.0, 0.005),  # of the line integrals: density of the phantom's material

@@ -14,13 +14,23 @@ from ...physics.spectra import Anode
 class Asked:
     """What the configuration asks.
 
-    folder            of the recording
-    settings          diagnosis.recordings.<name>, complete
-    mu_water_per_mm   of the monochromatic beam
-    materials         how HU are divided, as the configuration's section
-    phantom           image of the study's phantom, HU; None where `settings` has a disc or an object
-    seed              of the study, for simulated noise
-    protocol          of images: their scan, projections, grid, algorithm, settings and engine (images.setting.Protocol)
+    Attributes
+    ----------
+    folder : str or Path
+        Of the recording.
+    settings : mapping
+        diagnosis.recordings.<name>, complete.
+    mu_water_per_mm : float
+        Of the monochromatic beam, 1/mm.
+    materials : mapping
+        How HU are divided, as the configuration's section.
+    phantom : str, Path or None
+        Image of the study's phantom, HU; None where `settings` has a disc or an object.
+    seed : int
+        Of the study, for simulated noise.
+    protocol : mapping or None
+        Of images: their scan, projections, grid, algorithm, settings and engine (images.setting.Protocol).
+    threads : int
     """
 
     folder: str | Path
@@ -37,7 +47,12 @@ class Asked:
 class Labels:
     """What is written on the scanner.
 
-    tube_kvp   None: not known
+    Attributes
+    ----------
+    anode : Anode
+    tube_kvp : float or None
+        kV; None: not known.
+    sensor : Sensor
     """
 
     anode: Anode

@@ -33,7 +33,16 @@ FEW, LEAST_SHARE, NEAR_BEST = 6, 0.1, 0.5
 
 @dataclass(frozen=True)
 class Trial:
-    """A fit, its log score on held-out data, and the p-value of its last effect against the fit without it."""
+    """A fit, and how good it is.
+
+    Attributes
+    ----------
+    fit : Fit
+    score : float
+        Log score on held-out data.
+    p : float
+        p-value of its last effect, against the fit without it.
+    """
 
     fit: Fit
     score: float
@@ -44,16 +53,26 @@ class Trial:
 class Choice:
     """What `choose` found.
 
-    baseline    alignment alone
-    singles     every candidate alone
-    chosen      the fit that is taken; no effects if none is needed
-    gains       {effect: held-out log score lost without it, the others refitted}
-    stand_ins   {effect: {other: log score lost if it stands in}}, for all others; to first order for those that the
-                matched filter puts far behind
-    p           {effect: chance of such a likelihood ratio without it, times the candidates; None: not fitted here}
-    blur        log score by which the models' own inexactness may set fits apart
-    undecided   {other: log score that it promises to gain beside the chosen ones, to first order}, of those that stand
-                out of the noise: not named, since inexact models of the chosen ones may leave as much
+    Attributes
+    ----------
+    baseline : Trial
+        Alignment alone.
+    singles : dict of str to Trial
+        Every candidate alone.
+    chosen : Trial
+        The fit that is taken; no effects if none is needed.
+    gains : dict of str to float
+        {effect: held-out log score lost without it, the others refitted}.
+    stand_ins : dict of str to dict of str to float
+        {effect: {other: log score lost if it stands in}}, for all others; to first order for those that the matched
+        filter puts far behind.
+    p : dict of str to float or None
+        {effect: chance of such a likelihood ratio without it, times the candidates}; None: not fitted here.
+    blur : float
+        Log score by which the models' own inexactness may set fits apart.
+    undecided : dict of str to float
+        {other: log score that it promises to gain beside the chosen ones, to first order}, of those that stand out of
+        the noise: not named, since inexact models of the chosen ones may leave as much.
     """
 
     baseline: Trial
@@ -71,8 +90,10 @@ class Choice:
 
     @property
     def ruled_out(self) -> dict[str, float]:
-        """Effects that the data speak against as an explanation, with what the best place of each would lose. One that
-        may be there beside the chosen ones is not among them."""
+        """Effects that the data speak against as an explanation, with what the best place of each would lose.
+
+        One that may be there beside the chosen ones is not among them.
+        """
         least: dict[str, float] = {}
         for others in self.stand_ins.values():
             for name, lost in others.items():
@@ -84,8 +105,18 @@ class Choice:
 def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None) -> Trial:
     """Fit effects and score them.
 
-    given     where to begin
-    against   the fit without the last effect, for its p-value
+    Parameters
+    ----------
+    fitter : Fitter
+    effects : tuple of str
+    given : Trial, optional
+        Where to begin.
+    against : Trial, optional
+        The fit without the last effect, for its p-value; None: p is 1.
+
+    Returns
+    -------
+    Trial
     """
     fit = fitter.fit(effects, None if given is None else given.fit)
     p = 1.0 if against is None else chance(fit, against.fit, effects[-1])
@@ -93,7 +124,20 @@ def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, 
 
 
 def chance(fit: Fit, without: Fit, effect: str) -> float:
-    """Of such a fit if the effect is not there: by the likelihood ratio, or, of a gain pattern, by its size."""
+    """Chance of such a fit if the effect is not there.
+
+    By the likelihood ratio, or, of a gain pattern, by its size.
+
+    Parameters
+    ----------
+    fit, without : Fit
+        With and without the effect.
+    effect : str
+
+    Returns
+    -------
+    float
+    """
     if load(effect).pattern:
         return patterns.chance(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
     lost = max(0.0, without.chi_square - fit.chi_square)
@@ -104,10 +148,23 @@ _fitter: Fitter | None = None  # of the processes that `trials` forks: too large
 
 
 def trials(fitter: Fitter, tasks: Sequence[tuple], processes: int = 1) -> list[Trial]:
-    """`trial` of all tasks (effects, given, against), in forked processes with one thread for linear algebra each.
+    """Make trials in forked processes with one thread for linear algebra each.
 
     Predictions depend on what is asked alone, so that results are the same whatever the number of processes and their
     order.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    tasks : sequence of tuple
+        (effects, given, against), as `trial` takes them.
+    processes : int, optional
+        At most.
+
+    Returns
+    -------
+    list of Trial
+        In the order of the tasks.
     """
     global _fitter
     if not tasks:
@@ -132,14 +189,28 @@ def choose(
     processes: int = 1,
     accuracy: Mapping[str, float] | None = None,
 ) -> Choice:
-    """Add effects while held-out data gain by them; drop those that are no longer needed; swap those that are worse,
-    beside the others, than what could stand in.
+    """Choose the effects that explain the data held out.
 
-    baseline, singles   from `trial`: alignment alone, and every candidate alone
-    accuracy            {effect: share of its own change of the data by which its model may be wrong}, `default` that of
-                        the others, `numerical` that of the corrections for finite steps: what that leaves over is no
-                        evidence for another effect, and none against one that could stand in. None: what the
-                        configuration has by default
+    Effects are added while held-out data gain by them, dropped when they are no longer needed, and swapped when they
+    are worse, beside the others, than what could stand in.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    baseline : Trial
+        Alignment alone.
+    singles : mapping of str to Trial
+        Every candidate alone.
+    processes : int, optional
+        As for `trials`.
+    accuracy : mapping of str to float, optional
+        {effect: share of its own change of the data by which its model may be wrong}, `default` that of the others,
+        `numerical` that of the corrections for finite steps: what that leaves over is no evidence for another effect,
+        and none against one that could stand in. None: what the configuration has by default.
+
+    Returns
+    -------
+    Choice
     """
     if accuracy is None:
         accuracy = defaults_of("diagnosis", "model_accuracy")
@@ -216,9 +287,18 @@ def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes)
 
 
 def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
-    """Those with the largest first-order gains, the best first.
+    """Those with the largest first-order gains.
 
-    needed   gain in chi-square of what they would stand in for
+    Parameters
+    ----------
+    found : mapping of str to Screened
+    needed : float, optional
+        Gain in chi-square of what they would stand in for.
+
+    Returns
+    -------
+    list of str
+        The best first.
     """
     ranked = sorted(found, key=lambda name: -found[name].gain)
     best = found[ranked[0]].gain if ranked else 0.0

@@ -14,7 +14,16 @@ HARDENED = 10.0  # log score by which a spectrum must lose for it to be missed
 def caveats(prepared: Prepared, choice: Choice, tube_kvp: float | None = None) -> list[str]:
     """Sentences for the report, none if all is well.
 
-    tube_kvp   as the label says
+    Parameters
+    ----------
+    prepared : Prepared
+    choice : Choice
+    tube_kvp : float, optional
+        As the label says, kV.
+
+    Returns
+    -------
+    list of str
     """
     found = prepared.caveats()
     if prepared.lacking:

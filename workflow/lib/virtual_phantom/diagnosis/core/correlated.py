@@ -1,12 +1,16 @@
 """Noise that neighbouring rays share: how it is correlated, what makes it white, and what errors it leaves.
 
 A detector whose pixels share light, or glow on, blurs its own quantum noise: variances of single rays fall, those of
-sums over many rays do not. Residuals are therefore whitened before they are fitted and tested (pre-whitening, H. H.
-Barrett and K. J. Myers, Foundations of Image Science, Wiley, 2004, section 13.2), by the inverse of a filter that is
-estimated once per recording from differences of repeats, which no model of the mean touches.
+sums over many rays do not. Residuals are therefore whitened before they are fitted and tested (pre-whitening [1]_), by
+the inverse of a filter that is estimated once per recording from differences of repeats, which no model of the mean
+touches.
 
 What is blurred is the signal as it is read. A residual is therefore multiplied by the signal, filtered, and divided by
 it again. The filter leaves what is smooth as it is, so that residuals stay line integrals.
+
+References
+----------
+.. [1] H. H. Barrett and K. J. Myers, Foundations of Image Science, Wiley, 2004, section 13.2.
 """
 
 from __future__ import annotations
@@ -33,8 +37,12 @@ REACH = 0.1  # of a filter's middle: rays as near to a missing one as its taps a
 class Correlations:
     """Of the noise that is read of a uniform signal; 0 along axes where none stands out.
 
-    columns, rows   correlation of pixels one and two apart
-    views           correlation of successive views, and the factor by which it fades with every further one
+    Attributes
+    ----------
+    columns, rows : tuple of 2 float
+        Correlation of pixels one and two apart.
+    views : tuple of 2 float
+        Correlation of successive views, and the factor by which it fades with every further one.
     """
 
     columns: tuple[float, float] = (0.0, 0.0)
@@ -43,6 +51,7 @@ class Correlations:
 
     @property
     def white(self) -> bool:
+        """Whether there are none."""
         return not (self.columns[0] or self.rows[0] or self.views[0])
 
     def of_every(self, step: int) -> Correlations:
@@ -51,9 +60,19 @@ class Correlations:
         return Correlations(self.columns, self.rows, (first * memory ** (step - 1), memory**step))
 
     def covariance(self, axis: int, length: int) -> np.ndarray:
-        """[place, place] along an axis of [view, row, column], that of a place far from the ends being 1 with itself.
+        """Covariance of places along an axis, that of a place far from the ends being 1 with itself.
 
         The pixels at a detector's edges keep what would leave it: as if it were mirrored there.
+
+        Parameters
+        ----------
+        axis : int
+            Of views, rows and columns.
+        length : int
+
+        Returns
+        -------
+        ndarray, shape (length, length)
         """
         if axis == 0:
             far = np.abs(np.subtract.outer(np.arange(length), np.arange(length)))
@@ -68,7 +87,19 @@ class Correlations:
         return total + taps[np.add.outer(place, place) + 1] + taps[2 * length - 1 - np.add.outer(place, place)]
 
     def power(self, axis: int, length: int) -> np.ndarray:
-        """(frequency,) of noise along rows or columns, by the cosines of a discrete cosine transform (II)."""
+        """Power of noise along rows or columns, by the cosines of a discrete cosine transform (II).
+
+        Parameters
+        ----------
+        axis : int
+            1 or 2, of views, rows and columns.
+        length : int
+
+        Returns
+        -------
+        ndarray, shape (length,)
+            By frequency.
+        """
         near, far = self.rows if axis == 1 else self.columns
         angle = np.pi * np.arange(length) / length
         if length == 1:
@@ -76,7 +107,14 @@ class Correlations:
         return np.maximum(1 + 2 * near * np.cos(angle) + 2 * far * np.cos(2 * angle), LEAST_POWER)
 
     def moving_average(self) -> float:
-        """psi of x_i = phi x_(i-1) + e_i + psi e_(i-1) (ARMA(1, 1)), which has the views' correlations: |psi| < 1."""
+        """Moving-average part of the ARMA(1, 1) process that has the views' correlations.
+
+        That is psi of x_i = phi x_(i-1) + e_i + psi e_(i-1), where |psi| < 1 and phi is the factor by which they fade.
+
+        Returns
+        -------
+        float
+        """
         first, memory = self.views
         if abs(first - memory) < 1e-12:
             return 0.0
@@ -92,15 +130,39 @@ class Correlations:
         return float(self.power(1, 2)[0] * self.power(2, 2)[0] * of_views)
 
     def variance_of_squares(self, axis: int, length: int, places: slice = slice(None)) -> float:
-        """Of the sum of squares over places of an axis, over that of white noise: n sum C_ij^2 / (sum C_ii)^2."""
+        """Variance of the sum of squares over places of an axis, over that of white noise: n sum C_ij^2 / (sum C_ii)^2.
+
+        Parameters
+        ----------
+        axis : int
+            Of views, rows and columns.
+        length : int
+        places : slice, optional
+            Those that are summed.
+
+        Returns
+        -------
+        float
+        """
         part = self.covariance(axis, min(length, LONG) if places == slice(None) else length)[places, places]
         return float(len(part) * (part**2).sum() / np.trace(part) ** 2)
 
     def variance_of_neighbours(self, axis: int, lengths: tuple[int, int, int]) -> float:
-        """Of the sample correlation of neighbours along an axis, times the number of pairs.
+        """Variance of the sample correlation of neighbours along an axis, times the number of pairs.
 
         To first order that of a ratio a / b of quadratic forms x'Mx, whose covariances are 2 tr(M C M' C); C is a
         product by axis.
+
+        Parameters
+        ----------
+        axis : int
+            Of views, rows and columns.
+        lengths : tuple of 3 int
+            Of all axes.
+
+        Returns
+        -------
+        float
         """
         if self.white:
             return 1.0
@@ -122,7 +184,18 @@ WHITE = Correlations()
 
 
 def of_state(state: State) -> Correlations:
-    """Those that a state of the chain gives the noise, electronic noise included as its share is over all rays."""
+    """Correlations that a state of the chain gives the noise.
+
+    Electronic noise is included as its share is over all rays.
+
+    Parameters
+    ----------
+    state : State
+
+    Returns
+    -------
+    Correlations
+    """
     share, memory, _ = state.lag
     if not (any(state.neighbours) or share):
         return WHITE
@@ -144,9 +217,13 @@ def of_state(state: State) -> Correlations:
 class Whitening:
     """Filters residuals of line integrals so that their noise is white.
 
-    correlations   of the noise
-    lines          [view, row, column] line integrals, to first order: what is read is their transmission
-    usable         bool [view, row, column]
+    Parameters
+    ----------
+    correlations : Correlations
+        Of the noise.
+    lines : ndarray, shape (views, rows, columns)
+        Line integrals, to first order: what is read is their transmission.
+    usable : ndarray of bool, shape (views, rows, columns)
     """
 
     def __init__(self, correlations: Correlations, lines: np.ndarray, usable: np.ndarray):
@@ -169,24 +246,44 @@ class Whitening:
         return self.correlations.amplification()
 
     def variance(self, lines: np.ndarray) -> np.ndarray:
-        """[view, row, column] shape of the whitened noise's variance, up to a factor."""
+        """Shape of the whitened noise's variance, up to a factor.
+
+        Parameters
+        ----------
+        lines : ndarray, shape (views, rows, columns)
+            Line integrals.
+
+        Returns
+        -------
+        ndarray, shape (views, rows, columns)
+        """
         return np.exp(-lines) / self._read**2
 
     def __call__(self, residual: np.ndarray) -> np.ndarray:
-        """[view, row, column] to the same."""
+        """A residual made white, shape (views, rows, columns)."""
         pixels = self._pixels(residual * self._read, 1 / self._blur)
         return self._along_views(pixels, inverse=False) / self._read
 
     def inverse(self, whitened: np.ndarray) -> np.ndarray:
+        """A whitened residual as it was, shape (views, rows, columns)."""
         return self._pixels(self._along_views(whitened * self._read, inverse=True), self._blur) / self._read
 
     def pixels(self, constants: np.ndarray) -> np.ndarray:
-        """Constants [row, column] that, the same in all views, whitening makes these."""
+        """Constants that, the same in all views, whitening makes these, shape (rows, columns)."""
         return self._pixels(constants[None], self._blur)[0]
 
     def roughness(self, smooth_px: tuple[float, float]) -> float:
-        """Standard deviation of what whitening makes of white constants of pixels, over theirs, where Gaussians of
-        these widths (0: none) are taken off."""
+        """Standard deviation of what whitening makes of white constants of pixels, over theirs.
+
+        Parameters
+        ----------
+        smooth_px : sequence of 2 float
+            Widths of Gaussians along rows and columns that are taken off, pixels; 0: none.
+
+        Returns
+        -------
+        float
+        """
         rows, columns = (
             np.exp(-((sigma * np.pi * np.arange(n) / n) ** 2) / 2) if sigma else np.ones(n)
             for sigma, n in zip(smooth_px, self._blur.shape, strict=True)
@@ -202,8 +299,21 @@ class Whitening:
         return fft.idctn(fft.dctn(array, axes=axes) * factor, axes=axes)
 
     def _along_views(self, array: np.ndarray, inverse: bool) -> np.ndarray:
-        """By the innovations of a stationary ARMA(1, 1), from its first view on (P. J. Brockwell and R. A. Davis, Time
-        Series: Theory and Methods, 2nd ed., Springer, 1991, example 5.3.1), so scaled that what lasts stays."""
+        """By the innovations of a stationary ARMA(1, 1), from its first view on [1]_, so scaled that what lasts stays.
+
+        Parameters
+        ----------
+        array : ndarray, shape (views, rows, columns)
+        inverse : bool
+
+        Returns
+        -------
+        ndarray, shape (views, rows, columns)
+
+        References
+        ----------
+        .. [1] P. J. Brockwell and R. A. Davis, Time Series: Theory and Methods, 2nd ed., Springer, 1991, example 5.3.1.
+        """
         if not self.correlations.views[0]:
             return array
         phi, psi = self._memory, self._psi
@@ -257,10 +367,19 @@ class Whitening:
 def estimated(deviations, lines: np.ndarray, usable: np.ndarray, freedom: int) -> Correlations:
     """The correlations of noise.
 
-    deviations   [view, row, column] each: differences of repeats from their mean, over their standard deviation
-    lines        [view, row, column] line integrals, to first order
-    usable       bool [view, row, column]
-    freedom      how many of the deviations are independent
+    Parameters
+    ----------
+    deviations : sequence of ndarray, shape (views, rows, columns)
+        Differences of repeats from their mean, over their standard deviation.
+    lines : ndarray, shape (views, rows, columns)
+        Line integrals, to first order.
+    usable : ndarray of bool, shape (views, rows, columns)
+    freedom : int
+        How many of the deviations are independent.
+
+    Returns
+    -------
+    Correlations
     """
     calm = usable.copy()
     for axis in range(3):
@@ -287,8 +406,24 @@ def estimated(deviations, lines: np.ndarray, usable: np.ndarray, freedom: int) -
 
 
 def _of_pixels(mean, length: int, square: float) -> tuple[float, float]:
-    """Correlations of pixels one and two apart, of which the edges' own variances and covariances are part: of n pixels
-    mirrored at both edges, mean products are 1 + 2 r1 / n, r1 + 2 r2 / (n - 1) and r2, times a variance."""
+    """Correlations of pixels one and two apart, of which the edges' own variances and covariances are part.
+
+    Of n pixels mirrored at both edges, mean products are 1 + 2 r1 / n, r1 + 2 r2 / (n - 1) and r2, times a variance.
+
+    Parameters
+    ----------
+    mean : callable
+        Lag to the mean of products of deviations, and how many are independent.
+    length : int
+        n.
+    square : float
+        Mean product at lag 0.
+
+    Returns
+    -------
+    first, second : float
+        0 where the first does not stand out.
+    """
     if length < 2:
         return 0.0, 0.0
     (near, count), (far, _) = mean(1), mean(2) if length > 2 else (0.0, 0.0)

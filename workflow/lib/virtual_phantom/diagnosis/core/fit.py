@@ -34,18 +34,33 @@ LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
 class Fit:
     """What was fitted, and how well.
 
-    effects        names, in the order in which they were given
-    physics        {effect: {parameter: value}}
-    errors         {effect: {parameter: standard error}}
-    nuisance       nuisance parameters, with nuisance_errors
-    pulled         how far that lies off what the fit knew of it, in standard deviations, where anything was known
-    chi_square     of the data that were fitted, and of the Gaussian knowledge
-    parts          chi-square by part of the data (Observed.parts)
-    free           number of effects' parameters
-    linearisation  of the predictions
-    corrected      chi-square that they make up
-    pattern        [row, column] gain pattern (added to line integrals), or None, and the variance that each of its
-                   constants is left with
+    Attributes
+    ----------
+    effects : tuple of str
+        In the order in which they were given.
+    physics : dict of str to dict of str to float
+        {effect: {parameter: value}}.
+    errors : dict of str to dict of str to float
+        {effect: {parameter: standard error}}.
+    nuisance, nuisance_errors : dict of str to float
+        Nuisance parameters and their standard errors.
+    chi_square : float
+        Of the data that were fitted, and of the Gaussian knowledge.
+    parts : tuple of float
+        Chi-square by part of the data (Observed.parts).
+    free : int
+        Number of effects' parameters.
+    pulled : dict of str to float
+        How far the nuisance parameters lie off what the fit knew of them, in standard deviations, where anything was
+        known.
+    linearisation : Linearisation
+        Of the predictions.
+    corrected : float
+        Chi-square that the model's numerical errors make up.
+    pattern : ndarray, shape (rows, columns), or None
+        Gain pattern, added to line integrals.
+    pattern_variance : ndarray, shape (rows, columns), or None
+        Variance that each of its constants is left with.
     """
 
     effects: tuple[str, ...]
@@ -66,11 +81,18 @@ class Fit:
 class Fitter:
     """Fits and scores of models of one recording.
 
-    data       what is fitted
-    held_out   what is predicted
-    variance   [view, row, column] of one repeat, whitened, for the weights: the same for all models, so that scores
-               compare
-    floor      numerical error of the predictions, whitened, standard deviation, [view, row, column]
+    Parameters
+    ----------
+    model : Model
+    data : Observed
+        What is fitted.
+    held_out : Observed
+        What is predicted.
+    variance : ndarray
+        Of one repeat, whitened, along the data's three axes, for the weights: the same for all models, so that scores
+        compare.
+    floor : ndarray
+        Numerical error of the predictions, whitened, standard deviation, along the data's three axes.
     """
 
     def __init__(self, model: Model, data: Observed, held_out: Observed, variance: np.ndarray, floor: np.ndarray):
@@ -79,7 +101,18 @@ class Fitter:
         self.held_weights = held_out.weights(variance, floor)
 
     def fit(self, effects: tuple[str, ...], given: Fit | None = None) -> Fit:
-        """Refit all parameters of these effects and the alignment, beginning where `given` ended."""
+        """Refit all parameters of these effects and the alignment.
+
+        Parameters
+        ----------
+        effects : tuple of str
+        given : Fit, optional
+            Where to begin.
+
+        Returns
+        -------
+        Fit
+        """
         problem = Problem(self, effects, given)
         jacobian = None
         point = problem.best_start()
@@ -132,7 +165,18 @@ class Fitter:
         return problem.result(point, errors, residuals, current, pattern)
 
     def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
-        """Observed less predicted, by part, of the data held out or of those fitted; the mean's noise made white."""
+        """Observed less predicted, by part; the mean's noise made white.
+
+        Parameters
+        ----------
+        fit : Fit
+        held_out : bool, optional
+            Of the data held out; False: of those fitted.
+
+        Returns
+        -------
+        list of ndarray, shape (data,)
+        """
         data = self.held_out if held_out else self.data
         parts = data.residuals(self.model.predict(fit.physics, fit.nuisance, data, fit.linearisation))
         return less_pattern(parts, fit.pattern, data)
@@ -145,8 +189,16 @@ class Fitter:
 class Problem:
     """One choice of effects: its unknowns, what is known of them, and their residuals.
 
-    given    where they begin
-    beside   a further effect that is not fitted, beside which the alignment is known otherwise
+    A point holds the numbers of the effects (`unknowns`), then those of the alignment (`aligned`).
+
+    Parameters
+    ----------
+    fitter : Fitter
+    effects : tuple of str
+    given : Fit or None
+        Where the numbers begin.
+    beside : str, optional
+        A further effect that is not fitted, beside which the alignment is known otherwise.
     """
 
     def __init__(self, fitter: Fitter, effects: tuple[str, ...], given: Fit | None, beside: str | None = None):
@@ -176,8 +228,15 @@ class Problem:
         self.steps = np.array(spans)
 
     def best_start(self) -> np.ndarray:
-        """Where to begin: numbers of new effects that have several starts are tried at all of them, with the alignment
-        given and the one expected. Elsewhere a fit could end beside the best one."""
+        """Where to begin.
+
+        Numbers of new effects that have several starts are tried at all of them, with the alignment given and the one
+        expected. Elsewhere a fit could end beside the best one.
+
+        Returns
+        -------
+        ndarray, shape (numbers,)
+        """
         count = len(self.unknowns)
         choices = [
             one.starts if fresh else (value,)
@@ -211,8 +270,20 @@ class Problem:
     def _between(
         self, off: tuple[np.ndarray, list[np.ndarray]], full: tuple[np.ndarray, list[np.ndarray]]
     ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Between two points and their residuals, one as if residuals were straight there: of a strength that starts
-        far too high, the wrong shape would look best that does the least harm."""
+        """Between two points, one as if residuals were straight there.
+
+        Of a strength that starts far too high, the wrong shape would look best that does the least harm.
+
+        Parameters
+        ----------
+        off, full : tuple of ndarray and list of ndarray
+            A point with new effects off or at full strength, and its residuals.
+
+        Returns
+        -------
+        point : ndarray, shape (numbers,)
+        residuals : list of ndarray, shape (data,)
+        """
         change = [here - there for here, there in zip(off[1], full[1], strict=True)]
         square = chi_square(self.weights, change)
         if not square:
@@ -225,8 +296,18 @@ class Problem:
         return self.polished(np.clip(point, self.low, self.high), None)
 
     def strays(self, point: np.ndarray) -> bool:
-        """Whether predictions of a point lie off those of which numerical errors were computed; these are computed
-        there then."""
+        """Whether predictions of a point lie off those of which numerical errors were computed.
+
+        If so, these errors are computed there from then on.
+
+        Parameters
+        ----------
+        point : ndarray, shape (numbers,)
+
+        Returns
+        -------
+        bool
+        """
         if self.linearised == MOST_LINEARISATIONS:
             return False
         physics, nuisance = self._named(point)
@@ -238,7 +319,17 @@ class Problem:
         return True
 
     def follow(self, point: np.ndarray) -> bool:
-        """Let rays follow those of a point, if its own are too far off those that they follow; whether they were."""
+        """Let rays follow those of a point, if its own are too far off those that they follow.
+
+        Parameters
+        ----------
+        point : ndarray, shape (numbers,)
+
+        Returns
+        -------
+        bool
+            Whether they were.
+        """
         physics, nuisance = self._named(point)
         if self.model.follows(physics, nuisance, self.linearisation.rays):
             return False
@@ -246,6 +337,7 @@ class Problem:
         return True
 
     def residuals(self, point: np.ndarray, pattern: np.ndarray | None) -> list[np.ndarray]:
+        """Observed less predicted and less a gain pattern, by part; the mean's noise made white."""
         prediction = self.model.predict(*self._named(point), self.data, self.linearisation)
         return less_pattern(self.data.residuals(prediction), pattern, self.data)
 
@@ -261,6 +353,16 @@ class Problem:
         """A point with the best scale and offset for its other numbers, in closed form, and its residuals.
 
         Both are linear, and most effects trade against them: without this, fits creep along narrow curved valleys.
+
+        Parameters
+        ----------
+        point : ndarray, shape (numbers,)
+        pattern : ndarray, shape (rows, columns), or None
+
+        Returns
+        -------
+        point : ndarray, shape (numbers,)
+        residuals : list of ndarray, shape (data,)
         """
         physics, nuisance = self._named(point)
         prediction = self.model.predict(physics, nuisance, self.data, self.linearisation)
@@ -277,7 +379,18 @@ class Problem:
         return point, [np.where(weight > 0, residuals[0] - step @ design, 0), *residuals[1:]]
 
     def afresh(self, point: np.ndarray) -> tuple[np.ndarray | None, list[np.ndarray]]:
-        """The gain pattern at a point, None if there is none, and the residuals that it leaves."""
+        """The gain pattern at a point, and the residuals that it leaves.
+
+        Parameters
+        ----------
+        point : ndarray, shape (numbers,)
+
+        Returns
+        -------
+        pattern : ndarray, shape (rows, columns), or None
+            None if there is none.
+        residuals : list of ndarray, shape (data,)
+        """
         residuals = self.residuals(point, None)
         if not self.patterned:
             return None, residuals
@@ -286,10 +399,23 @@ class Problem:
         return self.found.values, less_pattern(residuals, self.found.values, self.data)
 
     def chi_square(self, residuals: list[np.ndarray], point: np.ndarray) -> float:
+        """Of residuals, and of how far a point lies off what is known of it."""
         return chi_square(self.weights, residuals) + float((self.knowledge * (point - self.centre) ** 2).sum())
 
     def jacobian(self, point, residuals, pattern) -> list[np.ndarray]:
-        """Change of what is predicted per `steps`, by part: [parameter, datum]."""
+        """Change of what is predicted per `steps`, by part.
+
+        Parameters
+        ----------
+        point : ndarray, shape (numbers,)
+        residuals : list of ndarray, shape (data,)
+            Of the point.
+        pattern : ndarray, shape (rows, columns), or None
+
+        Returns
+        -------
+        list of ndarray, shape (numbers, data)
+        """
         columns = [self.derivative(index, point, residuals, pattern) for index in range(len(point))]
         return [
             np.stack([step * column[part] for step, column in zip(self.steps, columns, strict=True)])
@@ -297,7 +423,21 @@ class Problem:
         ]
 
     def normal(self, jacobian, point, residuals) -> tuple[np.ndarray, np.ndarray]:
-        """Information matrix and gradient at a point."""
+        """Information matrix and gradient at a point.
+
+        Parameters
+        ----------
+        jacobian : list of ndarray, shape (numbers, data)
+            As from `jacobian`.
+        point : ndarray, shape (numbers,)
+        residuals : list of ndarray, shape (data,)
+
+        Returns
+        -------
+        information : ndarray, shape (numbers, numbers)
+        gradient : ndarray, shape (numbers,)
+            Of minus half of chi-square.
+        """
         information, gradient = np.diag(self.knowledge), self.knowledge * (self.centre - point)
         for rows, weight, residual in zip(jacobian, self.weights, residuals, strict=True):
             weighted = rows * weight
@@ -306,12 +446,42 @@ class Problem:
         return information, gradient
 
     def derivative(self, index, point, residuals, pattern) -> list[np.ndarray]:
+        """Change of what is predicted per unit of one number, by part.
+
+        Parameters
+        ----------
+        index : int
+            Of the number.
+        point : ndarray, shape (numbers,)
+        residuals : list of ndarray, shape (data,)
+            Of the point.
+        pattern : ndarray, shape (rows, columns), or None
+
+        Returns
+        -------
+        list of ndarray, shape (data,)
+        """
         step = self.steps[index] if point[index] + self.steps[index] <= self.high[index] else -self.steps[index]
         moved = point.copy()
         moved[index] += step
         return [(here - there) / step for here, there in zip(residuals, self.residuals(moved, pattern), strict=True)]
 
     def result(self, point, errors, residuals, total, pattern) -> Fit:
+        """The fit that ended at a point.
+
+        Parameters
+        ----------
+        point, errors : ndarray, shape (numbers,)
+            Numbers, and their standard errors.
+        residuals : list of ndarray, shape (data,)
+        total : float
+            Chi-square.
+        pattern : ndarray, shape (rows, columns), or None
+
+        Returns
+        -------
+        Fit
+        """
         physics = {name: self.model.known(name) for name in self.effects}
         spread: dict[str, dict[str, float]] = {name: {} for name in self.effects}
         for one, number, error in zip(self.unknowns, point, errors, strict=False):
@@ -349,10 +519,12 @@ def alignment_step(one: Nuisance) -> float:
 
 
 def chi_square(weights: list[np.ndarray], residuals: list[np.ndarray]) -> float:
+    """Sum of squared residuals times weights, over all parts."""
     return sum(float((weight * residual**2).sum()) for weight, residual in zip(weights, residuals, strict=True))
 
 
 def less_pattern(parts: list[np.ndarray], pattern: np.ndarray | None, data: Observed) -> list[np.ndarray]:
+    """Residuals by part, less a gain pattern in the mean's if there is one."""
     if pattern is None:
         return parts
     mean = parts[0].reshape(data.mean.shape) - data.whitened(np.where(data.usable, pattern, 0))

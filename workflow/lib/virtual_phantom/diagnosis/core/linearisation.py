@@ -13,8 +13,12 @@ from .alignment import POSES
 class LinearisationPoint:
     """Settings about which something is linearised.
 
-    physics   {effect: {parameter: value}}
-    nuisance  the numbers of the alignment that move the object
+    Attributes
+    ----------
+    physics : mapping of str to mapping of str to float
+        {effect: {parameter: value}}.
+    nuisance : mapping of str to float
+        The numbers of the alignment that move the object.
     """
 
     physics: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -40,8 +44,12 @@ NOMINAL = LinearisationPoint()
 class Linearisation:
     """About what predictions are linearised.
 
-    errors  where the errors of the model's own steps, and the noise of images, are computed
-    rays    whose rays others follow to first order
+    Attributes
+    ----------
+    errors : LinearisationPoint
+        Where the errors of the model's own steps, and the noise of images, are computed.
+    rays : LinearisationPoint
+        Whose rays others follow to first order.
     """
 
     errors: LinearisationPoint = NOMINAL

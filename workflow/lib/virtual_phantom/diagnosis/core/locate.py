@@ -22,11 +22,18 @@ BINS = 10  # of rays or voxels in the order of a value: enough to show a curve, 
 class Location:
     """The worst place of a domain.
 
-    domain   what was looked at
-    where    the place, in words
-    z        standardised difference, positive where the recording holds more
-    p        chance of one as large anywhere in the domain without a difference
-    map      z of every place, for figures; [view block, row block, column block] for blocks
+    Attributes
+    ----------
+    domain : str
+        What was looked at.
+    where : str
+        The place, in words.
+    z : float
+        Standardised difference, positive where the recording holds more.
+    p : float
+        Chance of one as large anywhere in the domain without a difference.
+    map : ndarray
+        z of every place, for figures; along three axes for blocks.
     """
 
     domain: str
@@ -43,7 +50,13 @@ class Location:
 
 @dataclass(frozen=True)
 class Half:
-    """One half of the data, with residuals and weights by part."""
+    """One half of the data, with residuals and weights by part.
+
+    Attributes
+    ----------
+    residuals, weights : list of ndarray, shape (data,)
+    data : Observed
+    """
 
     residuals: list[np.ndarray]
     weights: list[np.ndarray]
@@ -64,10 +77,16 @@ class Half:
 class InCommon:
     """Products of standardised residuals of two halves whose noises are independent, by ray or voxel.
 
-    there       whether it counts in both halves
-    products    their mean is the square of what both have in common, in standard deviations
-    numerical   of every numerical error of the model, one standard deviation of it, what that is expected to give
-    scatter     relative variance of the weights, by which products vary more
+    Attributes
+    ----------
+    there : ndarray of bool, shape (data,)
+        Whether it counts in both halves.
+    products : ndarray, shape (data,)
+        Their mean is the square of what both have in common, in standard deviations.
+    numerical : list of ndarray, shape (data,)
+        Of every numerical error of the model, one standard deviation of it, what that is expected to give.
+    scatter : ndarray, shape (data,), or float
+        Relative variance of the weights, by which products vary more.
     """
 
     there: np.ndarray
@@ -76,9 +95,19 @@ class InCommon:
     scatter: np.ndarray | float = 0.0
 
     def z(self, where: np.ndarray | None = None) -> float:
-        """The sum beyond what numerical errors give, over its standard deviation without a difference; at least 0.
+        """The sum beyond what numerical errors give, over its standard deviation without a difference.
 
         A numerical error c D with c ~ N(0, 1) gives c^2 times its expected sum, which varies by 2^(1/2) of that.
+
+        Parameters
+        ----------
+        where : ndarray of bool, shape (data,), optional
+            What is summed; None: all that count.
+
+        Returns
+        -------
+        float
+            At least 0.
         """
         chosen = self.there if where is None else self.there & where
         numerical = np.array([float(one[chosen].sum()) for one in self.numerical])
@@ -90,8 +119,18 @@ class InCommon:
 def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
     """How far a fit has pulled its alignment off what it knew of it: a difference that residuals no longer show.
 
-    numerical   names of the model's numerical errors, of whose size nothing is known
     Where the object lies is nobody's physics, and is left out.
+
+    Parameters
+    ----------
+    fit : Fit
+    numerical : collection of str
+        Names of the model's numerical errors, of whose size nothing is known.
+
+    Returns
+    -------
+    list of Location
+        One, or none where nothing was known.
     """
     z = {name: value for name, value in fit.pulled.items() if name not in numerical and name not in PLACE}
     if not z:
@@ -104,10 +143,29 @@ def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
 def noise_places(
     residuals, weights, data: Observed, pairs: list[str], axes: tuple[str, str, str], fitted=None, uncertain=None
 ) -> list[Location]:
-    """Places of difference in the noise's variance over blocks, its level, and its correlations between `pairs`.
+    """Places of difference in the noise: its variance over blocks, its level, and its correlations.
 
     Level and correlations are few numbers, known to the fit no better than to the data held out: both errors count.
-    Where what is `uncertain` of the fit is not given, the fit's errors are those of the data fitted.
+
+    Parameters
+    ----------
+    residuals, weights : list of ndarray, shape (data,)
+        By part.
+    data : Observed
+    pairs : list of str
+        Neighbours whose correlations there are, in words.
+    axes : tuple of 3 str
+        Names of the data's axes.
+    fitted : Half, optional
+        The data that the model was fitted to, if those are others.
+    uncertain : sequence of ndarray, shape (directions, data), optional
+        By part: what the errors of the fit's numbers add (left_by_numbers); None: the fit's errors are those of the
+        data fitted.
+
+    Returns
+    -------
+    list of Location
+        Empty where there is a single repeat.
     """
     if data.variance is None:
         return []
@@ -134,11 +192,24 @@ def noise_places(
 
 
 def variance_z(residual: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Normal scores of sample variances; 0 where there is none.
+    """Normal scores of sample variances.
 
-    residual, weight   of their logarithms, unbiased, and the inverse variances of these
-    The cube root of a chi-square is nearly normal (E. B. Wilson and M. M. Hilferty, PNAS 17, 684, 1931); its logarithm
-    has a long lower tail, where blocks have few degrees of freedom.
+    The cube root of a chi-square is nearly normal [1]_; its logarithm has a long lower tail, where blocks have few
+    degrees of freedom.
+
+    Parameters
+    ----------
+    residual, weight : ndarray, shape (blocks,)
+        Of their logarithms, unbiased, and the inverse variances of these.
+
+    Returns
+    -------
+    ndarray, shape (blocks,)
+        0 where there is none.
+
+    References
+    ----------
+    .. [1] E. B. Wilson and M. M. Hilferty, PNAS 17, 684, 1931.
     """
     freedom = 2 * np.where(weight > 0, weight, 1.0)  # the variance of the logarithm is 2 over the degrees of freedom
     ratio = np.exp(residual + special.digamma(freedom / 2) - np.log(freedom / 2))
@@ -157,9 +228,14 @@ def corrected(found: list[Location]) -> list[Location]:
 class Alike:
     """What makes sums of weighted rays vary more than their weights say.
 
-    distortions   [view, row, column] each: by which all rays of a sum may be off together, one standard deviation
-    scatter       [view, row, column] relative variance of the weights, which are unbiased: a weight's square is larger
-                  by so much, on average, than the square of its mean
+    Attributes
+    ----------
+    weight : ndarray, shape (views, rows, columns)
+    distortions : sequence of ndarray, shape (views, rows, columns)
+        By which all rays of a sum may be off together, one standard deviation.
+    scatter : ndarray, shape (views, rows, columns), or float
+        Relative variance of the weights, which are unbiased: a weight's square is larger by so much, on average, than
+        the square of its mean.
     """
 
     weight: np.ndarray
@@ -167,7 +243,17 @@ class Alike:
     scatter: np.ndarray | float = 0.0
 
     def __call__(self, total) -> np.ndarray | float:
-        """What they add to the variance of sums, which `total` makes of weighted rays, of many blocks."""
+        """What they add to the variance of sums of many blocks.
+
+        Parameters
+        ----------
+        total : callable
+            Makes sums of weighted rays, ndarray to ndarray.
+
+        Returns
+        -------
+        ndarray or float
+        """
         return total(self.weight * self.scatter) + self.of_block(total)
 
     def of_block(self, total) -> np.ndarray | float:
@@ -190,17 +276,43 @@ def _likely(z: np.ndarray) -> float:
 
 
 def extreme(domain: str, z: np.ndarray, words) -> Location:
-    """A domain by its worst place, `words` saying which it is."""
+    """A domain by its worst place.
+
+    Parameters
+    ----------
+    domain : str
+    z : ndarray, shape (places,)
+    words : callable
+        Says of an index which place it is.
+
+    Returns
+    -------
+    Location
+    """
     worst = int(np.argmax(np.abs(z)))
     return Location(domain, words(worst), float(z[worst]), _likely(z), z)
 
 
 def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
-    """As rare as these, of a normal distribution, where a variance was measured: Student's t, by D. L. Wallace's bound
-    (Ann. Math. Stat. 30, 1124, 1959, his 8n + 1 over 8n + 3).
+    """Values as rare as these, of a normal distribution.
 
-    weighed   relative variance of the weights, 2 over the degrees of freedom; 0: known
-    z has a variance of 1, as unbiased weights give it, and t one of n / (n - 2).
+    Where a variance was measured, these are Student's t; by Wallace's bound [1]_.
+
+    Parameters
+    ----------
+    z : ndarray
+        With a variance of 1, as unbiased weights give it; t has one of n / (n - 2).
+    weighed : ndarray or float
+        Relative variance of the weights, 2 over the degrees of freedom; 0: known.
+
+    Returns
+    -------
+    ndarray
+        Shaped as `z`.
+
+    References
+    ----------
+    .. [1] D. L. Wallace, Ann. Math. Stat. 30, 1124, 1959: his 8n + 1 over 8n + 3.
     """
     weighed = np.broadcast_to(weighed, z.shape)
     measured = (weighed > 0) & (weighed < 2 / FEWEST)
@@ -213,9 +325,21 @@ def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
 def blocks(
     domain: str, z: np.ndarray, data: Observed, axes: tuple[str, str, str], weighed: np.ndarray | float = 0.0
 ) -> Location:
-    """A domain of blocks of the data, whose axes have these names.
+    """A domain of blocks of the data.
 
-    weighed   relative variance of the weights that z rests on
+    Parameters
+    ----------
+    domain : str
+    z : ndarray, shape (blocks,)
+    data : Observed
+    axes : tuple of 3 str
+        Names of the data's axes.
+    weighed : ndarray, shape (blocks,), or float, optional
+        Relative variance of the weights that z rests on.
+
+    Returns
+    -------
+    Location
     """
     worst = int(np.argmax(np.abs(z)))
     place = np.unravel_index(worst, data.blocks.shape)
@@ -228,7 +352,22 @@ def blocks(
 
 
 def by_value(domain: str, words: str, residual, weight, values, inside, alike: Alike | None = None) -> Location:
-    """Sums over tenths of the data that lie `inside`, in the order of `values`; `words` take a tenth's bounds."""
+    """Sums over tenths of the data, in the order of a value.
+
+    Parameters
+    ----------
+    domain, words : str
+        `words` takes a tenth's bounds.
+    residual, weight, values : ndarray
+        Along the data's three axes.
+    inside : ndarray of bool
+        What the tenths are of.
+    alike : Alike, optional
+
+    Returns
+    -------
+    Location
+    """
     edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
     index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
 
@@ -250,8 +389,20 @@ def steepest(
 ) -> Location:
     """Excess of chi-square where a slope is largest.
 
-    numbers      what the errors of a fit's numbers add
-    of_weights   variance that errors of the weights add
+    Parameters
+    ----------
+    what : str
+        Rays or voxels, for the words.
+    residual, weight, slope : ndarray
+        Along the data's three axes.
+    numbers : sequence of ndarray, optional
+        What the errors of a fit's numbers add.
+    of_weights : float, optional
+        Variance that errors of the weights add.
+
+    Returns
+    -------
+    Location
     """
     chosen = steep(weight, slope)
     count = int(chosen.sum())

@@ -9,11 +9,18 @@ from dataclasses import dataclass
 class Look:
     """What reports and figures need to know of a kind of recording.
 
-    unit         of differences, as metrics name it
-    summed       axis of the data that maps are summed over
-    down, across   names of the map's axes
-    profiles     (domain, name of its axis, number of its first place)
-    one_repeat   where the noise of a recording with a single repeat is from
+    Attributes
+    ----------
+    unit : str
+        Of differences, as metrics name it.
+    summed : int
+        Axis of the data that maps are summed over.
+    down, across : str
+        Names of the map's axes.
+    profiles : tuple of tuple of (str, str, int)
+        Domain, name of its axis, and number of its first place.
+    one_repeat : str
+        Where the noise of a recording with a single repeat is from.
     """
 
     unit: str

@@ -25,13 +25,23 @@ STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin 
 
 
 class Model(ABC):
-    """Predictions of a recording for effects' parameters and the alignment: what fits ask for, whatever was recorded.
+    """Predictions of a recording for effects' parameters and the alignment.
 
-    chain      with the detector's sensor, whose thickness is held by what the chain knows of it
-    anode      of the tube
-    tube_kvp   as the label on the scanner says, taken to be known to TUBE_KVP_SD; None: not known
-    fixed      effects whose parameters are known from elsewhere and not fitted
-    density    of the material over the listed one, and its standard deviation: the scale beside a spectrum
+    They are what fits ask for, whatever was recorded.
+
+    Parameters
+    ----------
+    chain : Chain
+        With the detector's sensor, whose thickness is held by what the chain knows of it.
+    aligned : tuple of Nuisance
+    anode : Anode, optional
+        Of the tube.
+    tube_kvp : float, optional
+        As the label on the scanner says, taken to be known to TUBE_KVP_SD, kV; None: not known.
+    fixed : mapping of str to mapping of str to float, optional
+        Effects whose parameters are known from elsewhere and not fitted: {effect: {parameter: value}}.
+    density : tuple of 2 float, optional
+        Of the material over the listed one, and its standard deviation: the scale beside a spectrum.
     """
 
     def __init__(
@@ -48,8 +58,19 @@ class Model(ABC):
         self._near = Kept(NEAR_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
-        """The alignment beside these effects. A spectrum leaves the scale only the density of the material: that of a
-        monochromatic beam also holds the energy."""
+        """The alignment beside these effects.
+
+        A spectrum leaves the scale only the density of the material: that of a monochromatic beam also holds the
+        energy.
+
+        Parameters
+        ----------
+        effects : tuple of str
+
+        Returns
+        -------
+        tuple of Nuisance
+        """
         if "spectrum" not in effects:
             return self.aligned
         value, sd = self.density
@@ -68,7 +89,16 @@ class Model(ABC):
     def of_study(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
         """Settings of effects as a study takes them, whose readout units are photons.
 
-        nuisance  the alignment, whose photons per pixel they are
+        Parameters
+        ----------
+        physics : mapping of str to mapping of str to float
+            {effect: {parameter: value}}.
+        nuisance : mapping of str to float
+            The alignment, whose photons per pixel they are.
+
+        Returns
+        -------
+        dict of str to mapping of str to float
         """
         photons = float(np.exp(nuisance["log_photons"]))
         state = self.chain.state(
@@ -114,7 +144,16 @@ class Model(ABC):
     def distortion(self, nuisance: Mapping[str, float], linearisation: Linearisation = BASE) -> np.ndarray | float:
         """Numerical error that an alignment takes off what is predicted of the mean.
 
-        linearisation  `errors` is where it is computed
+        Parameters
+        ----------
+        nuisance : mapping of str to float
+        linearisation : Linearisation, optional
+            Its `errors` is where the error is computed.
+
+        Returns
+        -------
+        ndarray or float
+            Broadcastable to the mean.
         """
         return 0.0
 
@@ -127,8 +166,18 @@ class Model(ABC):
     ) -> bool:
         """Whether a prediction lies too far off a point where `errors` of a linearisation were computed.
 
-        nuisance   of the prediction
-        weights    [datum] inverse variances of the mean
+        Parameters
+        ----------
+        errors : LinearisationPoint
+        nuisance : mapping of str to float
+            Of the prediction.
+        prediction : Prediction
+        weights : ndarray, shape (data,)
+            Inverse variances of the mean.
+
+        Returns
+        -------
+        bool
         """
         return False
 
@@ -158,5 +207,20 @@ class Model(ABC):
         data: Observed,
         linearisation: Linearisation = BASE,
     ) -> Prediction:
-        """The prediction for settings of effects and of the alignment. A gain pattern is fitted elsewhere: it has no
-        mean of its own here."""
+        """The prediction for settings of effects and of the alignment.
+
+        A gain pattern is fitted elsewhere: it has no mean of its own here.
+
+        Parameters
+        ----------
+        physics : mapping of str to mapping of str to float
+            {effect: {parameter: value}}.
+        nuisance : mapping of str to float
+            The alignment.
+        data : Observed
+        linearisation : Linearisation, optional
+
+        Returns
+        -------
+        Prediction
+        """

@@ -1,5 +1,7 @@
-"""The repeats of a recording, condensed to what fits and tests ask for: the mean, and how noisy and how correlated they
-are. Of rays or of voxels, along three axes."""
+"""The repeats of a recording, condensed to what fits and tests ask for.
+
+That is the mean, and how noisy and how correlated they are: of rays or of voxels, along three axes.
+"""
 
 from __future__ import annotations
 
@@ -15,23 +17,35 @@ FEWEST = 8  # degrees of freedom from which on the mean of an inverse says anyth
 
 @dataclass(frozen=True)
 class Blocks:
-    """A division of the rays into blocks of views, rows and columns."""
+    """A division of rays or voxels into blocks along three axes.
 
-    index: np.ndarray  # [view, row, column], number of the block
+    Attributes
+    ----------
+    index : ndarray of int
+        Number of the block, along the three axes.
+    count : int
+    shape : tuple of 3 int
+        Blocks along each axis.
+    """
+
+    index: np.ndarray
     count: int
     shape: tuple[int, int, int]
 
     @classmethod
     def of(cls, shape: tuple[int, int, int], parts: tuple[int, int, int]) -> Blocks:
+        """Divide data of a shape into so many parts along each axis, or as many as there are places."""
         parts = tuple(min(part, n) for part, n in zip(parts, shape, strict=True))
         axes = [np.arange(n) * part // n for part, n in zip(parts, shape, strict=True)]
         index = (axes[0][:, None, None] * parts[1] + axes[1][:, None]) * parts[2] + axes[2]
         return cls(index, int(np.prod(parts)), parts)
 
     def sum(self, array: np.ndarray) -> np.ndarray:
+        """Sums over every block, shape (blocks,)."""
         return np.bincount(self.index.ravel(), np.broadcast_to(array, self.index.shape).ravel(), self.count)
 
     def spread(self, values: np.ndarray) -> np.ndarray:
+        """Values of blocks, shape (blocks,), given to all that lie in them."""
         return values[self.index]
 
 
@@ -39,19 +53,33 @@ class Blocks:
 class Observed:
     """The condensed repeats.
 
-    mean              along three axes, of views, rows and columns or of slices, rows and columns
-    n                 number of repeats
-    usable            rays or voxels that count
-    variance          (block,) mean of the sample variance over `reference`, so scaled that its logarithm is unbiased;
-                      None of a single repeat
-    variance_error    (block,) standard error of its logarithm, as sums over many blocks have it: of noise that
-                      neighbours share, those of blocks side by side vary together
-    correlation       of neighbours, with correlation_error; missing ones are NaN
-    numerical         as the mean each: distortions alike in many rays by which predictions may be off (one
-                      standard deviation), whitened
-    alone             variance of a single block's logarithm over the square of `variance_error`
-    whitening         what makes the mean's noise white, or None where it is
-    weighed           (block,) relative variance of the mean's weights, which are measured block by block
+    Attributes
+    ----------
+    mean : ndarray
+        Along three axes, of views, rows and columns or of slices, rows and columns.
+    n : int
+        Number of repeats.
+    usable : ndarray of bool
+        Rays or voxels that count.
+    blocks : Blocks
+    reference : ndarray
+        What `variance` is over, shaped as the mean.
+    variance : ndarray, shape (blocks,), or None
+        Mean of the sample variance over `reference`, so scaled that its logarithm is unbiased; None of a single repeat.
+    variance_error : ndarray, shape (blocks,), or None
+        Standard error of its logarithm, as sums over many blocks have it: of noise that neighbours share, those of
+        blocks side by side vary together.
+    correlation, correlation_error : ndarray, shape (pairs,), or None
+        Of neighbours, and its standard error; missing ones are NaN.
+    numerical : tuple of ndarray
+        Distortions alike in many rays by which predictions may be off (one standard deviation), whitened, each shaped
+        as the mean.
+    alone : ndarray, shape (blocks,), or float
+        Variance of a single block's logarithm over the square of `variance_error`.
+    whitening : Whitening or None
+        What makes the mean's noise white; None where it is.
+    weighed : ndarray, shape (blocks,), or float
+        Relative variance of the mean's weights, which are measured block by block.
     """
 
     mean: np.ndarray
@@ -90,10 +118,18 @@ class Observed:
         return found
 
     def weights(self, variance: np.ndarray, floor: np.ndarray) -> list[np.ndarray]:
-        """Inverse variances of the same parts, 0 for what is not there.
+        """Inverse variances of the parts of `residuals`, 0 for what is not there.
 
-        variance   of the mean's data of one repeat, whitened, along three axes
-        floor      numerical error of the prediction, whitened, standard deviation, along three axes
+        Parameters
+        ----------
+        variance : ndarray
+            Of the mean's data of one repeat, whitened, along three axes.
+        floor : ndarray
+            Numerical error of the prediction, whitened, standard deviation, along three axes.
+
+        Returns
+        -------
+        list of ndarray, shape (data,)
         """
         found = [np.where(self.counted, 1 / (variance / self.n + floor**2), 0).ravel()]
         if self.variance is not None:

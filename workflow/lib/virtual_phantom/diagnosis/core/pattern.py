@@ -17,9 +17,14 @@ SMOOTH_PX = 3.0  # what varies more slowly than this from pixel to pixel may be 
 class Pattern:
     """Constants added to line integrals.
 
-    values   [row, column], shrunk towards 0 by how much of each is noise
-    variance [row, column] that the true constants, whitened, have about them
-    rms      standard deviation of the true constants, with its standard error
+    Attributes
+    ----------
+    values : ndarray, shape (rows, columns)
+        Shrunk towards 0 by how much of each is noise.
+    variance : ndarray, shape (rows, columns)
+        That the true constants, whitened, have about them.
+    rms, error : float
+        Standard deviation of the true constants, and its standard error.
     """
 
     values: np.ndarray
@@ -29,18 +34,40 @@ class Pattern:
 
 
 def chance(rms: float, error: float) -> float:
-    """Of a pattern of this size where there is none, from its standard error. A likelihood ratio would be none: a
-    pattern has as many constants as there are pixels."""
+    """Chance of a pattern of this size where there is none, from its standard error.
+
+    A likelihood ratio would be none: a pattern has as many constants as there are pixels.
+
+    Parameters
+    ----------
+    rms, error : float
+        As in Pattern.
+
+    Returns
+    -------
+    float
+    """
     return float(stats.norm.sf(rms / error)) if rms else 1.0
 
 
 def estimate(residual: np.ndarray, weight: np.ndarray, whitening: Whitening | None = None) -> Pattern:
-    """The pattern in residuals [view, row, column] with weights 1/variance.
+    """The pattern in residuals.
 
-    whitening   that the residuals have been through
     Constants are taken as independent draws of one normal distribution. Its variance is what the mean square of their
     rough part exceeds that of noise by. Where the smooth part is larger than such draws would make it, it is other
     physics (the shadow of a disc looks alike in all views) and not counted as pattern.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (views, rows, columns)
+    weight : ndarray, shape (views, rows, columns)
+        1 / variance.
+    whitening : Whitening, optional
+        That the residuals have been through.
+
+    Returns
+    -------
+    Pattern
     """
     total = weight.sum(axis=0)
     good = total > 0

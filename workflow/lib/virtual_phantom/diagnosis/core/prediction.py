@@ -9,9 +9,17 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Prediction:
-    """As Observed: mean, log_variance (block,) over its reference, correlation.
+    """What a model predicts of the data, condensed as Observed has them.
 
-    design   change of the mean with the alignment's scale and offset, the same shape (or broadcast to it)
+    Attributes
+    ----------
+    mean : ndarray
+        Along the data's three axes.
+    log_variance : ndarray, shape (blocks,)
+        Logarithm of the variance over Observed.reference.
+    correlation : ndarray, shape (pairs,)
+    design : tuple of 2 ndarray
+        Change of the mean with the alignment's scale and offset, shaped as it or broadcastable to it.
     """
 
     mean: np.ndarray

@@ -19,12 +19,25 @@ from .observed import Observed
 class Prepared(ABC):
     """What all fits of a recording share, and what a kind of recording says of itself.
 
-    variance  of one repeat, along the data's three axes
-    held      what is held out, in words
-    single    True if the noise had to be taken from a single repeat
-    photons   per pixel in air, as estimated from the variances
-    step      one view of so many was fitted or held out
-    lacking   what of the scan's times is not stated, in words
+    Attributes
+    ----------
+    look : Look
+        Of the kind of recording.
+    fitter : Fitter
+    data, held_out : Observed
+        What is fitted, and what is held out.
+    variance : ndarray
+        Of one repeat, along the data's three axes.
+    held : str
+        What is held out, in words.
+    single : bool
+        True if the noise had to be taken from a single repeat.
+    photons : float
+        Per pixel in air, as estimated from the variances.
+    step : int
+        One view of so many was fitted or held out.
+    lacking : str or None
+        What of the scan's times is not stated, in words.
     """
 
     look: ClassVar[Look]
@@ -55,10 +68,21 @@ class Prepared(ABC):
     def domains(
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()
     ) -> list[Location]:
-        """Where a half and a fit differ beyond noise, by domain, the worst first.
+        """Where a half and a fit differ beyond noise, by domain.
 
-        fitted   the data that the model was fitted to, where `half` are others: then errors of the fit count too
-        more     domains that residuals do not show
+        Parameters
+        ----------
+        half : Half
+        fit : Fit
+        fitted : Half, optional
+            The data that the model was fitted to, where `half` are others: then errors of the fit count too.
+        more : sequence of Location, optional
+            Domains that residuals do not show.
+
+        Returns
+        -------
+        list of Location
+            The worst first.
         """
 
     @abstractmethod

@@ -23,9 +23,14 @@ ALIKE = 1e-4  # of a template's length: by how much path lengths in single preci
 class Screened:
     """An effect's matched filter on what a fit leaves over.
 
-    p      chance of such a gain without the effect, over all shapes that were tried
-    gain   of chi-square and of what is known of the fit's numbers, to first order
-    blind  its template is nothing, so that only a fit can tell: slices of typical thickness that lie as far apart
+    Attributes
+    ----------
+    p : float
+        Chance of such a gain without the effect, over all shapes that were tried.
+    gain : float
+        Of chi-square and of what is known of the fit's numbers, to first order.
+    blind : bool
+        Its template is nothing, so that only a fit can tell: slices of typical thickness that lie as far apart.
     """
 
     p: float
@@ -37,10 +42,15 @@ class Screened:
 class Remainder:
     """What a fit leaves over of the data that were fitted, whitened, with what is known of its numbers below.
 
-    basis      (row, column) orthonormal: what the fit's numbers can take up
-    residual   (row,) without that
-    inward     [number, row] what numbers change that the data press against their bounds, back into their range,
-               without that: an effect may relieve them, but by themselves they take up nothing more
+    Attributes
+    ----------
+    basis : ndarray, shape (data + numbers, directions)
+        Orthonormal: what the fit's numbers can take up.
+    residual : ndarray, shape (data + numbers,)
+        Without that.
+    inward : ndarray, shape (bounds, data + numbers)
+        What numbers change that the data press against their bounds, back into their range, without that: an effect may
+        relieve them, but by themselves they take up nothing more.
     """
 
     basis: np.ndarray
@@ -49,7 +59,20 @@ class Remainder:
 
     @classmethod
     def of(cls, problem: Problem, columns: np.ndarray, residual: np.ndarray) -> Remainder:
-        """columns, residual   of the whitened data, by `data_changes` and of the fit"""
+        """From changes and residuals of the whitened data.
+
+        Parameters
+        ----------
+        problem : Problem
+        columns : ndarray, shape (data, numbers)
+            From `data_changes`.
+        residual : ndarray, shape (data,)
+            Of the fit.
+
+        Returns
+        -------
+        Remainder
+        """
         columns = with_knowledge(columns, problem)
         known = np.sqrt(problem.knowledge) * (problem.centre - problem.start)
         residual = np.concatenate([residual, known])
@@ -61,7 +84,19 @@ class Remainder:
         return cls(basis, residual - basis @ (basis.T @ residual), inward - (inward @ basis) @ basis.T)
 
     def gain(self, rows: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-        """What templates [row, ...] without what the fit takes up gain at best in amounts from `low` to `high`."""
+        """What templates gain at best.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (templates, data + numbers)
+            Without what the fit takes up.
+        low, high : ndarray, shape (templates,)
+            Least and most amounts.
+
+        Returns
+        -------
+        float
+        """
         none, any_ = np.zeros(len(self.inward)), np.full(len(self.inward), np.inf)
         return explained(
             np.vstack([rows, self.inward]), self.residual, np.concatenate([low, none]), np.concatenate([high, any_])
@@ -69,8 +104,21 @@ class Remainder:
 
 
 def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
-    """Every effect's matched filter on what a fit leaves over of the data that were fitted, with the shape that serves
-    it best of those that fits begin with."""
+    """Every effect's matched filter on what a fit leaves over of the data that were fitted.
+
+    It has the shape that serves it best of those that fits begin with.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    fit : Fit
+    names : sequence of str
+        Of effects.
+
+    Returns
+    -------
+    dict of str to Screened
+    """
     parts = fitter.residuals(fit, held_out=False)
     columns = data_changes(Problem(fitter, fit.effects, fit), fit.pattern)
     remainders: dict[tuple, Remainder] = {}
@@ -113,7 +161,21 @@ def _pattern(fitter: Fitter, parts: list[np.ndarray]) -> Screened:
 
 
 def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: Remainder) -> Screened:
-    """Of an effect, from its parameters and templates [shape and parameter, datum], with the best of `count` shapes."""
+    """Of an effect, with the best of its shapes.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+    rows : ndarray, shape (shapes * parameters, data)
+        Templates.
+    count : int
+        Of shapes.
+    left : Remainder
+
+    Returns
+    -------
+    Screened
+    """
     low, high = amounts(parameters)
     lengths = (rows**2).sum(axis=1).reshape(count, -1)
     rows = projected(rows, left.basis).reshape(count, len(low), -1)
@@ -128,7 +190,16 @@ def _best(parameters: Sequence[Parameter], rows: np.ndarray, count: int, left: R
 
 
 def amounts(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
-    """The least and the most that an effect's range allows of each of its templates."""
+    """The least and the most that an effect's range allows of each of its templates.
+
+    Parameters
+    ----------
+    parameters : sequence of Parameter
+
+    Returns
+    -------
+    low, high : ndarray, shape (templates,)
+    """
     parameters = varied(parameters)
     if not parameters:  # it cannot be faint
         return np.array([SIZES[0]]), np.array([SIZES[1]])
@@ -140,7 +211,20 @@ def amounts(parameters: Sequence[Parameter]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def explained(rows: np.ndarray, residual: np.ndarray, low: np.ndarray, high: np.ndarray) -> float:
-    """By how much templates [row, datum] can lower a residual's square, at least 0, in amounts from `low` to `high`."""
+    """By how much templates can lower a residual's square.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (templates, data)
+    residual : ndarray, shape (data,)
+    low, high : ndarray, shape (templates,)
+        Least and most amounts.
+
+    Returns
+    -------
+    float
+        At least 0.
+    """
     lengths = np.sqrt((rows**2).sum(axis=1))
     rows, low, high = rows[lengths > 0], low[lengths > 0], high[lengths > 0]
     lengths = lengths[lengths > 0]

@@ -19,9 +19,15 @@ from .templates import SMALL, changes, projected, templates, varied, whitened
 class Template:
     """First-order change that one parameter of an effect makes at typical strength.
 
-    parameter   name; None where the effect has no parameter with a neutral value
-    whole       (datum,) whitened, so that its length counts standard deviations
-    left        (datum and piece of knowledge,) the same less all that the fit takes up to first order
+    Attributes
+    ----------
+    effect : str
+    parameter : str or None
+        None where the effect has no parameter with a neutral value.
+    whole : ndarray, shape (data,)
+        Whitened, so that its length counts standard deviations.
+    left : ndarray, shape (data + numbers,)
+        The same less all that the fit takes up to first order; each number's piece of knowledge stands below the data.
     """
 
     effect: str
@@ -37,7 +43,21 @@ class Template:
 
 
 def described(fitter: Fitter, fit: Fit, names: Sequence[str]) -> list[Template]:
-    """The templates of effects beside a fit. A gain pattern has that of one draw: it is fitted pixel by pixel."""
+    """The templates of effects beside a fit.
+
+    A gain pattern has that of one draw: it is fitted pixel by pixel.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    fit : Fit
+    names : sequence of str
+        Of effects.
+
+    Returns
+    -------
+    list of Template
+    """
     basis, found = np.linalg.qr(changes(Problem(fitter, fit.effects, fit), fit.pattern))[0], []
     for name in names:
         if load(name).pattern:
@@ -64,23 +84,57 @@ def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
 
 
 def split(fitter: Fitter, row: np.ndarray) -> dict[str, np.ndarray]:
-    """A whitened row [datum, ...] by the parts of the data that are there; what stands below the data is left out."""
+    """A whitened row by the parts of the data that are there.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    row : ndarray, shape (data or more,)
+        What stands below the data is left out.
+
+    Returns
+    -------
+    dict of str to ndarray
+    """
     names = fitter.data.parts
     ends = np.cumsum([weight.size for weight in fitter.weights])
     return {name: row[end - w.size : end] for name, end, w in zip(names, ends, fitter.weights, strict=True)}
 
 
 def shares(fitter: Fitter, row: np.ndarray) -> dict[str, float]:
-    """Share of a whitened row's squared length that lies in every part of the data."""
+    """Share of a whitened row's squared length that lies in every part of the data.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    row : ndarray
+        As for `split`.
+
+    Returns
+    -------
+    dict of str to float
+        NaN for a row of length 0.
+    """
     squares = {name: float(part @ part) for name, part in split(fitter, row).items()}
     total = sum(squares.values())
     return {name: square / total if total else float("nan") for name, square in squares.items()}
 
 
 def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
-    """Share of the squared length of each of `rows` [row, datum] that the fit takes up within its plausible ranges.
+    """Share of rows' squared lengths that a fit takes up within its plausible ranges.
 
     Least squares with bounds: unlike a first-order projection this depends on the strength of what is taken up.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    fit : Fit
+    rows : ndarray, shape (rows, data)
+        Whitened.
+
+    Returns
+    -------
+    ndarray, shape (rows,)
     """
     problem = Problem(fitter, fit.effects, fit)
     basis, triangle = np.linalg.qr(changes(problem, fit.pattern))
@@ -95,7 +149,17 @@ def taken_up_in_range(fitter: Fitter, fit: Fit, rows: np.ndarray) -> np.ndarray:
 
 
 def correlations(found: Sequence[Template]) -> np.ndarray:
-    """Cosines between what is left of templates, [template, template]; NaN where all of one is taken up."""
+    """Cosines between what is left of templates.
+
+    Parameters
+    ----------
+    found : sequence of Template
+
+    Returns
+    -------
+    ndarray, shape (templates, templates)
+        NaN where all of one is taken up.
+    """
     rows = np.stack([one.left for one in found])
     squares = (rows**2).sum(axis=1)
     whole = np.array([one.whole @ one.whole for one in found])
@@ -104,7 +168,17 @@ def correlations(found: Sequence[Template]) -> np.ndarray:
 
 
 def grouped(correlation: np.ndarray) -> list[int]:
-    """Order of templates in which those alike stand together: average linkage of 1 - |correlation|."""
+    """Order of templates in which those alike stand together: average linkage of 1 - |correlation|.
+
+    Parameters
+    ----------
+    correlation : ndarray, shape (templates, templates)
+        From `correlations`.
+
+    Returns
+    -------
+    list of int
+    """
     distance = 1 - np.abs(np.nan_to_num(correlation))
     np.fill_diagonal(distance, 0)
     near = squareform((distance + distance.T) / 2, checks=False)

@@ -19,9 +19,13 @@ class Known:
     Parameters in mm, kV and shares differ so much that what tells small eigenvalues from rounding would take a
     parameter of little information for none at all.
 
-    units     (number,), 0 where nothing is known of one
-    values    of the directions of which something is known
-    vectors   [number, direction]
+    Attributes
+    ----------
+    units : ndarray, shape (numbers,)
+        0 where nothing is known of one.
+    values : ndarray, shape (directions,)
+        Of the directions of which something is known.
+    vectors : ndarray, shape (numbers, directions)
     """
 
     units: np.ndarray
@@ -30,6 +34,7 @@ class Known:
 
     @classmethod
     def of(cls, information: np.ndarray) -> Known:
+        """From an information matrix, shape (numbers, numbers)."""
         diagonal = np.diag(information)
         units = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=diagonal > 0)
         values, vectors = np.linalg.eigh(information * np.outer(units, units))
@@ -38,8 +43,17 @@ class Known:
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
-    """Of the numbers of a fit, from their information matrix; infinite where one, or what tells it from others, is not
-    known at all."""
+    """Standard errors of the numbers of a fit.
+
+    Parameters
+    ----------
+    information : ndarray, shape (numbers, numbers)
+
+    Returns
+    -------
+    ndarray, shape (numbers,)
+        Infinite where a number, or what tells it from others, is not known at all.
+    """
     known = Known.of(information)
     squares = known.vectors**2
     error = known.units * np.sqrt((squares / known.values).sum(axis=1))
@@ -51,6 +65,15 @@ def bounded_step(information, gradient, point, low, high) -> np.ndarray:
 
     A free step that is cut to the bounds is none: of two numbers that trade against each other, cutting one leaves the
     other where it makes the fit worse.
+
+    Parameters
+    ----------
+    information : ndarray, shape (numbers, numbers)
+    gradient, point, low, high : ndarray, shape (numbers,)
+
+    Returns
+    -------
+    ndarray, shape (numbers,)
     """
     known = Known.of(information)
     root, units = np.sqrt(known.values), known.units
@@ -63,8 +86,26 @@ def bounded_step(information, gradient, point, low, high) -> np.ndarray:
 
 
 def updated(jacobian, step, before, after) -> list[np.ndarray]:
-    """Broyden's update: the least change of a Jacobian that agrees with a step just made (C. G. Broyden, Math. Comp.
-    19, 577, 1965). Derivatives by differences cost one prediction per parameter, this none."""
+    """Broyden's update [1]_: the least change of a Jacobian that agrees with a step just made.
+
+    Derivatives by differences cost one prediction per parameter, this none.
+
+    Parameters
+    ----------
+    jacobian : list of ndarray, shape (numbers, data)
+        By part of the data.
+    step : ndarray, shape (numbers,)
+    before, after : list of ndarray, shape (data,)
+        Residuals by part.
+
+    Returns
+    -------
+    list of ndarray, shape (numbers, data)
+
+    References
+    ----------
+    .. [1] C. G. Broyden, Math. Comp. 19, 577, 1965.
+    """
     size = float(step @ step)
     if not size:
         return jacobian

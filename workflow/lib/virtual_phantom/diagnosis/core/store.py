@@ -31,9 +31,20 @@ def write_trial(trial: Trial, path: str | Path) -> None:
 
 
 def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mapping[str, np.ndarray]) -> None:
-    """What every diagnosis leaves: diagnosis.json, physics.yaml, the report and the maps by domain.
+    """Write what every diagnosis leaves: diagnosis.json, physics.yaml, the report and the maps by domain.
 
-    output   paths, as attributes diagnosis, physics, report and maps
+    Parameters
+    ----------
+    output : object
+        Paths, as attributes diagnosis, physics, report and maps.
+    content : dict
+        Of diagnosis.json.
+    overlay : dict
+        Of physics.yaml: a configuration of the study.
+    page : str
+        The report.
+    maps : mapping of str to ndarray
+        By domain.
     """
     folder = Path(output.maps)
     folder.mkdir(parents=True, exist_ok=True)
@@ -47,7 +58,21 @@ def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mappi
 
 
 def read_trial(path: str | Path) -> Trial:
-    """Read what `write_trial` wrote. Raises InputError if it is missing or something else."""
+    """Read what `write_trial` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    Trial
+
+    Raises
+    ------
+    InputError
+        If it is missing or something else.
+    """
     kinds = (OSError, ValueError, KeyError, TypeError)
     with refusing(f"{path}: is no fit of a diagnosis", *kinds, advice="make it again"):
         content = json.loads(read_text(path))

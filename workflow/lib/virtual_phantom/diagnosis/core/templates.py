@@ -1,5 +1,8 @@
-"""First-order distortions of effects: what one of typical strength changes of every part of the data, whitened by the
-weights, and what of that alignment and the effects already fitted could take up."""
+"""First-order distortions of effects, and what could take them up.
+
+That is what one of typical strength changes of every part of the data, whitened by the weights, and what of that
+alignment and the effects already fitted could take up.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,22 @@ SMALL = 1e-9  # of a template's square: what is left of one that the alignment t
 
 
 def whitened(parts: list[np.ndarray], weights: list[np.ndarray]) -> np.ndarray:
+    """Parts of the data in standard deviations, one after the other, shape (data,)."""
     return np.concatenate([part * np.sqrt(weight) for part, weight in zip(parts, weights, strict=True)])
 
 
 def data_changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
-    """Change of the whitened data per unit of every parameter and number of the alignment: [datum, unknown]."""
+    """Change of the whitened data per unit of every parameter and number of the alignment.
+
+    Parameters
+    ----------
+    problem : Problem
+    pattern : ndarray, shape (rows, columns), or None
+
+    Returns
+    -------
+    ndarray, shape (data, numbers)
+    """
     residuals = problem.residuals(problem.start, pattern)
     columns = [
         whitened(problem.derivative(index, problem.start, residuals, pattern), problem.weights)
@@ -28,19 +42,39 @@ def data_changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
 
 
 def with_knowledge(columns: np.ndarray, problem: Problem) -> np.ndarray:
-    """Changes of the data with what is known of the unknowns below, as rows of their own, so that each can only be
-    taken up as far: [datum and piece of knowledge, unknown]."""
+    """Changes of the data, and below them what is known of the numbers.
+
+    Each number's knowledge is a row of its own, so that it can only be taken up as far.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (data, numbers)
+    problem : Problem
+
+    Returns
+    -------
+    ndarray, shape (data + numbers, numbers)
+    """
     return np.vstack([columns, np.diag(np.sqrt(problem.knowledge))])
 
 
 def changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
-    """Both of these."""
+    """`with_knowledge` of `data_changes`."""
     return with_knowledge(data_changes(problem, pattern), problem)
 
 
 def projected(rows: np.ndarray, basis: np.ndarray) -> np.ndarray:
-    """Whitened data [row, datum] less all that an orthonormal basis [datum and piece of knowledge, column] spans:
-    [row, datum and piece of knowledge]."""
+    """Whitened data less all that an orthonormal basis spans.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (rows, data)
+    basis : ndarray, shape (data + numbers, columns)
+
+    Returns
+    -------
+    ndarray, shape (rows, data + numbers)
+    """
     known = basis.shape[0] - rows.shape[1]
     rows = np.hstack([rows, np.zeros((len(rows), known))])
     return rows - (rows @ basis) @ basis.T
@@ -60,11 +94,24 @@ def strength(parameter: Parameter) -> float:
 
 
 def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str, float]] = ({},)) -> np.ndarray:
-    """Change of the whitened data that an effect makes by each parameter alone that has a neutral value, at typical
-    strength; of an effect without such a parameter, its change at typical values: [shape and parameter, datum].
-    Parameters are in the order of `varied`.
+    """Change of the whitened data that an effect makes.
 
-    shapes   values of parameters without a neutral value, where they are not typical
+    By each parameter alone that has a neutral value, at typical strength; of an effect without such a parameter, its
+    change at typical values.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    fit : Fit
+    name : str
+        Of the effect.
+    shapes : sequence of mapping of str to float, optional
+        Values of parameters without a neutral value, where they are not typical.
+
+    Returns
+    -------
+    ndarray, shape (shapes * parameters, data)
+        Parameters are in the order of `varied`, and change faster than shapes.
     """
     every = fitter.model.parameters(name)
     now = fitter.model.predict(fit.physics, fit.nuisance, fitter.data, fit.linearisation)

@@ -11,12 +11,21 @@ from .steps import Known
 
 
 def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
-    """Changes of the predictions of the data held out that are independent and each one standard error large, by part:
-    [direction, datum].
+    """Changes of the predictions of the data held out that the errors of a fit's numbers make.
 
-    The residuals of data held out vary by the sum of their squares beside their own noise: r = n - J (theta - truth),
-    and theta has the covariance (J'WJ + K)^-1 of the data fitted. Numbers of effects that were found elsewhere have the
-    errors found there.
+    They are independent, and each is one standard error large. The residuals of data held out vary by the sum of their
+    squares beside their own noise: r = n - J (theta - truth), and theta has the covariance (J'WJ + K)^-1 of the data
+    fitted. Numbers of effects that were found elsewhere have the errors found there.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    fit : Fit
+
+    Returns
+    -------
+    list of ndarray, shape (directions, data)
+        By part.
     """
     problem = Problem(fitter, fit.effects, fit)
     jacobian = _changes(problem, fit)
@@ -35,7 +44,7 @@ def _changes(problem: Problem, fit: Fit) -> list[np.ndarray]:
 
 
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:
-    """[direction, number], the sum of whose outer products is the numbers' covariance."""
+    """Directions, the sum of whose outer products is the numbers' covariance, shape (directions, numbers)."""
     known = 0 if fit.free or not problem.unknowns else len(problem.unknowns)
     inside = Known.of(information[known:, known:])
     fitted = (inside.vectors / np.sqrt(inside.values)).T * inside.units

@@ -13,10 +13,22 @@ from .steps import NORMAL_95
 
 @dataclass(frozen=True)
 class Unknown:
-    """A number of an effect, as fits vary it: a parameter to its power, or its logarithm. Its plausible range, where
-    a fit may begin, the one that changes nothing, if there is one, and the Gaussian that it is held by.
+    """A number of an effect, as fits vary it: a parameter to its power, or its logarithm.
 
-    Without further knowledge that is as wide as the range: against runaways.
+    Attributes
+    ----------
+    effect, name : str
+        Of the parameter.
+    low, high : float
+        Plausible range.
+    starts : tuple of float
+        Where a fit may begin.
+    neutral : float or None
+        The one that changes nothing, if there is one.
+    expected, sd : float
+        The Gaussian that it is held by. Without further knowledge that is as wide as the range: against runaways.
+    power : int
+        As in Parameter.
     """
 
     effect: str
@@ -38,7 +50,17 @@ class Unknown:
         return math.exp(number) if self.power == LOGARITHM else number ** (1 / self.power)
 
     def value_error(self, number: float, error: float) -> float:
-        """Of the value, from that of the number: so that the 95 % interval reaches at least as far."""
+        """Standard error of the value: such that the 95 % interval reaches at least as far as the number's.
+
+        Parameters
+        ----------
+        number, error : float
+            The number, and its standard error.
+
+        Returns
+        -------
+        float
+        """
         if self.power == 1 or not np.isfinite(error):
             return error
         if self.power == LOGARITHM:
@@ -50,4 +72,5 @@ class Unknown:
 
     @property
     def start(self) -> float:
+        """The first of `starts`."""
         return self.starts[0]

@@ -23,8 +23,13 @@ VERDICTS = ("match", "mismatch explained", "mismatch partly explained", "unexpla
 class Diagnosis:
     """Everything that is reported.
 
-    before, after   places of difference on held-out data, with alignment alone and with the effects chosen
-    content         what diagnosis.json holds
+    Attributes
+    ----------
+    choice : Choice
+    before, after : list of Location
+        Places of difference on held-out data, with alignment alone and with the effects chosen.
+    content : dict
+        What diagnosis.json holds.
     """
 
     choice: Choice
@@ -34,7 +39,19 @@ class Diagnosis:
 
 
 def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
-    """Judge a choice of effects on the data held out."""
+    """Judge a choice of effects on the data held out.
+
+    Parameters
+    ----------
+    recording : str
+        Its name.
+    prepared : Prepared
+    choice : Choice
+
+    Returns
+    -------
+    Diagnosis
+    """
     fitter = prepared.fitter
 
     def places(fit):
@@ -80,14 +97,24 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
 
 
 def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[Location]) -> float | None:
-    """Share of the difference beyond noise, on held-out data, that the effects remove; None if there is none.
-
-    standing   places that are significant after
+    """Share of the difference beyond noise, on held-out data, that the effects remove.
 
     Removed is what the log score gains, twice (chi-square). Left is the largest sum of products of fitted and held-out
     standardised residuals, whose noises are independent, where it stands LEFT_SD standard deviations above 0: over the
     places of any domain that still stands out, since a sum over all rays alone would drown a difference of a few places
     in their noise; and over all rays, less what the model's own numerical errors put into both.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    baseline, chosen : Trial
+    standing : list of Location
+        Places that are significant after.
+
+    Returns
+    -------
+    float or None
+        None if there is no difference.
     """
     gained = 2 * (chosen.score - baseline.score)
     if not gained > 0:
@@ -106,11 +133,20 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
 
 
 def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
-    """What a fit leaves in common on fitted and held-out data, over all rays or voxels, in standard deviations of what
-    noise alone gives, at least 0; beyond what the model's own numerical errors put into both. None where the halves
-    share no ray.
+    """What a fit leaves in common on fitted and held-out data, over all rays or voxels.
 
     `excess_removed` is a share of what was there: beside a large difference it hides a remainder that this shows.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    chosen : Trial
+
+    Returns
+    -------
+    float or None
+        In standard deviations of what noise alone gives, at least 0; beyond what the model's own numerical errors put
+        into both. None where the halves share no ray.
     """
     fitted, held = (prepared.half(chosen.fit, held_out) for held_out in (False, True))
     common = held.in_common(fitted)
@@ -118,10 +154,20 @@ def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
 
 
 def excess_rms_removed(before: float, after: float, floor: float) -> float | None:
-    """Share of the root mean square beyond noise that is removed: 1 - sqrt((after^2 - floor^2) / (before^2 - floor^2)).
+    """Share of the root mean square beyond noise that is removed.
 
-    Noise adds in squares, so that what is left after the root is that of the mean difference alone. None if there is
-    no excess before.
+    1 - sqrt((after^2 - floor^2) / (before^2 - floor^2)): noise adds in squares, so that what is left after the root is
+    that of the mean difference alone.
+
+    Parameters
+    ----------
+    before, after, floor : float
+        Root mean squares of the difference, and of noise alone.
+
+    Returns
+    -------
+    float or None
+        None if there is no excess before.
     """
     if before <= floor:
         return None
@@ -129,7 +175,21 @@ def excess_rms_removed(before: float, after: float, floor: float) -> float | Non
 
 
 def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
-    """Numbers before, after, and what noise alone would give."""
+    """Numbers before, after, and what noise alone would give.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    choice : Choice
+    held_out : bool
+        Of the data held out; False: of those fitted.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        {metric: {"before", "after", "floor": value}}: the RMS in the unit of `look`, chi-square per datum by part, and,
+        of the data held out, the log score, which has no floor.
+    """
     fitter = prepared.fitter
     data = prepared.held_out if held_out else prepared.data
     weights = fitter.held_weights if held_out else fitter.weights
@@ -183,7 +243,17 @@ def _location(place: Location) -> dict:
 
 
 def next_measurements(choice: Choice, something_left: bool) -> list[str]:
-    """What would settle the verdict: for every ambiguous effect its own and its rivals' tests."""
+    """What would settle the verdict: for every ambiguous effect its own and its rivals' tests.
+
+    Parameters
+    ----------
+    choice : Choice
+    something_left : bool
+
+    Returns
+    -------
+    list of str
+    """
     found = []
     for name in choice.chosen.fit.effects:
         if rivals := choice.ambiguous_with(name):
@@ -194,7 +264,20 @@ def next_measurements(choice: Choice, something_left: bool) -> list[str]:
 
 
 def sentence(recording: str, verdict: str, choice: Choice, before, after, removed) -> str:
-    """The verdict in words."""
+    """The verdict in words.
+
+    Parameters
+    ----------
+    recording, verdict : str
+    choice : Choice
+    before, after : list of Location
+    removed : float or None
+        From `excess_removed`.
+
+    Returns
+    -------
+    str
+    """
     if verdict == "match":
         return f"{recording} and the simulation agree: what they differ by is noise and alignment."
     worst = next((place for place in before if place.significant), before[0])

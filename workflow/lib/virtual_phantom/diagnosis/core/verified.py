@@ -18,10 +18,18 @@ from .steps import NORMAL_95
 class Physics:
     """What a diagnosis found.
 
-    recording   where
-    effects     {effect: {parameter: value}}, with `errors`, their standard errors, and `units`
-    scale       (value, standard error) of all line integrals, where a spectrum makes it the material's density
-    not_taken   effects that belong to one scan: patterns of its pixels, which diagnosis.json does not hold
+    Attributes
+    ----------
+    recording : str
+        Where.
+    effects, errors : dict of str to dict of str to float
+        {effect: {parameter: value}}, and their standard errors.
+    units : dict of str to dict of str to str
+        {effect: {parameter: unit}}.
+    scale : tuple of 2 float, or None
+        Value and standard error of all line integrals, where a spectrum makes it the material's density.
+    not_taken : tuple of str
+        Effects that belong to one scan: patterns of its pixels, which diagnosis.json does not hold.
     """
 
     recording: str
@@ -33,8 +41,22 @@ class Physics:
 
     @classmethod
     def read(cls, path: str | Path, needed: bool = True) -> Physics:
-        """From a diagnosis.json. Raises InputError if it is missing or broken, or, where some is `needed`, found no
-        physics to take."""
+        """From a diagnosis.json.
+
+        Parameters
+        ----------
+        path : str or Path
+        needed : bool, optional
+
+        Returns
+        -------
+        Physics
+
+        Raises
+        ------
+        InputError
+            If it is missing or broken, or, if `needed`, found no physics to take.
+        """
         kinds = (OSError, ValueError, KeyError, TypeError)
         with refusing(f"{path}: is no diagnosis", *kinds, advice="make it again"):
             content = read_document(path, DIAGNOSIS)
@@ -59,12 +81,27 @@ def _error(parameter: dict) -> float:
 def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: bool) -> Choice:
     """Fit the alignment alone beside physics found elsewhere.
 
-    baseline        the simulator with nothing but alignment
-    same_material   the object is of the material that the other one was of: with a spectrum, the scale is its density
-                    and is held where it was found, within its error
-    An effect's gain is what data that were not fitted lose without it, the others kept and the alignment refitted.
-    As nothing of an effect was fitted here, it has no p-value (None). Raises InputError for a parameter in a unit that
-    this recording does not have.
+    An effect's gain is what data that were not fitted lose without it, the others kept and the alignment refitted. As
+    nothing of an effect was fitted here, it has no p-value (None).
+
+    Parameters
+    ----------
+    fitter : Fitter
+    baseline : Trial
+        The simulator with nothing but alignment.
+    physics : Physics
+    same_material : bool
+        The object is of the material that the other one was of: with a spectrum, the scale is its density and is held
+        where it was found, within its error.
+
+    Returns
+    -------
+    Choice
+
+    Raises
+    ------
+    InputError
+        For a parameter in a unit that this recording does not have.
     """
     for name, units in physics.units.items():
         counted = {one.name for one in load(name).parameters if READOUT_UNITS in one.unit}
