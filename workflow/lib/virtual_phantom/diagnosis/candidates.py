@@ -14,10 +14,22 @@ from ..physics.effect import acts_on_images, load, names, needs_times, require
 def candidates(settings: dict, kind: str = "projections", timed: bool = True) -> list[str]:
     """The effects that a recording of a kind is tried against.
 
-    timed   whether the times of its views are known
+    Parameters
+    ----------
+    settings : dict
+        Of the diagnosis: `effects` and `nominal_photons`.
+    kind : {"projections", "images"}, optional
+    timed : bool, optional
+        Whether the times of its views are known.
 
-    Raises InputError for one that the library does not have, that the kind does not show, or that needs a statement
-    which is missing.
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    InputError
+        For one that the library does not have, that the kind does not show, or that needs a statement which is missing.
     """
     hides, why = HIDDEN[kind]
     hidden = {name: why for name in names() if hides(name)}
@@ -37,7 +49,13 @@ def candidates(settings: dict, kind: str = "projections", timed: bool = True) ->
 
 
 def check_accuracy(accuracy: Mapping[str, float]) -> None:
-    """Raise InputError for an effect under `diagnosis.model_accuracy` that the library does not have."""
+    """Check that the library has every effect under `diagnosis.model_accuracy`.
+
+    Raises
+    ------
+    InputError
+        For one that it does not have.
+    """
     for name in accuracy:
         if name not in ("default", "numerical", *names()):
             raise InputError(
@@ -54,11 +72,21 @@ HIDDEN = {
 
 
 def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
-    """Raise InputError for a recording under `diagnosis.recordings` that is of features, which are diagnosed by
-    comparison, or of images without the protocol that simulates them, or of projections with one, or that takes its
-    physics from one of another kind.
+    """Check that every recording under `diagnosis.recordings` can be diagnosed as it is configured.
 
-    recordings   {name: RecordingDocument}
+    Parameters
+    ----------
+    diagnosed : mapping
+        The section of the configuration.
+    recordings : mapping of str to Document
+        By name.
+
+    Raises
+    ------
+    InputError
+        For a recording of features, which are diagnosed by comparison; of images without the protocol that simulates
+        them, or with a disc or an object; of projections with a protocol; and for one that takes its physics from one
+        of another kind.
     """
     for name, settings in diagnosed.items():
         where, kind = f"diagnosis.recordings.{name}", recordings[name].content["kind"]

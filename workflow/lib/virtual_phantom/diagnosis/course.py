@@ -14,14 +14,35 @@ from .core.verified import Physics, stated, verified
 
 @dataclass(frozen=True)
 class Fitted:
-    """The fits that every diagnosis begins with: the alignment alone, and each candidate alone."""
+    """The fits that every diagnosis begins with.
+
+    Attributes
+    ----------
+    baseline : Trial
+        The alignment alone.
+    singles : mapping of str to Trial
+        Each candidate alone.
+    """
 
     baseline: Trial
     singles: Mapping[str, Trial]
 
     @classmethod
     def of(cls, fitter: Fitter, effects: Sequence[str], processes: int = 1) -> Fitted:
-        """Make them."""
+        """Make them.
+
+        Parameters
+        ----------
+        fitter : Fitter
+        effects : sequence of str
+            Candidates.
+        processes : int, optional
+            As core.attribute.trials takes them.
+
+        Returns
+        -------
+        Fitted
+        """
         baseline = trial(fitter, ())
         tasks = [((name,), baseline, baseline) for name in effects]
         return cls(baseline, dict(zip(effects, trials(fitter, tasks, processes), strict=True)))
@@ -37,11 +58,25 @@ def explain(
 ) -> tuple[Prepared, Diagnosis]:
     """Choose the effects that explain a recording, and judge them.
 
-    name       of the recording
-    effects    candidates
-    accuracy   as choose takes it
-    fitted     the first fits, where other jobs made them; None: they are made here
-    The recording comes back with the noise by which it was judged.
+    Parameters
+    ----------
+    name : str
+        Of the recording.
+    prepared : Prepared
+    effects : sequence of str
+        Candidates.
+    accuracy : mapping of str to float
+        As choose takes it.
+    processes : int, optional
+        As choose takes them.
+    fitted : Fitted, optional
+        The first fits, where other jobs made them; None: they are made here.
+
+    Returns
+    -------
+    prepared : Prepared
+        With the noise by which the recording was judged.
+    diagnosis : Diagnosis
     """
 
     def choice(one: Prepared, first: Fitted | None) -> Choice:
@@ -57,8 +92,22 @@ def hold_against(
 ) -> tuple[Prepared, Diagnosis]:
     """Judge a recording by physics that was found on another: only the alignment is fitted.
 
-    same_material   as verified takes it
-    The other arguments and what comes back are those of explain.
+    Parameters
+    ----------
+    name : str
+        Of the recording.
+    prepared : Prepared
+    physics : Physics
+    same_material : bool
+        As verified takes it.
+    fitted : Fitted, optional
+        As explain takes it.
+
+    Returns
+    -------
+    prepared : Prepared
+    diagnosis : Diagnosis
+        As explain returns them.
     """
 
     def choice(one: Prepared, first: Fitted | None) -> Choice:
@@ -73,8 +122,22 @@ def hold_against(
 def _settled(
     prepared: Prepared, choice: Callable[[Prepared, Fitted | None], Choice], fitted: Fitted | None
 ) -> tuple[Prepared, Choice]:
-    """A choice; a second one where the first says how the noise is correlated and the recording does not: with all
-    models fitted again by the new likelihood, so that they compare."""
+    """A choice; a second one where the first says how the noise is correlated and the recording does not.
+
+    For that all models are fitted again by the new likelihood, so that they compare.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    choice : callable
+        (Prepared, Fitted or None) to Choice.
+    fitted : Fitted or None
+
+    Returns
+    -------
+    prepared : Prepared
+    choice : Choice
+    """
     chosen = choice(prepared, fitted)
     again = prepared.with_noise_of(chosen.chosen.fit)
     return (prepared, chosen) if again is prepared else (again, choice(again, None))

@@ -23,7 +23,19 @@ KINDS = {"projections": (ready_scans, agreement_of_scans), "images": (ready_imag
 def ready(asked: Asked) -> tuple[Recording, Prepared]:
     """Read a recording and prepare it for fits.
 
-    Raises InputError for a recording of another kind, and a nominal anode or tube voltage that no spectrum is known of.
+    Parameters
+    ----------
+    asked : Asked
+
+    Returns
+    -------
+    recording : Recording
+    prepared : Prepared
+
+    Raises
+    ------
+    InputError
+        For a recording of another kind, and a nominal anode or tube voltage that no spectrum is known of.
     """
     recording = read(asked.folder)
     if recording.kind not in KINDS:
@@ -32,7 +44,21 @@ def ready(asked: Asked) -> tuple[Recording, Prepared]:
 
 
 def labels_of(recording: Recording) -> Labels:
-    """What a recording.yaml states of tube and sensor. Raises InputError as ready."""
+    """What a recording.yaml states of tube and sensor.
+
+    Parameters
+    ----------
+    recording : Recording
+
+    Returns
+    -------
+    Labels
+
+    Raises
+    ------
+    InputError
+        For a nominal anode or tube voltage that no spectrum is known of.
+    """
     nominal = recording.nominal
     anode = Anode(nominal.get("anode", TUNGSTEN.target), nominal.get("anode_angle_deg", TUNGSTEN.angle_deg))
     target, tube_kvp = anode.target, nominal.get("tube_kvp")
@@ -54,7 +80,19 @@ def agreement(
 ) -> dict:
     """Agreement of a model with the repeats held out, in images (images.agreement.agreement).
 
-    purpose   what simulated noise of projections is drawn for
-    scanned   None for a disc
+    Parameters
+    ----------
+    recording : Recording
+    prepared : Prepared
+    choice : Choice
+    asked : Asked
+    purpose : Branch
+        What simulated noise of projections is drawn for.
+    scanned : Scanned, optional
+        None for a disc.
+
+    Returns
+    -------
+    dict
     """
     return KINDS[recording.kind][1](recording, prepared, choice, asked, purpose, scanned)
