@@ -13,7 +13,19 @@ MENTIONED_LOST = 0.001  # share of rays that is worth a remark
 
 
 def check_scans(taken: Scans, source: str) -> None:
-    """Raise InputError for repeats that no diagnosis can be made of: too few views, or most rays without signal."""
+    """Check that a diagnosis can be made of repeats.
+
+    Parameters
+    ----------
+    taken : Scans
+    source : str
+        What the message begins with.
+
+    Raises
+    ------
+    InputError
+        For too few views, or most rays without signal.
+    """
     views = taken.usable.shape[0]
     if views < LEAST_VIEWS:
         raise InputError(f"{source}: {views} views are too few for a diagnosis; it needs {LEAST_VIEWS}")
@@ -26,9 +38,16 @@ def check_scans(taken: Scans, source: str) -> None:
 
 
 def lost_rays(usable: np.ndarray) -> list[str]:
-    """A sentence for the report about rays that do not count, none if there are hardly any.
+    """A sentence for the report about rays that do not count.
 
-    usable   bool [view, row, column]
+    Parameters
+    ----------
+    usable : ndarray of bool, shape (views, rows, columns)
+
+    Returns
+    -------
+    list of str
+        Empty if there are hardly any.
     """
     lost = 1 - usable.mean()
     if lost <= MENTIONED_LOST:

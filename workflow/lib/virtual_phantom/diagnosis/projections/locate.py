@@ -36,15 +36,28 @@ def locate(
     more: Sequence[Location] = (),
     uncertain: Sequence[np.ndarray] | None = None,
 ) -> list[Location]:
-    """Standardised residuals of every domain, the worst first, p corrected over places (Bonferroni) and domains (Holm).
-
-    residuals, weights   by part, as Fitter gives them: the mean's noise made white
-    constants            [row, column] variance that a fitted gain pattern leaves to every pixel's constant
-    fitted               the data that the model was fitted to, if those are others
-    more                 domains that residuals do not show
-    uncertain            by part, [direction, datum]: what the errors of the fit's numbers add (left_by_numbers)
+    """Standardised residuals of every domain.
 
     A domain counts by its worst place or by the sum of squares over all places, whichever is less likely, times two.
+
+    Parameters
+    ----------
+    residuals, weights : list of ndarray, shape (data,)
+        By part, as Fitter gives them: the mean's noise made white.
+    data : ObservedScans
+    constants : ndarray, shape (rows, columns), optional
+        Variance that a fitted gain pattern leaves to every pixel's constant.
+    fitted : Half, optional
+        The data that the model was fitted to, if those are others.
+    more : sequence of Location, optional
+        Domains that residuals do not show.
+    uncertain : sequence of ndarray, shape (directions, data), optional
+        By part: what the errors of the fit's numbers add (left_by_numbers).
+
+    Returns
+    -------
+    list of Location
+        The worst first, p corrected over places (Bonferroni) and domains (Holm).
     """
     shape = data.mean.shape
     residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
@@ -119,6 +132,15 @@ def _both_halves(common: InCommon, steep: np.ndarray) -> Location:
 
     Unlike a sum of squares this does not ask how large the noise is, and it sees what is spread too thinly over all
     rays to stand out at any place.
+
+    Parameters
+    ----------
+    common : InCommon
+    steep : ndarray of bool, shape (rays,)
+
+    Returns
+    -------
+    Location
     """
     words = ("all rays", f"the {100 * EDGE_SHARE:.0f} % steepest rays")
     return extreme("both halves", np.array([common.z(), common.z(steep)]), lambda i: words[i])

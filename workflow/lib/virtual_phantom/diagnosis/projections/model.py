@@ -23,8 +23,12 @@ from .observed import ObservedScans, white_shape
 class ScansPrediction(Prediction):
     """As ObservedScans.
 
-    white   coefficients of the white field's shape, or None
-    state   of the chain, of which all this is
+    Attributes
+    ----------
+    white : ndarray or None
+        Coefficients of the white field's shape.
+    state : State
+        Of the chain, of which all this is.
     """
 
     white: np.ndarray | None
@@ -34,8 +38,13 @@ class ScansPrediction(Prediction):
 class ScansModel(Model):
     """Predictions of line integrals.
 
-    numerical  errors of its steps, each a distortion of the line integrals that is fitted within its bounds, since it
-               is alike in many rays and no noise; None: there are none
+    Parameters
+    ----------
+    chain, aligned, anode, tube_kvp, fixed, density
+        As Model takes them.
+    numerical : Numerical, optional
+        Errors of its steps, each a distortion of the line integrals that is fitted within its bounds, since it is alike
+        in many rays and no noise; None: there are none.
     """
 
     def __init__(

@@ -22,8 +22,19 @@ FINER = 2  # times as many rays per pixel and direction as the model has: what t
 def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tuple[Chain, Chain]:
     """The chain that fits ask, its rays following those that were traced, and the one of more rays for Numerical.
 
-    scene   path lengths in closed form need not be followed
-    more    keywords of Chain
+    Parameters
+    ----------
+    scene : VoxelScene
+        Or what has its methods; path lengths in closed form need not be followed.
+    geometry : ScanGeometry
+    samples : int
+        As Chain takes it, of the first.
+    **more
+        Keywords of Chain.
+
+    Returns
+    -------
+    model, floor : Chain
     """
     fitted = PosedScene(scene, samples) if hasattr(scene, "slopes") else scene
     return (
@@ -35,11 +46,18 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
 class Numerical:
     """What finer steps change of the line integrals.
 
-    chain    the simulator
-    finer    the same with more rays per pixel, all of them traced, or None
-    coarser  the same of voxels twice as large, or None
     Both differences follow the object's edges and lose what a blur takes off them, so that they are wanted of the
     effects that are fitted, where these let the rays run.
+
+    Parameters
+    ----------
+    chain : Chain
+        The simulator.
+    finer : Chain or None
+        The same with more rays per pixel, all of them traced.
+    coarser : Chain or None
+        The same of voxels twice as large.
+    anode : Anode, optional
     """
 
     def __init__(self, chain: Chain, finer: Chain | None, coarser: Chain | None, anode: Anode = TUNGSTEN):
@@ -48,13 +66,31 @@ class Numerical:
         self.names = tuple(name for name, one in (("rays", finer), ("voxels", coarser)) if one is not None)
 
     def at(self, linearisation: LinearisationPoint = NOMINAL) -> dict[str, np.ndarray]:
-        """{name: [view, row, column]}, by how much each step falls short of a finer one."""
+        """By how much each step falls short of a finer one.
+
+        Parameters
+        ----------
+        linearisation : LinearisationPoint, optional
+
+        Returns
+        -------
+        dict of str to ndarray, shape (views, rows, columns)
+            By name.
+        """
         return self._made(linearisation)[0]
 
     def strayed(self, linearisation: LinearisationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
         """Whether line integrals lie too far off those of a linearisation point.
 
-        lines, weights   [view, row, column], inverse variances
+        Parameters
+        ----------
+        linearisation : LinearisationPoint
+        lines, weights : ndarray, shape (views, rows, columns)
+            Line integrals, and their inverse variances.
+
+        Returns
+        -------
+        bool
         """
         return float((weights * (lines - self._made(linearisation)[1]) ** 2).sum()) > MOST_STRAY
 

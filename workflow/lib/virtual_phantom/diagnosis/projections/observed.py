@@ -3,10 +3,10 @@
 A recording is condensed to numbers with known errors, so that effects that change only the noise are fitted like those
 that change the mean:
 
-    mean           line integrals of every ray, over repeats
-    variance       logarithm of the sample variance over repeats, relative to a first model, over blocks of rays
-    correlation    of the differences of repeats between neighbouring columns, rows and views
-    white          smooth shape of the white field
+* mean: line integrals of every ray, over repeats
+* variance: logarithm of the sample variance over repeats, relative to a first model, over blocks of rays
+* correlation: of the differences of repeats between neighbouring columns, rows and views
+* white: smooth shape of the white field
 """
 
 from __future__ import annotations
@@ -34,9 +34,13 @@ WHITE_TOLERANCE = 0.005  # by which pixels' sensitivities may shape a white fiel
 class Scans:
     """Repeats of one scan as line integrals.
 
-    repeats   [repeat, view, row, column], float32
-    white     [row, column] mean counts without an object; None where line integrals are all there is
-    usable    [view, row, column] rays that measured something in every repeat
+    Attributes
+    ----------
+    repeats : ndarray of float32, shape (repeats, views, rows, columns)
+    white : ndarray, shape (rows, columns), or None
+        Mean counts without an object; None where line integrals are all there is.
+    usable : ndarray of bool, shape (views, rows, columns)
+        Rays that measured something in every repeat.
     """
 
     repeats: np.ndarray
@@ -67,17 +71,31 @@ def scans(acquisitions) -> Scans:
 
 
 def saturated(signal: np.ndarray) -> np.ndarray:
-    """bool: rays at the highest signal of a scan, as read out, if more stand there than noise puts on one value."""
+    """Rays at the highest signal of a scan, as read out, if more stand there than noise puts on one value.
+
+    Parameters
+    ----------
+    signal : ndarray
+
+    Returns
+    -------
+    ndarray of bool
+        Shaped as `signal`.
+    """
     highest = signal == np.nanmax(signal)
     return highest & (highest.mean() > PLATEAU)
 
 
 @dataclass(frozen=True)
 class ObservedScans(Observed):
-    """As Observed, of line integrals [view, row, column]; `correlation` is that of neighbouring columns, rows and
-    views, missing (NaN) along axes of one pixel.
+    """As Observed, of line integrals, shape (views, rows, columns).
 
-    white   coefficients of the white field's shape, or None
+    `correlation` is that of neighbouring columns, rows and views, missing (NaN) along axes of one pixel.
+
+    Attributes
+    ----------
+    white : ndarray or None
+        Coefficients of the white field's shape.
     """
 
     white: np.ndarray | None = None
@@ -106,11 +124,26 @@ def observe(
 ) -> ObservedScans:
     """Condense repeats.
 
-    reference      [view, row, column] variance of a first model: what variances are divided by, so that what is left
-                   varies little within a block
-    correlations   of the noise
-    whitening      as Observed has it
-    Raises InputError if no ray is usable.
+    Parameters
+    ----------
+    taken : Scans
+    reference : ndarray, shape (views, rows, columns)
+        Variance of a first model: what variances are divided by, so that what is left varies little within a block.
+    blocks : Blocks, optional
+        None: PARTS along the axes.
+    correlations : Correlations, optional
+        Of the noise.
+    whitening : Whitening, optional
+        As Observed has it.
+
+    Returns
+    -------
+    ObservedScans
+
+    Raises
+    ------
+    InputError
+        If no ray is usable.
     """
     if not taken.usable.any():
         raise InputError("no ray of the recording measured anything; is the object opaque, or are the fields swapped?")
@@ -166,7 +199,20 @@ def observe(
 
 
 def _fewer(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarray]:
-    """By what correlated noise makes the variance of sums of squares larger: over all rays, and (block,) over each."""
+    """By what correlated noise makes the variance of sums of squares larger.
+
+    Parameters
+    ----------
+    correlations : Correlations
+    blocks : Blocks
+
+    Returns
+    -------
+    together : float
+        Over all rays.
+    within : ndarray, shape (blocks,)
+        Over each block.
+    """
     if correlations.white:
         return 1.0, np.ones(blocks.count)
     shape = blocks.index.shape
@@ -180,9 +226,17 @@ def _fewer(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarra
 
 
 def white_shape(white: np.ndarray) -> np.ndarray:
-    """Coefficients of the logarithm of a white field [row, column] in Legendre polynomials of columns, then of rows.
+    """Coefficients of the logarithm of a white field in Legendre polynomials of columns, then of rows.
 
     The constant and pixels without signal are left out.
+
+    Parameters
+    ----------
+    white : ndarray, shape (rows, columns)
+
+    Returns
+    -------
+    ndarray, shape (coefficients,)
     """
     good = white > 0
     matrix = _shapes(*white.shape)[:, good].T
@@ -191,7 +245,7 @@ def white_shape(white: np.ndarray) -> np.ndarray:
 
 @cache
 def _shapes(rows: int, columns: int) -> np.ndarray:
-    """The constant, then the polynomials of columns and of rows: [shape, row, column]."""
+    """The constant, then the polynomials of columns and of rows, shape (polynomials, rows, columns)."""
     terms = [(0, order) for order in range(1, min(WHITE_COLUMNS, columns - 1) + 1)]
     terms += [(order, 0) for order in range(1, min(WHITE_ROWS, rows - 1) + 1)]
 

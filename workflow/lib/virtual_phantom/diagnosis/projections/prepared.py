@@ -52,7 +52,7 @@ class PreparedScans(Prepared):
 
     @property
     def usable(self) -> np.ndarray:
-        """Rays that measured something, [view, row, column], fitted or held out."""
+        """Rays that measured something, fitted or held out, shape (views, rows, columns)."""
         if self.held == BY_VIEW:  # each half leaves out the other's views
             return self.data.usable | self.held_out.usable
         return super().usable
@@ -75,11 +75,20 @@ class PreparedScans(Prepared):
         return data.as_recorded(whitened)[data.usable]
 
     def with_noise_of(self, fit: Fit) -> PreparedScans:
-        """The same with noise that neighbours share as a fit has it, if it is that of a single repeat, which was taken
-        for white; differences of repeats say it otherwise.
+        """The same with noise that neighbours share as a fit has it.
 
+        That is for the noise of a single repeat, which was taken for white; differences of repeats say it otherwise.
         The second difference of views that are correlated by r1 and, two apart, r2 has 6 - 8 r1 + 2 r2 of their
         variance.
+
+        Parameters
+        ----------
+        fit : Fit
+
+        Returns
+        -------
+        PreparedScans
+            This one, where nothing is to be changed.
         """
         model, data = self.fitter.model, self.data
         if not self.single or data.whitening is not None:
@@ -101,7 +110,19 @@ class PreparedScans(Prepared):
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:
-    """What is fitted, what is held out, and how that is said."""
+    """What is fitted, what is held out, and how that is said.
+
+    Parameters
+    ----------
+    taken : Scans
+    further : Scans or None
+        Repeats kept to be held out.
+
+    Returns
+    -------
+    fitted, held_out : Scans
+    words : str
+    """
     if further is not None and len(further):
         return taken, further, "repeats kept for it"
     if len(taken) >= HALVES:
@@ -128,15 +149,36 @@ def prepare(
 ) -> PreparedScans:
     """Noise, floor and alignment of a recording.
 
-    chain             the simulator
-    anode, tube_kvp   as the label on the scanner says
-    nominal_photons   per pixel in air, if it is stated
-    known             standard deviations of the alignment, by name, where the defaults do not hold
-    floor_chain, coarse_chain   as Numerical takes them: what they change is fitted as numerical distortions, and what
-                      that leaves is the floor
-    step              fit and hold out one view of so many, with the noise estimated from all
-    lacking           as Prepared has it
-    Raises InputError if the repeats do not vary.
+    Parameters
+    ----------
+    taken : Scans
+    further : Scans or None
+        As `split` takes them.
+    chain : Chain
+        The simulator.
+    anode : Anode, optional
+        As the label on the scanner says.
+    tube_kvp : float, optional
+        As the label says, kV.
+    nominal_photons : float, optional
+        Per pixel in air, if it is stated.
+    known : dict of str to float, optional
+        Standard deviations of the alignment, by name, where the defaults do not hold.
+    floor_chain, coarse_chain : Chain, optional
+        As Numerical takes them: what they change is fitted as numerical distortions, and what that leaves is the floor.
+    step : int, optional
+        Fit and hold out one view of so many, with the noise estimated from all.
+    lacking : str, optional
+        As Prepared has it.
+
+    Returns
+    -------
+    PreparedScans
+
+    Raises
+    ------
+    InputError
+        If the repeats do not vary.
     """
     state = chain.state({}, photons=1.0, anode=anode)
     clean = state.line_integrals()
@@ -187,7 +229,21 @@ def every(chain: Chain, step: int) -> Chain:
 
 
 def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Variance of every ray of one repeat: over repeats, or, of a single one, from second differences over views."""
+    """Variance of every ray of one repeat.
+
+    It is that over repeats, or, of a single one, from second differences over views.
+
+    Parameters
+    ----------
+    taken : Scans
+    clean : ndarray, shape (views, rows, columns)
+        Line integrals of the baseline.
+
+    Returns
+    -------
+    variance : ndarray, shape (views, rows, columns)
+    single : bool
+    """
     if len(taken) > 1:
         return taken.repeats.var(axis=0, ddof=1, dtype=np.float64) + 1e-30, False
     residual = taken.repeats[0] - clean
@@ -203,15 +259,26 @@ def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:
 
 
 def _mean_square(squares: np.ndarray) -> float:
-    """Of normal noise, from its squares. Where there are enough, by their median: edges that move from view to view
-    have second differences of their own, which would count as noise in a mean."""
+    """Mean square of normal noise, from its squares.
+
+    Where there are enough, by their median: edges that move from view to view have second differences of their own,
+    which would count as noise in a mean.
+
+    Parameters
+    ----------
+    squares : ndarray, shape (rays,)
+
+    Returns
+    -------
+    float
+    """
     if squares.size < ENOUGH_FOR_MEDIAN:
         return float(squares.mean()) if squares.size else 0.0
     return float(np.median(squares)) / MEDIAN_SQUARE
 
 
 def _floor(data: ObservedScans) -> np.ndarray:
-    """Numerical error of the predictions, whitened, standard deviation, [view, row, column]."""
+    """Numerical error of the predictions, whitened, standard deviation, shape (views, rows, columns)."""
     return np.sqrt(sum((one**2 for one in data.numerical), np.zeros(data.mean.shape)))
 
 
@@ -232,13 +299,27 @@ def _whitened(data: ObservedScans, correlations: Correlations, clean: np.ndarray
 def _of_one_repeat(
     parts: Sequence[Scans], reference: np.ndarray, clean: np.ndarray, correlations: Correlations, blocks: Blocks
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Variance of every ray of one repeat, whitened, over the whitening's amplification: that of a first model times
-    what repeats say of blocks; and (block,) by how many degrees of freedom.
+    """Variance of every ray of one repeat, whitened, over the whitening's amplification.
 
-    parts   of which each says how it varies about its own mean: a variance about the mean of all would depend on by how
-            much the means of those fitted and of those held out differ, and their products would not be 0 on average
-    So scaled that its inverse, the weight, is unbiased: 1 / chi-square of n degrees of freedom is 1 / (n - 2) on
-    average.
+    That of a first model times what repeats say of blocks. So scaled that its inverse, the weight, is unbiased: 1 /
+    chi-square of n degrees of freedom is 1 / (n - 2) on average.
+
+    Parameters
+    ----------
+    parts : sequence of Scans
+        Of which each says how it varies about its own mean: a variance about the mean of all would depend on by how
+        much the means of those fitted and of those held out differ, and their products would not be 0 on average.
+    reference, clean : ndarray, shape (views, rows, columns)
+        Variance and line integrals of the first model.
+    correlations : Correlations
+        Of the noise.
+    blocks : Blocks
+
+    Returns
+    -------
+    variance : ndarray, shape (views, rows, columns)
+    freedom : ndarray, shape (blocks,)
+        By how many degrees of freedom.
     """
     square, freedom = np.zeros(blocks.count), np.zeros(blocks.count)
     shape = reference

@@ -29,9 +29,22 @@ def agreement_of_scans(
     purpose: Branch,
     scanned: Scanned | None = None,
 ) -> dict:
-    """agreement_of the repeats held out, in images made of them.
+    """`agreement_of` the repeats held out, in images made of them.
 
-    purpose   what simulated noise is drawn for
+    Parameters
+    ----------
+    recording : Recording
+    prepared : PreparedScans
+    choice : Choice
+    asked : Asked
+    purpose : Branch
+        What simulated noise is drawn for.
+    scanned : Scanned, optional
+        None for a disc.
+
+    Returns
+    -------
+    dict
     """
     further = scans(recording.held_out) if len(recording.held_out) else None
     repeats = compared(scans(recording.repeats), further).every(prepared.step)
@@ -48,13 +61,31 @@ def agreement_of(
     scanned: Scanned | None = None,
     threads: int = 1,
 ) -> dict:
-    """agreement.agreement of repeats of projections (see `compared`), with the ROIs' names, repeats and the grid.
+    """Agreement of repeats of projections, in images (images.agreement.agreement).
 
-    scanned   None for a disc
     "before" is the model with nothing but alignment, "after" the chosen one, each drawn as often as there are repeats.
     All are reconstructed by filtered back-projection. Edge and ROIs lie where the chosen model puts the object;
-    features are those of the study's ROIs. Where the scan cannot be reconstructed, there are no metrics
-    but the reason.
+    features are those of the study's ROIs.
+
+    Parameters
+    ----------
+    repeats : Scans
+        See `compared`.
+    prepared : PreparedScans
+    choice : Choice
+    mu_water_per_mm : float
+        1/mm.
+    seed : Stream
+        Of simulated noise.
+    scanned : Scanned, optional
+        None for a disc.
+    threads : int, optional
+
+    Returns
+    -------
+    dict
+        That of images.agreement.agreement, with rois (names), repeats (number), algorithm and grid. Where the scan
+        cannot be reconstructed, there are no metrics but the reason.
     """
     chain, fits = prepared.fitter.model.chain, {"before": choice.baseline.fit, "after": choice.chosen.fit}
     pose = pose_of(choice.chosen.fit.nuisance)
@@ -90,7 +121,19 @@ def compared(taken: Scans, further: Scans | None) -> Scans:
 
 
 def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.random.Generator) -> np.ndarray:
-    """Noisy line integrals [repeat, view, row, column] of a fitted model with its alignment and gain pattern."""
+    """Noisy line integrals of a fitted model with its alignment and gain pattern.
+
+    Parameters
+    ----------
+    prepared : PreparedScans
+    fit : Fit
+    count : int
+    random : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray of float32, shape (count, views, rows, columns)
+    """
     state = prepared.fitter.model.predict(fit.physics, fit.nuisance, prepared.held_out, fit.linearisation).state
     air = state.measured_air * state.photons
     pattern = 0.0 if fit.pattern is None else fit.pattern
@@ -103,7 +146,15 @@ def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.
 class Reconstruction:
     """Filtered back-projection of stacks of line integrals onto one grid.
 
-    usable   [view, row, column]: the other rays take values between their neighbours', in recordings and simulations
+    Parameters
+    ----------
+    geometry : OrbitGeometry
+    grid : Grid
+    mu_water_per_mm : float
+        1/mm.
+    usable : ndarray of bool, shape (views, rows, columns)
+        The other rays take values between their neighbours', in recordings and simulations.
+    threads : int, optional
     """
 
     def __init__(
@@ -113,15 +164,40 @@ class Reconstruction:
         self.usable, self.threads = usable, threads
 
     def __call__(self, line_integrals: np.ndarray) -> np.ndarray:
-        """HU [repeat, z, y, x] of [repeat, view, row, column]. Raises InputError as fbp.fbp."""
+        """Images of line integrals.
+
+        Parameters
+        ----------
+        line_integrals : ndarray, shape (repeats, views, rows, columns)
+
+        Returns
+        -------
+        ndarray, shape (repeats, z, y, x)
+            HU.
+
+        Raises
+        ------
+        InputError
+            As fbp.
+        """
         lines = filled(line_integrals, self.usable)
         engine = projector("cpu", self.geometry, self.grid, len(lines), self.threads)
         return attenuation_to_hu(fbp(engine, lines), self.mu_water_per_mm)
 
 
 def filled(line_integrals: np.ndarray, usable: np.ndarray) -> np.ndarray:
-    """Line integrals [repeat, view, row, column], interpolated linearly along the columns where rays are not usable;
-    0 where a whole row is not."""
+    """Line integrals, interpolated linearly along the columns where rays are not usable.
+
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (repeats, views, rows, columns)
+    usable : ndarray of bool, shape (views, rows, columns)
+
+    Returns
+    -------
+    ndarray, shape (repeats, views, rows, columns)
+        0 where a whole row is not usable.
+    """
     if usable.all():
         return line_integrals
     lines = line_integrals.copy()

@@ -22,9 +22,26 @@ PARTIAL_TOLERANCE = 1e-3  # beyond 0 and 1, of shares: what resampling leaves
 def scene_of(settings: dict, phantom: str | Path | None, mu_water_per_mm: float, materials: dict, threads: int = 1):
     """The scene of a diagnosed recording.
 
-    settings   diagnosis.recordings.<name> of the configuration: `disc`, `object` or neither, for the study's phantom
-    phantom    image of the study's phantom, HU
-    Raises InputError as mask_scene.
+    Parameters
+    ----------
+    settings : dict
+        diagnosis.recordings.<name> of the configuration: `disc`, `object` or neither, for the study's phantom.
+    phantom : str, Path or None
+        Image of the study's phantom, HU.
+    mu_water_per_mm : float
+        Of the monochromatic beam, 1/mm.
+    materials : dict
+        As Asked.materials.
+    threads : int, optional
+
+    Returns
+    -------
+    DiscScene, PrismScene or VoxelScene
+
+    Raises
+    ------
+    InputError
+        As mask_scene.
     """
     if "disc" in settings:
         return DiscScene(settings["disc"]["diameter_mm"], settings["disc"]["material"])
@@ -37,6 +54,20 @@ def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, t
     """The study's phantom with voxels twice as large, each the mean of eight: what voxels do to line integrals.
 
     A side of an odd number of voxels gets a plane of air more, and the grid stays where it was.
+
+    Parameters
+    ----------
+    phantom : str or Path
+        Image of it, HU.
+    mu_water_per_mm : float
+        Of the monochromatic beam, 1/mm.
+    materials : dict
+        As Asked.materials.
+    threads : int, optional
+
+    Returns
+    -------
+    VoxelScene
     """
     volume = volumes.read_nifti(phantom)
     odd = [n % 2 for n in volume.grid.shape]
@@ -48,10 +79,25 @@ def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, t
 
 
 def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene | PrismScene:
-    """A homogeneous object: the share of every voxel (0 to 1) that it fills, the image's centre at the isocentre.
+    """A homogeneous object.
 
     A single slice stands for an object that is alike along z and longer than the beam is high.
-    Raises InputError if the mask is missing, broken, empty, or holds values outside 0 to 1.
+
+    Parameters
+    ----------
+    mask : str or Path
+        Image of the share of every voxel (0 to 1) that the object fills, its centre at the isocentre.
+    material : str
+    threads : int, optional
+
+    Returns
+    -------
+    PrismScene or VoxelScene
+
+    Raises
+    ------
+    InputError
+        If the mask is missing, broken, empty, or holds values outside 0 to 1.
     """
     volume = read_mask(mask)
     if volume.grid.shape[0] == 1:
@@ -60,7 +106,22 @@ def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene 
 
 
 def read_mask(mask: str | Path) -> Volume:
-    """The shares of mask_scene, float32 [z, y, x]. Raises InputError as mask_scene."""
+    """The shares of mask_scene.
+
+    Parameters
+    ----------
+    mask : str or Path
+
+    Returns
+    -------
+    Volume
+        float32.
+
+    Raises
+    ------
+    InputError
+        As mask_scene.
+    """
     volume = volumes.read_nifti(mask)
     share, grid = volume.array, volume.grid
     if not np.isfinite(share).all() or share.min() < -PARTIAL_TOLERANCE or share.max() > 1 + PARTIAL_TOLERANCE:

@@ -15,7 +15,23 @@ from .scanned import coarse_scene, scene_of
 
 
 def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedScans:
-    """The projections of a recording, prepared for fits. Raises InputError for too few views or rays with a signal."""
+    """The projections of a recording, prepared for fits.
+
+    Parameters
+    ----------
+    recording : Recording
+    asked : Asked
+    labels : Labels
+
+    Returns
+    -------
+    PreparedScans
+
+    Raises
+    ------
+    InputError
+        For too few views or rays with a signal.
+    """
     settings = asked.settings
     taken = scans(recording.repeats)
     more = {
