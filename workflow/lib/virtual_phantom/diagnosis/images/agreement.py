@@ -1,7 +1,11 @@
 """How far simulated images agree with recorded ones: contrast, noise magnitude and texture, resolution, features.
 
-The terms in which a CT simulator was validated against a scanner: E. Abadi et al., IEEE Trans. Med. Imaging 38, 1457
-(2019) report differences under 1.4 % in contrast, 0.5 % in noise magnitude, 2.6 % in noise texture, 3 % in resolution.
+The terms in which a CT simulator was validated against a scanner [1]_, by differences under 1.4 % in contrast, 0.5 % in
+noise magnitude, 2.6 % in noise texture, 3 % in resolution.
+
+References
+----------
+.. [1] E. Abadi et al., IEEE Trans. Med. Imaging 38, 1457, 2019.
 """
 
 from __future__ import annotations
@@ -34,12 +38,18 @@ INNER_VOXELS = 2.0  # from the edge inwards: where it no longer matters
 
 @dataclass(frozen=True)
 class Regions:
-    """Where images are measured, all [z, y, x].
+    """Where images are measured.
 
-    spacing       mm (z, y, x)
-    rois          bool masks by name
-    distance_mm   signed distance from the edge of highest contrast (body to air) in the axial plane, negative within
-    valid         bool: voxels that were reconstructed from complete data
+    Attributes
+    ----------
+    spacing : tuple of 3 float
+        mm (z, y, x).
+    rois : mapping of str to ndarray of bool, shape (z, y, x)
+        By name.
+    distance_mm : ndarray, shape (z, y, x)
+        Signed distance from the edge of highest contrast (body to air) in the axial plane, mm, negative within.
+    valid : ndarray of bool, shape (z, y, x)
+        Voxels that were reconstructed from complete data.
     """
 
     spacing: tuple[float, float, float]
@@ -49,6 +59,7 @@ class Regions:
 
     @property
     def inner(self) -> np.ndarray:
+        """Valid voxels within the edge, where it no longer matters, bool, shape (z, y, x)."""
         return self.valid & (self.distance_mm < -INNER_VOXELS * max(self.spacing[1:]))
 
 
@@ -62,19 +73,32 @@ def agreement(
 ) -> dict:
     """The table: simulated images against recorded ones on one grid.
 
-    recorded    [repeat, z, y, x], HU
-    simulated   images of the same shape but for the number of repeats, by the name of their column ("before", "after");
-                the last one's noise counts for the floor
-    reference   ROI that contrasts are taken against; None: all pairs
-    features    whether features are extracted, which takes most of the time
-    Returns {"metrics": {metric: entry}, "left_out": {metric: why}}. An entry holds
-      unit, recorded                 None where the metric is itself a comparison
-      {column}                       {"value", "relative_difference"}: simulated / recorded - 1
-      floor                          what noise alone would give: the standard error of the last column's relative
-                                     difference; None of single repeats
-    noise_spectrum is the RMS difference of the spectra's shapes over the recorded RMS, in relative_difference alone.
-    features is the share of features and ROIs whose simulated mean lies within one repeat SD of the recorded mean, in
-    value alone; its floor is the share that is expected if nothing but noise differs.
+    Parameters
+    ----------
+    recorded : ndarray, shape (repeats, z, y, x)
+        HU.
+    simulated : mapping of str to ndarray
+        Images of the same shape but for the number of repeats, by the name of their column ("before", "after"); the
+        last one's noise counts for the floor.
+    regions : Regions
+    reference : str, optional
+        ROI that contrasts are taken against; None: all pairs.
+    features : bool, optional
+        Whether features are extracted, which takes most of the time.
+
+    Returns
+    -------
+    dict
+        {"metrics": {metric: entry}, "left_out": {metric: why}}. An entry holds
+
+        * unit, and recorded, which is None where the metric is itself a comparison
+        * for each column, {"value", "relative_difference"}, which is simulated / recorded - 1
+        * floor, what noise alone would give: the standard error of the last column's relative difference; None of
+          single repeats
+
+        noise_spectrum is the RMS difference of the spectra's shapes over the recorded RMS, in relative_difference
+        alone. features is the share of features and ROIs whose simulated mean lies within one repeat SD of the recorded
+        mean, in value alone; its floor is the share that is expected if nothing but noise differs.
     """
     metrics, left_out = {}, {}
     makers: dict[str, Callable[[], dict]] = {
@@ -150,13 +174,22 @@ def _features(recorded: np.ndarray, simulated: Mapping, regions: Regions) -> dic
 
 
 def _values(images: np.ndarray, grid: Grid, masks: Mapping[str, np.ndarray], name: str) -> np.ndarray:
-    """[repeat, ROI and feature]"""
+    """Features of images, shape (repeats, ROIs * features)."""
     table = extract_repeats(images, grid, dict(masks), name)
     return np.concatenate(list(samples(table, FEATURES, list(masks), f"{name} features").values()), axis=1)
 
 
 def share_within(recorded: np.ndarray, simulated: np.ndarray) -> float:
-    """Share of columns of [repeat, quantity] whose simulated mean lies within one recorded SD of the recorded mean."""
+    """Share of quantities whose simulated mean lies within one recorded SD of the recorded mean.
+
+    Parameters
+    ----------
+    recorded, simulated : ndarray, shape (repeats, quantities)
+
+    Returns
+    -------
+    float
+    """
     size = np.maximum(np.abs(recorded).max(axis=0), np.abs(simulated).max(axis=0))
     shift = in_sd(simulated.mean(axis=0) - recorded.mean(axis=0), spread(recorded), size)
     return float((np.abs(shift) <= MARGIN_SD).mean())

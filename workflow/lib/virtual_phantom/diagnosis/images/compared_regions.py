@@ -31,8 +31,13 @@ SUBDIVIDED = 5  # samples per voxel and direction, of the edge
 class Scanned:
     """The study's phantom, or an object given as a mask, if that was scanned.
 
-    fine   HU, what projections were taken of
-    rois   bool masks [z, y, x] by name, on `grid`
+    Attributes
+    ----------
+    fine : Volume
+        HU, what projections were taken of.
+    rois : mapping of str to ndarray of bool, shape (z, y, x)
+        By name, on `grid`.
+    grid : Grid
     """
 
     fine: Volume
@@ -41,13 +46,41 @@ class Scanned:
 
     @classmethod
     def read(cls, fine: str | Path, image: str | Path, rois_csv: str | Path) -> Scanned:
-        """What the study's rule `phantom` wrote. Raises InputError as volumes.read_nifti and phantom.read_masks."""
+        """What the study's rule `phantom` wrote.
+
+        Parameters
+        ----------
+        fine, image, rois_csv : str or Path
+
+        Returns
+        -------
+        Scanned
+
+        Raises
+        ------
+        InputError
+            As volumes.read_nifti and phantom.read_masks.
+        """
         grid = read_nifti(image).grid
         return cls(read_nifti(fine), read_masks(rois_csv, grid)[1], grid)
 
     @classmethod
     def of_mask(cls, mask: str | Path) -> Scanned:
-        """A homogeneous object: no ROIs but itself. Raises InputError as scanned.read_mask."""
+        """A homogeneous object: no ROIs but itself.
+
+        Parameters
+        ----------
+        mask : str or Path
+
+        Returns
+        -------
+        Scanned
+
+        Raises
+        ------
+        InputError
+            As scanned.read_mask.
+        """
         share, grid = (volume := read_mask(mask)).array, volume.grid
         if grid.shape[0] == 1:  # alike along z: two slices, between whose centres nothing changes
             share = np.repeat(share, 2, axis=0)
@@ -56,15 +89,27 @@ class Scanned:
 
     @property
     def radius_mm(self) -> float:
-        """How far from the isocentre's axis the object reaches."""
+        """How far from the isocentre's axis the object reaches, mm."""
         _, y, x = self.fine.grid.axes_mm()
         return float(np.hypot(y[:, None], x)[(self.fine.array > HU_BODY).any(axis=0)].max())
 
 
 def image_grid(geometry: OrbitGeometry, radius_mm: float) -> Grid:
-    """Central slices around an object of a radius: voxels as large as the detector's pixels at the isocentre, or larger
-    where more than MOST_VOXELS of them would be needed. Slices lie a detector row apart, so that they share little
-    noise, where views all around see them."""
+    """Central slices around an object of a radius.
+
+    Voxels are as large as the detector's pixels at the isocentre, or larger where more than MOST_VOXELS of them would
+    be needed. Slices lie a detector row apart, so that they share little noise, where views all around see them.
+
+    Parameters
+    ----------
+    geometry : OrbitGeometry
+    radius_mm : float
+        mm.
+
+    Returns
+    -------
+    Grid
+    """
     reach = min(radius_mm, geometry.field_of_view_radius_mm)
     voxel = max(geometry.column_pitch_mm / geometry.magnification, 2 * reach / (MOST_VOXELS - 2 * AIR_VOXELS))
     # The projector asks for a grid within the source's orbit.
@@ -79,9 +124,21 @@ def image_grid(geometry: OrbitGeometry, radius_mm: float) -> Grid:
 
 
 def complete(geometry: OrbitGeometry, grid: Grid) -> np.ndarray:
-    """bool [z, y, x]: voxels that rays of every direction pass.
+    """Voxels that rays of every direction pass.
 
-    Raises InputError as ParallelRays, or if there is no such voxel.
+    Parameters
+    ----------
+    geometry : OrbitGeometry
+    grid : Grid
+
+    Returns
+    -------
+    ndarray of bool, shape (z, y, x)
+
+    Raises
+    ------
+    InputError
+        As ParallelRays, or if there is no such voxel.
     """
     rays = ParallelRays(geometry)
     z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
@@ -100,8 +157,23 @@ def disc_regions(grid: Grid, valid: np.ndarray, disc: DiscScene, pose: Pose) -> 
 
 
 def phantom_regions(grid: Grid, valid: np.ndarray, scanned: Scanned, pose: Pose) -> Regions:
-    """The ROIs of the study's phantom, those parts of them that the images show; where they show fewer than two, the
-    object and the air around it. The edge is that of the body to air."""
+    """The ROIs of the study's phantom, those parts of them that the images show.
+
+    Where the images show fewer than two, the object and the air around it. The edge is that of the body to air.
+
+    Parameters
+    ----------
+    grid : Grid
+    valid : ndarray of bool, shape (z, y, x)
+        As Regions.valid.
+    scanned : Scanned
+    pose : Pose
+        Of the object.
+
+    Returns
+    -------
+    Regions
+    """
     fine_shape = (grid.shape[0], *(n * SUBDIVIDED for n in grid.shape[1:]))
     fine = Grid(fine_shape, (grid.spacing[0], *(step / SUBDIVIDED for step in grid.spacing[1:])))
     body = _sampled(scanned.fine.array, scanned.fine.grid, fine, pose, order=1, outside=HU_AIR) > HU_BODY
@@ -120,7 +192,25 @@ def _object_and_air(distance_mm: np.ndarray, valid: np.ndarray, grid: Grid) -> d
 
 
 def _sampled(array: np.ndarray, of: Grid, at: Grid, pose: Pose, order: int, outside: float) -> np.ndarray:
-    """What lies at the voxels of a grid once the object, an array [z, y, x] on a grid of its own, has its pose."""
+    """What lies at the voxels of a grid once the object has its pose.
+
+    Parameters
+    ----------
+    array : ndarray, shape (z, y, x)
+        The object.
+    of, at : Grid
+        The object's, and the one asked for.
+    pose : Pose
+    order : int
+        Of the interpolation.
+    outside : float
+        What lies there.
+
+    Returns
+    -------
+    ndarray
+        Shaped as `at`.
+    """
     z, y, x = np.meshgrid(*at.axes_mm(), indexing="ij", sparse=True)
     x, y, z = x - pose.x_mm, y - pose.y_mm, z - pose.z_mm
     turn = np.deg2rad(pose.turn_deg)

@@ -13,7 +13,18 @@ RINGS = 16  # of equal width around the isocentre
 
 
 def locate(residuals, weights, data: ObservedImages, fitted=None, more=()) -> list[Location]:
-    """As projections.locate.locate, of whitened voxels."""
+    """Standardised residuals of every domain, of whitened voxels.
+
+    Parameters
+    ----------
+    residuals, weights, data, fitted, more
+        As projections.locate.locate takes them.
+
+    Returns
+    -------
+    list of Location
+        As that one's.
+    """
     shape = data.mean.shape
     residual, weight = residuals[0].reshape(shape), weights[0].reshape(shape)
     total = data.blocks.sum(weight)

@@ -30,8 +30,16 @@ EARLIER = 0  # branch of the realisations' stream
 class ImagesModel(Model):
     """Predictions of images in HU, whitened.
 
-    reconstruct   [lane, view, row, column] line integrals to [lane, z, y, x] in HU
-    seed          of the realisations of noise, which all predictions share, so that they change smoothly
+    Parameters
+    ----------
+    chain, aligned, anode, tube_kvp
+        As Model takes them.
+    reconstruct : callable
+        Line integrals, shape (lanes, views, rows, columns), to HU, shape (lanes, z, y, x).
+    spacing_mm : tuple of 3 float
+        Of the voxels (z, y, x), mm.
+    seed : Stream
+        Of the realisations of noise, which all predictions share, so that they change smoothly.
     """
 
     def __init__(
@@ -78,14 +86,37 @@ class ImagesModel(Model):
         return bool((np.abs(moved) > self.spacing_mm).any())
 
     def repeats(self, physics, nuisance, linearisation: Linearisation, count: int) -> np.ndarray:
-        """Simulated images [repeat, z, y, x] in HU, at most REALISATIONS."""
+        """Simulated images of a scan that is repeated.
+
+        Parameters
+        ----------
+        physics, nuisance, linearisation
+            As `predict` takes them.
+        count : int
+            At most REALISATIONS.
+
+        Returns
+        -------
+        ndarray, shape (count, z, y, x)
+            HU.
+        """
         mean, noise = self.images(physics, nuisance, linearisation)
         return scaled(mean + noise[:count], nuisance)
 
     def images(self, physics, nuisance, linearisation: Linearisation = BASE) -> tuple[np.ndarray, np.ndarray]:
-        """Mean [z, y, x] and noise [realisation, z, y, x] in HU before scale and offset.
+        """Mean and noise of images before scale and offset.
 
-        The noise is that of the object where the linearisation's `errors` have it.
+        Parameters
+        ----------
+        physics, nuisance, linearisation
+            As `predict` takes them.
+
+        Returns
+        -------
+        mean : ndarray, shape (z, y, x)
+            HU.
+        noise : ndarray, shape (realisations, z, y, x)
+            HU; that of the object where the linearisation's `errors` have it.
         """
         on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
         before, photons = self.before_images(physics), float(np.exp(nuisance["log_photons"]))
@@ -115,8 +146,20 @@ def scaled(hu: np.ndarray, nuisance: Mapping[str, float]) -> np.ndarray:
 
 
 def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:
-    """Noise of line integrals [realisation, view, row, column], to first order and normal: quantum noise as neighbours
-    share it, and electronic noise. The same seed gives the same underlying draws in every state."""
+    """Noise of line integrals, to first order and normal: quantum noise as neighbours share it, and electronic noise.
+
+    Parameters
+    ----------
+    state : State
+    count : int
+        Of realisations.
+    seed : Stream
+        The same gives the same underlying draws in every state.
+
+    Returns
+    -------
+    ndarray of float32, shape (count, views, rows, columns)
+    """
     # What was before the scan is drawn with afterglow alone, and so from a stream of its own.
     random = generator(seed)
     earlier = generator(below(seed, EARLIER))

@@ -1,4 +1,4 @@
-"""What repeats of an image say, condensed as those of projections are (diagnosis.observed)."""
+"""What repeats of an image say, condensed as those of projections are (projections.observed)."""
 
 from __future__ import annotations
 
@@ -17,11 +17,18 @@ LAGS = ((0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 2, 0), (1, 0, 0))  # z, y, x, voxel
 
 @dataclass(frozen=True)
 class ObservedImages(Observed):
-    """As Observed, of images: `mean` is whitened, `variance` over `reference` (HU^2), `correlation` by LAGS.
+    """As Observed, of images.
 
-    repeats    [repeat, z, y, x], HU
-    hu         [z, y, x] mean over the repeats
-    expected   [z, y, x] HU without noise, of the model with nothing fitted: it tells tissues and edges apart
+    `mean` is whitened, `variance` is over `reference` (HU^2), `correlation` by LAGS.
+
+    Attributes
+    ----------
+    repeats : ndarray, shape (repeats, z, y, x), or None
+        HU.
+    hu : ndarray, shape (z, y, x), or None
+        Mean over the repeats, HU.
+    expected : ndarray, shape (z, y, x), or None
+        HU without noise, of the model with nothing fitted: it tells tissues and edges apart.
     """
 
     repeats: np.ndarray | None = None
@@ -31,7 +38,13 @@ class ObservedImages(Observed):
 
 @dataclass(frozen=True)
 class NoiseStatistics:
-    """Variance over blocks and correlation by lag, of noise over the standard deviation of a Whitening."""
+    """Statistics of noise over the standard deviation of a Whitening.
+
+    Attributes
+    ----------
+    variance : ndarray, shape (blocks,)
+    correlation : ndarray, shape (lags,)
+    """
 
     variance: np.ndarray
     correlation: np.ndarray
@@ -40,9 +53,15 @@ class NoiseStatistics:
 class Condenser:
     """Condenses recorded and simulated images alike.
 
-    nulls       realisations of noise [realisation, z, y, x], HU: how much statistics of one realisation scatter
-    simulated   realisations that every prediction is made from: their scatter adds to the errors
-    expected    [z, y, x] HU, for ObservedImages
+    Parameters
+    ----------
+    white : Whitening
+    nulls : ndarray, shape (realisations, z, y, x)
+        Realisations of noise, HU: how much statistics of one realisation scatter.
+    simulated : int
+        Realisations that every prediction is made from: their scatter adds to the errors.
+    expected : ndarray, shape (z, y, x)
+        HU, for ObservedImages.
     """
 
     def __init__(self, white: Whitening, nulls: np.ndarray, simulated: int, expected: np.ndarray):
@@ -60,9 +79,18 @@ class Condenser:
         self._correlation_sd = np.std([one.correlation for one in each], axis=0, ddof=1)
 
     def observe(self, repeats: np.ndarray, usable: np.ndarray) -> ObservedImages:
-        """Condense repeats [repeat, z, y, x] in HU; the variance only of two or more.
+        """Condense repeats; the variance only of two or more.
 
-        usable   bool [z, y, x]: voxels that count in the whitened mean
+        Parameters
+        ----------
+        repeats : ndarray, shape (repeats, z, y, x)
+            HU.
+        usable : ndarray of bool, shape (z, y, x)
+            Voxels that count in the whitened mean.
+
+        Returns
+        -------
+        ObservedImages
         """
         n, mean = len(repeats), repeats.mean(axis=0, dtype=np.float64)
         statistics = variance_error = correlation_error = None
@@ -88,7 +116,17 @@ class Condenser:
         )
 
     def noise(self, realisations) -> NoiseStatistics:
-        """Of realisations [z, y, x] of mean 0, HU."""
+        """Statistics of realisations of noise.
+
+        Parameters
+        ----------
+        realisations : sequence of ndarray, shape (z, y, x)
+            Of mean 0, HU.
+
+        Returns
+        -------
+        NoiseStatistics
+        """
         square, products, total = 0.0, np.zeros(len(LAGS)), 0.0
         for one in realisations:
             over = self.white.over_sd(one)

@@ -86,11 +86,33 @@ def prepare(
 ) -> PreparedImages:
     """Noise, floor and alignment of a recording.
 
-    repeats, further   [repeat, z, y, x] in HU; `further` is held out, or None
-    reconstruct        [lane, view, row, column] line integrals to [lane, z, y, x] HU on the same voxels
-    valid              bool [z, y, x]: voxels that were reconstructed from complete data
-    The other arguments are those of projections.prepared.prepare.
-    Raises InputError if the repeats do not vary.
+    Parameters
+    ----------
+    repeats : ndarray, shape (repeats, z, y, x)
+        HU.
+    further : ndarray, shape (repeats, z, y, x), or None
+        HU; what is held out.
+    chain, floor_chain : Chain
+        As projections.prepared.prepare takes them.
+    reconstruct : callable
+        Line integrals, shape (lanes, views, rows, columns), to HU on the same voxels, shape (lanes, z, y, x).
+    spacing_mm : tuple of 3 float
+        Of the voxels (z, y, x), mm.
+    valid : ndarray of bool, shape (z, y, x)
+        Voxels that were reconstructed from complete data.
+    seed : Stream
+        Of simulated noise.
+    anode, tube_kvp, nominal_photons, known
+        As projections.prepared.prepare takes them.
+
+    Returns
+    -------
+    PreparedImages
+
+    Raises
+    ------
+    InputError
+        If the repeats do not vary.
     """
     given = {"offset": OFFSET_SD_HU} | (known or {})
 

@@ -30,9 +30,17 @@ LEAST_SLICES = 4  # fewer do not show noise along z, and cannot be halved where 
 class Protocol:
     """The protocol of the study that simulates the images.
 
-    scan, grid    sections of the configuration, complete
-    projections   number of views
-    algorithm     "sirt" or "fbp", with its settings and engine
+    Attributes
+    ----------
+    scan, grid : dict
+        Sections of the configuration, complete.
+    projections : int
+        Number of views.
+    algorithm : {"sirt", "fbp"}
+    settings : dict
+        Of the algorithm.
+    engine : str
+        Of the algorithm.
     """
 
     scan: dict
@@ -44,13 +52,27 @@ class Protocol:
 
     @property
     def geometry(self) -> OrbitGeometry:
+        """Of the scan."""
         return scan_geometry(self.scan, self.projections, grid_of(self.grid))
 
 
 def ready_images(recording: ImagesRecording, asked: Asked, labels: Labels) -> PreparedImages:
     """The central slices of a recording, prepared for fits. The images' centre is taken for the isocentre.
 
-    Raises InputError if too few slices are seen from every direction.
+    Parameters
+    ----------
+    recording : ImagesRecording
+    asked : Asked
+    labels : Labels
+
+    Returns
+    -------
+    PreparedImages
+
+    Raises
+    ------
+    InputError
+        If too few slices are seen from every direction.
     """
     protocol, settings = Protocol(**asked.protocol), asked.settings
     scene = scene_of(settings, asked.phantom, asked.mu_water_per_mm, asked.materials, asked.threads)
@@ -95,7 +117,18 @@ def ready_images(recording: ImagesRecording, asked: Asked, labels: Labels) -> Pr
 def central_slices(valid: np.ndarray) -> slice:
     """The slices, alike above and below the middle, whose voxels were all seen as far out as any are.
 
-    Raises InputError if there are fewer than LEAST_SLICES.
+    Parameters
+    ----------
+    valid : ndarray of bool, shape (z, y, x)
+
+    Returns
+    -------
+    slice
+
+    Raises
+    ------
+    InputError
+        If there are fewer than LEAST_SLICES.
     """
     full = valid.sum(axis=(1, 2)) == valid.sum(axis=(1, 2)).max()
     count = len(full)
@@ -119,8 +152,25 @@ def agreement_of_images(
     purpose: Branch,
     scanned: Scanned,
 ) -> dict:
-    """agreement.agreement of the repeats held out with as many simulated ones (at most REALISATIONS) of each: those
-    that predictions were made of, whatever the purpose."""
+    """Agreement of the repeats held out with as many simulated ones of each model (images.agreement.agreement).
+
+    The simulated ones, at most REALISATIONS, are those that predictions were made of, whatever the purpose.
+
+    Parameters
+    ----------
+    recording : ImagesRecording
+    prepared : PreparedImages
+    choice : Choice
+    asked : Asked
+    purpose : Branch
+        Not used: see above.
+    scanned : Scanned
+
+    Returns
+    -------
+    dict
+        That of images.agreement.agreement, with rois (names), repeats (number), algorithm and grid.
+    """
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALISATIONS)
     pose = pose_of(choice.chosen.fit.nuisance)

@@ -2,8 +2,11 @@
 
 Noise of reconstructed images is correlated: filtered back-projection leaves next to none of it at low frequencies,
 where physics such as beam hardening acts. A voxel's difference over its standard deviation is therefore divided, in
-Fourier space, by the square root of the noise power spectrum (pre-whitening, as for the Hotelling observer in H. H.
-Barrett and K. J. Myers, Foundations of Image Science, Wiley, 2004, section 13.2).
+Fourier space, by the square root of the noise power spectrum (pre-whitening, as for the Hotelling observer [1]_).
+
+References
+----------
+.. [1] H. H. Barrett and K. J. Myers, Foundations of Image Science, Wiley, 2004, section 13.2.
 """
 
 from __future__ import annotations
@@ -22,8 +25,12 @@ LEAST_POWER = 1e-4  # of the mean: frequencies that hold no noise at all are no 
 class Whitening:
     """Maps images to fields whose noise is white, of variance 1 per repeat.
 
-    sd      [z, y, x] standard deviation of one repeat, HU; 0 where voxels do not count
-    power   [kz, ky, kx half] of the noise over sd, mean 1 over all frequencies, plus that of the numerical floor
+    Attributes
+    ----------
+    sd : ndarray, shape (z, y, x)
+        Standard deviation of one repeat, HU; 0 where voxels do not count.
+    power : ndarray, shape (kz, ky, half of kx)
+        Of the noise over `sd`, mean 1 over all frequencies, plus that of the numerical floor.
     """
 
     sd: np.ndarray
@@ -31,23 +38,34 @@ class Whitening:
 
     @property
     def used(self) -> np.ndarray:
+        """Voxels that count, bool, shape (z, y, x)."""
         return self.sd > 0
 
     def __call__(self, image: np.ndarray) -> np.ndarray:
-        """[z, y, x], HU to standard deviations."""
+        """Whiten an image, shape (z, y, x): HU to standard deviations."""
         return fft.irfftn(fft.rfftn(self.over_sd(image)) / np.sqrt(self.power), self.sd.shape)
 
     def over_sd(self, image: np.ndarray) -> np.ndarray:
+        """An image over its noise's standard deviation, shape (z, y, x), 0 where voxels do not count."""
         return np.where(self.used, image / np.where(self.used, self.sd, 1), 0)
 
 
 def whitening(noise: np.ndarray, used: np.ndarray, floor: np.ndarray, repeats: int) -> Whitening:
     """The whitening of realisations of noise.
 
-    noise     [realisation, z, y, x], HU, mean 0
-    used      bool [z, y, x]
-    floor     [z, y, x] numerical error of the prediction, HU; it does not fall with the number of repeats
-    repeats   whose mean is compared
+    Parameters
+    ----------
+    noise : ndarray, shape (realisations, z, y, x)
+        HU, mean 0.
+    used : ndarray of bool, shape (z, y, x)
+    floor : ndarray, shape (z, y, x)
+        Numerical error of the prediction, HU; it does not fall with the number of repeats.
+    repeats : int
+        Whose mean is compared.
+
+    Returns
+    -------
+    Whitening
     """
     cover = np.maximum(ndimage.gaussian_filter(used.astype(float), SMOOTH_VOXELS), 1e-6)
     square = np.where(used, (noise.astype(np.float64) ** 2).mean(axis=0), 0)
@@ -61,8 +79,21 @@ def whitening(noise: np.ndarray, used: np.ndarray, floor: np.ndarray, repeats: i
 
 
 def local_variance(white: Whitening, nulls: np.ndarray) -> np.ndarray:
-    """[z, y, x], mean 1: variance of whitened noise by place. Noise whose texture changes over the image (along the
-    body's long axis, say) does not become white everywhere."""
+    """Variance of whitened noise by place.
+
+    Noise whose texture changes over the image (along the body's long axis, say) does not become white everywhere.
+
+    Parameters
+    ----------
+    white : Whitening
+    nulls : ndarray, shape (realisations, z, y, x)
+        Noise, HU.
+
+    Returns
+    -------
+    ndarray, shape (z, y, x)
+        Mean 1.
+    """
     square = np.where(white.used, np.mean([white(one) ** 2 for one in nulls], axis=0), 0)
     cover = np.maximum(ndimage.gaussian_filter(white.used.astype(float), SMOOTH_VOXELS), 1e-6)
     smooth = np.where(white.used, ndimage.gaussian_filter(square, SMOOTH_VOXELS) / cover, 0)
