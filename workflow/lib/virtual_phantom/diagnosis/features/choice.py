@@ -33,13 +33,18 @@ SCALES = np.linspace(-2, 2, 17)
 class Trial:
     """A property on held-out regions.
 
-    strengths   {fold: strength fitted on that fold}
-    fitted      share of the excess removed on the ROIs that were fitted
-    held_out    the same on the others
-    regions     [roi] what each adds to `held_out`
-    p           chance of as much from a difference of no cause, corrected over properties (Holm)
-    kept        features on the ROIs that were fitted [repeat, roi, feature]
-    after       the same on held-out ones
+    Attributes
+    ----------
+    strengths : dict of int to float
+        {fold: strength fitted on that fold}.
+    fitted, held_out : float
+        Share of the excess removed on the ROIs that were fitted, and on the others.
+    regions : ndarray, shape (rois,)
+        What each adds to `held_out`.
+    p : float
+        Chance of as much from a difference of no cause, corrected over properties (Holm).
+    kept, after : ndarray, shape (repeats, rois, features)
+        Features on the ROIs that were fitted, and on held-out ones.
     """
 
     strengths: dict[int, float]
@@ -57,7 +62,19 @@ class Trial:
 
 
 def trials(data: Responses, seed: int = 0) -> dict[Property, Trial]:
-    """Try every property, the best first."""
+    """Try every property.
+
+    Parameters
+    ----------
+    data : Responses
+    seed : int, optional
+        Of random differences.
+
+    Returns
+    -------
+    dict of Property to Trial
+        The best first.
+    """
     before = shift(data, data.baseline)
     curves = {one: {fold: finer(one, curve) for fold, curve in own.items()} for one, own in data.curves.items()}
     moved = {
@@ -84,7 +101,17 @@ def trials(data: Responses, seed: int = 0) -> dict[Property, Trial]:
 
 
 def shift(data: Responses, values: np.ndarray) -> np.ndarray:
-    """Standardised shifts [..., roi, feature] of features [..., repeat, roi, feature]: simulated less recorded."""
+    """Standardised shifts of features: simulated less recorded.
+
+    Parameters
+    ----------
+    data : Responses
+    values : ndarray, shape (..., repeats, rois, features)
+
+    Returns
+    -------
+    ndarray, shape (..., rois, features)
+    """
     return (values.mean(axis=-3) - data.centre) / data.unit
 
 
@@ -102,7 +129,21 @@ def stand_ins(found: Mapping[Property, Trial]) -> list[Property]:
 
 
 def _best(data: Responses, fold: int, before: np.ndarray, moved: np.ndarray) -> int:
-    """Index of the strength [strength, roi, feature] that removes most on a fold; the first of equal ones."""
+    """Index of the strength that removes most on a fold; the first of equal ones.
+
+    Parameters
+    ----------
+    data : Responses
+    fold : int
+    before : ndarray, shape (rois, features)
+        Standardised shifts without the property.
+    moved : ndarray, shape (strengths, rois, features)
+        What it adds.
+
+    Returns
+    -------
+    int
+    """
     inside = data.fold == fold
     gains = removed(before[inside], before[inside] + moved[:, inside], data.floor[inside]).sum(axis=(1, 2))
     still = np.abs(moved).max(axis=(1, 2)) == 0
@@ -110,7 +151,22 @@ def _best(data: Responses, fold: int, before: np.ndarray, moved: np.ndarray) -> 
 
 
 def _assembled(data: Responses, curves: Mapping[int, Curve], chosen: Mapping[int, int], held_out: bool) -> np.ndarray:
-    """Features [repeat, roi, feature], of every ROI at the strength fitted on the other fold, or on its own."""
+    """Features of every ROI at the strength fitted on the other fold, or on its own.
+
+    Parameters
+    ----------
+    data : Responses
+    curves : mapping of int to Curve
+        By fold.
+    chosen : mapping of int to int
+        Index of the strength by fold.
+    held_out : bool
+        On the other fold.
+
+    Returns
+    -------
+    ndarray, shape (repeats, rois, features)
+    """
     together = np.empty_like(data.baseline)
     for fold, index in chosen.items():
         where = (data.fold == fold) != held_out
@@ -119,7 +175,22 @@ def _assembled(data: Responses, curves: Mapping[int, Curve], chosen: Mapping[int
 
 
 def _chance(data: Responses, before: np.ndarray, moved: Mapping, seed: int) -> np.ndarray:
-    """p of every property, corrected."""
+    """Chance of as much from a difference of no cause.
+
+    Parameters
+    ----------
+    data : Responses
+    before : ndarray, shape (rois, features)
+        Standardised shifts.
+    moved : mapping of Property to dict of int to ndarray, shape (strengths, rois, features)
+        By property and fold, what it adds.
+    seed : int
+
+    Returns
+    -------
+    ndarray, shape (properties,)
+        p, corrected.
+    """
     rng = generator(seed)
     # Every property weighs alike, however strong it was tried.
     ends = [np.square(own[fold][end]) for own in moved.values() for fold in FOLDS for end in (0, -1)]

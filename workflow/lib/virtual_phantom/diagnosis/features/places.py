@@ -22,13 +22,20 @@ SMALLEST = 1e-300  # of a p-value, so that its z is finite
 class Place:
     """A family of features in a region, or between two.
 
-    domain     of DOMAINS
-    where      the place, in words
-    feature    the one that differs most
-    z          its normal quantile, positive where the recording holds more (of order: where it has the first higher)
-    p          chance of one as small anywhere without a difference: family-wise over all features, places and domains
-    differing  features that differ there
-    features   features that were tested there
+    Attributes
+    ----------
+    domain : str
+        Of DOMAINS.
+    where : str
+        The place, in words.
+    feature : str
+        The one that differs most.
+    z : float
+        Its normal quantile, positive where the recording holds more (of order: where it has the first higher).
+    p : float
+        Chance of one as small anywhere without a difference: family-wise over all features, places and domains.
+    differing, features : int
+        Features that differ there, and that were tested there.
     """
 
     domain: str
@@ -47,7 +54,17 @@ class Place:
 
 @dataclass(frozen=True)
 class Places:
-    """All places, the worst first, z by domain [feature, region or pair of regions], and the comparison behind them."""
+    """Where features were compared, and how they differ.
+
+    Attributes
+    ----------
+    places : list of Place
+        All of them, the worst first.
+    maps : dict of str to ndarray, shape (features, places)
+        z by domain, of regions or pairs of regions.
+    cells : DataFrame
+        The comparison behind them.
+    """
 
     places: list[Place]
     maps: dict[str, np.ndarray]
@@ -60,7 +77,18 @@ class Places:
 
 
 def frame(data: Responses, repeats: list[np.ndarray]) -> pd.DataFrame:
-    """Features of every ROI, [repeat, feature] each, as a table with columns roi and tissue_class."""
+    """Features of every ROI as a table with columns roi and tissue_class.
+
+    Parameters
+    ----------
+    data : Responses
+    repeats : list of ndarray, shape (repeats, features)
+        Of every ROI.
+
+    Returns
+    -------
+    DataFrame
+    """
     parts = [
         pd.DataFrame(values, columns=data.features).assign(roi=roi, tissue_class=data.classes[roi])
         for roi, values in zip(data.rois, repeats, strict=True)
@@ -69,11 +97,20 @@ def frame(data: Responses, repeats: list[np.ndarray]) -> pd.DataFrame:
 
 
 def places(data: Responses, simulated: np.ndarray) -> Places:
-    """Compare features [repeat, roi, feature] with the recording's.
+    """Compare features with the recording's.
 
-    Means by Welch's test and SDs by Brown and Forsythe's, as `statistics.comparison.compare` has them. The order of
-    two regions differs in a feature where both sides tell them apart, the other way round; its p is the larger of the
-    two (an intersection-union test). Holm's correction runs over all cells of a domain, Bonferroni's over domains.
+    Means by Welch's test and SDs by Brown and Forsythe's, as statistics.comparison.compare has them. The order of two
+    regions differs in a feature where both sides tell them apart, the other way round; its p is the larger of the two
+    (an intersection-union test). Holm's correction runs over all cells of a domain, Bonferroni's over domains.
+
+    Parameters
+    ----------
+    data : Responses
+    simulated : ndarray, shape (repeats, rois, features)
+
+    Returns
+    -------
+    Places
     """
     ours = frame(data, list(simulated.transpose(1, 0, 2)))
     cells = compare(ours, frame(data, data.recorded), data.features, rois=data.rois)
@@ -118,7 +155,22 @@ def places(data: Responses, simulated: np.ndarray) -> Places:
 
 
 def _order(simulated: np.ndarray, recorded: list[np.ndarray], pairs) -> tuple[np.ndarray, np.ndarray]:
-    """p that a pair's order is swapped, and the sign of the recorded difference, [feature, pair]."""
+    """Chance that a pair's order is swapped.
+
+    Parameters
+    ----------
+    simulated : ndarray, shape (repeats, rois, features)
+    recorded : list of ndarray, shape (repeats, features)
+        Of every ROI.
+    pairs : list of tuple of 2 int
+        Of ROIs.
+
+    Returns
+    -------
+    p : ndarray, shape (features, pairs)
+    sign : ndarray, shape (features, pairs)
+        Of the recorded difference.
+    """
     p, sign = [], []
     for a, b in pairs:
         sides = (simulated[:, a], simulated[:, b]), (recorded[a], recorded[b])

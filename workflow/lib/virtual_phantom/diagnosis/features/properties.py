@@ -35,12 +35,20 @@ SQUARE, LOGARITHM, LINEAR = (np.square, np.sqrt), (np.log, np.exp), (np.asarray,
 class Property:
     """One thing that may differ.
 
-    name        of an effect of the library where there is one
-    physics     what happens, in a sentence
-    settled_by  the further recording that shows it alone
-    parameter   its strength's name and unit, None where it is there or not
-    neutral     strength that changes nothing, given the grid
-    axis        (function, inverse): features are interpolated linearly in the function of the strength
+    Attributes
+    ----------
+    name : str
+        Of an effect of the library where there is one.
+    physics : str
+        What happens, in a sentence.
+    settled_by : str
+        The further recording that shows it alone.
+    parameter : tuple of (str, str), or None
+        Its strength's name and unit; None where it is there or not.
+    neutral : callable
+        Strength that changes nothing, given the grid.
+    axis : tuple of 2 callable
+        (function, inverse): features are interpolated linearly in the function of the strength.
     """
 
     name: str
@@ -96,10 +104,22 @@ def properties() -> tuple[Property, ...]:
 
 
 def folds(rois: Mapping[str, str]) -> dict[str, int]:
-    """{ROI: its fold}, alternately by tissue class and name, so that classes of several ROIs are in both.
+    """Folds of ROIs, alternately by tissue class and name, so that classes of several ROIs are in both.
 
-    rois   {name: tissue class}
-    Raises InputError for a single ROI, of which none can be held out.
+    Parameters
+    ----------
+    rois : mapping of str to str
+        {name: tissue class}.
+
+    Returns
+    -------
+    dict of str to int
+        {ROI: its fold}.
+
+    Raises
+    ------
+    InputError
+        For a single ROI, of which none can be held out.
     """
     if len(rois) < len(FOLDS):
         raise InputError(f"diagnosis: {len(rois)} ROI to compare; holding one out needs at least {len(FOLDS)}")
@@ -108,9 +128,19 @@ def folds(rois: Mapping[str, str]) -> dict[str, int]:
 
 
 def calibration(simulated: np.ndarray, recorded: np.ndarray) -> dict[str, float]:
-    """Scale and offset, HU, that bring simulated means of regions to those recorded, by least squares.
+    """Scale and offset that bring simulated means of regions to those recorded, by least squares.
 
     Of fewer than three regions the offset alone, the scale being 1. Both keep to the effect's plausible range.
+
+    Parameters
+    ----------
+    simulated, recorded : ndarray, shape (regions,)
+        HU.
+
+    Returns
+    -------
+    dict of str to float
+        scale and offset_hu, HU.
     """
     ranges = {one.name: (one.low, one.high) for one in load("hu_calibration").parameters}
     scale = 1.0
@@ -128,15 +158,27 @@ def property_tables(
     recorded: pd.DataFrame,
     voxel_mm: Sequence[float] | None = None,
 ) -> Iterator[pd.DataFrame]:
-    """Features of the images as they are (BASELINE) and with every property changed, a table per strength.
+    """Features of the images as they are (BASELINE) and with every property changed.
 
-    images     repeats of one protocol and noise level [repeat, z, y, x], HU
-    masks      boolean [z, y, x] by ROI
-    fold_of    from `folds`
-    recorded   features of the recording in HU, one row per image and ROI
-    voxel_mm   (z, y, x) of the recording; None leaves `voxels` out
-    Columns: property, strength, fold (EVERY_FOLD, or of the ROIs that a calibration was fitted to), then those of
-    `radiomics.extract`; rows are repeats in order, each with all ROIs.
+    Parameters
+    ----------
+    images : ndarray, shape (repeats, z, y, x)
+        Repeats of one protocol and noise level, HU.
+    grid : Grid
+    masks : mapping of str to ndarray of bool, shape (z, y, x)
+        By ROI.
+    fold_of : mapping of str to int
+        From `folds`.
+    recorded : DataFrame
+        Features of the recording in HU, one row per image and ROI.
+    voxel_mm : sequence of 3 float, optional
+        (z, y, x) of the recording, mm; None leaves `voxels` out.
+
+    Yields
+    ------
+    DataFrame
+        A table per strength. Columns: property, strength, fold (EVERY_FOLD, or of the ROIs that a calibration was
+        fitted to), then those of extraction.extract; rows are repeats in order, each with all ROIs.
     """
 
     def table(name, strength, fold, changed, on=grid, within=masks):

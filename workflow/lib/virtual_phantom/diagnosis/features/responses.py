@@ -22,7 +22,14 @@ SOFT = 4.0  # times the floor: a cell counts in full from two standard errors on
 
 @dataclass(frozen=True)
 class Curve:
-    """A property's strengths [strength], ascending, and the features there [strength, repeat, roi, feature]."""
+    """Features at the strengths of a property.
+
+    Attributes
+    ----------
+    strengths : ndarray, shape (strengths,)
+        Ascending.
+    values : ndarray, shape (strengths, repeats, rois, features)
+    """
 
     strengths: np.ndarray
     values: np.ndarray
@@ -32,11 +39,18 @@ class Curve:
 class Responses:
     """Simulated and recorded features side by side.
 
-    rois, features, classes   names; the tissue class of every ROI
-    fold                      [roi]
-    recorded                  repeats of every ROI, [repeat, feature] each
-    baseline                  [repeat, roi, feature]
-    curves                    {property: {fold: Curve}}, the baseline at the neutral strength among them
+    Attributes
+    ----------
+    rois, features : list of str
+        Names.
+    classes : dict of str to str
+        The tissue class of every ROI.
+    fold : ndarray of int, shape (rois,)
+    recorded : list of ndarray, shape (repeats, features)
+        Of every ROI.
+    baseline : ndarray, shape (repeats, rois, features)
+    curves : dict of Property to dict of int to Curve
+        {property: {fold: Curve}}, the baseline at the neutral strength among them.
     """
 
     rois: list[str]
@@ -49,17 +63,17 @@ class Responses:
 
     @cached_property
     def unit(self) -> np.ndarray:
-        """SD over the recording's repeats [roi, feature]."""
+        """SD over the recording's repeats, shape (rois, features)."""
         return np.stack([spread(one) for one in self.recorded])
 
     @cached_property
     def centre(self) -> np.ndarray:
-        """Recorded means [roi, feature]."""
+        """Recorded means, shape (rois, features)."""
         return np.stack([one.mean(axis=0) for one in self.recorded])
 
     @cached_property
     def floor(self) -> np.ndarray:
-        """Square of the standardised shift [roi, feature] that noise alone gives."""
+        """Square of the standardised shift that noise alone gives, shape (rois, features)."""
         count = np.array([len(one) for one in self.recorded])[:, None]
         return 1 / count + self.baseline.var(axis=0, ddof=1) / self.unit**2 / len(self.baseline)
 
@@ -67,10 +81,22 @@ class Responses:
 def compared(
     table: pd.DataFrame, recorded: pd.DataFrame, dimensions: int, stored_offset_hu: float
 ) -> tuple[list[str], dict[str, str]]:
-    """Features of `property_tables` and a recording that tell of the images, and {feature: why it is left out}.
+    """Features of `property_tables` and a recording that tell of the images.
 
-    dimensions, stored_offset_hu   of the recording's features
     What grows with the ROI is kept only if ROIs have the same voxels, as the features themselves tell.
+
+    Parameters
+    ----------
+    table, recorded : DataFrame
+    dimensions : {2, 3}
+    stored_offset_hu : float
+        Both of the recording's features, as comparison.comparable takes them.
+
+    Returns
+    -------
+    features : list of str
+    left_out : dict of str to str
+        {feature: why}.
     """
     baseline = table[table["property"] == BASELINE]
     features = common_features(baseline, recorded)
@@ -85,10 +111,28 @@ def compared(
 def responses(
     table: pd.DataFrame, recorded: pd.DataFrame, features: Sequence[str], grid: Grid, rois: Sequence[str] | None = None
 ) -> Responses:
-    """Order the tables of `property_tables`, with a column tissue_class, by property.
+    """Order the tables of `property_tables` by property.
 
-    features   those to compare; what does not vary in the recording, in any ROI, has no unit and is left out
-    Raises InputError for what `comparison.samples` refuses, and if no feature is left.
+    Parameters
+    ----------
+    table : DataFrame
+        With a column tissue_class.
+    recorded : DataFrame
+    features : sequence of str
+        Those to compare; what does not vary in the recording, in any ROI, has no unit and is left out.
+    grid : Grid
+        Of the simulated images.
+    rois : sequence of str, optional
+        As comparison.common_rois takes them.
+
+    Returns
+    -------
+    Responses
+
+    Raises
+    ------
+    InputError
+        For what comparison.samples refuses, and if no feature is left.
     """
     baseline = table[table["property"] == BASELINE]
     rois = common_rois(baseline, recorded, rois)
@@ -132,6 +176,15 @@ def finer(one: Property, curve: Curve) -> Curve:
     """A curve with steps between its strengths, features linear in the property's axis.
 
     A property without a strength is there or not and stays as it is.
+
+    Parameters
+    ----------
+    one : Property
+    curve : Curve
+
+    Returns
+    -------
+    Curve
     """
     if one.parameter is None:
         return curve
@@ -157,9 +210,19 @@ def weight(before: np.ndarray, floor: np.ndarray) -> np.ndarray:
 
 
 def removed(before: np.ndarray, after: np.ndarray, floor: np.ndarray) -> np.ndarray:
-    """Share of its excess that every cell loses, from -1 (new or many times larger) to 1 (gone).
+    """Share of its excess that every cell loses.
 
     Cells count alike: of sums of squares, a few features that noise hardly moves would be nearly all.
+
+    Parameters
+    ----------
+    before, after, floor : ndarray
+        Standardised shifts, and the square of what noise alone gives.
+
+    Returns
+    -------
+    ndarray
+        From -1 (new or many times larger) to 1 (gone).
     """
     first, last = excess(before, floor), excess(after, floor)
     return (first - last) / np.maximum(np.maximum(first, last), SOFT * floor)

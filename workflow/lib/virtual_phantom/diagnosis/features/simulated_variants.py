@@ -1,7 +1,8 @@
-"""The variants of one simulated scan that are set against a recording of features: which property explains the misses?
+"""The variants of one simulated scan that are set against a recording of features.
 
-Noise amplitude and contrast are brought to what the recording's features say of them. Of noise texture, resolution and
-voxels, features do not say enough: they are tried at fixed steps, each a variant of its own.
+They ask which property explains the misses. Noise amplitude and contrast are brought to what the recording's features
+say of them. Of noise texture, resolution and voxels, features do not say enough: they are tried at fixed steps, each a
+variant of its own.
 """
 
 from __future__ import annotations
@@ -29,10 +30,21 @@ SIGMAS_VOXELS = (0.4, 0.7, 1.0)  # of blurs that are simulated; under 0.4 a voxe
 def noise_factor(images: np.ndarray, masks: Mapping[str, np.ndarray], recorded: pd.DataFrame) -> float:
     """By what the noise's SD must be multiplied so that the variance among an ROI's voxels is the recording's.
 
-    images     repeats [repeat, z, y, x], HU
-    recorded   features, one row per image and ROI
-    The variance is structure (that of the mean image, less the noise left in it) and noise; the median over the ROIs is
-    returned, 0 where structure alone exceeds the recording.
+    The variance is structure (that of the mean image, less the noise left in it) and noise.
+
+    Parameters
+    ----------
+    images : ndarray, shape (repeats, z, y, x)
+        HU.
+    masks : mapping of str to ndarray of bool, shape (z, y, x)
+        By ROI.
+    recorded : DataFrame
+        Features, one row per image and ROI.
+
+    Returns
+    -------
+    float
+        The median over the ROIs; 0 where structure alone exceeds the recording.
     """
     noise = images - images.mean(axis=0)
     n = len(images)
@@ -52,14 +64,34 @@ def property_variants(
     recorded: pd.DataFrame,
     voxel_mm: Sequence[float] | None = None,
 ) -> Iterator[tuple[str, np.ndarray, Grid, dict[str, np.ndarray]]]:
-    """Name, images [repeat, z, y, x], their grid and the ROIs on it, the images as they are first (BASELINE).
+    """Variants of images, the images as they are first (BASELINE).
 
-    images     repeats of one protocol and noise level, HU
-    masks      boolean [z, y, x] by ROI; those that the recording has
-    recorded   features of the recording in HU, one row per image and ROI
-    voxel_mm   (z, y, x) of the recording: a variant `voxels` is the images interpolated linearly to such voxels, which
-               smooths their noise too; None leaves it out
-    Raises InputError if an ROI is not in the recording, or the recording lacks the means and variances of its ROIs.
+    Parameters
+    ----------
+    images : ndarray, shape (repeats, z, y, x)
+        Repeats of one protocol and noise level, HU.
+    grid : Grid
+    masks : mapping of str to ndarray of bool, shape (z, y, x)
+        By ROI; those that the recording has.
+    recorded : DataFrame
+        Features of the recording in HU, one row per image and ROI.
+    voxel_mm : sequence of 3 float, optional
+        (z, y, x) of the recording, mm: a variant `voxels` is the images interpolated linearly to such voxels, which
+        smooths their noise too; None leaves it out.
+
+    Yields
+    ------
+    name : str
+    images : ndarray, shape (repeats, z, y, x)
+        HU.
+    grid : Grid
+    masks : dict of str to ndarray of bool, shape (z, y, x)
+        The ROIs on it.
+
+    Raises
+    ------
+    InputError
+        If an ROI is not in the recording, or the recording lacks the means and variances of its ROIs.
     """
     if lacking := [name for name in (MEAN, VARIANCE) if name not in recorded]:
         raise InputError(f"recorded features lack {lacking[0]}, which the variants are made to meet")

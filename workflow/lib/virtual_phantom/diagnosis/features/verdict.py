@@ -26,7 +26,17 @@ FINER_DATA = (
 
 @dataclass(frozen=True)
 class FeatureDiagnosis:
-    """Everything that is reported: places before and after on held-out regions, every trial, and diagnosis.json."""
+    """Everything that is reported.
+
+    Attributes
+    ----------
+    before, after : Places
+        On held-out regions.
+    trials : dict of Property to Trial
+        Every one.
+    content : dict
+        What diagnosis.json holds.
+    """
 
     before: Places
     after: Places
@@ -37,9 +47,19 @@ class FeatureDiagnosis:
 def diagnose_features(name: str, data: Responses, not_compared: Mapping[str, str], mean: str) -> FeatureDiagnosis:
     """Locate, attribute and judge.
 
-    name           of the comparison
-    not_compared   {feature: why}
-    mean           the feature that is an ROI's mean HU, for the HU calibration's values
+    Parameters
+    ----------
+    name : str
+        Of the comparison.
+    data : Responses
+    not_compared : mapping of str to str
+        {feature: why}.
+    mean : str
+        The feature that is an ROI's mean HU, for the HU calibration's values.
+
+    Returns
+    -------
+    FeatureDiagnosis
     """
     before, found = places(data, data.baseline), trials(data)
     best, trial = next(iter(found.items()))
