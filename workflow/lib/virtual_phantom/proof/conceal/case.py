@@ -25,9 +25,14 @@ CONCEALED = {"single": 1, "none": 0, "pair": 2}  # number of effects, all of the
 class Case:
     """What counts for the score.
 
-    truth      as sealed
-    diagnosis  content of diagnosis.json
-    other      metrics of agreement on the held-out protocol; None if there are none
+    Attributes
+    ----------
+    truth : dict
+        As sealed.
+    diagnosis : dict
+        Content of diagnosis.json.
+    other : dict or None
+        Metrics of agreement on the held-out protocol; None if there are none.
     """
 
     truth: dict
@@ -36,22 +41,27 @@ class Case:
 
     @property
     def name(self) -> str:
+        """As published."""
         return self.truth["case"]
 
     @property
     def category(self) -> str:
+        """One of CATEGORIES."""
         return self.truth["category"]
 
     @property
     def kind(self) -> str:
+        """One of KINDS."""
         return self.truth["kind"]
 
     @property
     def strength(self) -> str | None:
+        """One of STRENGTHS; None of pairs, and where nothing is concealed."""
         return self.truth["strength"]
 
     @property
     def verdict(self) -> str:
+        """One of VERDICTS."""
         return self.diagnosis["verdict"]
 
     @property
@@ -61,6 +71,7 @@ class Case:
 
     @property
     def concealed(self) -> tuple[str, ...]:
+        """Effects that were concealed."""
         return tuple(effect["name"] for effect in self.truth["effects"])
 
     @property
@@ -70,6 +81,7 @@ class Case:
 
     @property
     def first(self) -> str | None:
+        """The effect that was named first, if any was."""
         return self.named[0] if self.named else None
 
     def with_stand_ins(self, effect: str) -> set[str]:
@@ -78,10 +90,12 @@ class Case:
 
     @property
     def first_right(self) -> bool:
+        """Whether the effect named first was concealed."""
         return self.first in self.concealed
 
     @property
     def first_or_stand_in_right(self) -> bool:
+        """Whether the effect named first, or one reported to explain the data as well, was concealed."""
         return self.first is not None and bool(self.with_stand_ins(self.first) & set(self.concealed))
 
     @property
@@ -91,6 +105,7 @@ class Case:
 
     @property
     def all_named(self) -> bool:
+        """Whether every concealed effect was named."""
         return set(self.concealed) <= set(self.named)
 
     @property
@@ -126,10 +141,26 @@ def collect(
     diagnoses: Iterable[str | Path],
     others: Iterable[str | Path] = (),
 ) -> list[Case]:
-    """Open every seal and check every diagnosis against its verdict; cases in the order of their names.
+    """Open every seal and check every diagnosis against its verdict.
 
-    diagnoses, others   files in a folder of the case's name each
-    Raises InputError for what was tampered with, is missing (every published case counts) or makes no sense.
+    Parameters
+    ----------
+    sealed : iterable of str or Path
+    seals : str or Path
+        The published ones.
+    verdicts : iterable of str or Path
+    diagnoses, others : iterable of str or Path
+        Files in a folder of the case's name each; `others` are tables of agreement by another protocol.
+
+    Returns
+    -------
+    list of Case
+        In the order of their names.
+
+    Raises
+    ------
+    InputError
+        For what was tampered with, is missing (every published case counts) or makes no sense.
     """
     published = seal.read(seals)
     truths = {}
@@ -180,7 +211,25 @@ def checked(truth: dict, source: str | Path) -> dict:
 
 
 def complete(diagnosis: dict, source: str | Path, recording: str | None = None) -> dict:
-    """The diagnosis, if it has what is scored, and is of this recording; else InputError naming `source`."""
+    """The diagnosis, if it has what is scored, and is of this recording.
+
+    Parameters
+    ----------
+    diagnosis : dict
+    source : str or Path
+        What the message begins with.
+    recording : str, optional
+        None: of any.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If it has not, or is of another.
+    """
     needed = (
         "recording",
         "verdict",
@@ -202,7 +251,21 @@ def complete(diagnosis: dict, source: str | Path, recording: str | None = None) 
 
 
 def metrics(path: str | Path) -> dict:
-    """Metrics of a table of agreement, or of its metrics alone. Raises InputError if the file is broken."""
+    """Metrics of a table of agreement, or of its metrics alone.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    dict of str to dict
+
+    Raises
+    ------
+    InputError
+        If the file is broken.
+    """
     content = seal.read(path)
     found = content.get("metrics", content)
     for name, entry in found.items():

@@ -24,13 +24,21 @@ IMAGE = ("image", "slices", "distance from the axis", "tissue", "edges")
 class Concealable:
     """An effect that can be concealed.
 
-    known      the library has an effect of this name
-    ranges     {strength: (low, high)} from which its size is drawn, log-uniform
-    make       (size, random generator) to the simulator's settings, and those of the library's parameters that are
-               defined alike
-    where      domains of the diagnosis, at least one of which must show it
-    alike      effects of one group change the readings nearly alike, and no pair is drawn from it
-    of_images  it is the reconstruction's, and images alone show it
+    Attributes
+    ----------
+    known : bool
+        The library has an effect of this name.
+    ranges : mapping of str to tuple of 2 float
+        {strength: (low, high)} from which its size is drawn, log-uniform.
+    make : callable
+        (size, random generator) to the simulator's settings, and those of the library's parameters that are defined
+        alike.
+    where : tuple of str
+        Domains of the diagnosis, at least one of which must show it.
+    alike : str
+        Effects of one group change the readings nearly alike, and no pair is drawn from it.
+    of_images : bool
+        It is the reconstruction's, and images alone show it.
     """
 
     known: bool
@@ -41,6 +49,18 @@ class Concealable:
     of_images: bool = False
 
     def draw(self, strength: str, random: np.random.Generator) -> tuple[dict, dict]:
+        """A size of this strength, as `make` gives it.
+
+        Parameters
+        ----------
+        strength : str
+            Of STRENGTHS.
+        random : numpy.random.Generator
+
+        Returns
+        -------
+        settings, comparable : dict
+        """
         low, high = self.ranges[strength]
         return self.make(float(np.exp(random.uniform(np.log(low), np.log(high)))), random)
 

@@ -31,8 +31,20 @@ def scan_of(
 ) -> Scan:
     """What XCIST is asked for.
 
-    settings    the section proof.scan of the configuration
-    concealed   the simulator's settings
+    Parameters
+    ----------
+    one : Object
+    settings : mapping
+        The section proof.scan of the configuration.
+    views : int
+    photons, rotation_ms, kev : float
+        As Scan has them.
+    concealed : mapping
+        The simulator's settings.
+
+    Returns
+    -------
+    Scan
     """
     return Scan(
         views=views,
@@ -53,9 +65,23 @@ def concealed_settings(truth: Mapping) -> dict:
 
 
 def acquire(scan: Scan, one: Object, fine: Volume, mu_water_per_mm: float, repeats: int, seed: Stream) -> Acquired:
-    """Scan the fine phantom (HU) and read it out.
+    """Scan the fine phantom and read it out.
 
-    seed   of this scan's noise; the pixels' own gains are drawn from it too
+    Parameters
+    ----------
+    scan : Scan
+    one : Object
+    fine : Volume
+        HU.
+    mu_water_per_mm : float
+        1/mm.
+    repeats : int
+    seed : Stream
+        Of this scan's noise; the pixels' own gains are drawn from it too.
+
+    Returns
+    -------
+    Acquired
     """
     noise, pixels = seed.spawn(2)
     taken = simulate(scan, materials(fine, one, scan.kev, mu_water_per_mm), repeats, noise)
@@ -84,9 +110,11 @@ def write_images(
 
 
 def write(folder: str | Path, name: str, scan: Scan, taken: Acquired) -> None:
-    """Write recording.yaml and one HDF5 file per repeat. Nothing of what is concealed is in them: files are not
-    compressed, so that their sizes are alike too. The importers' writer loads what it wrote, by files that know the
-    library's noise, and is not used."""
+    """Write recording.yaml and one HDF5 file per repeat.
+
+    Nothing of what is concealed is in them: files are not compressed, so that their sizes are alike too. The importers'
+    writer loads what it wrote, by files that know the library's noise, and is not used.
+    """
     folder = Path(folder)
     files = [f"scan{number:02d}.h5" for number in range(1, 1 + len(taken.readings))]
     angles = np.arange(scan.views) * 360 / scan.views

@@ -17,11 +17,20 @@ SLICES = 4  # of images: those that the beam sees from everywhere
 class Object:
     """A phantom of the suite.
 
-    layout          file under resources
-    extent_mm       (y, x) that it fills
-    least_mm        height that its layout asks for, before it is cut to what the beam sees
-    soft, dense     XCIST's materials: `soft`, its density following the HU, with `dense` mixed in from dense_from_hu on
-    told            the same two as the diagnosis is told, in the library's names
+    Attributes
+    ----------
+    layout : str
+        File under resources.
+    extent_mm : tuple of 2 float
+        (y, x) that it fills, mm.
+    least_mm : float
+        Height that its layout asks for, before it is cut to what the beam sees, mm.
+    soft, dense : str
+        XCIST's materials: `soft`, its density following the HU, with `dense` mixed in from dense_from_hu on.
+    dense_from_hu : float
+        HU.
+    told : tuple of 2 str
+        The same two as the diagnosis is told, in the library's names.
     """
 
     layout: str
@@ -59,8 +68,22 @@ class Object:
         return {"shape": [SLICES, columns, columns], "spacing_mm": [self.pixel_mm(columns)] * 3}
 
     def protocol(self, columns: int, rows: int, views: int, rotation_ms: float, engine: str) -> dict:
-        """What the diagnosis is told of images (diagnosis.images.setting.Protocol): the scan, and a filtered
-        back-projection, which is not theirs."""
+        """What the diagnosis is told of images (diagnosis.images.setting.Protocol).
+
+        That is the scan, and a filtered back-projection, which is not theirs.
+
+        Parameters
+        ----------
+        columns, rows, views : int
+        rotation_ms : float
+            Time of the turn, ms.
+        engine : str
+            Of the reconstruction.
+
+        Returns
+        -------
+        dict
+        """
         circle = {"trajectory": "circular", "turns": 1.0, "pitch": 1.0, "start_angle_deg": 0.0}
         circle["rotation_time_ms"] = rotation_ms
         return {

@@ -22,7 +22,22 @@ REACH = 1.3  # of the beam's height at the isocentre: what its cone sees of the 
 def build(one: Object, layout_file: str | Path, columns: int, rows: int, seed: Stream) -> Phantom:
     """The phantom cut to the height that a detector of columns x rows sees: `fine` is scanned, `image` is known.
 
-    Raises InputError as synthetic.build.
+    Parameters
+    ----------
+    one : Object
+    layout_file : str or Path
+    columns, rows : int
+    seed : Stream
+        Of the textures.
+
+    Returns
+    -------
+    Phantom
+
+    Raises
+    ------
+    InputError
+        As synthetic.build.
     """
     pixel = one.pixel_mm(columns)
     voxel = pixel / VOXELS_PER_PIXEL
@@ -44,7 +59,19 @@ def _middle(volume: Volume, slices: int) -> Volume:
 def materials(hu: Volume, one: Object, kev: float, mu_water_per_mm: float) -> Materials:
     """Divide HU so that a beam of one energy finds mu_water_per_mm (1 + HU / 1000) in every voxel.
 
-    hu   float32 [z, y, x] with square voxels in the plane
+    Parameters
+    ----------
+    hu : Volume
+        float32, with square voxels in the plane.
+    one : Object
+    kev : float
+        Energy of the beam, keV.
+    mu_water_per_mm : float
+        1/mm.
+
+    Returns
+    -------
+    Materials
     """
     mu = np.maximum(mu_water_per_mm * (1 + hu.array.astype(np.float64) / 1000), 0)
     soft_mu, dense_mu = (attenuation_per_mm(name, kev) for name in (one.soft, one.dense))

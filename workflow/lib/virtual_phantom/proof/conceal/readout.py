@@ -16,11 +16,23 @@ GLARE_REACH = 4.0  # ranges of the spread that are kept
 def read_out(
     taken: Acquired, settings: Mapping, pitch_mm: tuple[float, float], rotation_s: float, random: np.random.Generator
 ) -> Acquired:
-    """The readings as a detector gives them; settings as xcist.IDLE names them.
+    """The readings as a detector gives them.
 
-    pitch_mm   columns and rows
-    rotation_s of the one turn that the views share
-    random     draws the drift of the pixels' gains
+    Parameters
+    ----------
+    taken : Acquired
+    settings : mapping
+        What is concealed, by the names of Scan.settings.
+    pitch_mm : tuple of 2 float
+        Of columns and rows, mm.
+    rotation_s : float
+        Time of the one turn that the views share, s.
+    random : numpy.random.Generator
+        Draws the drift of the pixels' gains.
+
+    Returns
+    -------
+    Acquired
     """
     readings, air = taken.readings, taken.air
     if share := settings.get("glare_share", 0.0):
@@ -42,9 +54,25 @@ def read_out(
 
 
 def glare(range_mm: float, pitch_mm: tuple[float, float]) -> np.ndarray:
-    """Point spread exp(-r / k) / r of veiling glare (J. A. Seibert et al., Med. Phys. 11, 172, 1984), its sum 1.
+    """Point spread exp(-r / k) / r of veiling glare [1]_.
 
     The central pixel takes the mean over a disc of its area.
+
+    Parameters
+    ----------
+    range_mm : float
+        k, mm.
+    pitch_mm : tuple of 2 float
+        Of columns and rows, mm.
+
+    Returns
+    -------
+    ndarray, shape (rows, columns)
+        Its sum is 1.
+
+    References
+    ----------
+    .. [1] J. A. Seibert et al., Med. Phys. 11, 172, 1984.
     """
     column, row = pitch_mm
     columns, rows = (int(np.ceil(GLARE_REACH * range_mm / step)) for step in (column, row))

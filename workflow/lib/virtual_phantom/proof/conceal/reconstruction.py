@@ -1,6 +1,11 @@
-"""Images of the proof: filtered back-projection of every voxel's own rays (L. A. Feldkamp, L. C. Davis and J. W. Kress,
-J. Opt. Soc. Am. A 1, 612, 1984), by cubic splines. The library's own reconstruction, which the fits use, rebins rays to
-parallel ones and interpolates linearly."""
+"""Images of the proof: filtered back-projection of every voxel's own rays [1]_, by cubic splines.
+
+The library's own reconstruction, which the fits use, rebins rays to parallel ones and interpolates linearly.
+
+References
+----------
+.. [1] L. A. Feldkamp, L. C. Davis and J. W. Kress, J. Opt. Soc. Am. A 1, 612, 1984.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +19,23 @@ SPLINE = 3
 
 
 def images_hu(lines: np.ndarray, scan: Scan, grid: Grid, mu_water_per_mm: float, blur_mm: float = 0.0) -> np.ndarray:
-    """HU [z, y, x] of line integrals [view, row, column] of a full circle, its first view from +y.
+    """Images of the line integrals of a full circle.
 
-    blur_mm   standard deviation of the Gaussian that apodises the ramp
+    Parameters
+    ----------
+    lines : ndarray, shape (views, rows, columns)
+        The first view from +y.
+    scan : Scan
+    grid : Grid
+    mu_water_per_mm : float
+        1/mm.
+    blur_mm : float, optional
+        Standard deviation of the Gaussian that apodises the ramp, mm.
+
+    Returns
+    -------
+    ndarray of float32, shape (z, y, x)
+        HU.
     """
     radius, distance = scan.source_to_isocentre_mm, scan.source_to_detector_mm
     u = (np.arange(scan.columns) - (scan.columns - 1) / 2) * scan.column_pitch_mm
@@ -36,8 +55,25 @@ def images_hu(lines: np.ndarray, scan: Scan, grid: Grid, mu_water_per_mm: float,
 
 
 def ramp(rows: np.ndarray, pitch_mm: float, blur_mm: float) -> np.ndarray:
-    """Band-limited ramp along the last axis, per mm (A. C. Kak and M. Slaney, Principles of Computerized Tomographic
-    Imaging, 1988, equation 61 of chapter 3), times exp(-2 (pi s f)^2)."""
+    """Band-limited ramp along the last axis [1]_, times exp(-2 (pi s f)^2).
+
+    Parameters
+    ----------
+    rows : ndarray, shape (..., columns)
+    pitch_mm : float
+        Of the columns, mm.
+    blur_mm : float
+        s, mm.
+
+    Returns
+    -------
+    ndarray, shape (..., columns)
+        Per mm.
+
+    References
+    ----------
+    .. [1] A. C. Kak and M. Slaney, Principles of Computerized Tomographic Imaging, 1988, equation 61 of chapter 3.
+    """
     samples = rows.shape[-1]
     n = fft.next_fast_len(3 * samples)
     offset = np.fft.fftfreq(n, 1 / n)

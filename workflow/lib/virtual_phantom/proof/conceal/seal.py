@@ -19,16 +19,43 @@ SALT = re.compile(r"[0-9a-f]{64}")
 
 
 def canonical(truth: Mapping) -> str:
-    """The one text of a truth. Raises ValueError for what JSON cannot hold, NaN and infinity among it."""
+    """The one text of a truth.
+
+    Parameters
+    ----------
+    truth : mapping
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    ValueError
+        For what JSON cannot hold, NaN and infinity among it.
+    """
     return json.dumps(truth, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
 
 
 def sealed(truth: Mapping, salt: str) -> dict:
-    """The document that is kept shut: {"case", "salt", "truth"}.
+    """The document that is kept shut.
 
-    truth   with its `case`
-    salt    64 hexadecimal digits, drawn for this case alone
-    Raises ValueError for another salt.
+    Parameters
+    ----------
+    truth : mapping
+        With its `case`.
+    salt : str
+        64 hexadecimal digits, drawn for this case alone.
+
+    Returns
+    -------
+    dict
+        {"case", "salt", "truth"}.
+
+    Raises
+    ------
+    ValueError
+        For another salt.
     """
     if not SALT.fullmatch(salt):
         raise ValueError("a salt is 64 hexadecimal digits in lower case")
@@ -42,7 +69,23 @@ def digest(document: Mapping) -> str:
 
 
 def publish(documents: Iterable[Mapping]) -> dict[str, str]:
-    """What is published before any recording is made: {case: digest}. Raises ValueError for a case that comes twice."""
+    """What is published before any recording is made.
+
+    Parameters
+    ----------
+    documents : iterable of mapping
+        From `sealed`.
+
+    Returns
+    -------
+    dict of str to str
+        {case: digest}.
+
+    Raises
+    ------
+    ValueError
+        For a case that comes twice.
+    """
     seals: dict[str, str] = {}
     for document in documents:
         if document["case"] in seals:
@@ -52,8 +95,25 @@ def publish(documents: Iterable[Mapping]) -> dict[str, str]:
 
 
 def verdict_of(case: str, diagnosis: str | Path, other: str | Path | None = None) -> dict[str, str]:
-    """The document that binds a diagnosis before its seal is opened, and its table of agreement by another protocol, if
-    there is one. Raises InputError if there is no such file, or it was changed since it was written."""
+    """The document that binds a diagnosis before its seal is opened.
+
+    Parameters
+    ----------
+    case : str
+    diagnosis : str or Path
+        Of the case.
+    other : str or Path, optional
+        Its table of agreement by another protocol, if there is one, which is bound too.
+
+    Returns
+    -------
+    dict of str to str
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it was changed since it was written.
+    """
     for _, path in _bound(diagnosis, other):
         check_unchanged(path, "diagnose it again")
     return {"case": case} | {key: hashlib.sha256(_bytes(path)).hexdigest() for key, path in _bound(diagnosis, other)}
@@ -71,15 +131,42 @@ def write(document: Mapping, path: str | Path) -> None:
 
 
 def read(path: str | Path) -> dict:
-    """Read what `write` wrote. Raises InputError if it is missing or no JSON object."""
+    """Read what `write` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If it is missing or no JSON object.
+    """
     return _object(_bytes(path), path)
 
 
 def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
-    """The truth of a sealed document, checked against the published digests {case: digest}.
+    """The truth of a sealed document, checked against the published digests.
 
-    Raises InputError if the document is broken, of another case than its file's name, its case was not published, or
-    truth or salt are not those published.
+    Parameters
+    ----------
+    path : str or Path
+    seals : mapping of str to str
+        {case: digest}.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If the document is broken, of another case than its file's name, its case was not published, or truth or salt
+        are not those published.
     """
     document = read(path)
     try:
@@ -101,10 +188,22 @@ def open_seal(path: str | Path, seals: Mapping[str, str]) -> dict:
 
 
 def check_verdict(diagnosis: str | Path, verdict: str | Path, other: str | Path | None = None) -> dict:
-    """The diagnosis, checked, as its table by another protocol, against the digests that were taken before the seal was
-    opened.
+    """The diagnosis, checked against the digests that were taken before the seal was opened.
 
-    Raises InputError if one was changed since, came or went, or if a file is broken.
+    Parameters
+    ----------
+    diagnosis, verdict : str or Path
+    other : str or Path, optional
+        Its table by another protocol, which is checked too.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If one was changed since, came or went, or if a file is broken.
     """
     bound = read(verdict)
     if "diagnosis_sha256" not in bound or "case" not in bound:

@@ -38,7 +38,21 @@ def phantom_of(case: str) -> str:
 
 
 def views_of(kind: str, settings: Mapping) -> tuple[int, int]:
-    """Of the scans by PROTOCOLS. Images of few views are mostly streaks, which no two reconstructions share."""
+    """Views of the scans by PROTOCOLS.
+
+    Images of few views are mostly streaks, which no two reconstructions share.
+
+    Parameters
+    ----------
+    kind : str
+        Of case.KINDS.
+    settings : mapping
+        As `truths` takes them.
+
+    Returns
+    -------
+    tuple of 2 int
+    """
     times = settings["images"]["views_times"] if kind == "images" else 1
     return tuple(settings[one]["views"] * times for one in PROTOCOLS)
 
@@ -48,7 +62,19 @@ def _number(case: str) -> int:
 
 
 def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
-    """Raise InputError for names that are not under `diagnosis.recordings`, or are like those of cases."""
+    """Check the names of recordings that are shown beside the cases.
+
+    Parameters
+    ----------
+    names : sequence of str
+    diagnosed : collection of str
+        Names under `diagnosis.recordings`.
+
+    Raises
+    ------
+    InputError
+        For names that are not there, or are like those of cases.
+    """
     for name in names:
         if re.fullmatch(r"case_[0-9]+", name):
             raise InputError(f"proof.recordings: '{name}' is the name of a case; give the recording another one")
@@ -58,7 +84,13 @@ def check_recordings(names: Sequence[str], diagnosed: Collection[str]) -> None:
 
 
 def check_tried(settings: Mapping) -> None:
-    """Raise InputError for effects that are concealed in images and not tried there."""
+    """Check that what is concealed in images is tried there.
+
+    Raises
+    ------
+    InputError
+        For effects that are not.
+    """
     images = settings["images"]
     concealed = [KERNEL, *images["effects"]] if images["strengths"] or images["effects"] else []
     for name in concealed:
@@ -67,10 +99,18 @@ def check_tried(settings: Mapping) -> None:
 
 
 def truths(settings: Mapping) -> dict[str, dict]:
-    """{case: truth}, as seal.sealed takes them.
+    """What is concealed in each case.
 
-    settings   the section `proof` of the configuration: seed, effects, strengths, and how many cases of nothing, of
-               pairs and of unknown effects
+    Parameters
+    ----------
+    settings : mapping
+        The section `proof` of the configuration: seed, effects, strengths, and how many cases of nothing, of pairs and
+        of unknown effects.
+
+    Returns
+    -------
+    dict of str to dict
+        {case: truth}, as seal.sealed takes them.
     """
     plan = []
     for purpose, part in ((0, _plan(settings)), (2, _plan_of_images(settings))):
@@ -94,7 +134,22 @@ def scan_seed(seed: int, number: int) -> Stream:
 
 
 def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
-    """(category, strength, effect) of projections; effects of pairs are drawn later."""
+    """Category, strength and effect of cases of projections; effects of pairs are drawn later.
+
+    Parameters
+    ----------
+    settings : mapping
+        As `truths` takes them.
+
+    Returns
+    -------
+    list of tuple of (str, str or None, str or None)
+
+    Raises
+    ------
+    InputError
+        For effects that cannot be concealed.
+    """
     effects = settings.get("effects") or list(KNOWN)
     for name in effects:
         if name not in KNOWN:
@@ -107,8 +162,25 @@ def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
 
 
 def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
-    """As _plan. Other reconstructions than the library's have other kernels, so that each case conceals one, and a pair
-    is that and an effect."""
+    """As _plan, of images.
+
+    Other reconstructions than the library's have other kernels, so that each case conceals one, and a pair is that and
+    an effect.
+
+    Parameters
+    ----------
+    settings : mapping
+        As `truths` takes them.
+
+    Returns
+    -------
+    list of tuple of (str, str or None, str or None)
+
+    Raises
+    ------
+    InputError
+        For too few rows, and effects that cannot be concealed.
+    """
     wanted = settings["images"]
     if (wanted["strengths"] or wanted["effects"]) and settings["scan"]["rows"] < LEAST_ROWS:
         raise InputError(

@@ -1,7 +1,11 @@
-"""Scans by XCIST/CatSim (M. Wu et al., Phys. Med. Biol. 67, 194002, 2022), the simulator that the proof conceals with.
+"""Scans by XCIST/CatSim [1]_, the simulator that the proof conceals with.
 
-Its projector (distance-driven), cross-sections, spectra, scatter kernel, crosstalk, lag and noise are used as they
-are; what it lacks is made by `conceal.hooks`.
+Its projector (distance-driven), cross-sections, spectra, scatter kernel, crosstalk, lag and noise are used as they are;
+what it lacks is made by `conceal.hooks`.
+
+References
+----------
+.. [1] M. Wu et al., Phys. Med. Biol. 67, 194002, 2022.
 """
 
 from __future__ import annotations
@@ -43,13 +47,21 @@ IDLE = {
 
 @dataclass(frozen=True)
 class Scan:
-    """What XCIST is asked for.
+    """What XCIST is asked for: a flat detector on a circle, one turn from +y.
 
-    views ... row_pitch_mm   a flat detector on a circle, as ScanGeometry has them; one turn from +y
-    kev       energy of the monochromatic beam; ignored with a `kvp` among the settings
-    photons   noise-equivalent quanta per pixel in air, in the middle of the detector
-    rotation_ms   time of the turn
-    settings  {name: value} of what is concealed: those of IDLE, and the names that `_configured` reads
+    Attributes
+    ----------
+    views, columns, rows : int
+    column_pitch_mm, row_pitch_mm, source_to_isocentre_mm, source_to_detector_mm : float
+        As ScanGeometry has them, mm.
+    kev : float
+        Energy of the monochromatic beam, keV; ignored with a `kvp` among the settings.
+    photons : float
+        Noise-equivalent quanta per pixel in air, in the middle of the detector.
+    rotation_ms : float
+        Time of the turn, ms.
+    settings : dict
+        {name: value} of what is concealed: those of IDLE, and what this module, `readout` and `generate` read.
     """
 
     views: int
@@ -67,7 +79,13 @@ class Scan:
 
 @dataclass(frozen=True)
 class Acquired:
-    """readings [repeat, view, row, column] and air [row, column], in the detector's linear unit, float32."""
+    """What was read, in the detector's linear unit.
+
+    Attributes
+    ----------
+    readings : ndarray of float32, shape (repeats, views, rows, columns)
+    air : ndarray of float32, shape (rows, columns)
+    """
 
     readings: np.ndarray
     air: np.ndarray
@@ -77,8 +95,12 @@ class Acquired:
 class Materials:
     """An object for XCIST: volume fractions of its materials.
 
-    fractions   {material of XCIST: float32 [z, y, x]}, axes along the scanner frame
-    voxel_mm    edge in the plane, and height along z
+    Attributes
+    ----------
+    fractions : dict of str to ndarray of float32, shape (z, y, x)
+        By XCIST's name of the material, axes along the scanner frame.
+    voxel_mm : tuple of 2 float
+        Edge in the plane, and height along z, mm.
     """
 
     fractions: dict[str, np.ndarray]
@@ -117,7 +139,23 @@ def attenuation_per_mm(material: str, kev: float) -> float:
 
 
 def energy_of_water(mu_per_mm: float) -> float:
-    """Energy in keV at which XCIST's water attenuates so much. Raises InputError if there is none."""
+    """Energy at which XCIST's water attenuates so much.
+
+    Parameters
+    ----------
+    mu_per_mm : float
+        1/mm.
+
+    Returns
+    -------
+    float
+        keV.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
     most, least = (attenuation_per_mm("water", kev) for kev in ENERGIES_KEV)
     if not least <= mu_per_mm <= most:
         raise InputError(
@@ -128,7 +166,20 @@ def energy_of_water(mu_per_mm: float) -> float:
 
 
 def simulate(scan: Scan, materials: Materials, repeats: int, seed: Stream) -> Acquired:
-    """Scan an object, in a process of its own: XCIST's library keeps one scan's state."""
+    """Scan an object, in a process of its own: XCIST's library keeps one scan's state.
+
+    Parameters
+    ----------
+    scan : Scan
+    materials : Materials
+    repeats : int
+    seed : Stream
+        Of the noise.
+
+    Returns
+    -------
+    Acquired
+    """
     with get_context("fork").Pool(1) as pool:
         return pool.apply(_simulate, (scan, materials, repeats, seed))
 
@@ -155,7 +206,18 @@ def _simulate(scan, materials, repeats, seed):
 
 
 def central(values: np.ndarray, scan: Scan) -> float:
-    """Mean of values [column and row, column by column] over the detector's middle."""
+    """Mean over the detector's middle.
+
+    Parameters
+    ----------
+    values : ndarray, shape (columns * rows,)
+        Column by column.
+    scan : Scan
+
+    Returns
+    -------
+    float
+    """
     middle = values.reshape(scan.columns, scan.rows)[(scan.columns - 1) // 2 : scan.columns // 2 + 1]
     return float(middle[:, (scan.rows - 1) // 2 : scan.rows // 2 + 1].mean())
 

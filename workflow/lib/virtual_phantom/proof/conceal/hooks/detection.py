@@ -7,7 +7,16 @@ from gecatsim.pyfiles.Detection_EI import Detection_EI
 def detection(cfg, view, subview):
     """Add up a view's subviews, then let XCIST detect them once per repeat, each with its own noise and lag.
 
-    Readings are appended to `cfg.hooks.views` as [repeat, row, column].
+    Readings are appended to `cfg.hooks.views`, shape (repeats, rows, columns).
+
+    Parameters
+    ----------
+    cfg : gecatsim.CFG
+    view, subview : int
+
+    Returns
+    -------
+    gecatsim.CFG
     """
     hooks = cfg.hooks
     hooks.photons = cfg.thisSubView.copy() if subview == 0 else hooks.photons + cfg.thisSubView

@@ -6,11 +6,23 @@ from gecatsim.pyfiles.GetMu import GetMu
 
 
 def flux(cfg):
-    """XCIST's flux, times the heel, times 1 + c cos 2b + s sin 2b in the scan of the object: a monitor corrects that in
-    the mean.
+    """XCIST's flux, times the heel and the tube current.
 
-    The heel: electrons stop at a depth d in the tungsten, whose angle is t; a ray at the cone angle a then passes
-    d / sin(t + a) of it (J. Beutel et al., Handbook of Medical Imaging 1, chapter 1), relative to the central ray.
+    The heel: electrons stop at a depth d in the tungsten, whose angle is t; a ray at the cone angle a then passes d /
+    sin(t + a) of it [1]_, relative to the central ray. The current: 1 + c cos 2b + s sin 2b at the gantry's angle b, in
+    the scan of the object: a monitor corrects that in the mean.
+
+    Parameters
+    ----------
+    cfg : gecatsim.CFG
+
+    Returns
+    -------
+    gecatsim.CFG
+
+    References
+    ----------
+    .. [1] J. Beutel et al., Handbook of Medical Imaging 1, chapter 1.
     """
     cfg = Detection_Flux(cfg)
     hooks = cfg.hooks

@@ -8,6 +8,14 @@ def gantry(cfg):
     """XCIST's rotation, with a shifted detector, an axis beside the central ray, and an object that drifts.
 
     An object displaced by d is a source and a detector displaced by -d.
+
+    Parameters
+    ----------
+    cfg : gecatsim.CFG
+
+    Returns
+    -------
+    gecatsim.CFG
     """
     cfg = Gantry_Helical(cfg)
     hooks = cfg.hooks

@@ -13,7 +13,17 @@ from gecatsim.pyfiles.Detector_ThirdgenCurved import Detector_ThirdgenCurved
 
 
 def projector(cfg, view, subview):
-    """Multiply `cfg.thisSubView` [cell, energy] by the mean transmission over each cell."""
+    """Multiply `cfg.thisSubView`, shape (cells, energies), by the mean transmission over each cell.
+
+    Parameters
+    ----------
+    cfg : gecatsim.CFG
+    view, subview : int
+
+    Returns
+    -------
+    gecatsim.CFG
+    """
     divided = cfg.hooks.cells_divided
     if view == cfg.sim.startViewId and subview == 0:
         cfg.hooks.fine = _divided(cfg, divided)

@@ -10,6 +10,14 @@ def source(cfg):
     """XCIST's focal spot, and a share of off-focal radiation: electrons scattered back strike the anode elsewhere.
 
     They are taken to lie along the columns, with a Gaussian profile of the given full width at half maximum.
+
+    Parameters
+    ----------
+    cfg : gecatsim.CFG
+
+    Returns
+    -------
+    gecatsim.CFG
     """
     cfg = SetFocalspot(cfg)
     share, width = cfg.hooks.off_focal_share, cfg.hooks.off_focal_width_mm
