@@ -23,10 +23,19 @@ MEANING = (
 def summary(cases: Sequence[Case]) -> dict:
     """Medians over cases with one concealed effect of the library.
 
-    metrics      {metric: {n, before, after, floor, target, dukesim}}: those of |relative difference|, of features the
-                 shares; None where there are none
-    by_phantom   {phantom: {metric: {n, before, after, floor}}}
-    missing      cases without any number on another protocol
+    Parameters
+    ----------
+    cases : sequence of Case
+
+    Returns
+    -------
+    dict
+        Beside its meaning and the number of cases
+
+        * metrics: {metric: {n, before, after, floor, target, dukesim}}, those of |relative difference|, of features the
+          shares; None where there are none
+        * by_phantom: {phantom: {metric: {n, before, after, floor}}}
+        * missing: cases without any number on another protocol
     """
     singles = [case for case in cases if case.category == "single"]
     phantoms = sorted({case.truth["phantom"] for case in singles})

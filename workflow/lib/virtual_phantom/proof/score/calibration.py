@@ -47,10 +47,18 @@ MEANING = {
 
 
 def tables(cases: Sequence[Case]) -> dict:
-    """Reliability by what is stated: {table: [{stated, stated_at_least, came_true, kept}]}, with what each means.
+    """Reliability by what is stated.
 
-    first_named has came_true for the effect itself and for it or its stand-ins; with_lacking holds the same over all
-    cases, those among them that conceal an effect which the library lacks.
+    Parameters
+    ----------
+    cases : sequence of Case
+
+    Returns
+    -------
+    dict
+        {table: [{stated, stated_at_least, came_true, with_lacking, kept}]}, with what each means. with_lacking holds
+        came_true over all cases, those among them that conceal an effect which the library lacks. first_named has
+        came_true for the effect itself and, as or_stand_in, for it or its stand-ins.
     """
     return {
         "meaning": MEANING,

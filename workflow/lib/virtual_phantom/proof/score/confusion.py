@@ -36,6 +36,7 @@ def column_of(case: Case) -> str:
 
 
 def outcome(case: Case) -> str:
+    """One of OUTCOMES."""
     if case.right:
         return "right"
     return "stand-in" if case.category == "single" and case.first_or_stand_in_right else "wrong"
@@ -44,10 +45,19 @@ def outcome(case: Case) -> str:
 def matrix(cases: Sequence[Case]) -> dict:
     """Counts by row, column and strength.
 
-    rows, columns   names: effects of the library, in one order, then nothing; then rows of effects that the library
-                    lacks, and the column of differences without a name
-    counts          [row][column]
-    cells           those that are not empty: row, column, strength (None where there is none), count, outcomes
+    Parameters
+    ----------
+    cases : sequence of Case
+
+    Returns
+    -------
+    dict
+        Beside its meaning and the number of pairs_left_out
+
+        * rows, columns: names, effects of the library, in one order, then nothing; then rows of effects that the
+          library lacks, and the column of differences without a name
+        * counts: [row][column]
+        * cells: those that are not empty, by row, column, strength (None where there is none), count, outcomes
     """
     taken = [case for case in cases if case.category != "pair"]
     placed = [(row_of(case), column_of(case), case) for case in taken]

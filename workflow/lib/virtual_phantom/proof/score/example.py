@@ -18,11 +18,24 @@ SHOWN_FIRST = ("strong", "medium", "weak", None)
 
 
 def example(cases: Sequence[Case]) -> Case:
-    """A typical case: of those with one effect (else of all) that changes the mean, which maps show, of the largest
-    strength there is, the one whose excess removed is the median (the lower of two). Never the best one, and whether
-    it is right plays no part.
+    """A typical case.
 
-    Raises InputError if there are no cases.
+    Of those with one effect (else of all) that changes the mean, which maps show, of the largest strength there is, the
+    one whose excess removed is the median (the lower of two). Never the best one, and whether it is right plays no
+    part.
+
+    Parameters
+    ----------
+    cases : sequence of Case
+
+    Returns
+    -------
+    Case
+
+    Raises
+    ------
+    InputError
+        If there are no cases.
     """
     if not cases:
         raise InputError("proof: there are no cases; nothing can be scored")
@@ -42,9 +55,21 @@ def in_words(case: Case) -> tuple[str, str]:
 
 
 def residual_maps(folder: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Standardised residuals [down, across] before and after, from the maps of a diagnosis.
+    """Standardised residuals before and after, from the maps of a diagnosis.
 
-    Raises InputError if one is missing or no such map.
+    Parameters
+    ----------
+    folder : str or Path
+        Of the maps.
+
+    Returns
+    -------
+    before, after : ndarray, shape (down, across)
+
+    Raises
+    ------
+    InputError
+        If one is missing or no such map.
     """
     found = []
     for name in RESIDUAL_MAPS:

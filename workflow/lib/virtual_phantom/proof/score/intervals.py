@@ -9,9 +9,20 @@ from scipy.stats import binomtest
 
 
 def share(flags: Iterable[bool]) -> dict:
-    """How many are true: {"count", "n", "share", "ci95"}; share and interval None of none.
+    """How many are true.
 
-    ci95   Wilson's score interval (J. Am. Stat. Assoc. 22, 209, 1927), 95 %
+    Parameters
+    ----------
+    flags : iterable of bool
+
+    Returns
+    -------
+    dict
+        {"count", "n", "share", "ci95"}; share and ci95, Wilson's 95 % score interval [1]_, are None of none.
+
+    References
+    ----------
+    .. [1] Wilson, J. Am. Stat. Assoc. 22, 209, 1927.
     """
     flags = [bool(flag) for flag in flags]
     return share_of(sum(flags), len(flags))

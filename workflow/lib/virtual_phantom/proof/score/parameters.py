@@ -19,8 +19,15 @@ MEANING = (
 def errors(case: Case) -> list[dict]:
     """Parameters of a case whose truth is comparable, those of effects that were not named left out.
 
-    Each has effect, parameter, unit, concealed, fitted, ci95, relative_error (None of what changes nothing),
-    half_widths (None of an interval without width) and covered.
+    Parameters
+    ----------
+    case : Case
+
+    Returns
+    -------
+    list of dict
+        Each has case, effect, parameter, unit, concealed, fitted, ci95, relative_error (None of what changes nothing),
+        half_widths (None of an interval without width) and covered.
     """
     fitted = {effect["name"]: effect["parameters"] for effect in case.diagnosis["effects"]}
     neutral = {(name, one.name): one.neutral or 0.0 for name in fitted for one in load(name).parameters}

@@ -12,7 +12,21 @@ from ..conceal.case import complete
 
 
 def row(path: str | Path) -> dict:
-    """What a diagnosis.json says, in short. Raises InputError if it is broken."""
+    """What a diagnosis.json says, in short.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If it is broken.
+    """
     check_unchanged(path, "diagnose it again")
     found = complete(seal.read(path), path)
     return {
@@ -28,9 +42,22 @@ def row(path: str | Path) -> dict:
 
 
 def minutes(benchmarks: Sequence[str | Path], cores: int = 2) -> float | None:
-    """What jobs took by Snakemake's benchmarks, shared by so many cores, in minutes; None without any.
+    """What jobs took by Snakemake's benchmarks, shared by so many cores.
 
-    Raises InputError for a file that is none.
+    Parameters
+    ----------
+    benchmarks : sequence of str or Path
+    cores : int, optional
+
+    Returns
+    -------
+    float or None
+        Minutes; None without any.
+
+    Raises
+    ------
+    InputError
+        For a file that is none.
     """
     seconds = []
     for path in benchmarks:

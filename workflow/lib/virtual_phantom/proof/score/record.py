@@ -35,9 +35,23 @@ def counts_of(score: Mapping) -> dict[str, tuple[int, int]]:
 
 
 def add(path: str | Path, score: Mapping, state: str, note: str, unseen: bool = True) -> None:
-    """Add the entry of a score to the record at `path`, after those that are there.
+    """Add the entry of a score to a record, after those that are there.
 
-    Raises InputError if the record is broken or has the seed, or the score is none that says its seed.
+    Parameters
+    ----------
+    path : str or Path
+        Of the record.
+    score : mapping
+        Content of score.json.
+    state, note : str
+        As Entry has them.
+    unseen : bool, optional
+        As Entry has it.
+
+    Raises
+    ------
+    InputError
+        If the record is broken or has the seed, or the score is none that says its seed.
     """
     with refusing("the score: is none that the record could keep", KeyError, TypeError, advice="score the suite again"):
         entry = {

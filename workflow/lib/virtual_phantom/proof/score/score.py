@@ -52,10 +52,21 @@ def score(
 ) -> dict:
     """What score.json holds.
 
-    minutes   that its scans and diagnoses took over two cores; None: not measured
-    real      rows of real recordings (real.row)
-    suite     the section `proof` of the configuration; None: not known, and no entry of the record can be made of it
-    entries   of the record of the proof
+    Parameters
+    ----------
+    cases : sequence of Case
+    minutes : float, optional
+        That the suite's scans and diagnoses took over two cores; None: not measured.
+    real : sequence of dict, optional
+        Rows of real recordings (real.row).
+    suite : mapping, optional
+        The section `proof` of the configuration; None: not known, and no entry of the record can be made of it.
+    entries : sequence of Entry, optional
+        Of the record of the proof.
+
+    Returns
+    -------
+    dict
     """
     found = {
         "suite": dict(suite or {}),
@@ -75,6 +86,7 @@ def score(
 
 
 def counts(cases: Sequence[Case]) -> dict:
+    """How many cases there are: in all, by category, kind and phantom, and of one effect by strength."""
     singles = _of(cases, "single")
     return {
         "cases": len(cases),
@@ -88,8 +100,15 @@ def counts(cases: Sequence[Case]) -> dict:
 def effects(cases: Sequence[Case]) -> dict:
     """How many effects the library has, which the suite can and does conceal, and whose models make the recordings.
 
-    models   {model: {concealed, lacking}}: names of the effects that this suite conceals, those that the library has
-             and those that it lacks
+    Parameters
+    ----------
+    cases : sequence of Case
+
+    Returns
+    -------
+    dict
+        Among the rest, models, {model: {concealed, lacking}}: names of the effects that this suite conceals, those that
+        the library has and those that it lacks.
     """
     concealed = sorted({effect for case in cases for effect in case.concealed})
     return {
@@ -135,10 +154,19 @@ def accuracy(cases: Sequence[Case]) -> dict:
 def excess_removed(cases: Sequence[Case]) -> dict:
     """How much the named effects remove and what they leave, by group of cases.
 
-    in_library   one or two effects of the library; projections and images are the same by kind
-    lacking      an effect that the library lacks
-    right        something concealed, precisely that named
-    wrong        something named that was not concealed, whatever the case
+    Parameters
+    ----------
+    cases : sequence of Case
+
+    Returns
+    -------
+    dict
+        Beside its meanings
+
+        * in_library: one or two effects of the library; projections and images are the same by kind
+        * lacking: an effect that the library lacks
+        * right: something concealed, precisely that named
+        * wrong: something named that was not concealed, whatever the case
     """
     known = [case for case in cases if case.category in ("single", "pair")]
     groups = {

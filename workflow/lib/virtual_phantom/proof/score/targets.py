@@ -11,10 +11,20 @@ MINUTES = 90.0  # of the whole suite on two cores
 
 
 def targets(score: Mapping, minutes: float | None = None) -> list[dict]:
-    """Each as {name, what, value, target, sense, unit, n, ci95, reached}; value and reached None where nothing counts.
+    """Targets of the blind test, and what was reached of them.
 
-    score     what score.score has found so far
-    minutes   that its scans and diagnoses took over two cores; None: not measured
+    Parameters
+    ----------
+    score : mapping
+        What score.score has found so far.
+    minutes : float, optional
+        That the suite's scans and diagnoses took over two cores; None: not measured.
+
+    Returns
+    -------
+    list of dict
+        Each {name, what, value, target, sense, unit, n, ci95, reached}; value and reached are None where nothing
+        counts.
     """
     accuracy = score["accuracy"]
     stronger = accuracy["first"]["medium_or_strong"]
