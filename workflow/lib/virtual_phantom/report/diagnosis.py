@@ -19,7 +19,18 @@ PIXELS_ACROSS = 120  # of the map: more blocks than that hold too few rays to sh
 def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float, maps: tuple[np.ndarray, np.ndarray]) -> str:
     """The report as HTML.
 
-    maps   what `residual_maps` gave
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    prepared : Prepared
+    alpha : float
+        Below which a place's p is significant.
+    maps : tuple of 2 ndarray
+        From `residual_maps`.
+
+    Returns
+    -------
+    str
     """
     content = diagnosis.content
     after = {place.domain: place for place in diagnosis.after}
@@ -40,7 +51,17 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float, maps: tuple[np.
 
 
 def residual_maps(diagnosis: Diagnosis, prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:
-    """What the report shows: standardised residuals [down, across] of the data held out, before and after."""
+    """What the report shows: standardised residuals of the data held out, before and after.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    prepared : Prepared
+
+    Returns
+    -------
+    before, after : ndarray, shape (down, across)
+    """
     return tuple(_map(one.fit, prepared) for one in (diagnosis.choice.baseline, diagnosis.choice.chosen))
 
 

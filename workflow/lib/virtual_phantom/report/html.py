@@ -20,9 +20,20 @@ OTHER_COLOUR = "#D55E00"
 def render(template: str, filters: Mapping[str, Callable], *, strict: bool = True, **values) -> str:
     """A page or a part of one, of a template in `templates`.
 
-    filters   what the template calls, by name
-    strict    whether a name that nobody gave is an error, or empty
-    values    what the template names
+    Parameters
+    ----------
+    template : str
+        Its name.
+    filters : mapping of str to callable
+        What the template calls, by name.
+    strict : bool, optional
+        Whether a name that nobody gave is an error, or empty.
+    **values
+        What the template names.
+
+    Returns
+    -------
+    str
     """
     environment = Environment(
         loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined if strict else Undefined
@@ -34,8 +45,17 @@ def render(template: str, filters: Mapping[str, Callable], *, strict: bool = Tru
 def render_diagnosis(template: str, content: dict, **values) -> str:
     """A report of a diagnosis.
 
-    content   of diagnosis.json, `d` in the template
-    values    what else the template names; it has the filters number, within (an interval), chance and coverage
+    Parameters
+    ----------
+    template : str
+    content : dict
+        Of diagnosis.json, `d` in the template.
+    **values
+        What else the template names; it has the filters number, within (an interval), chance and coverage.
+
+    Returns
+    -------
+    str
     """
     filters = {"number": number, "within": _within, "chance": _chance, "coverage": _coverage}
     colour = COLOURS.get(content["verdict"], OTHER_COLOUR)

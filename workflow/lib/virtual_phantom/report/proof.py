@@ -17,10 +17,23 @@ from .html import COLOURS, OTHER_COLOUR, data_url, number, picture, render
 def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], reports: Mapping[str, str]) -> str:
     """The page as HTML.
 
-    score     what score.score found
-    maps      {case: standardised residuals [down, across] before and after}
-    reports   {case: its report, relative to the page}
-    Raises InputError for a case without maps.
+    Parameters
+    ----------
+    score : mapping
+        What score.score found.
+    maps : mapping of str to tuple of 2 ndarray, shape (down, across)
+        {case: standardised residuals before and after}.
+    reports : mapping of str to str
+        {case: its report, relative to the page}.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        For a case without maps.
     """
     for name in [*(case["case"] for case in score["cases"]), *(one["recording"] for one in score["recordings"])]:
         if name not in maps:

@@ -32,7 +32,18 @@ MOST_ROWS = 1000  # longer tables are linked to
 
 @dataclass(frozen=True)
 class Shown:
-    """A figure: its picture (PNG), section, title, and its caption's template with what it names."""
+    """A figure.
+
+    Attributes
+    ----------
+    path : Path
+        Its picture (PNG).
+    section, title : str
+    caption : Path
+        Its caption's template.
+    params, wildcards : mapping
+        What that names.
+    """
 
     path: Path
     section: str
@@ -51,10 +62,21 @@ def page(
 ) -> str:
     """The page as HTML.
 
-    tables    CSV files by title, in the order in which they are shown
-    embedded  pages (diagnoses) by title, to be shown inside
-    links     addresses beside the page by what they are called
-    config    the complete configuration
+    Parameters
+    ----------
+    figures : sequence of Shown
+    tables : mapping of str to Path
+        CSV files by title, in the order in which they are shown.
+    embedded : mapping of str to Path
+        Pages (diagnoses) by title, to be shown inside.
+    links : mapping of str to str
+        Addresses beside the page by what they are called.
+    config : mapping
+        The complete configuration.
+
+    Returns
+    -------
+    str
     """
     sections: dict[str, list] = {}
     for figure in figures:

@@ -27,8 +27,14 @@ MOST_ACROSS = 256  # larger slices are thinned before slices are left out
 class Reconstruction:
     """What a page shows of one protocol, HU on the phantom's grid.
 
-    one   a single scan
-    mean  the mean of `repeats` scans
+    Attributes
+    ----------
+    title : str
+    one : Volume
+        A single scan.
+    mean : Volume
+        The mean of `repeats` scans.
+    repeats : int
     """
 
     title: str
@@ -45,10 +51,24 @@ def page(
 ) -> str:
     """The page as HTML.
 
-    phantom          HU, the input
-    masks            ROIs, non-zero inside, [z, y, x] by name
-    reconstructions  by a short key
-    Raises InputError if a reconstruction is on another grid, or not finite.
+    Parameters
+    ----------
+    phantom : Volume
+        HU, the input.
+    masks : mapping of str to ndarray, shape (z, y, x)
+        ROIs by name, non-zero inside.
+    reconstructions : mapping of str to Reconstruction
+        By a short key.
+    subtitle : str
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        If a reconstruction is on another grid, or not finite.
     """
     volumes = {"input": phantom}
     for key, reconstruction in reconstructions.items():
@@ -85,7 +105,7 @@ def page(
 
 
 def thinning(shape: tuple[int, int, int], volumes: int) -> tuple[int, int, int]:
-    """Every how manieth voxel along z, y and x is kept, so that this many volumes of int16 fit into a page."""
+    """Steps along z, y and x at which voxels are kept, so that this many volumes of int16 fit into a page."""
     steps = [1, 1, 1]
     while 2 * volumes * np.prod([-(-n // step) for n, step in zip(shape, steps, strict=True)]) > MOST_BYTES:
         if max(shape[1] / steps[1], shape[2] / steps[2]) > MOST_ACROSS:
@@ -96,7 +116,23 @@ def thinning(shape: tuple[int, int, int], volumes: int) -> tuple[int, int, int]:
 
 
 def hu_to_show(volume: Volume, name: str) -> np.ndarray:
-    """Whole HU, int16 with the low byte first. Raises InputError naming the volume if it is not finite."""
+    """Whole HU, int16 with the low byte first.
+
+    Parameters
+    ----------
+    volume : Volume
+    name : str
+        What the message calls it.
+
+    Returns
+    -------
+    ndarray of int16, shape (z, y, x)
+
+    Raises
+    ------
+    InputError
+        If it is not finite.
+    """
     whole, _ = whole_hu(volume.array, f"viewer, {name}: holds values that are not finite; reconstruct it again")
     return whole.astype("<i2")
 
