@@ -1,28 +1,18 @@
 # Simulation and recordings side by side: matched noise, features, overlap.
-COMPARISONS = ANALYSES.get("comparison", {})
-MATCHED = [
-    noise for noise, level in PLAN.config["noise"]["levels"].items() if "meets" in level
-]
-
-
-wildcard_constraints:
-    comparison="[A-Za-z0-9_]+",
-
-
 rule recording_features:
     """Features of a recording in HU, one row per image and ROI."""
     input:
-        unpack(recording_inputs),
-        code=code("recording_features.py"),
+        unpack(lambda wildcards: context.recordings.inputs(wildcards.recording)),
+        code=context.code("recording_features.py"),
     output:
-        f"{RESULTS}/recordings/{{recording}}/features.csv",
+        context.file("recorded_features"),
     log:
-        f"{RESULTS}/logs/recording_features/{{recording}}.log",
+        context.log("recording_features/{recording}"),
     resources:
-        mem_mb=recording_megabytes,
+        mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
         runtime=120,
     params:
-        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
+        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
     script:
         "../scripts/recording_features.py"
 
@@ -31,20 +21,17 @@ rule match_noise:
     """The A of a noise level that is to meet a recording."""
     input:
         calibration=rules.noise_calibration.output[0],
-        recorded=lambda wildcards: "{}/recordings/{}/features.csv".format(
-            RESULTS,
-            PLAN.config["noise"]["levels"][wildcards.noise]["meets"]["recording"],
-        ),
-        code=code("match_noise.py"),
+        recorded=lambda wildcards: context.comparisons.met_features(wildcards.noise),
+        code=context.code("match_noise.py"),
     output:
-        f"{RESULTS}/noise/{{noise}}.json",
+        context.file("matched_level"),
     log:
-        f"{RESULTS}/logs/match_noise/{{noise}}.log",
+        context.log("match_noise/{noise}"),
     resources:
         mem_mb=1000,
         runtime=10,
     params:
-        meets=lambda wildcards: PLAN.config["noise"]["levels"][wildcards.noise]["meets"],
+        meets=lambda wildcards: context.comparisons.met(wildcards.noise),
     script:
         "../scripts/match_noise.py"
 
@@ -52,18 +39,13 @@ rule match_noise:
 rule matched_noise:
     """How well the matched levels meet their recordings."""
     input:
-        levels=level_files(*MATCHED),
+        levels=context.acquisitions.level_files(context.acquisitions.matched()),
         features=rules.merge_features.output[0],
-        code=code("matched_noise.py"),
+        code=context.code("matched_noise.py"),
     output:
-        report(
-            f"{RESULTS}/tables/matched_noise.csv",
-            caption="../report/matched_noise.rst",
-            category="Recordings",
-            labels={"table": "matched noise levels"},
-        ),
+        report(context.file("matched_noise"), **context.reported("matched_noise")),
     log:
-        f"{RESULTS}/logs/matched_noise.log",
+        context.log("matched_noise"),
     resources:
         mem_mb=1000,
         runtime=10,
@@ -75,31 +57,31 @@ rule compare:
     """Every feature and ROI of one protocol and noise level against a recording."""
     input:
         features=rules.merge_features.output[0],
-        recorded=lambda wildcards: "{}/recordings/{}/features.csv".format(
-            RESULTS, COMPARISONS[wildcards.comparison]["recording"]
-        ),
-        code=code("compare.py"),
+        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
+        code=context.code("compare.py"),
     output:
-        cells=f"{RESULTS}/tables/comparison_{{comparison}}.csv",
-        features=f"{RESULTS}/tables/comparison_{{comparison}}_features.csv",
-        families=f"{RESULTS}/tables/comparison_{{comparison}}_families.csv",
+        cells=context.file("comparison"),
+        features=context.file("comparison_features"),
+        families=context.file("comparison_families"),
     log:
-        f"{RESULTS}/logs/compare/{{comparison}}.log",
+        context.log("compare/{comparison}"),
     wildcard_constraints:
-        comparison="|".join(COMPARISONS) or "none",
+        comparison="|".join(context.comparisons.settings) or "none",
     resources:
         mem_mb=1500,
         runtime=15,
     params:
-        recording=lambda wildcards: COMPARISONS[wildcards.comparison]["recording"],
-        where=lambda wildcards: COMPARISONS[wildcards.comparison]["where"],
-        protocol=lambda wildcards: COMPARISONS[wildcards.comparison]["protocol"],
-        noise=lambda wildcards: COMPARISONS[wildcards.comparison]["noise"],
-        seeds=lambda wildcards: PLAN.repeats(
-            [COMPARISONS[wildcards.comparison]["noise"]]
+        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
+        protocol=lambda wildcards: context.comparisons.asked(
+            wildcards.comparison, "protocol"
         ),
-        rois=lambda wildcards: COMPARISONS[wildcards.comparison].get("rois"),
-        margin_sd=lambda wildcards: COMPARISONS[wildcards.comparison]["margin_sd"],
+        noise=lambda wildcards: context.comparisons.asked(wildcards.comparison, "noise"),
+        seeds=lambda wildcards: context.comparisons.repeats(wildcards.comparison),
+        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
+        margin_sd=lambda wildcards: context.comparisons.asked(
+            wildcards.comparison, "margin_sd"
+        ),
     script:
         "../scripts/compare.py"
 
@@ -109,21 +91,20 @@ rule figure_comparison:
     input:
         cells=rules.compare.output.cells,
         features=rules.compare.output.features,
-        code=code("figures/comparison.py"),
+        code=context.code("figures/comparison.py"),
     output:
         png=report(
-            f"{RESULTS}/figures/comparison_{{comparison}}.png",
-            caption="../report/comparison.rst",
-            category="Recordings",
-            labels={"figure": "comparison {comparison}"},
+            context.file("figure_comparison", ".png"),
+            **context.reported("figure_comparison"),
         ),
-        pdf=f"{RESULTS}/figures/comparison_{{comparison}}.pdf",
+        pdf=context.file("figure_comparison", ".pdf"),
     log:
-        f"{RESULTS}/logs/figure_comparison/{{comparison}}.log",
+        context.log("figure_comparison/{comparison}"),
     resources:
-        **FIGURE_RESOURCES,
+        mem_mb=2000,
+        runtime=10,
     params:
-        title=comparison_title,
+        title=lambda wildcards: context.comparisons.title(wildcards.comparison),
     script:
         "../scripts/figures/comparison.py"
 
@@ -131,38 +112,29 @@ rule figure_comparison:
 rule attribute:
     """Which property of the images explains that features miss a recording's."""
     input:
-        images=lambda wildcards: expand(
-            f"{RESULTS}/images/{{protocol}}/{{noise}}/seed{{seed}}.nii.gz",
-            protocol=COMPARISONS[wildcards.comparison]["protocol"],
-            noise=COMPARISONS[wildcards.comparison]["noise"],
-            seed=PLAN.seeds(COMPARISONS[wildcards.comparison]["noise"]),
-        ),
+        images=lambda wildcards: context.comparisons.images(wildcards.comparison),
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        recorded=lambda wildcards: "{}/recordings/{}/features.csv".format(
-            RESULTS, COMPARISONS[wildcards.comparison]["recording"]
-        ),
-        code=code("attribute.py"),
+        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
+        code=context.code("attribute.py"),
     output:
-        properties=f"{RESULTS}/tables/attribution_{{comparison}}.csv",
-        cells=f"{RESULTS}/tables/attribution_{{comparison}}_cells.csv",
+        properties=context.file("attribution"),
+        cells=context.file("attribution_cells"),
     log:
-        f"{RESULTS}/logs/attribute/{{comparison}}.log",
+        context.log("attribute/{comparison}"),
     wildcard_constraints:
-        comparison="|".join(COMPARISONS) or "none",
+        comparison="|".join(context.comparisons.settings) or "none",
     resources:
-        mem_mb=megabytes(volumes=60),
+        mem_mb=context.megabytes(volumes=60),
         runtime=60,
     params:
-        recording=lambda wildcards: COMPARISONS[wildcards.comparison]["recording"],
-        where=lambda wildcards: COMPARISONS[wildcards.comparison]["where"],
-        rois=lambda wildcards: COMPARISONS[wildcards.comparison].get("rois"),
-        margin_sd=lambda wildcards: COMPARISONS[wildcards.comparison]["margin_sd"],
-        voxel_mm=lambda wildcards: RECORDINGS[
-            COMPARISONS[wildcards.comparison]["recording"]
-        ]
-        .content["nominal"]
-        .get("voxel_mm"),
+        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
+        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
+        margin_sd=lambda wildcards: context.comparisons.asked(
+            wildcards.comparison, "margin_sd"
+        ),
+        voxel_mm=lambda wildcards: context.comparisons.voxel_mm(wildcards.comparison),
     script:
         "../scripts/attribute.py"
 
@@ -171,21 +143,20 @@ rule figure_attribution:
     """What each property explains, by family of features."""
     input:
         table=rules.attribute.output.properties,
-        code=code("figures/attribution.py"),
+        code=context.code("figures/attribution.py"),
     output:
         png=report(
-            f"{RESULTS}/figures/attribution_{{comparison}}.png",
-            caption="../report/attribution.rst",
-            category="Recordings",
-            labels={"figure": "attribution {comparison}"},
+            context.file("figure_attribution", ".png"),
+            **context.reported("figure_attribution"),
         ),
-        pdf=f"{RESULTS}/figures/attribution_{{comparison}}.pdf",
+        pdf=context.file("figure_attribution", ".pdf"),
     log:
-        f"{RESULTS}/logs/figure_attribution/{{comparison}}.log",
+        context.log("figure_attribution/{comparison}"),
     resources:
-        **FIGURE_RESOURCES,
+        mem_mb=2000,
+        runtime=10,
     params:
-        title=comparison_title,
+        title=lambda wildcards: context.comparisons.title(wildcards.comparison),
     script:
         "../scripts/figures/attribution.py"
 
@@ -193,51 +164,47 @@ rule figure_attribution:
 rule recording_scores:
     """Stability and discriminative power of a recording's features."""
     input:
-        files=lambda wildcards: [
-            str(path) for path in RECORDINGS[wildcards.recording].files
-        ],
-        code=code("recording_scores.py"),
+        files=lambda wildcards: context.recordings.sources(wildcards.recording),
+        code=context.code("recording_scores.py"),
     output:
-        f"{RESULTS}/recordings/{{recording}}/scores.csv",
+        context.file("scores"),
     log:
-        f"{RESULTS}/logs/recording_scores/{{recording}}.log",
+        context.log("recording_scores/{recording}"),
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
-        repeats=GROUPED["seeds"],
-        statistics=PLAN.config["statistics"],
+        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        repeats=context.selections.grouped["seeds"],
+        statistics=context.config["statistics"],
     script:
         "../scripts/recording_scores.py"
 
 
 use rule overlap as overlap_recording with:
     input:
-        features=f"{RESULTS}/features.csv",
-        scores=f"{RESULTS}/recordings/{{recording}}/scores.csv",
-        code=code("overlap.py"),
+        features=rules.merge_features.output[0],
+        scores=rules.recording_scores.output[0],
+        code=context.code("overlap.py"),
     output:
-        f"{RESULTS}/tables/overlap_{{recording}}.csv",
+        context.file("overlap_recording"),
     log:
-        f"{RESULTS}/logs/overlap/{{recording}}.log",
+        context.log("overlap/{recording}"),
     params:
-        **GROUPED,
-        statistics=PLAN.config["statistics"],
+        **context.selections.grouped,
+        statistics=context.config["statistics"],
         recording=lambda wildcards: wildcards.recording,
 
 
 use rule figure_overlap as figure_overlap_recording with:
     input:
-        table=f"{RESULTS}/tables/overlap_{{recording}}.csv",
-        code=code("figures/overlap.py"),
+        table=rules.overlap_recording.output[0],
+        code=context.code("figures/overlap.py"),
     output:
         png=report(
-            f"{RESULTS}/figures/overlap_{{recording}}.png",
-            caption="../report/overlap_recording.rst",
-            category="Recordings",
-            labels={"figure": "overlap with {recording}"},
+            context.file("figure_overlap_recording", ".png"),
+            **context.reported("figure_overlap_recording"),
         ),
-        pdf=f"{RESULTS}/figures/overlap_{{recording}}.pdf",
+        pdf=context.file("figure_overlap_recording", ".pdf"),
     log:
-        f"{RESULTS}/logs/figure_overlap/{{recording}}.log",
+        context.log("figure_overlap/{recording}"),

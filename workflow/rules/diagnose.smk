@@ -1,57 +1,19 @@
 # Where recordings and the simulator differ, and which physics explains it: one job per recording and candidate effect.
-from virtual_phantom.diagnosis.candidates import (
-    candidates,
-    check_accuracy,
-    check_kinds,
-)
-from virtual_phantom.recordings.scan import timed
-
-# How often the intervals that a diagnosis states held the truth in the proof.
-PROOF_RECORD = resource("proof_record.yaml")
-DIAGNOSED = PLAN.config["diagnosis"]["recordings"]
-# What every fit of a recording depends on: another list of effects redoes none.
-MODELLED = {
-    name: {
-        key: value
-        for key, value in settings.items()
-        if key not in ("effects", "physics_from")
-    }
-    for name, settings in DIAGNOSED.items()
-}
-try:
-    check_kinds(DIAGNOSED, RECORDINGS)
-    check_accuracy(PLAN.config["diagnosis"]["model_accuracy"])
-    CANDIDATES = {
-        name: (
-            []
-            if "physics_from" in settings
-            else candidates(
-                settings,
-                RECORDINGS[name].content["kind"],
-                timed(RECORDINGS[name].content),
-            )
-        )
-        for name, settings in DIAGNOSED.items()
-    }
-except InputError as error:
-    sys.exit(f"Error: {error}")
-
-
 rule diagnosis_alignment:
     """The simulator with nothing but alignment: what every effect is held against."""
     input:
-        unpack(diagnosis_inputs),
-        code=code("diagnose_candidate.py"),
+        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
+        code=context.code("diagnose_candidate.py"),
     output:
-        f"{RESULTS}/diagnosis/{{recording}}/alignment.json",
+        context.file("baseline"),
     log:
-        f"{RESULTS}/logs/diagnosis/{{recording}}/alignment.log",
+        context.log("diagnosis/{recording}/alignment"),
     resources:
-        mem_mb=diagnosis_megabytes,
+        mem_mb=lambda wildcards: context.diagnosis.megabytes(wildcards.recording),
         runtime=60,
-        gpu=diagnosis_gpu,
+        gpu=lambda wildcards: context.diagnosis.gpus(wildcards.recording),
     params:
-        model=diagnosis_model,
+        model=lambda wildcards: context.diagnosis.model(wildcards.recording),
         effect=None,
     script:
         "../scripts/diagnose_candidate.py"
@@ -59,57 +21,58 @@ rule diagnosis_alignment:
 
 use rule diagnosis_alignment as diagnosis_effect with:
     input:
-        unpack(diagnosis_inputs),
+        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
         baseline=rules.diagnosis_alignment.output[0],
-        effect=lambda wildcards: effect_code(wildcards.effect),
-        code=code("diagnose_candidate.py"),
+        effect=lambda wildcards: context.effect_code(wildcards.effect),
+        code=context.code("diagnose_candidate.py"),
     output:
-        f"{RESULTS}/diagnosis/{{recording}}/effects/{{effect}}.json",
+        context.file("candidate"),
     log:
-        f"{RESULTS}/logs/diagnosis/{{recording}}/{{effect}}.log",
+        context.log("diagnosis/{recording}/{effect}"),
     params:
-        model=diagnosis_model,
+        model=lambda wildcards: context.diagnosis.model(wildcards.recording),
         effect=lambda wildcards: wildcards.effect,
 
 
 rule diagnose:
     """Verdict, physics and report of one recording."""
     input:
-        unpack(diagnosis_inputs),
-        unpack(agreement_inputs),
-        unpack(physics_inputs),
+        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
+        unpack(lambda wildcards: context.diagnosis.regions(wildcards.recording)),
+        unpack(lambda wildcards: context.diagnosis.physics(wildcards.recording)),
         baseline=rules.diagnosis_alignment.output[0],
-        candidates=lambda wildcards: [
-            f"{RESULTS}/diagnosis/{wildcards.recording}/effects/{effect}.json"
-            for effect in CANDIDATES[wildcards.recording]
-        ],
-        effects=lambda wildcards: effect_code(*CANDIDATES[wildcards.recording]),
-        record=PROOF_RECORD,
-        code=code("diagnose.py"),
-    output:
-        diagnosis=f"{RESULTS}/diagnosis/{{recording}}/diagnosis.json",
-        physics=f"{RESULTS}/diagnosis/{{recording}}/physics.yaml",
-        report=report(
-            f"{RESULTS}/diagnosis/{{recording}}/report.html",
-            caption="../report/diagnosis.rst",
-            category="Diagnosis",
-            labels={"recording": "{recording}"},
+        candidates=lambda wildcards: context.diagnosis.candidate_files(
+            wildcards.recording
         ),
-        maps=directory(f"{RESULTS}/diagnosis/{{recording}}/maps"),
+        effects=lambda wildcards: context.effect_code(
+            *context.diagnosis.candidates[wildcards.recording]
+        ),
+        # How often the intervals that a diagnosis states held the truth in the proof.
+        record=context.resource("proof_record.yaml"),
+        code=context.code("diagnose.py"),
+    output:
+        diagnosis=context.file("diagnosis"),
+        physics=context.file("found_physics"),
+        report=report(
+            context.file("diagnosis_report"), **context.reported("diagnosis_report")
+        ),
+        maps=directory(context.file("diagnosis_maps")),
     log:
-        f"{RESULTS}/logs/diagnosis/{{recording}}/diagnose.log",
+        context.log("diagnosis/{recording}/diagnose"),
     wildcard_constraints:
-        recording="|".join(DIAGNOSED) or "none",
+        recording="|".join(context.diagnosis.settings) or "none",
     threads: 2
     resources:
-        mem_mb=diagnosis_megabytes,
+        mem_mb=lambda wildcards: context.diagnosis.megabytes(wildcards.recording),
         runtime=120,
-        gpu=diagnosis_gpu,
+        gpu=lambda wildcards: context.diagnosis.gpus(wildcards.recording),
     params:
-        model=diagnosis_model,
-        effects=lambda wildcards: CANDIDATES[wildcards.recording],
-        same_material=same_material,
-        accuracy=PLAN.config["diagnosis"]["model_accuracy"],
+        model=lambda wildcards: context.diagnosis.model(wildcards.recording),
+        effects=lambda wildcards: context.diagnosis.candidates[wildcards.recording],
+        same_material=lambda wildcards: context.diagnosis.same_material(
+            wildcards.recording
+        ),
+        accuracy=context.diagnosis.accuracy,
     script:
         "../scripts/diagnose.py"
 
@@ -117,8 +80,5 @@ rule diagnose:
 rule diagnosis:
     """Every recording and comparison under diagnosis."""
     input:
-        [
-            f"{RESULTS}/diagnosis/{name}/diagnosis.json"
-            for name in [*DIAGNOSED, *DIAGNOSED_COMPARISONS]
-        ],
+        context.diagnosis.all(),
     localrule: True

@@ -1,34 +1,27 @@
 # Where features of a recording and of the simulation differ, and which property of the images explains it.
-from virtual_phantom.physics.effect import image_effects
-
-DIAGNOSED_COMPARISONS = PLAN.config["diagnosis"]["comparisons"]
-
-
 rule diagnose_properties:
     """Features of the simulated images with one property changed at a time."""
     input:
-        images=compared_images,
+        images=lambda wildcards: context.comparisons.images(wildcards.comparison),
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        recorded=recorded_features,
-        effects=effect_code("photon_flux", *image_effects()),
-        code=code("diagnose_properties.py"),
+        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
+        effects=context.effect_code(*context.diagnosis.properties),
+        code=context.code("diagnose_properties.py"),
     output:
-        f"{RESULTS}/diagnosis/{{comparison}}/properties.csv",
+        context.file("properties"),
     log:
-        f"{RESULTS}/logs/diagnosis/{{comparison}}/properties.log",
+        context.log("diagnosis/{comparison}/properties"),
     wildcard_constraints:
-        comparison="|".join(DIAGNOSED_COMPARISONS) or "none",
+        comparison="|".join(context.diagnosis.comparisons) or "none",
     resources:
-        mem_mb=megabytes(volumes=60),
+        mem_mb=context.megabytes(volumes=60),
         runtime=60,
     params:
-        recording=comparison_of("recording"),
-        where=comparison_of("where"),
-        rois=comparison_of("rois"),
-        voxel_mm=lambda wildcards: recorded_content(wildcards)["nominal"].get(
-            "voxel_mm"
-        ),
+        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
+        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
+        voxel_mm=lambda wildcards: context.comparisons.voxel_mm(wildcards.comparison),
     script:
         "../scripts/diagnose_properties.py"
 
@@ -37,35 +30,32 @@ rule diagnose_features:
     """Verdict and report of one comparison with a recording's features."""
     input:
         properties=rules.diagnose_properties.output[0],
-        recorded=recorded_features,
-        image=lambda wildcards: compared_images(wildcards)[0],
-        code=code("diagnose_features.py"),
+        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
+        image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
+        code=context.code("diagnose_features.py"),
     output:
-        diagnosis=f"{RESULTS}/diagnosis/{{comparison}}/diagnosis.json",
-        physics=f"{RESULTS}/diagnosis/{{comparison}}/physics.yaml",
+        diagnosis=context.file("feature_diagnosis"),
+        physics=context.file("feature_physics"),
         report=report(
-            f"{RESULTS}/diagnosis/{{comparison}}/report.html",
-            caption="../report/diagnosis.rst",
-            category="Diagnosis",
-            labels={"recording": "{comparison}"},
+            context.file("feature_report"), **context.reported("feature_report")
         ),
-        maps=directory(f"{RESULTS}/diagnosis/{{comparison}}/maps"),
+        maps=directory(context.file("feature_maps")),
     log:
-        f"{RESULTS}/logs/diagnosis/{{comparison}}/diagnose.log",
+        context.log("diagnosis/{comparison}/diagnose"),
     wildcard_constraints:
-        comparison="|".join(DIAGNOSED_COMPARISONS) or "none",
+        comparison="|".join(context.diagnosis.comparisons) or "none",
     resources:
         mem_mb=1500,
         runtime=30,
     params:
-        recording=comparison_of("recording"),
-        where=comparison_of("where"),
-        rois=comparison_of("rois"),
-        dimensions=lambda wildcards: recorded_content(wildcards)
-        .get("features", {})
-        .get("dimensions", 3),
-        stored_offset_hu=lambda wildcards: recorded_content(wildcards)
-        .get("features", {})
-        .get("stored_offset_hu", 0),
+        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
+        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
+        dimensions=lambda wildcards: context.comparisons.dimensions(
+            wildcards.comparison
+        ),
+        stored_offset_hu=lambda wildcards: context.comparisons.stored_offset_hu(
+            wildcards.comparison
+        ),
     script:
         "../scripts/diagnose_features.py"

@@ -1,28 +1,27 @@
 # Simulated images for programs that read DICOM.
-try:
-    DICOM = dicom_images()
-except InputError as error:
-    sys.exit(f"Error: {error}")
+from virtual_phantom.study.context import or_exit
 
 
 rule dicom_series:
     """One image as a CT series, its ROIs as a SEG beside it."""
     input:
-        image=f"{RESULTS}/images/{{protocol}}/{{noise}}/seed{{seed}}.nii.gz",
+        image=context.file("image"),
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=code("dicom.py"),
+        code=context.code("dicom.py"),
     output:
-        series=directory(f"{RESULTS}/dicom/{{protocol}}/{{noise}}/seed{{seed}}/series"),
-        rois=f"{RESULTS}/dicom/{{protocol}}/{{noise}}/seed{{seed}}/rois.dcm",
+        series=directory(context.file("series")),
+        rois=context.file("segments"),
     log:
-        f"{RESULTS}/logs/dicom/{{protocol}}/{{noise}}/seed{{seed}}.log",
+        context.log("dicom/{protocol}/{noise}/seed{seed}"),
     resources:
-        mem_mb=megabytes(volumes=12),
+        mem_mb=context.megabytes(volumes=12),
         runtime=15,
     params:
-        scan=dicom_scan,
+        scan=lambda wildcards: context.pages.series(
+            wildcards.protocol, wildcards.noise, wildcards.seed
+        ),
     script:
         "../scripts/dicom.py"
 
@@ -30,5 +29,5 @@ rule dicom_series:
 rule dicom:
     """Images as DICOM series."""
     input:
-        exported,
+        or_exit(lambda wildcards: context.pages.exported_files()),
     localrule: True

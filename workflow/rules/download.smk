@@ -1,5 +1,8 @@
 # Published measurements, fetched where there is a network. docs/recordings.md and docs/your-own-phantom.md say what they
 # are.
+from virtual_phantom.study.context import or_exit
+
+
 storage published:
     provider="http",
     retries=1,
@@ -8,11 +11,15 @@ storage published:
 rule download_htc2022:
     """One sinogram of the Helsinki Tomography Challenge 2022 as a recording of projections."""
     input:
-        lambda wildcards: sinogram(wildcards.disc),
+        or_exit(
+            lambda wildcards: storage.published(
+                context.recordings.sinogram_online(wildcards.disc)
+            )
+        ),
     output:
-        directory(f"{RESULTS}/downloads/htc2022_{{disc}}"),
+        directory(context.file("sinogram")),
     log:
-        f"{RESULTS}/logs/download_htc2022/{{disc}}.log",
+        context.log("download_htc2022/{disc}"),
     wildcard_constraints:
         disc="solid_disc|t[a-d]",
     resources:
@@ -23,23 +30,27 @@ rule download_htc2022:
 
 
 # Without the rule, files that are here are the user's: nothing asks the web for them, and nothing deletes them.
-if ABSENT:
+if context.phantom.absent:
 
     rule download_abdomen_ct:
         """The CT and the regions of config/abdomen.yaml, or what is not here of them."""
         input:
-            files=abdomen_ct,
-            table=ABDOMEN_CT,
-            code=code("download.py"),
+            files=or_exit(
+                lambda wildcards: [
+                    storage.published(url) for url in context.phantom.absent_online()
+                ]
+            ),
+            table=context.phantom.table,
+            code=context.code("download.py"),
         output:
-            [file.path for file in ABSENT],
+            [file.path for file in context.phantom.absent],
         log:
-            f"{RESULTS}/logs/download_abdomen_ct.log",
+            context.log("download_abdomen_ct"),
         resources:
             mem_mb=1000,
             runtime=30,
         params:
-            sha256=[file.sha256 for file in ABSENT],
+            sha256=[file.sha256 for file in context.phantom.absent],
             key="downloads.abdomen_ct",
         script:
             "../scripts/download.py"

@@ -1,31 +1,21 @@
-PCA_TITLES = {
-    "sirt": "Iterative reconstruction (SIRT)",
-    "fbp": "Filtered back-projection (FBP)",
-    "multicentre": "Wider noise range (multi-centre)",
-}
-FIGURE_RESOURCES = {"mem_mb": 2000, "runtime": 10}
-
-
 rule figure_rois:
     input:
         image=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=code("figures/rois.py"),
+        code=context.code("figures/rois.py"),
     output:
         png=report(
-            f"{RESULTS}/figures/rois.png",
-            caption="../report/rois.rst",
-            category="Phantom",
-            labels={"figure": "regions of interest"},
+            context.file("figure_rois", ".png"), **context.reported("figure_rois")
         ),
-        pdf=f"{RESULTS}/figures/rois.pdf",
+        pdf=context.file("figure_rois", ".pdf"),
     log:
-        f"{RESULTS}/logs/figure_rois.log",
+        context.log("figure_rois"),
     group:
         "analyses"
     resources:
-        **FIGURE_RESOURCES,
+        mem_mb=2000,
+        runtime=10,
     script:
         "../scripts/figures/rois.py"
 
@@ -33,32 +23,27 @@ rule figure_rois:
 rule figure_scans:
     input:
         **{
-            algorithm: images(
-                ANALYSES["optimal"][algorithm], ANALYSES["optimal"]["noise"]
-            )[0]
-            for algorithm in ("fbp", "sirt")
-            if "optimal" in ANALYSES
+            algorithm: paths[0]
+            for algorithm, paths in context.selections.optimal_images().items()
         },
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=code("figures/scans.py"),
+        code=context.code("figures/scans.py"),
     output:
         png=report(
-            f"{RESULTS}/figures/scans.png",
-            caption="../report/scans.rst",
-            category="Phantom",
-            labels={"figure": "input, FBP and SIRT"},
+            context.file("figure_scans", ".png"), **context.reported("figure_scans")
         ),
-        pdf=f"{RESULTS}/figures/scans.pdf",
+        pdf=context.file("figure_scans", ".pdf"),
     log:
-        f"{RESULTS}/logs/figure_scans.log",
+        context.log("figure_scans"),
     group:
         "analyses"
     resources:
-        **FIGURE_RESOURCES,
+        mem_mb=2000,
+        runtime=10,
     params:
-        titles=scan_titles(),
+        titles=context.selections.scan_titles(),
     script:
         "../scripts/figures/scans.py"
 
@@ -66,28 +51,23 @@ rule figure_scans:
 rule figure_noise_calibration:
     input:
         table=rules.noise_calibration.output[0],
-        code=code("figures/noise_calibration.py"),
+        code=context.code("figures/noise_calibration.py"),
     output:
         png=report(
-            f"{RESULTS}/figures/noise_calibration.png",
-            caption="../report/noise_calibration.rst",
-            category="Noise",
-            labels={"figure": "noise calibration"},
+            context.file("figure_noise_calibration", ".png"),
+            **context.reported("figure_noise_calibration"),
         ),
-        pdf=f"{RESULTS}/figures/noise_calibration.pdf",
+        pdf=context.file("figure_noise_calibration", ".pdf"),
     log:
-        f"{RESULTS}/logs/figure_noise_calibration.log",
+        context.log("figure_noise_calibration"),
     group:
         "calibration"
     resources:
-        **FIGURE_RESOURCES,
+        mem_mb=2000,
+        runtime=10,
     params:
-        study_levels={
-            noise: PLAN.config["noise"]["levels"][noise]["A"]
-            for noise in [ANALYSES.get("stability", {}).get("noise")]
-            if "A" in PLAN.config["noise"]["levels"].get(noise, {})
-        },
-        measured=measured_noise(),
+        study_levels=context.selections.study_levels(),
+        measured=lambda wildcards: context.selections.measured_noise,
     script:
         "../scripts/figures/noise_calibration.py"
 
@@ -95,28 +75,27 @@ rule figure_noise_calibration:
 rule figure_stability_discrimination:
     input:
         table=rules.stability.output[0],
-        scores=resource("ct_phantom4radiomics_draws.csv"),
-        seeds=resource("default_study_seeds.csv"),
-        code=code("figures/stability_discrimination.py"),
+        scores=context.resource("ct_phantom4radiomics_draws.csv"),
+        seeds=context.resource("default_study_seeds.csv"),
+        code=context.code("figures/stability_discrimination.py"),
     output:
         png=report(
-            f"{RESULTS}/figures/stability_discrimination.png",
-            caption="../report/stability_discrimination.rst",
-            category="Stability",
-            labels={"figure": "stability and discriminative power"},
+            context.file("figure_stability_discrimination", ".png"),
+            **context.reported("figure_stability_discrimination"),
         ),
-        pdf=f"{RESULTS}/figures/stability_discrimination.pdf",
+        pdf=context.file("figure_stability_discrimination", ".pdf"),
     log:
-        f"{RESULTS}/logs/figure_stability_discrimination.log",
+        context.log("figure_stability_discrimination"),
     group:
         "analyses"
     resources:
-        **FIGURE_RESOURCES,
+        mem_mb=2000,
+        runtime=10,
     params:
-        threshold=PLAN.config["statistics"]["threshold"],
-        with_measured=PLAN.config["measured"]["overlay"],
-        seeds=GROUPED["seeds"],
-        settings=PLAN.scored_settings(),
+        threshold=context.config["statistics"]["threshold"],
+        with_measured=context.config["measured"]["overlay"],
+        seeds=context.selections.grouped["seeds"],
+        settings=context.plan.scored_settings(),
     script:
         "../scripts/figures/stability_discrimination.py"
 
@@ -124,48 +103,46 @@ rule figure_stability_discrimination:
 rule figure_overlap:
     input:
         table=rules.overlap.output[0],
-        code=code("figures/overlap.py"),
+        code=context.code("figures/overlap.py"),
     output:
         png=report(
-            f"{RESULTS}/figures/overlap.png",
-            caption="../report/overlap.rst",
-            category="Stability",
-            labels={"figure": "overlap with the measured phantom"},
+            context.file("figure_overlap", ".png"),
+            **context.reported("figure_overlap"),
         ),
-        pdf=f"{RESULTS}/figures/overlap.pdf",
+        pdf=context.file("figure_overlap", ".pdf"),
     log:
-        f"{RESULTS}/logs/figure_overlap.log",
+        context.log("figure_overlap"),
     group:
         "analyses"
     resources:
-        **FIGURE_RESOURCES,
+        mem_mb=2000,
+        runtime=10,
     script:
         "../scripts/figures/overlap.py"
 
 
-for name, title in PCA_TITLES.items():
+for name in context.selections.shown_components:
 
     rule:
         name:
             f"figure_pca_{name}"
         input:
-            table=f"{RESULTS}/tables/pca_{name}.csv",
-            code=code("figures/pca.py"),
+            table=context.file("pca", pca=name),
+            code=context.code("figures/pca.py"),
         output:
             png=report(
-                f"{RESULTS}/figures/pca_{name}.png",
-                caption=f"../report/pca_{name}.rst",
-                category="Principal components",
-                labels={"figure": title},
+                context.file(f"figure_pca_{name}", ".png"),
+                **context.reported(f"figure_pca_{name}"),
             ),
-            pdf=f"{RESULTS}/figures/pca_{name}.pdf",
+            pdf=context.file(f"figure_pca_{name}", ".pdf"),
         log:
-            f"{RESULTS}/logs/figure_pca_{name}.log",
+            context.log(f"figure_pca_{name}"),
         group:
             "analyses"
         resources:
-            **FIGURE_RESOURCES,
+            mem_mb=2000,
+            runtime=10,
         params:
-            title=title,
+            title=context.title(f"figure_pca_{name}"),
         script:
             "../scripts/figures/pca.py"

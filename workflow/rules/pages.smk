@@ -1,24 +1,25 @@
 # Pages for a browser, each in one file.
+from virtual_phantom.study.context import or_exit
+
+
 rule viewer_page:
     """Slices of the input, FBP, SIRT and what they differ by, to flip through."""
     input:
-        unpack(optimal_images),
+        unpack(or_exit(lambda wildcards: context.pages.viewed())),
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=code("viewer.py"),
+        code=context.code("viewer.py"),
     output:
-        f"{RESULTS}/viewer.html",
+        context.file("viewer"),
     log:
-        f"{RESULTS}/logs/viewer.log",
+        context.log("viewer"),
     resources:
-        mem_mb=megabytes(volumes=60),
+        mem_mb=context.megabytes(volumes=60),
         runtime=15,
     params:
-        titles=scan_titles(),
-        subtitle=lambda wildcards: "Noise level {noise}. Single scans are of seed 00.".format(
-            noise=ANALYSES["optimal"]["noise"]
-        ),
+        titles=context.selections.scan_titles(),
+        subtitle=lambda wildcards: context.pages.viewer_subtitle(),
     script:
         "../scripts/viewer.py"
 
@@ -29,54 +30,26 @@ rule viewer:
     localrule: True
 
 
-SECTIONS = {
-    "rois": ("Phantom", "Regions of interest"),
-    "scans": ("Phantom", "Input, FBP and SIRT"),
-    "noise_calibration": ("Noise", "Noise calibration"),
-    "stability_discrimination": ("Stability", "Stability and discriminative power"),
-    "overlap": ("Stability", "Overlap with the measured phantom"),
-}
-TABLES = {
-    "stable_features": "Stable features by measure",
-    "stability_measures": "Measures of stability",
-    "stability": "Stability and discriminative power by W",
-    "top_features": "Ten best features",
-    "overlap": "Overlap with the measured phantom",
-    "noise_calibration": "Noise calibration",
-    "matched_noise": "Matched noise levels",
-    "features": "All features",
-}
-
-
-REPORTED = [path for path in targets() if path.endswith(".png")]
-
-
-REPORTED_TABLES = sorted((f"{table}.csv" for table in tables()), key=place)
-
-
 rule study_report:
     """Figures, tables that sort and filter, diagnoses and provenance in one page."""
     input:
-        figures=REPORTED,
-        captions=[shown_figure(path)["caption"] for path in REPORTED],
-        tables=REPORTED_TABLES,
-        code=code("report_page.py"),
+        figures=context.pages.pictures(),
+        captions=context.pages.caption_files(),
+        tables=context.pages.tables(),
+        code=context.code("report_page.py"),
     output:
-        f"{RESULTS}/report.html",
+        context.file("report"),
     log:
-        f"{RESULTS}/logs/report_page.log",
+        context.log("report_page"),
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        figures=[shown_figure(path)["shown"] for path in REPORTED],
-        tables=[
-            TABLES.get(table_name(path), table_name(path).replace("_", " "))
-            for path in REPORTED_TABLES
-        ],
-        diagnoses=diagnoses_there(),
-        links={"Slices to flip through": "viewer.html"} if "optimal" in ANALYSES else {},
-        config=PLAN.config,
+        figures=lambda wildcards: context.pages.shown(),
+        tables=context.pages.table_titles(),
+        diagnoses=context.pages.diagnoses(),
+        links=context.pages.links(),
+        config=context.config,
     script:
         "../scripts/report_page.py"
 
@@ -84,5 +57,5 @@ rule study_report:
 rule report_page:
     input:
         rules.study_report.output[0],
-        rules.viewer_page.output[0] if "optimal" in ANALYSES else [],
+        rules.viewer_page.output[0] if context.selections.optimal_images() else [],
     localrule: True

@@ -1,24 +1,24 @@
 rule phantom:
     """The object that every scan sees, and its ROIs."""
     input:
-        sources=phantom_sources(),
-        code=code("phantom.py"),
+        sources=context.phantom.files(),
+        code=context.code("phantom.py"),
     output:
-        image=f"{RESULTS}/phantom/image.nii.gz",
-        fine=f"{RESULTS}/phantom/fine.nii.gz",
-        table=f"{RESULTS}/phantom/rois.csv",
-        rois=directory(f"{RESULTS}/phantom/rois"),
+        image=context.file("phantom_image"),
+        fine=context.file("phantom_fine"),
+        table=context.file("phantom_table"),
+        rois=directory(context.file("phantom_rois")),
     log:
-        f"{RESULTS}/logs/phantom.log",
+        context.log("phantom"),
     group:
         "preparation"
     resources:
-        mem_mb=megabytes(volumes=4, fine=6),
+        mem_mb=context.megabytes(volumes=4, fine=6),
         runtime=lambda wildcards, attempt: attempt
-        * minutes(RATES, "phantom", SIZES.phantom()),
+        * context.minutes("phantom", context.sizes.phantom()),
     params:
-        phantom=PLAN.config["phantom"],
-        grid=PLAN.config["grid"],
-        seed=PLAN.config["seed"],
+        phantom=context.config["phantom"],
+        grid=context.config["grid"],
+        seed=context.config["seed"],
     script:
         "../scripts/phantom.py"

@@ -2,23 +2,19 @@
 rule plan_files:
     """Jobs, core-hours and bytes of the study that is configured, from measured rates."""
     input:
-        rates=resource("rates.yaml"),
-        layout=(
-            present(layout_file())
-            if PLAN.config["phantom"]["source"] == "synthetic"
-            else []
-        ),
-        code=code("plan.py"),
+        rates=context.resource("rates.yaml"),
+        layout=context.phantom.layout_here(),
+        code=context.code("plan.py"),
     output:
-        table=f"{RESULTS}/plan.csv",
-        totals=f"{RESULTS}/plan.json",
-        text=f"{RESULTS}/plan.txt",
+        table=context.file("plan_table"),
+        totals=context.file("plan_totals"),
+        text=context.file("plan_text"),
     log:
-        f"{RESULTS}/logs/plan.log",
+        context.log("plan"),
     localrule: True
     params:
-        config=PLAN.config,
-        engine=ENGINE,
+        config=context.config,
+        engine=context.engine,
     script:
         "../scripts/plan.py"
 
@@ -28,7 +24,7 @@ rule plan:
     input:
         text=rules.plan_files.output.text,
     log:
-        f"{RESULTS}/logs/plan_printed.log",
+        context.log("plan_printed"),
     localrule: True
     script:
         "../scripts/show.py"

@@ -1,7 +1,8 @@
 """What is said while jobs run: virtual_phantom.study.progress in place of a block of lines for each job."""
 
-from virtual_phantom.study.costs.jobs import study_jobs
-from virtual_phantom.study.costs.rates import seconds
+import shutil
+import sys
+
 from virtual_phantom.study.progress.console import take_over
 from virtual_phantom.study.progress.time_left import Step
 
@@ -26,17 +27,6 @@ def steps():
     ]
 
 
-def expected_seconds():
-    """Seconds that each file of the study takes one core, of jobs with a measured rate."""
-    # Regions count for what is written only.
-    return {
-        f"{RESULTS}/{file}": takes
-        for job in study_jobs(PLAN, ENGINE, rois=0)
-        if (takes := seconds(job, RATES)) is not None
-        for file in job.outputs
-    }
-
-
 def say_less():
     """Once a run begins. Who asks for more words, or for none of how far it is, gets Snakemake's."""
     settings = workflow.output_settings
@@ -48,7 +38,24 @@ def say_less():
             workflow.logger_manager.logger,
             steps(),
             workflow.cores if workflow.local_exec else None,
-            expected_seconds,
-            f"{RESULTS}/logs",
+            context.expected_seconds,
+            context.log_folder,
             workflow.execution_settings.keep_going,
         )
+
+
+onstart:
+    # The default limit of 100 jobs per second makes the scheduler look for jobs once more in every second for each job
+    # that has finished: after some dozens it takes a core of its own. On one machine nothing has to be limited. There is
+    # no setting for that: a Snakefile cannot see the limit, and a longer span would keep Snakemake waiting at the end.
+    if workflow.local_exec:
+        workflow.scheduler.job_rate_limiter = None
+    # Without it the plugin would retry, wait, and end in a traceback of another command.
+    elif (
+        workflow.executor_plugin.name == "slurm" and shutil.which("sbatch") is None
+    ):
+        sys.exit(
+            "Error: --executor slurm: there is no sbatch here; run this where jobs can be submitted, or leave --profile "
+            "workflow/profiles/slurm out"
+        )
+    say_less()

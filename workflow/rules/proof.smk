@@ -1,92 +1,38 @@
 # The blind test: an independent simulator conceals physics, the diagnosis works, and only then are the seals opened.
-from virtual_phantom.diagnosis.candidates import candidates
-from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.proof.conceal.suite import (
-    PHANTOMS,
-    PROTOCOLS,
-    cases,
-    check_recordings,
-    check_tried,
-    kind_of,
-    phantom_of,
-    views_of,
-)
-
-PROOF = PLAN.config["proof"]
-# Callbacks that XCIST imports by name.
-HOOKS = sorted(
-    shipped(os.path.join(LIBRARY, "virtual_phantom/proof/conceal/hooks", name))
-    for name in os.listdir(os.path.join(LIBRARY, "virtual_phantom/proof/conceal/hooks"))
-    if name.endswith(".py")
-)
-try:
-    CASES = cases(PROOF)
-    check_tried(PROOF)
-    check_recordings(PROOF["recordings"], DIAGNOSED)
-except InputError as error:
-    sys.exit(f"Error: {error}")
-
-
-wildcard_constraints:
-    case="case_[0-9]+",
-    phantom="|".join(PHANTOMS),
-
-
-# By what cases are drawn, and by what they are scanned.
-DRAWN = (
-    parts_of(PROOF, "seed", "effects", "strengths", "none", "pairs", "unknown")
-    | {"images": parts_of(PROOF["images"], "strengths", "effects")}
-    | {"scan": parts_of(PROOF["scan"], "rows")}
-)
-SCANNED = parts_of(PROOF, "seed", "scan", "held_out_protocol")
-
-
 rule proof_phantom:
     """What is scanned, and, on voxels twice as large, what the diagnosis is told of it."""
     input:
-        layout=lambda wildcards: resource(OBJECTS[wildcards.phantom].layout),
-        code=code("proof_phantom.py"),
+        layout=lambda wildcards: context.proof.layout(wildcards.phantom),
+        code=context.code("proof_phantom.py"),
     output:
-        image=f"{RESULTS}/proof/phantoms/{{phantom}}/image.nii.gz",
-        fine=f"{RESULTS}/proof/phantoms/{{phantom}}/fine.nii.gz",
-        table=f"{RESULTS}/proof/phantoms/{{phantom}}/rois.csv",
-        rois=directory(f"{RESULTS}/proof/phantoms/{{phantom}}/rois"),
+        image=context.file("proof_image"),
+        fine=context.file("proof_fine"),
+        table=context.file("proof_table"),
+        rois=directory(context.file("proof_rois")),
     log:
-        f"{RESULTS}/logs/proof/phantom_{{phantom}}.log",
+        context.log("proof/phantom_{phantom}"),
     resources:
         mem_mb=2000,
         runtime=30,
     params:
-        scan=PROOF["scan"],
-        seed=PLAN.config["seed"],
+        scan=context.proof.settings["scan"],
+        seed=context.config["seed"],
     script:
         "../scripts/proof_phantom.py"
-
-
-PHOTONS = PROOF["scan"]["photons"]
-try:
-    TRIED = {
-        "projections": candidates({"nominal_photons": PHOTONS}),
-        "images": candidates(
-            {"nominal_photons": PHOTONS, "effects": PROOF["images"]["tried"]}, "images"
-        ),
-    }
-except InputError as error:
-    sys.exit(f"Error: {error}".replace("diagnosis.effects", "proof.images.tried"))
 
 
 rule proof_seal:
     """What is concealed in every case, drawn and sealed; the seals are published before anything is scanned."""
     input:
-        code=code("seal_proof.py"),
+        code=context.code("seal_proof.py"),
     output:
-        sealed=proof_cases("sealed/{case}.json"),
-        seals=f"{RESULTS}/proof/seals.json",
+        sealed=context.proof.all("sealed"),
+        seals=context.file("seals"),
     log:
-        f"{RESULTS}/logs/proof/seal.log",
+        context.log("proof/seal"),
     localrule: True
     params:
-        settings=DRAWN,
+        settings=context.proof.drawn,
     script:
         "../scripts/seal_proof.py"
 
@@ -94,28 +40,24 @@ rule proof_seal:
 rule proof_scan:
     """The recordings of one case."""
     input:
-        sealed=f"{RESULTS}/proof/sealed/{{case}}.json",
+        sealed=context.file("sealed"),
         seals=rules.proof_seal.output.seals,
-        fine=lambda wildcards: scanned_phantom(wildcards)["fine"],
-        code=code("conceal.py"),
-        hooks=HOOKS,
+        fine=lambda wildcards: context.proof.fine_phantom(wildcards.case),
+        code=context.code("conceal.py"),
+        hooks=context.hook_code(),
     output:
-        recording=directory(f"{RESULTS}/proof/recordings/{{case}}"),
-        other=directory(f"{RESULTS}/proof/held_out_protocol/{{case}}"),
+        recording=directory(context.file("proof_recording")),
+        other=directory(context.file("proof_held_out")),
     log:
-        f"{RESULTS}/logs/proof/scan_{{case}}.log",
+        context.log("proof/scan_{case}"),
     benchmark:
-        f"{RESULTS}/logs/proof/scan_{{case}}.benchmark.tsv"
+        context.benchmark("proof/scan_{case}")
     resources:
         mem_mb=2500,
         runtime=60,
     params:
-        settings=lambda wildcards: (
-            SCANNED | {"images": parts_of(PROOF["images"], "views_times")}
-            if kind_of(wildcards.case, PROOF) == "images"
-            else SCANNED
-        ),
-        mu_water_per_mm=PLAN.config["mu_water_per_mm"],
+        settings=lambda wildcards: context.proof.scanned(wildcards.case),
+        mu_water_per_mm=context.config["mu_water_per_mm"],
     script:
         "../scripts/conceal.py"
 
@@ -123,27 +65,29 @@ rule proof_scan:
 rule proof_diagnosis:
     """As the rules of diagnose.smk, in one job: it sees the recording and the known phantom, nothing else."""
     input:
-        unpack(known_phantom),
+        unpack(lambda wildcards: context.proof.known_phantom(wildcards.case)),
         recording=rules.proof_scan.output.recording,
-        effects=lambda wildcards: effect_code(*tried(wildcards)),
-        code=code("diagnose.py"),
+        effects=lambda wildcards: context.effect_code(
+            *context.proof.tried_on(wildcards.case)
+        ),
+        code=context.code("diagnose.py"),
     output:
-        diagnosis=f"{RESULTS}/proof/diagnosis/{{case}}/diagnosis.json",
-        physics=f"{RESULTS}/proof/diagnosis/{{case}}/physics.yaml",
-        report=f"{RESULTS}/proof/diagnosis/{{case}}/report.html",
-        maps=directory(f"{RESULTS}/proof/diagnosis/{{case}}/maps"),
+        diagnosis=context.file("proof_diagnosis"),
+        physics=context.file("proof_physics"),
+        report=context.file("proof_report"),
+        maps=directory(context.file("proof_maps")),
     log:
-        f"{RESULTS}/logs/proof/diagnosis_{{case}}.log",
+        context.log("proof/diagnosis_{case}"),
     benchmark:
-        f"{RESULTS}/logs/proof/diagnosis_{{case}}.benchmark.tsv"
+        context.benchmark("proof/diagnosis_{case}")
     resources:
         mem_mb=2500,
         runtime=60,
     params:
-        model=proof_model("recordings", "scan"),
-        effects=tried,
+        model=lambda wildcards: context.proof.model(wildcards.case),
+        effects=lambda wildcards: context.proof.tried_on(wildcards.case),
         same_material=True,
-        accuracy=PLAN.config["diagnosis"]["model_accuracy"],
+        accuracy=context.diagnosis.accuracy,
     script:
         "../scripts/diagnose.py"
 
@@ -151,22 +95,24 @@ rule proof_diagnosis:
 rule proof_elsewhere:
     """The physics found, held against the case's scan by another protocol."""
     input:
-        unpack(known_phantom),
+        unpack(lambda wildcards: context.proof.known_phantom(wildcards.case)),
         recording=rules.proof_scan.output.other,
         physics=rules.proof_diagnosis.output.diagnosis,
-        effects=lambda wildcards: effect_code(*tried(wildcards)),
-        code=code("agreement_elsewhere.py"),
+        effects=lambda wildcards: context.effect_code(
+            *context.proof.tried_on(wildcards.case)
+        ),
+        code=context.code("agreement_elsewhere.py"),
     output:
-        f"{RESULTS}/proof/diagnosis/{{case}}/held_out_protocol.json",
+        context.file("proof_elsewhere"),
     log:
-        f"{RESULTS}/logs/proof/elsewhere_{{case}}.log",
+        context.log("proof/elsewhere_{case}"),
     benchmark:
-        f"{RESULTS}/logs/proof/elsewhere_{{case}}.benchmark.tsv"
+        context.benchmark("proof/elsewhere_{case}")
     resources:
         mem_mb=2500,
         runtime=30,
     params:
-        model=proof_model("held_out_protocol", "held_out_protocol"),
+        model=lambda wildcards: context.proof.held_out_model(wildcards.case),
     script:
         "../scripts/agreement_elsewhere.py"
 
@@ -174,13 +120,13 @@ rule proof_elsewhere:
 rule proof_verdicts:
     """Every diagnosis, and how it did by another protocol, bound by hashes before any seal is opened."""
     input:
-        diagnoses=proof_cases("diagnosis/{case}/diagnosis.json"),
-        others=proof_cases("diagnosis/{case}/held_out_protocol.json"),
-        code=code("proof_verdicts.py"),
+        diagnoses=context.proof.all("proof_diagnosis"),
+        others=context.proof.all("proof_elsewhere"),
+        code=context.code("proof_verdicts.py"),
     output:
-        proof_cases("verdicts/{case}.json"),
+        context.proof.all("verdict"),
     log:
-        f"{RESULTS}/logs/proof/verdicts.log",
+        context.log("proof/verdicts"),
     localrule: True
     script:
         "../scripts/proof_verdicts.py"
@@ -192,41 +138,28 @@ rule proof_score:
         sealed=rules.proof_seal.output.sealed,
         seals=rules.proof_seal.output.seals,
         verdicts=rules.proof_verdicts.output,
-        diagnoses=proof_cases("diagnosis/{case}/diagnosis.json"),
-        others=proof_cases("diagnosis/{case}/held_out_protocol.json"),
-        maps=proof_cases("diagnosis/{case}/maps"),
-        times=[
-            f"{RESULTS}/logs/proof/{job}_{case}.benchmark.tsv"
-            for job in ("scan", "diagnosis", "elsewhere")
-            for case in CASES
-        ],
-        real=expand(
-            f"{RESULTS}/diagnosis/{{recording}}/diagnosis.json",
-            recording=PROOF["recordings"],
-        ),
-        real_maps=expand(
-            f"{RESULTS}/diagnosis/{{recording}}/maps", recording=PROOF["recordings"]
-        ),
-        record=PROOF_RECORD,
-        code=code("score_proof.py"),
+        diagnoses=context.proof.all("proof_diagnosis"),
+        others=context.proof.all("proof_elsewhere"),
+        maps=context.proof.all("proof_maps"),
+        times=context.proof.times(),
+        real=context.proof.real("diagnosis"),
+        real_maps=context.proof.real("diagnosis_maps"),
+        record=context.resource("proof_record.yaml"),
+        code=context.code("score_proof.py"),
     output:
-        score=f"{RESULTS}/proof/score.json",
-        page=report(
-            f"{RESULTS}/proof/score.html",
-            caption="../report/proof.rst",
-            category="Proof",
-        ),
-        confusion_png=f"{RESULTS}/proof/figures/confusion.png",
-        confusion_pdf=f"{RESULTS}/proof/figures/confusion.pdf",
-        example_png=f"{RESULTS}/proof/figures/before_after.png",
-        example_pdf=f"{RESULTS}/proof/figures/before_after.pdf",
+        score=context.file("score"),
+        page=report(context.file("score_page"), **context.reported("score_page")),
+        confusion_png=context.file("confusion", ".png"),
+        confusion_pdf=context.file("confusion", ".pdf"),
+        example_png=context.file("before_after", ".png"),
+        example_pdf=context.file("before_after", ".pdf"),
     log:
-        f"{RESULTS}/logs/proof/score.log",
+        context.log("proof/score"),
     resources:
         mem_mb=2000,
         runtime=20,
     params:
-        suite=PROOF,
+        suite=context.proof.settings,
     script:
         "../scripts/score_proof.py"
 

@@ -1,65 +1,68 @@
-BUNDLE_OF = {
-    (protocol, *one): bundle
-    for bundle, protocols in PLAN.bundles().items()
-    for protocol in protocols
-    for one in bundle
-}
-
-
 # One rule per distinct bundle of noise levels and seeds: all its images come out of one job.
-for number, (bundle, protocols) in enumerate(PLAN.bundles().items()):
+for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
 
     rule:
         name:
             f"reconstruct_{number}"
         input:
-            clean=lambda wildcards: f"{RESULTS}/projections/{PLAN.geometry_of(wildcards.protocol)}/clean.h5",
-            levels=level_files(*(noise for noise, _ in bundle)),
-            phantom=f"{RESULTS}/phantom/image.nii.gz",
-            kernels=f"{RESULTS}/logs/kernels/{len(bundle)}.txt",
-            effects=lambda wildcards: effect_code(*image_physics(wildcards)),
-            code=code("reconstruct.py"),
+            clean=lambda wildcards: context.file(
+                "clean", geometry=context.plan.geometry_of(wildcards.protocol)
+            ),
+            levels=context.acquisitions.level_files(noise for noise, _ in bundle),
+            phantom=rules.phantom.output.image,
+            kernels=context.file("kernels", lanes=len(bundle)),
+            effects=lambda wildcards: context.effect_code(
+                *context.acquisitions.image_physics(wildcards.protocol)
+            ),
+            code=context.code("reconstruct.py"),
         output:
             [
-                image_file(f"{RESULTS}/images/{{protocol}}/{noise}/seed{seed}.nii.gz")
+                (
+                    context.file("image", noise=noise, seed=seed)
+                    if context.config["keep_images"]
+                    else temp(context.file("image", noise=noise, seed=seed))
+                )
                 for noise, seed in bundle
             ],
         log:
-            f"{RESULTS}/logs/reconstruct/{{protocol}}_{number}.log",
+            context.log(f"reconstruct/{{protocol}}_{number}"),
         benchmark:
-            f"{RESULTS}/logs/reconstruct/{{protocol}}_{number}.benchmark.tsv"
+            context.benchmark(f"reconstruct/{{protocol}}_{number}")
         wildcard_constraints:
             protocol="|".join(protocols),
         group:
-            acquisition_group(bundle)
-        threads: PLAN.config["threads"]
+            context.acquisitions.group(bundle)
+        threads: context.config["threads"]
         resources:
-            mem_mb=lambda wildcards, bundle=bundle: megabytes(
+            mem_mb=lambda wildcards, bundle=bundle: context.megabytes(
                 volumes=6,
                 volume_lanes=len(bundle),
                 projections=2,
                 projection_lanes=len(bundle) + 4,
-                scan=PLAN.geometry_of(wildcards.protocol),
+                geometry=context.plan.geometry_of(wildcards.protocol),
             ),
             runtime=lambda wildcards, attempt, bundle=bundle: attempt
-            * minutes(RATES, *SIZES.reconstruction(wildcards.protocol, len(bundle))),
-            gpu=lambda wildcards: int(
-                ENGINE == "astra_cuda"
-                and PLAN.config["protocols"][wildcards.protocol]["algorithm"] == "sirt"
+            * context.minutes(
+                *context.sizes.reconstruction(wildcards.protocol, len(bundle))
+            ),
+            gpu=lambda wildcards: context.acquisitions.gpus(
+                wildcards.protocol, context.engine
             ),
         params:
-            **NOISE,
-            algorithm=lambda wildcards: PLAN.config["protocols"][wildcards.protocol][
-                "algorithm"
+            **context.acquisitions.noise,
+            algorithm=lambda wildcards: context.acquisitions.algorithm(
+                wildcards.protocol
+            ),
+            settings=lambda wildcards: context.acquisitions.settings(wildcards.protocol),
+            geometry=lambda wildcards: context.plan.geometry_of(wildcards.protocol),
+            acquisitions=[
+                context.acquisitions.one(noise, seed) for noise, seed in bundle
             ],
-            settings=lambda wildcards: PLAN.config["reconstruction"][
-                PLAN.config["protocols"][wildcards.protocol]["algorithm"]
-            ],
-            geometry=lambda wildcards: PLAN.geometry_of(wildcards.protocol),
-            acquisitions=[acquisition(noise, seed) for noise, seed in bundle],
-            physics=image_physics,
-            engine=ENGINE,
-            mu_water_per_mm=PLAN.config["mu_water_per_mm"],
-            zero_counts_as=PLAN.config["noise"]["zero_counts_as"],
+            physics=lambda wildcards: context.acquisitions.image_physics(
+                wildcards.protocol
+            ),
+            engine=context.engine,
+            mu_water_per_mm=context.config["mu_water_per_mm"],
+            zero_counts_as=context.config["noise"]["zero_counts_as"],
         script:
             "../scripts/reconstruct.py"

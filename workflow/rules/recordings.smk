@@ -1,35 +1,19 @@
-from virtual_phantom.recordings.document import read_document
-
-try:
-    RECORDINGS = {
-        name: read_document(folder)
-        for name, folder in PLAN.config["recordings"].items()
-    }
-except InputError as error:
-    sys.exit(f"Error: {error}")
-
-
-wildcard_constraints:
-    recording="[A-Za-z0-9_]+",
-
-
+# What others have measured: read, drawn, and aligned with the phantom.
 rule recording_summary:
     """Read and check one recording; what was found, what is known of the scan, what is missing."""
     input:
-        files=lambda wildcards: [
-            str(path) for path in RECORDINGS[wildcards.recording].files
-        ],
-        schema=shipped(SCHEMAS / "recording.schema.yaml"),
-        code=code("recording_summary.py"),
+        files=lambda wildcards: context.recordings.sources(wildcards.recording),
+        schema=context.schema("recording.schema.yaml"),
+        code=context.code("recording_summary.py"),
     output:
-        f"{RESULTS}/recordings/{{recording}}/summary.json",
+        context.file("summary"),
     log:
-        f"{RESULTS}/logs/recording_summary/{{recording}}.log",
+        context.log("recording_summary/{recording}"),
     resources:
-        mem_mb=recording_megabytes,
+        mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
         runtime=30,
     params:
-        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
+        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
     script:
         "../scripts/recording_summary.py"
 
@@ -37,25 +21,21 @@ rule recording_summary:
 rule figure_recording:
     """What a recording of projections or images looks like."""
     input:
-        files=lambda wildcards: [
-            str(path) for path in RECORDINGS[wildcards.recording].files
-        ],
-        code=code("figures/recording.py"),
+        files=lambda wildcards: context.recordings.sources(wildcards.recording),
+        code=context.code("figures/recording.py"),
     output:
         png=report(
-            f"{RESULTS}/figures/recording_{{recording}}.png",
-            caption="../report/recording.rst",
-            category="Recordings",
-            labels={"figure": "recording {recording}"},
+            context.file("figure_recording", ".png"),
+            **context.reported("figure_recording"),
         ),
-        pdf=f"{RESULTS}/figures/recording_{{recording}}.pdf",
+        pdf=context.file("figure_recording", ".pdf"),
     log:
-        f"{RESULTS}/logs/figure_recording/{{recording}}.log",
+        context.log("figure_recording/{recording}"),
     resources:
-        mem_mb=recording_megabytes,
+        mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
         runtime=30,
     params:
-        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
+        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
     script:
         "../scripts/figures/recording.py"
 
@@ -63,61 +43,44 @@ rule figure_recording:
 rule recordings:
     """All configured recordings in one table, printed."""
     input:
-        summaries=[f"{RESULTS}/recordings/{name}/summary.json" for name in RECORDINGS],
-        figures=[
-            figure(f"recording_{name}")
-            for name, document in RECORDINGS.items()
-            if document.content["kind"] != "features"
-        ],
-        code=code("recordings.py"),
+        summaries=context.recordings.summaries(),
+        figures=context.recordings.pictures(),
+        code=context.code("recordings.py"),
     output:
-        f"{RESULTS}/recordings/recordings.csv",
+        context.file("recordings"),
     log:
-        f"{RESULTS}/logs/recordings.log",
+        context.log("recordings"),
     localrule: True
     resources:
         mem_mb=500,
         runtime=5,
     params:
-        names=list(RECORDINGS),
+        names=context.recordings.names,
     script:
         "../scripts/recordings.py"
-
-
-ALIGNED = [
-    name
-    for name, document in RECORDINGS.items()
-    if document.content["kind"] == "images"
-]
 
 
 rule align_recording:
     """Where the phantom lies in a recording of images, and its ROIs on the recording's own grid."""
     input:
-        files=lambda wildcards: [
-            str(path) for path in RECORDINGS[wildcards.recording].files
-        ],
+        files=lambda wildcards: context.recordings.sources(wildcards.recording),
         phantom=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=code("align_recording.py"),
+        code=context.code("align_recording.py"),
     output:
-        alignment=f"{RESULTS}/recordings/{{recording}}/alignment.json",
-        image=f"{RESULTS}/recordings/{{recording}}/image.nii.gz",
-        table=f"{RESULTS}/recordings/{{recording}}/rois.csv",
-        rois=directory(f"{RESULTS}/recordings/{{recording}}/rois"),
+        alignment=context.file("alignment"),
+        image=context.file("recorded_image"),
+        table=context.file("recorded_table"),
+        rois=directory(context.file("recorded_rois")),
     log:
-        f"{RESULTS}/logs/align_recording/{{recording}}.log",
+        context.log("align_recording/{recording}"),
     resources:
-        # A few copies of an image and its mask, compressed on disk, and three levels of the phantom.
-        mem_mb=lambda wildcards: megabytes(volumes=12)
-        + 40
-        * max(path.stat().st_size for path in RECORDINGS[wildcards.recording].files)
-        // 10**6,
+        mem_mb=lambda wildcards: context.aligned_megabytes(wildcards.recording),
         runtime=120,
     params:
-        folder=lambda wildcards: str(RECORDINGS[wildcards.recording].folder),
-        phantom=PLAN.config["phantom"],
+        folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        phantom=context.config["phantom"],
     script:
         "../scripts/align_recording.py"
 
@@ -130,19 +93,18 @@ rule figure_alignment:
         rois=rules.align_recording.output.table,
         masks=rules.align_recording.output.rois,
         phantom=rules.phantom.output.image,
-        code=code("figures/alignment.py"),
+        code=context.code("figures/alignment.py"),
     output:
         png=report(
-            f"{RESULTS}/figures/alignment_{{recording}}.png",
-            caption="../report/alignment.rst",
-            category="Recordings",
-            labels={"figure": "alignment of {recording}"},
+            context.file("figure_alignment", ".png"),
+            **context.reported("figure_alignment"),
         ),
-        pdf=f"{RESULTS}/figures/alignment_{{recording}}.pdf",
+        pdf=context.file("figure_alignment", ".pdf"),
     log:
-        f"{RESULTS}/logs/figure_alignment/{{recording}}.log",
+        context.log("figure_alignment/{recording}"),
     resources:
-        **FIGURE_RESOURCES,
+        mem_mb=2000,
+        runtime=10,
     script:
         "../scripts/figures/alignment.py"
 
@@ -150,11 +112,5 @@ rule figure_alignment:
 rule alignment:
     """All configured recordings of images, aligned."""
     input:
-        [
-            [
-                f"{RESULTS}/recordings/{name}/alignment.json",
-                *figure(f"alignment_{name}"),
-            ]
-            for name in ALIGNED
-        ],
+        context.recordings.alignments(),
     localrule: True

@@ -1,19 +1,11 @@
-# What all acquisitions share.
-NOISE = {
-    "model": PLAN.config["noise"]["model"],
-    "draws": PLAN.config["noise"]["draws"],
-    "study_seed": PLAN.config["seed"],
-}
-
-
 rule compile_kernels:
     """Compile the kernels once for a number of realisations, so that no two jobs do it side by side."""
     input:
-        code=code("compile_kernels.py"),
+        code=context.code("compile_kernels.py"),
     output:
-        f"{RESULTS}/logs/kernels/{{lanes}}.txt",
+        context.file("kernels"),
     log:
-        f"{RESULTS}/logs/kernels/{{lanes}}.log",
+        context.log("kernels/{lanes}"),
     wildcard_constraints:
         lanes="[0-9]+",
     group:
@@ -32,34 +24,38 @@ rule project:
         image=rules.phantom.output.image,
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        kernels=f"{RESULTS}/logs/kernels/1.txt",
-        effects=lambda wildcards: effect_code(
-            *PLAN.geometry_settings(wildcards.geometry)["physics"]
+        kernels=context.file("kernels", lanes=1),
+        effects=lambda wildcards: context.effect_code(
+            *context.plan.geometry_settings(wildcards.geometry)["physics"]
         ),
-        code=code("project.py"),
+        code=context.code("project.py"),
     output:
-        f"{RESULTS}/projections/{{geometry}}/clean.h5",
+        context.file("clean"),
     log:
-        f"{RESULTS}/logs/project/{{geometry}}.log",
+        context.log("project/{geometry}"),
     benchmark:
-        f"{RESULTS}/logs/project/{{geometry}}.benchmark.tsv"
+        context.benchmark("project/{geometry}")
     group:
         "preparation"
-    threads: PLAN.config["threads"]
+    threads: context.config["threads"]
     resources:
-        mem_mb=lambda wildcards: megabytes(
+        mem_mb=lambda wildcards: context.megabytes(
             # Materials are volumes of their own, packed and not.
-            fine=9 if PLAN.geometry_settings(wildcards.geometry)["physics"] else 3,
+            fine=(
+                9
+                if context.plan.geometry_settings(wildcards.geometry)["physics"]
+                else 3
+            ),
             projections=8,
-            scan=wildcards.geometry,
+            geometry=wildcards.geometry,
         ),
         runtime=lambda wildcards, attempt: attempt
-        * minutes(RATES, *SIZES.projection(wildcards.geometry)),
+        * context.minutes(*context.sizes.projection(wildcards.geometry)),
     params:
-        geometry=lambda wildcards: PLAN.geometry_settings(wildcards.geometry),
-        mu_water_per_mm=PLAN.config["mu_water_per_mm"],
-        materials=PLAN.config["materials"],
-        sensor=PLAN.config["sensor"],
+        geometry=lambda wildcards: context.plan.geometry_settings(wildcards.geometry),
+        mu_water_per_mm=context.config["mu_water_per_mm"],
+        materials=context.config["materials"],
+        sensor=context.config["sensor"],
     script:
         "../scripts/project.py"
 
@@ -67,21 +63,25 @@ rule project:
 rule acquire:
     """One noisy acquisition as a file. Reconstruction draws the same counts itself; this is for keep_projections."""
     input:
-        clean=f"{RESULTS}/projections/{{geometry}}/clean.h5",
-        levels=lambda wildcards: level_files(wildcards.noise),
-        code=code("acquire.py"),
+        clean=context.file("clean"),
+        levels=lambda wildcards: context.acquisitions.level_files([wildcards.noise]),
+        code=context.code("acquire.py"),
     output:
-        f"{RESULTS}/projections/{{geometry}}/{{noise}}/seed{{seed}}.h5",
+        context.file("acquisition"),
     log:
-        f"{RESULTS}/logs/acquire/{{geometry}}/{{noise}}/seed{{seed}}.log",
+        context.log("acquire/{geometry}/{noise}/seed{seed}"),
     group:
         "projections"
     resources:
-        mem_mb=lambda wildcards: megabytes(projections=8, scan=wildcards.geometry),
+        mem_mb=lambda wildcards: context.megabytes(
+            projections=8, geometry=wildcards.geometry
+        ),
         runtime=lambda wildcards, attempt: attempt
-        * minutes(RATES, "acquire", SIZES.noise(wildcards.geometry)),
+        * context.minutes("acquire", context.sizes.noise(wildcards.geometry)),
     params:
-        **NOISE,
-        acquisition=lambda wildcards: acquisition(wildcards.noise, wildcards.seed),
+        **context.acquisitions.noise,
+        acquisition=lambda wildcards: context.acquisitions.one(
+            wildcards.noise, wildcards.seed
+        ),
     script:
         "../scripts/acquire.py"

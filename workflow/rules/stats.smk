@@ -1,30 +1,20 @@
-# The images whose features are compared between groups of protocols.
-GROUPED = {
-    "groups": PLAN.groups(),
-    "noise": ANALYSES.get("stability", {}).get("noise"),
-    "seeds": (
-        PLAN.repeats([ANALYSES["stability"]["noise"]]) if "stability" in ANALYSES else 0
-    ),
-}
-
-
 rule stability:
     """W over pairs of groups and pairs of classes, for every feature."""
     input:
-        features=f"{RESULTS}/features.csv",
-        code=code("stability.py"),
+        features=rules.merge_features.output[0],
+        code=context.code("stability.py"),
     output:
-        f"{RESULTS}/tables/stability.csv",
+        context.file("stability"),
     log:
-        f"{RESULTS}/logs/stability.log",
+        context.log("stability"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        **GROUPED,
-        statistics=PLAN.config["statistics"],
+        **context.selections.grouped,
+        statistics=context.config["statistics"],
     script:
         "../scripts/stability.py"
 
@@ -32,32 +22,27 @@ rule stability:
 rule stability_measures:
     """ICC, CCC and coefficients of variation beside W, and which features are stable by which."""
     input:
-        features=f"{RESULTS}/features.csv",
+        features=rules.merge_features.output[0],
         stability=rules.stability.output[0],
-        code=code("stability_measures.py"),
+        code=context.code("stability_measures.py"),
     output:
         measures=report(
-            f"{RESULTS}/tables/stability_measures.csv",
-            caption="../report/stability_measures.rst",
-            category="Stability",
-            labels={"table": "measures of stability"},
+            context.file("stability_measures"),
+            **context.reported("stability_measures"),
         ),
         features=report(
-            f"{RESULTS}/tables/stable_features.csv",
-            caption="../report/stability_measures.rst",
-            category="Stability",
-            labels={"table": "stable features by measure"},
+            context.file("stable_features"), **context.reported("stable_features")
         ),
     log:
-        f"{RESULTS}/logs/stability_measures.log",
+        context.log("stability_measures"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        **GROUPED,
-        cut_offs=ANALYSES.get("stability", {}).get("cut_offs"),
+        **context.selections.grouped,
+        cut_offs=context.selections.cut_offs,
     script:
         "../scripts/stability_measures.py"
 
@@ -66,26 +51,21 @@ rule top_features:
     """The ten best features beside the paper's."""
     input:
         stability=rules.stability.output[0],
-        published=resource("published_top_features.csv"),
-        scores=resource("ct_phantom4radiomics_draws.csv"),
-        code=code("top_features.py"),
+        published=context.resource("published_top_features.csv"),
+        scores=context.resource("ct_phantom4radiomics_draws.csv"),
+        code=context.code("top_features.py"),
     output:
-        report(
-            f"{RESULTS}/tables/top_features.csv",
-            caption="../report/top_features.rst",
-            category="Stability",
-            labels={"table": "ten best features"},
-        ),
+        report(context.file("top_features"), **context.reported("top_features")),
     log:
-        f"{RESULTS}/logs/top_features.log",
+        context.log("top_features"),
     group:
         "analyses"
     resources:
         mem_mb=1000,
         runtime=10,
     params:
-        seeds=GROUPED["seeds"],
-        with_measured=PLAN.config["measured"]["overlay"],
+        seeds=context.selections.grouped["seeds"],
+        with_measured=context.config["measured"]["overlay"],
     script:
         "../scripts/top_features.py"
 
@@ -93,21 +73,21 @@ rule top_features:
 rule overlap:
     """How many of the best features are also the measured phantom's best."""
     input:
-        features=f"{RESULTS}/features.csv",
-        scores=resource("ct_phantom4radiomics_draws.csv"),
-        code=code("overlap.py"),
+        features=rules.merge_features.output[0],
+        scores=context.resource("ct_phantom4radiomics_draws.csv"),
+        code=context.code("overlap.py"),
     output:
-        f"{RESULTS}/tables/overlap.csv",
+        context.file("overlap"),
     log:
-        f"{RESULTS}/logs/overlap.log",
+        context.log("overlap"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        **GROUPED,
-        statistics=PLAN.config["statistics"],
+        **context.selections.grouped,
+        statistics=context.config["statistics"],
         recording=None,
     script:
         "../scripts/overlap.py"
@@ -116,72 +96,54 @@ rule overlap:
 rule pca:
     """The first two principal components of all images and ROIs of a selection of protocols."""
     input:
-        features=f"{RESULTS}/features.csv",
-        measured=reference_tables,
-        code=code("pca.py"),
+        features=rules.merge_features.output[0],
+        measured=lambda wildcards: context.selections.reference_tables(wildcards.pca),
+        code=context.code("pca.py"),
     output:
-        table=f"{RESULTS}/tables/pca_{{pca}}.csv",
-        separability=f"{RESULTS}/tables/separability_{{pca}}.csv",
+        table=context.file("pca"),
+        separability=context.file("separability"),
     log:
-        f"{RESULTS}/logs/pca_{{pca}}.log",
+        context.log("pca_{pca}"),
     group:
         "analyses"
     resources:
         mem_mb=2000,
         runtime=15,
     params:
-        selection=lambda wildcards: {
-            "protocols": ANALYSES["pca"][wildcards.pca]["protocols"],
-            "noise": ANALYSES["pca"][wildcards.pca]["noise"],
-            "seeds": PLAN.repeats(ANALYSES["pca"][wildcards.pca]["noise"]),
-        },
-        pca=lambda wildcards: {
-            key: ANALYSES["pca"][wildcards.pca][key]
-            for key in ("fit_on", "standardise")
-        },
-        measured=PLAN.config["measured"],
-        recordings=lambda wildcards: ANALYSES["pca"][wildcards.pca]["recordings"],
+        selection=lambda wildcards: context.selections.components(wildcards.pca),
+        pca=lambda wildcards: context.selections.fitted(wildcards.pca),
+        measured=context.config["measured"],
+        recordings=lambda wildcards: context.selections.references(wildcards.pca),
         conditions=lambda wildcards: {
-            name: conditions_of(name)
-            for name in ANALYSES["pca"][wildcards.pca]["recordings"]
+            name: context.recordings.conditions(name)
+            for name in context.selections.references(wildcards.pca)
         },
     script:
         "../scripts/pca.py"
 
 
-CALIBRATION = [
-    {"protocol": protocol, "noise": noise, "seed": seed}
-    for protocol in ANALYSES.get("noise_calibration", {}).get("protocols", [])
-    for noise in ANALYSES["noise_calibration"]["noise"]
-    for seed in PLAN.seeds(noise)
-]
-
-
 rule noise_calibration:
     """Variance over repeats, averaged over voxels, against the noise level."""
     input:
-        images=[
-            f"{RESULTS}/images/{one['protocol']}/{one['noise']}/seed{one['seed']}.nii.gz"
-            for one in CALIBRATION
-        ],
+        images=context.selections.calibration_images(),
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
-        code=code("noise_calibration.py"),
+        code=context.code("noise_calibration.py"),
     output:
-        f"{RESULTS}/tables/noise_calibration.csv",
+        context.file("noise_calibration"),
     log:
-        f"{RESULTS}/logs/noise_calibration.log",
+        context.log("noise_calibration"),
     group:
         "calibration"
     resources:
-        mem_mb=megabytes(volumes=12),
+        mem_mb=context.megabytes(volumes=12),
         runtime=lambda wildcards, attempt: attempt
-        * minutes(RATES, "noise_calibration", SIZES.images(len(CALIBRATION))),
+        * context.minutes(
+            "noise_calibration",
+            context.sizes.images(len(context.selections.calibration)),
+        ),
     params:
-        acquisitions=[
-            {"protocol": one["protocol"], **acquisition(one["noise"], one["seed"])}
-            for one in CALIBRATION
-        ],
+        acquisitions=context.selections.calibration_acquisitions(),
     script:
         "../scripts/noise_calibration.py"
 
@@ -189,12 +151,12 @@ rule noise_calibration:
 rule parquet:
     """Every table as Parquet too."""
     input:
-        tables=[f"{table}.csv" for table in tables()],
-        code=code("parquet.py"),
+        tables=context.tables(),
+        code=context.code("parquet.py"),
     output:
-        [f"{table}.parquet" for table in tables()],
+        context.parquet_tables(),
     log:
-        f"{RESULTS}/logs/parquet.log",
+        context.log("parquet"),
     resources:
         mem_mb=2000,
         runtime=15,

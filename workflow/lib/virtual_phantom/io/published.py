@@ -66,3 +66,30 @@ def check_listed(path: str | Path, digest: str, table: str | Path, advice: str) 
     """
     if (found := sha256(path)) != digest:
         raise InputError(f"{path}: is not the file that {table} lists (SHA-256 {found}, not {digest}); {advice}")
+
+
+def reachable(url: str, advice: str) -> str:
+    """The address of a file on the web, which has been asked for.
+
+    Parameters
+    ----------
+    url, advice : str
+        The address, and what to do where there is no network.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        If the file cannot be fetched.
+    """
+    import requests  # as what fetches the file does, Snakemake's plugin
+
+    try:
+        requests.head(url, timeout=20, allow_redirects=True).raise_for_status()
+    except requests.RequestException as error:
+        reason = "no connection" if error.response is None else error.response.reason
+        raise InputError(f"{url} cannot be fetched ({reason}); {advice}") from None
+    return url

@@ -3,68 +3,118 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
+from .outputs import BY_NAME, Output
 from .plan import Plan
 
-AnalysisJob = tuple[str, str, tuple[str, ...], int]
+
+@dataclass(frozen=True)
+class AnalysisJob:
+    """One job.
+
+    Attributes
+    ----------
+    outputs : tuple of Output
+        What it makes, of one rule.
+    known : dict of str to str
+        The wildcards of all its files.
+    images : int
+        How many it reads.
+    """
+
+    outputs: tuple[Output, ...]
+    known: dict[str, str]
+    images: int = 0
+
+    @property
+    def rule(self) -> str:
+        """The rule that makes them."""
+        return self.outputs[0].rule
+
+    @property
+    def stage(self) -> str | None:
+        """What it is counted under in a plan."""
+        return self.outputs[0].stage
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Its files in results_dir."""
+        return tuple(path for output in self.outputs for path in output.paths(**self.known))
 
 
 def jobs(plan: Plan) -> Iterator[AnalysisJob]:
-    """(rule, stage, files in results_dir, images read) of every job that follows the features or stands beside them.
+    """Every job that follows the features or stands beside them.
 
     What reads recordings is of stage "recordings": how large they are is not in the configuration.
+
+    Parameters
+    ----------
+    plan : Plan
+
+    Yields
+    ------
+    AnalysisJob
     """
-    yield _figure("rois")
+    yield _job("figure_rois")
     analyses = plan.config["analyses"]
     if featured := plan.featured():
-        yield (
-            "merge_features",
-            "merge_features",
-            ("features.csv",),
-            sum(len(plan.seeds(noise)) for _, noise in featured),
-        )
+        yield _job("features", images=sum(len(plan.seeds(noise)) for _, noise in featured))
     if "optimal" in analyses:
-        yield _figure("scans")
+        yield _job("figure_scans")
     if "noise_calibration" in analyses:
         calibration = analyses["noise_calibration"]
         images = len(calibration["protocols"]) * sum(len(plan.seeds(noise)) for noise in calibration["noise"])
-        yield "noise_calibration", "noise_calibration", ("tables/noise_calibration.csv",), images
-        yield _figure("noise_calibration")
+        yield _job("noise_calibration", images=images)
+        yield _job("figure_noise_calibration")
     if "stability" in analyses:
         yield from _stability(plan)
     for name in analyses.get("pca", {}):
-        yield "pca", "tables", (f"tables/pca_{name}.csv", f"tables/separability_{name}.csv"), 0
-        yield _figure(f"pca_{name}")
+        yield _job("pca", "separability", pca=name)
+        yield _job(f"figure_pca_{name}")
     found = list(_compared(plan))
     yield from found
     if featured or "noise_calibration" in analyses or found:
-        yield "parquet", "parquet", ("features.parquet",), 0
+        yield _job("parquet", table="features")
 
 
-def _figure(name, rule=None, stage="figures") -> AnalysisJob:
-    return f"figure_{rule or name}", stage, (f"figures/{name}.png", f"figures/{name}.pdf"), 0
+def figures(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
+    """Every figure that the configuration asks for, with its wildcards."""
+    return [
+        (output, job.known) for job in jobs(plan) for output in job.outputs if output.pattern.startswith("figures/")
+    ]
 
 
-def _table(rule, name, stage="tables") -> AnalysisJob:
-    return rule, stage, (f"tables/{name}.csv",), 0
+def tables(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
+    """Every table that the configuration asks for, with its wildcards: features first."""
+    asked = _asked(plan)
+    features = [(output, known) for output, known in asked if output.name == "features"]
+    return features + [(output, known) for output, known in asked if output.pattern.startswith("tables/")]
 
 
-def _stability(plan):
-    yield _table("stability", "stability")
-    tables = ("tables/stability_measures.csv", "tables/stable_features.csv")
-    yield "stability_measures", "tables", tables, 0
-    yield _table("top_features", "top_features")
-    yield _figure("stability_discrimination")
+def _asked(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
+    return [(output, job.known) for job in jobs(plan) for output in job.outputs]
+
+
+def _job(*names: str, images: int = 0, **known: str) -> AnalysisJob:
+    return AnalysisJob(tuple(BY_NAME[name] for name in names), known, images)
+
+
+def _stability(plan: Plan) -> Iterator[AnalysisJob]:
+    yield _job("stability")
+    yield _job("stability_measures", "stable_features")
+    yield _job("top_features")
+    yield _job("figure_stability_discrimination")
     if plan.config["measured"]["overlay"]:
-        yield _table("overlap", "overlap")
-        yield _figure("overlap")
+        yield _job("overlap")
+        yield _job("figure_overlap")
     for name in plan.config["analyses"]["stability"]["recordings"]:
-        yield "recording_scores", "recordings", (f"recordings/{name}/scores.csv",), 0
-        yield _table("overlap_recording", f"overlap_{name}", "recordings")
-        yield _figure(f"overlap_{name}", "overlap_recording", "recordings")
+        yield _job("scores", recording=name)
+        yield _job("overlap_recording", recording=name)
+        yield _job("figure_overlap_recording", recording=name)
 
 
-def _compared(plan):
+def _compared(plan: Plan) -> Iterator[AnalysisJob]:
     """Everything that needs a recording's features."""
     config = plan.config
     analyses = config["analyses"]
@@ -73,17 +123,15 @@ def _compared(plan):
     read = {one["recording"] for one in (*matched.values(), *compared.values())}
     read |= {name for selection in analyses.get("pca", {}).values() for name in selection["recordings"]}
     for name in sorted(read):
-        yield "recording_features", "recordings", (f"recordings/{name}/features.csv",), 0
+        yield _job("recorded_features", recording=name)
     for name in matched:
-        yield "match_noise", "recordings", (f"noise/{name}.json",), 0
+        yield _job("matched_level", noise=name)
     if matched:
-        yield _table("matched_noise", "matched_noise", "recordings")
+        yield _job("matched_noise")
     for name, comparison in compared.items():
-        tables = tuple(f"tables/comparison_{name}{part}.csv" for part in ("", "_features", "_families"))
-        yield "compare", "recordings", tables, 0
-        yield _figure(f"comparison_{name}", "comparison", "recordings")
+        yield _job("comparison", "comparison_features", "comparison_families", comparison=name)
+        yield _job("figure_comparison", comparison=name)
         if comparison["attribute"]:
             images = len(plan.seeds(comparison["noise"]))
-            tables = tuple(f"tables/attribution_{name}{part}.csv" for part in ("", "_cells"))
-            yield "attribute", "recordings", tables, images
-            yield _figure(f"attribution_{name}", "attribution", "recordings")
+            yield _job("attribution", "attribution_cells", images=images, comparison=name)
+            yield _job("figure_attribution", comparison=name)

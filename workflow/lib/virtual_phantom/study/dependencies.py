@@ -1,11 +1,14 @@
-"""Which files of the library a script depends on: Snakemake does not follow imports."""
+"""Which files of the workflow and the library a job depends on: Snakemake does not follow imports."""
 
 from __future__ import annotations
 
 import ast
+import os
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+
+from ..base.data import RESOURCES
 
 LIBRARY = Path(__file__).resolve().parents[1]
 TEMPLATES = "templates"  # folder beside the modules that fill them in
@@ -13,10 +16,40 @@ TEMPLATES = "templates"  # folder beside the modules that fill them in
 WITHOUT_EFFECT = (("base", "errors"), ("study", "job"))
 
 
+def shipped(path: str | Path) -> str:
+    """A file of the workflow as an input of a job. Relative, so that a moved folder stays valid."""
+    return os.path.relpath(path)
+
+
+def resource(name: str) -> str:
+    """A table or a layout that comes with the library, as an input."""
+    return shipped(RESOURCES / name)
+
+
+def effect_code(*effects: str) -> list[str]:
+    """The files of effects and what is behind them, as inputs."""
+    files = {path for name in effects for path in files_behind(LIBRARY / "physics" / "effects" / f"{name}.py")}
+    return [shipped(path) for path in sorted(files)]
+
+
+def hook_code() -> list[str]:
+    """The files of the proof's callbacks, as inputs."""
+    return sorted(map(shipped, (LIBRARY / "proof" / "conceal" / "hooks").glob("*.py")))
+
+
 def files_behind(script: str | Path) -> list[Path]:
-    """The script and every file of the library that it imports, directly or not, sorted; also in functions.
+    """The script and every file of the library that it imports, directly or not; also in functions.
 
     With the templates of pages that lie beside them.
+
+    Parameters
+    ----------
+    script : str or Path
+
+    Returns
+    -------
+    list of Path
+        Sorted.
     """
     found: set[Path] = set()
     waiting = [Path(script).resolve()]

@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from .. import analyses
+from ..outputs import BY_NAME, Output
 from ..plan import Plan
 
 # Realisations that a step of the projector takes at once, whether there are as many or not (docs/speed.md).
@@ -53,11 +54,18 @@ def study_jobs(plan: Plan, engine: str, rois: int) -> list[Job]:
     sizes = Sizes(plan, engine)
     jobs = [_phantom(sizes), *_kernels(sizes), *_projections(sizes), *_reconstructions(sizes)]
     jobs += _extractions(sizes, rois)
-    for rule, stage, outputs, images in analyses.jobs(plan):
-        kind = "figures" if rule.startswith("figure_") else "tables"
-        writes = {"features": images * rois} if rule == "merge_features" else {kind: 1}
-        jobs.append(Job(rule, stage, outputs, sizes.images(images), writes))
+    for job in analyses.jobs(plan):
+        output = job.outputs[0]
+        files = job.images * rois if output.counted == "features" else 1
+        jobs.append(_job(output, job.files, sizes.images(job.images), files))
     return jobs
+
+
+def _job(
+    output: Output, files: tuple[str, ...], work: dict[str, float], amount: float = 0, stage: str | None = None
+) -> Job:
+    """A job by one of its outputs, which says its rule and what it is counted under."""
+    return Job(output.rule, stage or output.stage, files, work, {output.counted: amount} if output.counted else {})
 
 
 class Sizes:
@@ -112,44 +120,47 @@ class Sizes:
         return {"job": 1, "image": count, "image_voxel": count * self.voxels}
 
 
-def _phantom(sizes):
-    files = ("phantom/image.nii.gz", "phantom/fine.nii.gz", "phantom/rois.csv", "phantom/rois")
-    return Job("phantom", "phantom", files, sizes.phantom(), {"phantom": sizes.fine})
+def _phantom(sizes: Sizes) -> Job:
+    names = ("phantom_image", "phantom_fine", "phantom_table", "phantom_rois")
+    files = tuple(path for name in names for path in BY_NAME[name].paths())
+    return _job(BY_NAME["phantom_image"], files, sizes.phantom(), sizes.fine)
 
 
-def _kernels(sizes) -> Iterator[Job]:
+def _kernels(sizes: Sizes) -> Iterator[Job]:
+    output = BY_NAME["kernels"]
     for lanes in sorted({1, *map(len, sizes.plan.bundles())}):
-        yield Job("compile_kernels", "compile_kernels", (f"logs/kernels/{lanes}.txt",), {"job": 1})
+        yield _job(output, output.paths(lanes=lanes), {"job": 1})
 
 
-def _projections(sizes) -> Iterator[Job]:
-    plan = sizes.plan
+def _projections(sizes: Sizes) -> Iterator[Job]:
+    plan, clean, noisy = sizes.plan, BY_NAME["clean"], BY_NAME["acquisition"]
     wanted = plan.acquisitions()
     for geometry in sorted({plan.geometry_of(protocol) for protocol, _ in wanted}):
         stage, work = sizes.projection(geometry)
-        files = (f"projections/{geometry}/clean.h5",)
-        yield Job("project", stage, files, work, {"clean projections": sizes.rays(geometry)})
+        yield _job(clean, clean.paths(geometry=geometry), work, sizes.rays(geometry), stage)
     if not plan.config["keep_projections"]:
         return
     for geometry, noise in sorted({(plan.geometry_of(protocol), noise) for protocol, noise in wanted}):
         for seed in plan.seeds(noise):
-            file = f"projections/{geometry}/{noise}/seed{seed}.h5"
-            writes = {"noisy projections": sizes.rays(geometry)}
-            yield Job("acquire", "acquire", (file,), sizes.noise(geometry), writes)
+            files = noisy.paths(geometry=geometry, noise=noise, seed=seed)
+            yield _job(noisy, files, sizes.noise(geometry), sizes.rays(geometry))
 
 
-def _reconstructions(sizes) -> Iterator[Job]:
+def _reconstructions(sizes: Sizes) -> Iterator[Job]:
+    image = BY_NAME["image"]
     for bundle, protocols in sizes.plan.bundles().items():
         for protocol in protocols:
-            files = tuple(f"images/{protocol}/{noise}/seed{seed}.nii.gz" for noise, seed in bundle)
+            files = tuple(
+                path for noise, seed in bundle for path in image.paths(protocol=protocol, noise=noise, seed=seed)
+            )
             stage, work = sizes.reconstruction(protocol, len(bundle))
-            yield Job("reconstruct", stage, files, work, {"images": len(bundle) * sizes.voxels})
+            yield _job(image, files, work, len(bundle) * sizes.voxels, stage)
 
 
-def _extractions(sizes, rois) -> Iterator[Job]:
-    featured = sizes.plan.featured()
+def _extractions(sizes: Sizes, rois: int) -> Iterator[Job]:
+    table, featured = BY_NAME["image_features"], sizes.plan.featured()
     for batch, levels in sizes.plan.seed_batches().items():
         for protocol, noise in featured:
             if noise in levels:
-                files = tuple(f"features/{protocol}/{noise}/seed{seed}.csv" for seed in batch)
-                yield Job("extract", "extract", files, sizes.images(len(batch)), {"features": len(batch) * rois})
+                files = tuple(path for seed in batch for path in table.paths(protocol=protocol, noise=noise, seed=seed))
+                yield _job(table, files, sizes.images(len(batch)), len(batch) * rois)

@@ -1,0 +1,173 @@
+"""What the rules know of a configured study: no Snakemake, and nothing computed."""
+
+import copy
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.study.context import or_exit, read_context
+
+ROOT = Path(__file__).resolve().parents[2]
+DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text()) | {"engine": "cpu"}
+MEETS = {"recording": "scanner", "where": {"dose_mgy": 1}, "rois": ["cyst_1"], "protocol": "sirt_300"}
+
+
+def recorded(folder, name, kind, **more):
+    """A recording of which the paths alone are there."""
+    place = folder / name
+    place.mkdir()
+    (place / "repeat").write_bytes(bytes(3_000_000))
+    content = {"name": name, "kind": kind, "repeats": ["repeat"], **more}
+    (place / "recording.yaml").write_text(yaml.safe_dump(content))
+    return str(place)
+
+
+def context_of(**changes):
+    config = copy.deepcopy(DEFAULT)
+    for key, value in changes.items():
+        config[key] = {**config[key], **value} if isinstance(value, dict) and key in config else value
+    return read_context(config, ROOT / "workflow")
+
+
+@pytest.fixture
+def beside(tmp_path):
+    """The default study beside recordings, with a noise level that meets one of them."""
+    recordings = {"scanner": recorded(tmp_path, "scanner", "features"), "ct": recorded(tmp_path, "ct", "images")}
+    levels = DEFAULT["noise"]["levels"] | {"met": {"repeats": 3, "meets": MEETS}}
+    compared = {"recording": "scanner", "where": {"dose_mgy": 1, "kernel": "soft"}, "protocol": "fbp_150"}
+    asked = {"comparison": {"near": compared | {"noise": "dose10"}, "met": compared | {"noise": "met"}}}
+    return context_of(recordings=recordings, noise={"levels": levels}, analyses=asked)
+
+
+def test_all_that_a_configuration_asks_for():
+    targets = context_of(keep_projections=True, results_dir="r/").targets()
+    assert len(targets) == len(set(targets)) and all(path.startswith("r/") for path in targets)
+    assert {"r/figures/rois.png", "r/figures/pca_fbp.pdf", "r/tables/stability.csv", "r/features.parquet"} <= {*targets}
+    assert "r/projections/views150/dose10/seed09.h5" in targets
+    assert not [path for path in context_of().targets() if "projections" in path]
+
+
+def test_memory_is_that_of_the_arrays():
+    """Floats of four bytes, and 30 % more; 600 MB for Python."""
+    context = context_of(grid={"shape": [10, 100, 200], "oversampling": 3})
+    assert context.megabytes() == 600
+    assert context.megabytes(volumes=50, volume_lanes=20) == 600 + int(1.3 * 50 * 20 * 10 * 100 * 200 * 4 / 1e6)
+    assert context.megabytes(fine=9) == 600 + int(1.3 * 9 * 27 * 200_000 * 4 / 1e6)
+    scan = context.config["scan"]
+    pixels = 150 * scan["rows"] * scan["columns"]
+    assert context.megabytes(projections=8, geometry="views150") == int(600 + 1.3 * 8 * pixels * 4 / 1e6)
+
+
+def test_a_level_that_a_job_finds_is_waited_for(beside):
+    one, found = beside.acquisitions.one("dose10", "03"), beside.acquisitions.one("met", "03")
+    assert one == {"noise": "dose10", "noise_level": DEFAULT["noise"]["levels"]["dose10"]["A"], "seed": 3}
+    assert found["noise_level"] is None
+    assert beside.acquisitions.level_files(["dose10", "met", "met"]) == ["results/noise/met.json"]
+    groups = {noise: beside.acquisitions.group_of("fbp_150", noise, "00") for noise in ("dose10", "met")}
+    assert groups == {"dose10": "acquisitions", "met": "matched_acquisitions"}
+    assert beside.comparisons.met_features("met") == "results/recordings/scanner/features.csv"
+
+
+def test_recordings_ask_for_memory_by_their_largest_file(beside):
+    assert beside.recordings.megabytes("scanner") == 1036 and beside.recordings.image_megabytes("ct") == 120
+    inputs = beside.recordings.inputs("ct")
+    assert inputs["rois"] == "results/recordings/ct/rois.csv" and len(inputs["files"]) == 2
+    assert set(beside.recordings.inputs("scanner")) == {"files"}
+    assert beside.recordings.pictures() == ["results/figures/recording_ct.png", "results/figures/recording_ct.pdf"]
+
+
+def test_the_head_of_a_comparison_says_what_is_compared(beside):
+    title = "fbp_150, noise dose10, against scanner (dose_mgy 1, kernel soft)"
+    assert beside.comparisons.title("near") == title
+    shown = {one["title"]: one for one in beside.pages.shown()}
+    assert shown[title]["section"] == "Recordings" and shown[title]["wildcards"] == {"comparison": "near"}
+
+
+def test_the_report_has_figures_with_captions_and_tables_with_titles_first():
+    pages = context_of().pages
+    assert len(pages.pictures()) == len(pages.caption_files()) == len(pages.shown())
+    assert all(Path(path).exists() for path in pages.caption_files())
+    titles = dict(zip(pages.table_titles(), pages.tables(), strict=True))
+    assert list(titles)[:2] == ["Stable features by measure", "Measures of stability"]
+    assert list(titles)[-2:] == ["pca multicentre", "separability multicentre"]
+    assert titles["All features"] == "results/features.csv"
+    assert pages.diagnoses() == {} and pages.links() == {"Slices to flip through": "viewer.html"}
+
+
+def test_diagnoses_that_were_made_are_in_the_report(tmp_path):
+    recordings = {"bench": recorded(tmp_path, "bench", "features")}
+    compared = {"recording": "bench", "where": {}, "protocol": "fbp_150", "noise": "dose10"}
+    context = context_of(
+        results_dir=f"{tmp_path}/r",
+        recordings=recordings,
+        analyses={"comparison": {"one": compared, "two": compared}},
+        diagnosis={"comparisons": ["one", "two"]},
+    )
+    assert context.pages.diagnoses() == {}
+    page = tmp_path / "r" / "diagnosis" / "two" / "report.html"
+    page.parent.mkdir(parents=True)
+    page.touch()
+    assert list(context.pages.diagnoses()) == [str(page)]
+
+
+def test_images_to_export_are_those_of_the_figure_of_scans_or_those_named():
+    optimal = DEFAULT["analyses"]["optimal"]
+    assert context_of().pages.exported == [(optimal[name], optimal["noise"], "00") for name in ("fbp", "sirt")]
+    named = context_of(dicom={"images": ["fbp_150/dose10/seed03"]}).pages
+    folder = "results/dicom/fbp_150/dose10/seed03"
+    assert named.exported_files() == [f"{folder}/series", f"{folder}/rois.dcm"]
+    assert named.series("fbp_150", "dose10", "03")["label"] == "fbp_150 dose10 seed 03 (simulated)"
+    with pytest.raises(InputError, match="dicom.images names fbp_150/dose10/seed99, which no analysis asks for"):
+        context_of(dicom={"images": ["fbp_150/dose10/seed99"]})
+
+
+def test_a_case_is_modelled_by_its_own_protocol():
+    proof = context_of().proof
+    case, last = proof.cases[0], proof.cases[-1]  # of projections, and of images
+    model, held_out = proof.model(case), proof.held_out_model(case)
+    assert model["folder"] == f"results/proof/recordings/{case}" and model["protocol"] is None
+    assert held_out["folder"] == f"results/proof/held_out_protocol/{case}"
+    settings = proof.settings
+    assert held_out["settings"]["nominal_photons"] == settings["held_out_protocol"]["photons"]
+    times = settings["images"]["views_times"]
+    assert proof.model(last)["protocol"]["projections"] == settings["scan"]["views"] * times
+    assert "images" in proof.scanned(last) and "images" not in proof.scanned(case)
+    assert set(proof.tried_on(last)) == set(settings["images"]["tried"])
+
+
+def test_effects_that_are_tried_on_images_of_the_proof_are_told_by_their_key():
+    images = context_of().proof.settings["images"]
+    with pytest.raises(InputError, match="proof.images.tried: there is no effect 'glow'"):
+        context_of(proof={"images": images | {"tried": [*images["tried"], "glow"]}})
+
+
+def test_expected_seconds_are_those_of_the_study_s_files():
+    expected = context_of().expected_seconds()
+    assert all(seconds > 0 for seconds in expected.values())
+    assert "results/projections/views150/clean.h5" in expected and "results/features.csv" in expected
+
+
+def test_bad_input_ends_a_function_of_a_rule_with_one_line():
+    @or_exit
+    def asked(wildcards):
+        raise InputError(f"config: {wildcards} is missing; add it")
+
+    with pytest.raises(SystemExit, match="^Error: config: x is missing; add it$"):
+        asked("x")
+
+
+def test_making_the_context_loads_no_heavy_library():
+    """Every job of the workflow does it."""
+    code = (
+        "import sys, yaml; from pathlib import Path; from virtual_phantom.study.context import read_context; "
+        "read_context(yaml.safe_load(Path('config/config.yaml').read_text()), Path('workflow')).targets(); "
+        "print({'pandas', 'sklearn', 'radiomics', 'snakemake'} & set(sys.modules))"
+    )
+    environment = {"PYTHONPATH": str(ROOT / "workflow" / "lib")}
+    command = [sys.executable, "-c", code]
+    result = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "set()"

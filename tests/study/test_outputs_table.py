@@ -1,0 +1,40 @@
+"""The table of outputs: paths, and the page that is made of it. tests/workflow/test_outputs.py holds rules to it."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from virtual_phantom.study.outputs import BY_NAME, Files
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_what_is_not_known_stays_a_wildcard():
+    files = Files("a {b}/results")
+    assert files("image", noise="low") == "a {b}/results/images/{protocol}/low/seed{seed}.nii.gz"
+    assert files("image", protocol="p", noise="low", seed="07") == "a {b}/results/images/p/low/seed07.nii.gz"
+    assert files("figure_rois", ".pdf") == "a {b}/results/figures/rois.pdf"
+    assert files.log("project/{geometry}") == "a {b}/results/logs/project/{geometry}.log"
+    assert files.benchmark("project/{geometry}", geometry="g") == "a {b}/results/logs/project/g.benchmark.tsv"
+
+
+@pytest.mark.parametrize("name, suffix", [("figure_rois", ""), ("image", ".png"), ("imag", "")])
+def test_a_file_that_is_not_in_the_table_is_refused(name, suffix):
+    with pytest.raises(KeyError):
+        Files("r")(name, suffix)
+
+
+def test_a_caption_is_called_as_its_file_or_as_the_table_says():
+    assert BY_NAME["figure_scans"].caption_file() == "scans.rst"
+    assert BY_NAME["stable_features"].caption_file() == "stability_measures.rst"
+    for output in BY_NAME.values():
+        if output.section:
+            assert (ROOT / "workflow" / "report" / output.caption_file()).exists(), output.name
+
+
+def test_the_page_is_up_to_date():
+    spec = importlib.util.spec_from_file_location("files_table", ROOT / "docs" / "files_table.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.page() == (ROOT / "docs" / "files.md").read_text(), "run python docs/files_table.py"

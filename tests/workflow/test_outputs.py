@@ -1,0 +1,71 @@
+"""The table of outputs says what the rules make: no file more, none less, each by the rule that the table names."""
+
+import re
+from pathlib import PurePosixPath
+
+import pytest
+import yaml
+from test_workflow import IMPORTED, recorded
+from workflow_runs import snakemake
+
+from virtual_phantom.study.outputs import OUTPUTS, WILDCARD
+from virtual_phantom.study.progress.time_left import stage_of
+
+ALL = ("report_page", "viewer", "dicom", "plan", "recordings", "alignment", "diagnosis")
+
+
+def made(process):
+    """{(kind of rule, file)} of a dry run."""
+    assert process.returncode == 0, process.stderr[-2000:]
+    files, rule = set(), None
+    for line in map(str.strip, process.stdout.splitlines()):
+        if match := re.fullmatch(r"(?:local)?rule (\w+):", line):
+            rule = re.sub(r"^(reconstruct|extract)_.*", r"\1", match[1])
+        elif line.startswith("output: "):
+            files |= {(rule, file) for file in line.removeprefix("output: ").split(", ")}
+    return files
+
+
+def pattern(output, suffix):
+    """What its files match."""
+    parts = WILDCARD.split(output.pattern)
+    words = [re.escape(part) if place % 2 == 0 else ".+" for place, part in enumerate(parts)]
+    return re.compile("".join(words) + re.escape(suffix))
+
+
+PATTERNS = [(one, suffix, pattern(one, suffix)) for one in OUTPUTS for suffix in one.suffixes]
+
+
+@pytest.fixture(scope="module")
+def planned_files(tmp_path_factory):
+    """What three studies make together: the default one, the proof, and one beside recordings of every kind."""
+    folder = tmp_path_factory.mktemp("outputs")
+    overlay = {"results_dir": "r", "keep_projections": True}
+    names = {name: kind for kinds in IMPORTED.values() for name, kind in kinds.items()} | {"scanner": "images"}
+    overlay["recordings"] = {name: str(recorded(folder / name, kind)) for name, kind in names.items()}
+    overlay["diagnosis"] = {"recordings": {"solid_disc": {"disc": {"diameter_mm": 70, "material": "pmma"}}}}
+    (folder / "overlay.yaml").write_text(yaml.safe_dump(overlay))
+    settings = ("--configfile", "config/recordings.yaml", folder / "overlay.yaml")
+    beside = made(snakemake("all", *ALL, "-n", "--forceall", *settings))
+    alone = made(snakemake("all", "proof", "-n", "--forceall", "--config", "results_dir=r"))
+    return {(rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in beside | alone}
+
+
+def test_every_file_of_a_rule_is_in_the_table(planned_files):
+    assert len(planned_files) > 700
+    for rule, file in planned_files:
+        rules = {one.rule for one, _, files in PATTERNS if files.fullmatch(file)}
+        assert rule in rules, (rule, file, rules)
+
+
+def test_every_row_of_the_table_is_made_by_its_rule(planned_files):
+    for one, suffix, files in PATTERNS:
+        found = [file for rule, file in planned_files if rule == one.rule and files.fullmatch(file)]
+        # Sinograms are fetched where there is a network (test_download.py).
+        assert found or one.rule == "download_htc2022", (one.name, suffix)
+
+
+def test_rows_tell_files_apart():
+    assert len({one.name for one in OUTPUTS}) == len(OUTPUTS)
+    assert len({(one.rule, one.pattern) for one in OUTPUTS}) == len(OUTPUTS)
+    assert all(stage_of(one.rule) in (one.rule, "figures") for one in OUTPUTS)

@@ -1,0 +1,290 @@
+"""All that the rules of the workflow know of the study that is configured: one object."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import wraps
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+from ..base.data import RESOURCES, SCHEMAS
+from ..base.errors import InputError
+from ..io.files import check_unchanged
+from ..io.schema import SCHEMA
+from ..projectors import choose_engine
+from . import analyses
+from .acquisitions import Acquisitions
+from .config import check
+from .costs.jobs import Sizes, study_jobs
+from .costs.limits import minutes
+from .costs.rates import read_rates, seconds
+from .dependencies import effect_code, files_behind, hook_code, resource, shipped
+from .diagnosed import Diagnosis
+from .outputs import BY_NAME, Files
+from .pages import Pages
+from .phantom_sources import PhantomSources
+from .plan import Plan
+from .proof import Proof
+from .recorded import Comparisons, Recordings
+from .selections import Selections
+
+# What Snakemake's report calls what lies in a folder of the results.
+LABELS = {"figures": "figure", "tables": "table", "diagnosis": "recording", "proof": "recording"}
+
+P, T = ParamSpec("P"), TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Context:
+    """A study as its rules see it. What takes wildcards takes them by name, as text.
+
+    Attributes
+    ----------
+    folder : Path
+        Where rules, scripts and captions lie.
+    plan : Plan
+    engine : str
+        What projects (projectors.choose_engine).
+    rates : mapping
+        Measured costs (costs.rates).
+    files : Files
+    sizes : Sizes
+    phantom : PhantomSources
+    acquisitions : Acquisitions
+    selections : Selections
+    recordings : Recordings
+    comparisons : Comparisons
+    diagnosis : Diagnosis
+    proof : Proof
+    pages : Pages
+    """
+
+    folder: Path
+    plan: Plan
+    engine: str
+    rates: Mapping
+    files: Files
+    sizes: Sizes
+    phantom: PhantomSources
+    acquisitions: Acquisitions
+    selections: Selections
+    recordings: Recordings
+    comparisons: Comparisons
+    diagnosis: Diagnosis
+    proof: Proof
+    pages: Pages
+
+    @property
+    def config(self) -> dict:
+        """The complete configuration."""
+        return self.plan.config
+
+    # Files
+
+    def file(self, name: str, suffix: str = "", **known: str) -> str:
+        """An output by its name in study.outputs; what is not known of it stays a wildcard."""
+        return self.files(name, suffix, **known)
+
+    def log(self, job: str, **known: str) -> str:
+        """The log of a job."""
+        return self.files.log(job, **known)
+
+    @property
+    def log_folder(self) -> str:
+        """Where all logs lie."""
+        return f"{self.files.results}/logs"
+
+    def benchmark(self, job: str, **known: str) -> str:
+        """What a job took, as Snakemake writes it."""
+        return self.files.benchmark(job, **known)
+
+    def code(self, script: str) -> list[str]:
+        """A script and the library files behind it, as inputs of its rule."""
+        return [shipped(path) for path in files_behind(self.folder / "scripts" / script)]
+
+    def effect_code(self, *effects: str) -> list[str]:
+        """The files of effects and what is behind them: they are imported by name, so that `code` does not see them."""
+        return effect_code(*effects)
+
+    def hook_code(self) -> list[str]:
+        """The proof's callbacks, which the other simulator imports by name."""
+        return hook_code()
+
+    def resource(self, name: str) -> str:
+        """A table or a layout that comes with the library, as an input."""
+        return resource(name)
+
+    def schema(self, name: str) -> str:
+        """A JSON schema of the library, as an input."""
+        return shipped(SCHEMAS / name)
+
+    def title(self, name: str) -> str | None:
+        """What a report calls an output."""
+        return BY_NAME[name].title
+
+    def reported(self, name: str) -> dict:
+        """How Snakemake's report shows an output: arguments of its `report`, for a rule of workflow/rules."""
+        output = BY_NAME[name]
+        kind = LABELS[output.pattern.partition("/")[0]]
+        return {
+            "caption": f"../report/{output.caption_file()}",
+            "category": output.section,
+            "labels": {kind: output.title} if output.title else None,
+        }
+
+    # Targets
+
+    def tables(self) -> list[str]:
+        """Every table that the configuration asks for."""
+        return [self.files(output.name, **known) for output, known in analyses.tables(self.plan)]
+
+    def parquet_tables(self) -> list[str]:
+        """The same as Parquet."""
+        made = [output.paths(**known)[0].removesuffix(".csv") for output, known in analyses.tables(self.plan)]
+        return [self.files("parquet", table=table) for table in made]
+
+    def targets(self) -> list[str]:
+        """Everything that the configuration asks for."""
+        figures = [
+            self.files(output.name, suffix, **known)
+            for output, known in analyses.figures(self.plan)
+            for suffix in output.suffixes
+        ]
+        tables = [path for pair in zip(self.tables(), self.parquet_tables(), strict=True) for path in pair]
+        return figures + tables + self.acquisitions.kept()
+
+    # What jobs ask of a machine
+
+    def megabytes(
+        self,
+        *,
+        volumes: int = 0,
+        volume_lanes: int = 1,
+        projections: int = 0,
+        projection_lanes: int = 1,
+        fine: int = 0,
+        geometry: str | None = None,
+    ) -> int:
+        """Memory of a job from the arrays that it holds, with room for Python and its libraries, MB.
+
+        Parameters
+        ----------
+        volumes, volume_lanes : int, optional
+            Images, and for how many realisations each.
+        projections, projection_lanes : int, optional
+            The same of projections of `geometry`.
+        fine : int, optional
+            Volumes on the voxels that are scanned.
+        geometry : str, optional
+
+        Returns
+        -------
+        int
+        """
+        floats = volumes * volume_lanes * self.sizes.voxels + fine * self.sizes.fine
+        if geometry is not None:
+            floats += projections * projection_lanes * self.sizes.rays(geometry)
+        return int(600 + 1.3 * floats * 4 / 1e6)
+
+    def aligned_megabytes(self, recording: str) -> int:
+        """Memory to align a recording: its images, compressed on disk, and three levels of the phantom, MB."""
+        return self.megabytes(volumes=12) + self.recordings.image_megabytes(recording)
+
+    def minutes(self, stage: str, work: Mapping[str, float]) -> int:
+        """How long a job of this stage and work may take (costs.jobs.Sizes)."""
+        return minutes(self.rates, stage, work)
+
+    def expected_seconds(self) -> dict[str, float]:
+        """{file: seconds that its job takes one core} of the study's jobs with a measured rate."""
+        # Regions count for what is written only.
+        return {
+            f"{self.files.results}/{file}": takes
+            for job in study_jobs(self.plan, self.engine, rois=0)
+            if (takes := seconds(job, self.rates)) is not None
+            for file in job.outputs
+        }
+
+
+def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = (), here: bool = True) -> Context:
+    """The context of a configuration as Snakemake has put it together.
+
+    Parameters
+    ----------
+    config : mapping
+    folder : Path
+        Where rules, scripts and captions lie.
+    files : iterable of str or Path, optional
+        The configuration's files: one that was written with a checksum must still be the same.
+    here : bool, optional
+        Whether devices and files are looked for. False: another process has done so, perhaps on another machine.
+
+    Returns
+    -------
+    Context
+
+    Raises
+    ------
+    InputError
+        For what is wrong with the configuration or the files that it names.
+    """
+    for path in files:
+        check_unchanged(path, "make it again")
+    plan = Plan(check(dict(config), SCHEMA))
+    # On a cluster, jobs that need no device may be where there is none.
+    backprojector = plan.config["reconstruction"]["sirt"]["backprojector"]
+    engine = choose_engine(plan.config["engine"], backprojector, look=here)
+    rates = read_rates(RESOURCES / "rates.yaml")
+    outputs = Files(plan.config["results_dir"].rstrip("/"))
+    sources = PhantomSources(plan)
+    if here:
+        sources.check()
+    acquisitions = Acquisitions(plan, outputs)
+    selections = Selections(plan, outputs, acquisitions)
+    recordings = Recordings.read(plan, outputs)
+    comparisons = Comparisons(plan, outputs, acquisitions, recordings)
+    diagnosis = Diagnosis.read(plan, outputs, recordings, engine)
+    proof = Proof.read(plan, outputs)
+    pages = Pages(plan, outputs, selections, comparisons, diagnosis, folder / "report")
+    _ = pages.exported  # says what is wrong with it
+    return Context(
+        folder=folder,
+        plan=plan,
+        engine=engine,
+        rates=rates,
+        files=outputs,
+        sizes=Sizes(plan, engine),
+        phantom=sources,
+        acquisitions=acquisitions,
+        selections=selections,
+        recordings=recordings,
+        comparisons=comparisons,
+        diagnosis=diagnosis,
+        proof=proof,
+        pages=pages,
+    )
+
+
+def or_exit(function: Callable[P, T]) -> Callable[P, T]:
+    """The function, which ends the program with one line where it raises InputError.
+
+    For functions that Snakemake calls: of an exception it would print a traceback.
+
+    Parameters
+    ----------
+    function : callable
+
+    Returns
+    -------
+    callable
+    """
+
+    @wraps(function)
+    def ends(*arguments: P.args, **named: P.kwargs) -> T:
+        try:
+            return function(*arguments, **named)
+        except InputError as error:
+            sys.exit(f"Error: {error}")
+
+    return ends

@@ -1,0 +1,169 @@
+"""What the configuration asks of the diagnosis, as its jobs take it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ..diagnosis.candidates import candidates, check_accuracy, check_kinds
+from ..physics.effect import image_effects
+from ..recordings.scan import timed
+from .outputs import Files
+from .plan import Plan
+from .recorded import Recordings
+
+# A fit depends on none of these: another list of effects redoes none.
+NOT_MODELLED = ("effects", "physics_from")
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Of one configuration.
+
+    Attributes
+    ----------
+    plan : Plan
+    files : Files
+    recordings : Recordings
+    engine : str
+        What simulates images (projectors.choose_engine).
+    candidates : mapping of str to list of str
+        {recording: the effects that are tried}.
+    """
+
+    plan: Plan
+    files: Files
+    recordings: Recordings
+    engine: str
+    candidates: Mapping[str, list[str]]
+
+    @classmethod
+    def read(cls, plan: Plan, files: Files, recordings: Recordings, engine: str) -> Diagnosis:
+        """Raises InputError for what no diagnosis can be made of."""
+        settings = plan.config["diagnosis"]
+        check_kinds(settings["recordings"], recordings.documents)
+        check_accuracy(settings["model_accuracy"])
+        tried = {}
+        for name, one in settings["recordings"].items():
+            content = recordings.content(name)
+            tried[name] = [] if "physics_from" in one else candidates(one, content["kind"], timed(content))
+        return cls(plan, files, recordings, engine, tried)
+
+    @property
+    def settings(self) -> dict[str, dict]:
+        """{recording: what is asked of it}."""
+        return self.plan.config["diagnosis"]["recordings"]
+
+    @property
+    def comparisons(self) -> list[str]:
+        """Comparisons of features that are diagnosed."""
+        return self.plan.config["diagnosis"]["comparisons"]
+
+    @property
+    def accuracy(self) -> dict[str, float]:
+        """How far the model of each effect can be trusted."""
+        return self.plan.config["diagnosis"]["model_accuracy"]
+
+    @property
+    def properties(self) -> tuple[str, ...]:
+        """Effects that change one property of images each, for comparisons of features."""
+        return ("photon_flux", *image_effects())
+
+    def all(self) -> list[str]:
+        """The documents of all diagnoses."""
+        documents = [self.files("diagnosis", recording=name) for name in self.settings]
+        return documents + [self.files("feature_diagnosis", comparison=name) for name in self.comparisons]
+
+    def reports(self) -> list[str]:
+        """The pages of all diagnoses."""
+        pages = [self.files("diagnosis_report", recording=name) for name in self.settings]
+        return pages + [self.files("feature_report", comparison=name) for name in self.comparisons]
+
+    def inputs(self, name: str) -> dict:
+        """The recording's own files, and what was scanned."""
+        inputs: dict = {"files": self.recordings.sources(name)}
+        settings = self.settings[name]
+        if "object" in settings:
+            inputs["mask"] = settings["object"]["mask"]
+        elif "disc" not in settings:
+            inputs["phantom"] = self.files("phantom_fine")
+        return inputs
+
+    def physics(self, name: str) -> dict[str, str]:
+        """Where the physics is taken from, if it is not to be found here."""
+        other = self.settings[name].get("physics_from")
+        return {} if other is None else {"physics": self.files("diagnosis", recording=other)}
+
+    def same_material(self, name: str) -> bool:
+        """Whether the object whose physics is taken was of the same single material."""
+        settings = self.settings[name]
+        both = settings, self.settings.get(settings.get("physics_from"), {})
+        materials = [one.get("disc", one.get("object", {})).get("material") for one in both]
+        return materials[0] is not None and materials[0] == materials[1]
+
+    def regions(self, name: str) -> dict[str, str]:
+        """Image and regions of the study's phantom, if that was scanned."""
+        if {"disc", "object"} & set(self.settings[name]):
+            return {}
+        return {
+            "image": self.files("phantom_image"),
+            "rois": self.files("phantom_table"),
+            "masks": self.files("phantom_rois"),
+        }
+
+    def candidate_files(self, name: str) -> list[str]:
+        """The fits of all effects that are tried."""
+        return [self.files("candidate", recording=name, effect=effect) for effect in self.candidates[name]]
+
+    def protocol(self, name: str) -> dict | None:
+        """The protocol that simulates a recording of images; None for projections."""
+        protocol = self.settings[name].get("protocol")
+        if protocol is None:
+            return None
+        config, settings = self.plan.config, self.plan.config["protocols"][protocol]
+        geometry = self.plan.geometry_settings(self.plan.geometry_of(protocol))
+        return {
+            "scan": geometry["scan"],
+            "grid": config["grid"],
+            "projections": geometry["projections"],
+            "algorithm": settings["algorithm"],
+            "settings": config["reconstruction"][settings["algorithm"]],
+            "engine": self.engine,
+        }
+
+    def gpus(self, name: str) -> int:
+        """Images are simulated by the study's engine, projections on the CPU."""
+        return int(self.engine == "astra_cuda" and self.protocol(name) is not None)
+
+    def model(self, name: str) -> dict:
+        """What was scanned and is simulated: all that the fits of a recording share."""
+        settings = self.settings[name]
+        return {
+            "folder": self.recordings.folder(name),
+            "settings": {key: value for key, value in settings.items() if key not in NOT_MODELLED},
+            "mu_water_per_mm": self.plan.config["mu_water_per_mm"],
+            "materials": self.plan.config["materials"],
+            "seed": self.plan.config["seed"],
+            "protocol": self.protocol(name),
+        }
+
+    def megabytes(self, name: str) -> int:
+        """Memory of a fit, MB.
+
+        That is rays of all repeats, path lengths at several samples per pixel, derivatives and numerical errors; of
+        images, the realisations of noise.
+
+        Parameters
+        ----------
+        name : str
+            The recording.
+
+        Returns
+        -------
+        int
+        """
+        protocol = self.protocol(name)
+        scan = protocol["scan"] if protocol else self.recordings.content(name)["scan"]
+        views = protocol["projections"] if protocol else scan["views"]
+        rays = views * scan["rows"] * scan["columns"] / 1e6
+        return int(1500 + rays * (60 * self.settings[name]["samples"] ** 2 + 500))

@@ -1,0 +1,187 @@
+"""What the pages of the study show, and which of its images are exported as DICOM."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from ..base.errors import InputError
+from . import analyses
+from .dependencies import shipped
+from .diagnosed import Diagnosis
+from .outputs import BY_NAME, OUTPUTS, Files, Output, filled
+from .plan import Plan
+from .recorded import Comparisons
+from .selections import Selections
+
+
+@dataclass(frozen=True)
+class Pages:
+    """Of one study.
+
+    Attributes
+    ----------
+    plan : Plan
+    files : Files
+    selections : Selections
+    comparisons : Comparisons
+    diagnosis : Diagnosis
+    captions : Path
+        Folder of the captions, templates that Snakemake's report fills in too.
+    """
+
+    plan: Plan
+    files: Files
+    selections: Selections
+    comparisons: Comparisons
+    diagnosis: Diagnosis
+    captions: Path
+
+    @cached_property
+    def _figures(self) -> list[tuple[Output, dict[str, str]]]:
+        return analyses.figures(self.plan)
+
+    def pictures(self) -> list[str]:
+        """Figures, in the report's order."""
+        return [self.files(output.name, ".png", **known) for output, known in self._figures]
+
+    def caption_files(self) -> list[str]:
+        """What is said below each."""
+        return [shipped(self.captions / output.caption_file(**known)) for output, known in self._figures]
+
+    def shown(self) -> list[dict]:
+        """Section and title of each, and what its caption names."""
+        return [self._shown(output, known) for output, known in self._figures]
+
+    def _shown(self, output: Output, known: dict[str, str]) -> dict:
+        title = filled(output.title or "", **known)
+        if "comparison" in known:
+            title = self.comparisons.title(known["comparison"])
+        params = {
+            "threshold": self.plan.config["statistics"]["threshold"],
+            "with_measured": self.plan.config["measured"]["overlay"],
+            "measured": self.selections.measured_noise,
+            "title": title,
+        }
+        return {"section": output.section, "title": title, "params": params, "wildcards": known}
+
+    @cached_property
+    def _tables(self) -> list[tuple[Output, dict[str, str]]]:
+        """Those with a title in the order of OUTPUTS, then the others."""
+        tables = analyses.tables(self.plan)
+        return sorted(tables, key=lambda table: OUTPUTS.index(table[0]) if table[0].title else len(OUTPUTS))
+
+    def tables(self) -> list[str]:
+        """Tables, in the report's order."""
+        return [self.files(output.name, **known) for output, known in self._tables]
+
+    def table_titles(self) -> list[str]:
+        """What each is called."""
+        return [
+            output.title or Path(filled(output.pattern, **known)).stem.replace("_", " ")
+            for output, known in self._tables
+        ]
+
+    def diagnoses(self) -> dict[str, float]:
+        """Diagnoses that have been made. They are no inputs of the study's report, which starts none.
+
+        Returns
+        -------
+        dict of str to float
+            {report: when it was made, s of the epoch}.
+        """
+        paths = map(Path, self.diagnosis.reports())
+        return {str(path): path.stat().st_mtime for path in paths if path.exists()}
+
+    def links(self) -> dict[str, str]:
+        """Pages beside the report, by what they are called."""
+        return {"Slices to flip through": BY_NAME["viewer"].pattern} if self.selections.optimal_images() else {}
+
+    def viewed(self) -> dict[str, list[str]]:
+        """Images of the viewer.
+
+        Returns
+        -------
+        dict of str to list of str
+            {algorithm: files}.
+
+        Raises
+        ------
+        InputError
+            If there are none.
+        """
+        if not (images := self.selections.optimal_images()):
+            raise InputError(
+                "config: the viewer shows the images of analyses.optimal, which is not there; give it sirt, fbp and "
+                "noise"
+            )
+        return images
+
+    def viewer_subtitle(self) -> str:
+        """Which images they are."""
+        return f"Noise level {self.plan.config['analyses']['optimal']['noise']}. Single scans are of seed 00."
+
+    @cached_property
+    def exported(self) -> list[tuple[str, str, str]]:
+        """Images that are exported: by default those of the figure of scans.
+
+        Returns
+        -------
+        list of (str, str, str)
+            Protocol, noise level and seed.
+
+        Raises
+        ------
+        InputError
+            For one that is not made.
+        """
+        acquired = {
+            f"{protocol}/{noise}/seed{seed}": (protocol, noise, seed)
+            for protocol, noise in self.plan.acquisitions()
+            for seed in self.plan.seeds(noise)
+        }
+        wanted = self.plan.config["dicom"]["images"]
+        for image in wanted:
+            if image not in acquired:
+                raise InputError(
+                    f"config: dicom.images names {image}, which no analysis asks for; name an image that is made, as "
+                    f"the folder images has them, such as {min(acquired, default='none')}"
+                )
+        optimal = self.plan.config["analyses"].get("optimal")
+        if not wanted and optimal:
+            return [(optimal[algorithm], optimal["noise"], "00") for algorithm in ("fbp", "sirt")]
+        return [acquired[image] for image in wanted]
+
+    def exported_files(self) -> list[str]:
+        """All that is written of them.
+
+        Returns
+        -------
+        list of str
+
+        Raises
+        ------
+        InputError
+            If there are none.
+        """
+        if not self.exported:
+            raise InputError("config: nothing to export; name images under dicom.images, as the folder images has them")
+        return [
+            self.files(name, protocol=protocol, noise=noise, seed=seed)
+            for protocol, noise, seed in self.exported
+            for name in ("series", "segments")
+        ]
+
+    def series(self, protocol: str, noise: str, seed: str) -> dict:
+        """What an exported series is called and how it was acquired."""
+        settings = self.plan.config["protocols"][protocol]
+        scan = self.plan.geometry_settings(self.plan.geometry_of(protocol))["scan"]
+        return {
+            "protocol": protocol,
+            "label": f"{protocol} {noise} seed {seed} (simulated)",
+            "description": f"{settings['algorithm'].upper()} of {settings['projections']} projections, "
+            f"noise level {noise}, seed {seed}.",
+            "source_to_isocentre_mm": scan["source_to_isocentre_mm"],
+            "source_to_detector_mm": scan["source_to_detector_mm"],
+        }

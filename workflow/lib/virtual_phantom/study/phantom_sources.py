@@ -1,0 +1,86 @@
+"""What the phantom is made from: a layout, or a CT and its regions, which may be somebody else's and not here yet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from ..io.files import files_of
+from ..io.published import PublishedFile, check_listed, named_by, reachable, read_published
+from .dependencies import resource
+from .plan import Plan
+
+
+@dataclass(frozen=True)
+class PhantomSources:
+    """Files that a study's phantom is made from."""
+
+    plan: Plan
+
+    @property
+    def table(self) -> str:
+        """The list of the published CT's files."""
+        return resource("abdomen_ct.csv")
+
+    @property
+    def layout(self) -> list[str]:
+        """The layout of the synthetic phantom, if that is taken."""
+        settings = self.plan.config["phantom"]
+        return [settings["layout"] or resource("phantom.yaml")] if settings["source"] == "synthetic" else []
+
+    def layout_here(self) -> list[str]:
+        """The same, if it is there."""
+        return present(self.layout)
+
+    @property
+    def paths(self) -> list[str]:
+        """Paths that the configuration names, files and folders."""
+        settings = self.plan.config["phantom"]
+        if settings["source"] == "synthetic":
+            return self.layout
+        ct = settings["ct"]
+        regions = [ct.get("labels"), *(roi.get("file") for roi in ct["rois"])]
+        return [ct["image"], *dict.fromkeys(filter(None, regions))]
+
+    @cached_property
+    def published(self) -> list[PublishedFile]:
+        """Those of the published CT's files that they name."""
+        return named_by(self.paths, read_published(self.table))
+
+    @cached_property
+    def absent(self) -> list[PublishedFile]:
+        """Those of them that are not here yet: a rule fetches them."""
+        return [file for file in self.published if not Path(file.path).exists()]
+
+    def absent_online(self) -> list[str]:
+        """Their addresses. Raises InputError without a network."""
+        folder = self.plan.config["downloads"]["abdomen_ct"]
+        advice = (
+            f"where there is a network, download the files that {self.table} lists: those of {folder}/example_ct_dicom "
+            "go to downloads/abdomen_ct/dicom, example_seg_dicom.nii.gz beside it becomes "
+            "downloads/abdomen_ct/labels.nii.gz"
+        )
+        return [reachable(f"{folder}/{file.source}", advice) for file in self.absent]
+
+    def check(self) -> None:
+        """Raise InputError for a published file that is here and is another one."""
+        for file in self.published:
+            if file not in self.absent:
+                check_listed(
+                    file.path,
+                    file.sha256,
+                    self.table,
+                    "delete it, and it is fetched again; or name a file of your own under phantom.ct",
+                )
+
+    def files(self) -> list[str]:
+        """Every file that the phantom is made from; of those that a rule fetches, what is not here yet too."""
+        fetched = [file.path for file in self.published]
+        return [*dict.fromkeys(fetched + present(self.paths))]
+
+
+def present(paths: Iterable[str | None]) -> list[str]:
+    """The files at these paths, those in folders too. What is missing is left to the script, which says so."""
+    return [str(file) for path in paths if path and Path(path).exists() for file in files_of(path)]

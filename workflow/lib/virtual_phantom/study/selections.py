@@ -1,0 +1,134 @@
+"""Which of the study's images, and which measured data, each analysis takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from .acquisitions import Acquisitions
+from .dependencies import resource
+from .outputs import PCA, Files
+from .phantom_sources import present
+from .plan import Plan
+
+
+@dataclass(frozen=True)
+class Selections:
+    """Of one study."""
+
+    plan: Plan
+    files: Files
+    acquisitions: Acquisitions
+
+    @property
+    def _analyses(self) -> dict:
+        return self.plan.config["analyses"]
+
+    @property
+    def grouped(self) -> dict:
+        """The images whose features are compared between groups of protocols."""
+        noise = self._analyses.get("stability", {}).get("noise")
+        return {"groups": self.plan.groups(), "noise": noise, "seeds": self.plan.repeats([noise]) if noise else 0}
+
+    @property
+    def cut_offs(self) -> dict | None:
+        """From where on a measure calls a feature stable."""
+        return self._analyses.get("stability", {}).get("cut_offs")
+
+    @cached_property
+    def calibration(self) -> list[tuple[str, str, str]]:
+        """(protocol, noise level, seed) of every image that the noise is calibrated with."""
+        calibration = self._analyses.get("noise_calibration", {"protocols": [], "noise": []})
+        return [
+            (protocol, noise, seed)
+            for protocol in calibration["protocols"]
+            for noise in calibration["noise"]
+            for seed in self.plan.seeds(noise)
+        ]
+
+    def calibration_images(self) -> list[str]:
+        """Their files."""
+        return [
+            self.files("image", protocol=protocol, noise=noise, seed=seed) for protocol, noise, seed in self.calibration
+        ]
+
+    def calibration_acquisitions(self) -> list[dict]:
+        """How they were acquired."""
+        return [
+            {"protocol": protocol, **self.acquisitions.one(noise, seed)} for protocol, noise, seed in self.calibration
+        ]
+
+    def study_levels(self) -> dict[str, float]:
+        """{noise level: A} of the stability analysis, where its A is stated."""
+        noise = self._analyses.get("stability", {}).get("noise")
+        level = self.plan.config["noise"]["levels"].get(noise, {})
+        return {noise: level["A"]} if "A" in level else {}
+
+    @property
+    def shown_components(self) -> tuple[str, ...]:
+        """Selections that analyses.pca may have: each has a figure of its own."""
+        return PCA
+
+    def components(self, name: str) -> dict:
+        """The images whose principal components a figure shows."""
+        chosen = self._analyses["pca"][name]
+        return {
+            "protocols": chosen["protocols"],
+            "noise": chosen["noise"],
+            "seeds": self.plan.repeats(chosen["noise"]),
+        }
+
+    def fitted(self, name: str) -> dict:
+        """How its components are fitted."""
+        return {key: self._analyses["pca"][name][key] for key in ("fit_on", "standardise")}
+
+    def references(self, name: str) -> list[str]:
+        """Recordings that it shows."""
+        return self._analyses["pca"][name]["recordings"]
+
+    def reference_tables(self, name: str) -> list[str]:
+        """The measured features that it shows: of recordings, or those kept here."""
+        if names := self.references(name):
+            return [self.files("recorded_features", recording=recording) for recording in names]
+        measured = self.plan.config["measured"]
+        if not measured["overlay"]:
+            return []
+        if measured["table"] is not None:
+            return present([measured["table"]])
+        return [resource("ct_phantom4radiomics_groups.csv")]
+
+    def optimal_images(self) -> dict[str, list[str]]:
+        """{algorithm: all repeats} of the two images of the figure of scans; nothing without one."""
+        if "optimal" not in self._analyses:
+            return {}
+        optimal = self._analyses["optimal"]
+        return {
+            algorithm: self.acquisitions.images(optimal[algorithm], optimal["noise"]) for algorithm in ("fbp", "sirt")
+        }
+
+    def scan_titles(self) -> dict[str, str]:
+        """What those two are called."""
+        protocols, optimal = self.plan.config["protocols"], self._analyses.get("optimal", {})
+        return {
+            algorithm: f"{algorithm.upper()}, {protocols[optimal[algorithm]]['projections']} projections"
+            for algorithm in ("fbp", "sirt")
+            if optimal
+        }
+
+    @cached_property
+    def measured_noise(self) -> list[dict]:
+        """The measured variances of the algorithms that the noise is calibrated with."""
+        if not self.plan.config["measured"]["overlay"]:
+            return []
+        from ..statistics.measured import dose_variance  # takes a second to import, and few jobs need it
+
+        calibrated = self._analyses.get("noise_calibration", {}).get("protocols", [])
+        reconstructions = {"sirt": "iterative", "fbp": "fbp"}
+        return [
+            {
+                "label": f"{dose} mGy, {'FBP' if algorithm == 'fbp' else 'iterative'}",
+                "variance_hu2": float(dose_variance(reconstructions[algorithm], dose)),
+            }
+            for algorithm in sorted({self.acquisitions.algorithm(name) for name in calibrated}, reverse=True)
+            for dose in (1, 3, 10)
+        ]
