@@ -23,7 +23,6 @@ import yaml  # noqa: E402
 from virtual_phantom.base.geometry import grid_of, scan_geometry  # noqa: E402
 from virtual_phantom.features.extraction import MINIMUM_VOXELS, extract  # noqa: E402
 from virtual_phantom.features.names import FEATURES  # noqa: E402
-from virtual_phantom.io.schema import SCHEMA  # noqa: E402
 from virtual_phantom.phantom import layout, synthetic  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.effect import load  # noqa: E402
@@ -31,7 +30,7 @@ from virtual_phantom.physics.image import reconstruct  # noqa: E402
 from virtual_phantom.physics.materials import Segmentation  # noqa: E402
 from virtual_phantom.physics.noise import acquire  # noqa: E402
 from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
-from virtual_phantom.study.config import check  # noqa: E402
+from virtual_phantom.study.config import complete  # noqa: E402
 
 VIEWS, LEVEL = 150, 6e-6
 # The first two: what another processor's last digits come to (docs/promises.md).
@@ -54,7 +53,7 @@ class Study:
         tiny = yaml.safe_load((ROOT / "config" / "tiny.yaml").read_text(encoding="utf-8"))
         for key in ("grid", "scan"):
             config[key] = config[key] | tiny[key]
-        self.config, self.repeats = check(config, SCHEMA), repeats
+        self.config, self.repeats = complete(config), repeats
         self.grid = grid_of(self.config["grid"])
         seed = np.random.SeedSequence(self.config["seed"], spawn_key=(0,))
         described = layout.read_layout(self.config["phantom"]["layout"])

@@ -27,7 +27,6 @@ from virtual_phantom.features import extraction, tables
 from virtual_phantom.features.names import FEATURES
 from virtual_phantom.io import volumes
 from virtual_phantom.io.files import replacing, write_csv
-from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.statistics import further_seeds, measured, ranking, repeats, roi_profiles, wilcoxon
 from virtual_phantom.study import config
@@ -78,7 +77,7 @@ def configuration(*overlays: str) -> dict:
     merged: dict = {}
     for path in ("config/config.yaml", *overlays):
         merge(merged, yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
-    return config.check(merged, SCHEMA)
+    return config.complete(merged)
 
 
 def merge(into: dict, overlay: dict) -> None:

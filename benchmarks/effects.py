@@ -12,14 +12,13 @@ from pathlib import Path
 import yaml
 
 from virtual_phantom.base.geometry import grid_of, scan_geometry
-from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.physics.line_integrals import clean_line_integrals
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import VoxelScene
-from virtual_phantom.study.config import check
+from virtual_phantom.study.config import complete
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -29,7 +28,7 @@ def main():
     parser.add_argument("--phantom", type=Path, default=ROOT / "results" / "phantom" / "fine.nii.gz")
     parser.add_argument("--views", type=int, default=150)
     options = parser.parse_args()
-    config = check(yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8")), SCHEMA)
+    config = complete(yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
     phantom, mu_water = read_nifti(options.phantom), config["mu_water_per_mm"]
     few, geometry = (scan_geometry(config["scan"], views, grid_of(config["grid"])) for views in (2, options.views))
 

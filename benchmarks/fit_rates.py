@@ -18,8 +18,7 @@ import yaml
 
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.io.files import write_text
-from virtual_phantom.io.schema import SCHEMA
-from virtual_phantom.study.config import check
+from virtual_phantom.study.config import complete
 from virtual_phantom.study.costs.jobs import study_jobs
 from virtual_phantom.study.costs.rates import fit, seconds
 from virtual_phantom.study.costs.table import roi_count
@@ -63,7 +62,7 @@ def main():
     parser.add_argument("--folder", type=Path, default=ROOT, help="where snakemake was run")
     parser.add_argument("--machine", required=True, help="what the study was run on, for the file's head")
     options = parser.parse_args()
-    config = check(yaml.safe_load(options.config.read_text(encoding="utf-8")) | {"keep_projections": True}, SCHEMA)
+    config = complete(yaml.safe_load(options.config.read_text(encoding="utf-8")) | {"keep_projections": True})
     plan = Plan(config)
     results = Path(config["results_dir"])
     times = {output: one["endtime"] - one["starttime"] for output, one in records(options.folder).items()}

@@ -19,8 +19,7 @@ import yaml
 from fit_rates import ROOT, records
 
 from virtual_phantom.figures import style
-from virtual_phantom.io.schema import SCHEMA
-from virtual_phantom.study.config import check
+from virtual_phantom.study.config import complete
 from virtual_phantom.study.costs.jobs import study_jobs
 from virtual_phantom.study.costs.table import roi_count
 from virtual_phantom.study.plan import Plan
@@ -141,7 +140,7 @@ def main():
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    jobs = spans(options.folder, check(yaml.safe_load(options.config.read_text(encoding="utf-8")), SCHEMA))
+    jobs = spans(options.folder, complete(yaml.safe_load(options.config.read_text(encoding="utf-8"))))
     rows = table(jobs, options.cores)
     with open(options.out / "stages.csv", "w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, rows[0])

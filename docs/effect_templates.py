@@ -17,7 +17,6 @@ from virtual_phantom.diagnosis.projections.observed import scans
 from virtual_phantom.diagnosis.projections.prepared import Prepared, prepare
 from virtual_phantom.figures.separability import Panel, draw_correlations, draw_templates
 from virtual_phantom.figures.style import label, number, save
-from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
@@ -45,7 +44,7 @@ FEW = (  # parts of few numbers: what they are, and how each is called
 def recording() -> Prepared:
     """Repeats of the default study's scan with nothing left out, fewer views and larger pixels, made ready for fits."""
     study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
-    study = config.check(study, SCHEMA)
+    study = config.complete(study)
     grid = grid_of(study["grid"])
     seed = np.random.SeedSequence(study["seed"], spawn_key=(PHANTOM_STREAM,))
     shapes = layout.read_layout(study["phantom"]["layout"])

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 import yaml
+from snakemake.utils import update_config
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import grid_of, scan_geometry
-from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.statistics.measured import TISSUE_CLASSES
-from virtual_phantom.study.config import check
+from virtual_phantom.study.config import check, complete
 from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,21 +35,45 @@ def changed(path, value):
 
 
 def refuse(config, message):
-    with pytest.raises(InputError) as error:
-        check(config, SCHEMA)
-    assert message in str(error.value)
-    assert "\n" not in str(error.value)
+    """Both say so, and neither changes what it was given."""
+    before = copy.deepcopy(config)
+    for function in (check, complete):
+        with pytest.raises(InputError) as error:
+            function(config)
+        assert message in str(error.value)
+        assert "\n" not in str(error.value)
+        assert config == before
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "config").glob("*.yaml")))
+def test_checking_and_completing_change_nothing(name):
+    """Of every shipped configuration, with effects, of which defaults are filled in too."""
+    config = copy.deepcopy(DEFAULT)
+    update_config(config, yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text()))
+    config |= {"physics": {"scatter": None, "reconstruction_kernel": {"sigma_mm": 1.0}}, "measured": {"overlay": False}}
+    config["noise"]["model"] = "physical"
+    before = copy.deepcopy(config)
+    assert check(config) is None and config == before
+    whole = complete(config)
+    assert config == before
+    assert whole["protocols"]["sirt_150"]["physics"]["scatter"]["amount"] > 0
+    assert whole["protocols"]["sirt_150"]["image_physics"] == {"reconstruction_kernel": {"sigma_mm": 1.0}}
+    # Nor do the two share anything that one could change in the other.
+    for protocol in whole["protocols"].values():
+        protocol["physics"].clear()
+    whole["noise"]["levels"].clear()
+    assert config == before and complete(config)["noise"]["levels"]
 
 
 def test_defaults_are_filled_in():
-    config = check(DEFAULT, SCHEMA)
+    config = complete(DEFAULT)
     assert config["seed"] == 2022
     assert config["reconstruction"] == {
         "sirt": {"iterations": 500, "solver": "chebyshev", "terms": 60, "backprojector": "adjoint"},
         "fbp": {"normalise": "coverage"},
     }
     assert config["scan"]["trajectory"] == "helical"
-    assert check(config, SCHEMA) == config
+    assert complete(config) == config
     assert "seed" not in DEFAULT
 
 
@@ -57,7 +81,7 @@ def test_a_comparison_and_a_recording_that_are_diagnosed_have_names_of_their_own
     config = changed("analyses.comparison", {"scanner": COMPARISON})
     config["recordings"] = {"scanner": "somewhere"}
     config["diagnosis"] = {"comparisons": ["scanner"]}
-    assert check(config, SCHEMA)["diagnosis"]["comparisons"] == ["scanner"]
+    assert complete(config)["diagnosis"]["comparisons"] == ["scanner"]
     config["diagnosis"]["recordings"] = {"scanner": {}}
     refuse(config, "diagnosis.comparisons names 'scanner', as diagnosis.recordings does")
 
@@ -154,18 +178,18 @@ def test_a_key_that_is_not_text_is_found_in_a_list():
 def test_numbers_are_suggested_as_yaml_reads_them(text, value):
     for path in ("scan.start_angle_deg", "scan.column_offset_px"):
         with pytest.raises(InputError) as error:
-            check(changed(path, text), SCHEMA)
+            complete(changed(path, text))
         assert yaml.safe_load(str(error.value).rsplit("write ", 1)[1]) == value
 
 
 def test_calibration_takes_levels_of_one_a_beside_another():
     config = changed("analyses.noise_calibration.noise", ["dose10", "same", "half"])
     config["noise"]["levels"]["same"] = {"A": DEFAULT["noise"]["levels"]["dose10"]["A"], "repeats": 8}
-    check(config, SCHEMA)
+    complete(config)
 
 
 def test_multicentre_takes_any_algorithm():
-    check(changed("analyses.pca.multicentre.protocols", ["sirt_150", "fbp_150"]), SCHEMA)
+    complete(changed("analyses.pca.multicentre.protocols", ["sirt_150", "fbp_150"]))
 
 
 def ct_of(*names, **more):
@@ -177,17 +201,17 @@ def test_measured_overlay_needs_the_printed_phantoms_rois():
     refuse(changed("phantom", ct_of("liver")), "phantom.ct.rois gives liver; set measured.overlay: false")
     refuse(changed("phantom", ct_of(*list(TISSUE_CLASSES)[:5])), "phantom.ct.rois lacks metastasis; set measured")
     refuse(changed("phantom", ct_of(*TISSUE_CLASSES, "liver")), "phantom.ct.rois gives liver; set measured")
-    check(changed("phantom", ct_of("liver")) | {"measured": {"overlay": False}}, SCHEMA)
-    check(changed("phantom", ct_of(*TISSUE_CLASSES)), SCHEMA)
+    complete(changed("phantom", ct_of("liver")) | {"measured": {"overlay": False}})
+    complete(changed("phantom", ct_of(*TISSUE_CLASSES)))
     in_parts = ct_of("normal", "cyst", parts=2)
     in_parts["ct"]["rois"] += ct_of("hemangioma", "metastasis")["ct"]["rois"]
-    check(changed("phantom", in_parts), SCHEMA)
+    complete(changed("phantom", in_parts))
 
 
 @pytest.mark.parametrize("fit_on", ["measured", "pooled"])
 def test_components_cannot_be_fitted_on_measured_data_left_out(fit_on):
     config = changed("analyses.pca.fbp.fit_on", fit_on)
-    check(config, SCHEMA)
+    complete(config)
     refuse(config | {"measured": {"overlay": False}}, f"analyses.pca.fbp.fit_on is {fit_on}, but measured.overlay")
 
 
@@ -206,8 +230,8 @@ def test_reading_a_configuration_loads_no_heavy_library():
 
 
 def test_null_takes_away():
-    config = check(
-        changed("protocols.sirt_450", None) | {"analyses": {"stability": {"noise": "dose10"}, "pca": None}}, SCHEMA
+    config = complete(
+        changed("protocols.sirt_450", None) | {"analyses": {"stability": {"noise": "dose10"}, "pca": None}}
     )
     assert "sirt_450" not in config["protocols"]
     assert "pca" not in config["analyses"]
@@ -216,7 +240,7 @@ def test_null_takes_away():
 def test_null_takes_away_a_key_of_a_protocol():
     config = changed("protocols.sirt_150.group", None)
     config["protocols"]["sirt_200"]["scan"] = None
-    config = check(config, SCHEMA)
+    config = complete(config)
     assert config["protocols"]["sirt_150"] == {"algorithm": "sirt", "projections": 150}
     assert "scan" not in config["protocols"]["sirt_200"]
     assert "sirt_150" not in Plan(config).groups()
@@ -225,7 +249,7 @@ def test_null_takes_away_a_key_of_a_protocol():
 def test_named_scan_replaces_keys_of_the_default_scan():
     config = changed("scans.short", {"rows": 8, "trajectory": "circular"})
     config["protocols"]["sirt_150"]["scan"] = "short"
-    plan = Plan(check(config, SCHEMA))
+    plan = Plan(complete(config))
     assert plan.geometry_of("sirt_150") == "short_views150"
     settings = plan.geometry_settings("short_views150")
     assert (settings["scan"]["rows"], settings["scan"]["columns"], settings["projections"]) == (8, 160, 150)
@@ -236,7 +260,7 @@ def test_named_scan_replaces_keys_of_the_default_scan():
 
 def test_plan_of_the_paper():
     """8 groups x 10 seeds at one noise level; SIRT and FBP share their geometry."""
-    plan = Plan(check(DEFAULT, SCHEMA))
+    plan = Plan(complete(DEFAULT))
     assert plan.groups() == {
         f"{a}_{n}": g
         for g, (a, n) in enumerate([(a, n) for a in ("sirt", "fbp") for n in (150, 200, 250, 300)], start=1)
@@ -249,7 +273,7 @@ def test_plan_of_the_paper():
 
 def test_every_seed_is_in_one_batch():
     config = changed("seeds_per_job", 4)
-    plan = Plan(check(config, SCHEMA))
+    plan = Plan(complete(config))
     for noise in plan.config["noise"]["levels"]:
         batches = [batch for batch, levels in plan.seed_batches().items() if noise in levels]
         assert sorted(seed for batch in batches for seed in batch) == plan.seeds(noise)
@@ -257,7 +281,7 @@ def test_every_seed_is_in_one_batch():
 
 
 def test_bundles_hold_every_acquisition_once_and_keep_levels_whole():
-    plan = Plan(check(DEFAULT, SCHEMA))
+    plan = Plan(complete(DEFAULT))
     seen = [
         (protocol, noise, seed)
         for bundle, protocols in plan.bundles().items()
@@ -272,9 +296,9 @@ def test_bundles_hold_every_acquisition_once_and_keep_levels_whole():
 
 def test_bundles_stay_when_an_analysis_asks_for_more():
     """A further level for one protocol leaves every bundle that does not share its group as it was."""
-    before = Plan(check(DEFAULT, SCHEMA)).bundles()
+    before = Plan(complete(DEFAULT)).bundles()
     more = changed("analyses.pca.multicentre.noise", ["dose10", "dose10_plus6", "dose10_plus16", "quadruple"])
-    after = Plan(check(more, SCHEMA)).bundles()
+    after = Plan(complete(more)).bundles()
     gone = {(bundle, protocol) for bundle in before for protocol in before[bundle]} - {
         (bundle, protocol) for bundle in after for protocol in after[bundle]
     }
@@ -313,4 +337,4 @@ def test_physics_is_not_taken_from_where_it_was_taken_to():
     diagnosed = {"a": {}, "b": {"physics_from": "a"}, "c": {"physics_from": "b"}}
     refuse({**config, "diagnosis": {"recordings": diagnosed}}, "which has its physics from elsewhere; name that one")
     diagnosed["c"] = {"physics_from": "a"}
-    check({**config, "diagnosis": {"recordings": diagnosed}}, SCHEMA)
+    complete({**config, "diagnosis": {"recordings": diagnosed}})

@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 import yaml
 
-from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.phantom.layout import read_layout
 from virtual_phantom.statistics import further_seeds, measured
 from virtual_phantom.study import config
@@ -22,7 +21,7 @@ def plan(changes=None, *files):
     for path in ("config/config.yaml", *files):
         controls.merge(merged, yaml.safe_load((ROOT / path).read_text(encoding="utf-8")))
     controls.merge(merged, changes or {})
-    return Plan(config.check(merged, SCHEMA))
+    return Plan(config.complete(merged))
 
 
 def test_every_control_is_the_default_study_but_for_what_it_says(tmp_path):

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from test_config import DEFAULT, SCHEMA, changed
+from test_config import DEFAULT, changed
 
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.study.config import check
+from virtual_phantom.study.config import complete
 from virtual_phantom.study.costs.jobs import Job, study_jobs
 from virtual_phantom.study.costs.rates import fit, read_rates, seconds, written
 from virtual_phantom.study.costs.table import readable, roi_count, summary
@@ -21,7 +21,7 @@ RATES = RESOURCES / "rates.yaml"
 
 
 def jobs_of(config, engine="cpu"):
-    plan = Plan(check(config, SCHEMA))
+    plan = Plan(complete(config))
     return study_jobs(plan, engine, roi_count(plan.config["phantom"]))
 
 
@@ -51,7 +51,7 @@ def test_the_default_study_costs_what_it_took():
 
 def test_the_default_study_writes_what_it_wrote():
     rates = read_rates(RATES)
-    _, content = summary(Plan(check(DEFAULT, SCHEMA)), "cpu", rates)
+    _, content = summary(Plan(complete(DEFAULT)), "cpu", rates)
     for kind, sizes in content["bytes"].items():
         # Logs were counted with those of the noisy projections.
         assert sizes["total"] == pytest.approx(rates["measured"]["bytes"][kind], rel=0.15), kind
@@ -83,7 +83,7 @@ def test_the_large_study_is_one():
     config = yaml.safe_load((ROOT / "config" / "large.yaml").read_text())
     levels = DEFAULT["noise"]["levels"]
     merged = {name: level | config["noise"]["levels"][name] for name, level in levels.items()}
-    _, content = summary(Plan(check(changed("noise.levels", merged), SCHEMA)), "cpu", read_rates(RATES))
+    _, content = summary(Plan(complete(changed("noise.levels", merged))), "cpu", read_rates(RATES))
     assert content["acquisitions"] >= 1000
 
 
@@ -99,21 +99,19 @@ def test_what_was_not_measured_is_said_and_not_estimated():
     config = changed("reconstruction", {"sirt": {"backprojector": "voxel"}})
     rates = read_rates(RATES)
     for engine, stage in (("cpu", "reconstruct_sirt_voxel"), ("astra_cuda", "reconstruct_sirt_astra_cuda")):
-        table, content = summary(Plan(check(config, SCHEMA)), engine, rates)
+        table, content = summary(Plan(complete(config)), engine, rates)
         assert content["jobs_without_rate"] == {stage: 14}
         assert np.isnan(table.set_index("stage")["core_hours"][stage])
         assert f"{stage} (14)" in readable(table, content)
         assert content["core_hours"] == pytest.approx(np.nansum(table["core_hours"]))
     config["noise"]["model"] = "physical"
     config["physics"] = {"scatter": {}}
-    assert summary(Plan(check(config, SCHEMA)), "cpu", rates)[1]["jobs_without_rate"]["project_physics"] == 5
+    assert summary(Plan(complete(config)), "cpu", rates)[1]["jobs_without_rate"]["project_physics"] == 5
 
 
 def test_images_that_are_not_kept_are_written_all_the_same():
     rates = read_rates(RATES)
-    kept, not_kept = (
-        summary(Plan(check(changed("keep_images", keep), SCHEMA)), "cpu", rates)[1] for keep in (True, False)
-    )
+    kept, not_kept = (summary(Plan(complete(changed("keep_images", keep))), "cpu", rates)[1] for keep in (True, False))
     assert kept["bytes_written"] == not_kept["bytes_written"]
     assert kept["bytes_kept"] - not_kept["bytes_kept"] == kept["bytes"]["images"]["total"]
 
@@ -167,7 +165,7 @@ def test_regions_cut_into_parts_are_counted_one_by_one():
     ct = {"image": "ct.nii.gz", "rois": [{"name": "a", "tissue_class": "b", "file": "m.nii.gz", "parts": 3}]}
     config = changed("phantom", {"source": "ct", "ct": ct | {"rois": ct["rois"] * 2}})
     config["measured"] = {"overlay": False}
-    assert roi_count(check(config, SCHEMA)["phantom"]) == 6
+    assert roi_count(complete(config)["phantom"]) == 6
 
 
 def test_the_file_of_rates_says_what_it_was_measured_on():

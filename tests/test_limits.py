@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 import yaml
 from snakemake.utils import update_config
-from test_config import DEFAULT, SCHEMA
+from test_config import DEFAULT
 
 from virtual_phantom.base.data import RESOURCES
-from virtual_phantom.study.config import check
+from virtual_phantom.study.config import complete
 from virtual_phantom.study.costs.jobs import Job, Sizes, study_jobs
 from virtual_phantom.study.costs.limits import FLOOR_MINUTES, SAFETY, UNKNOWN_MINUTES, minutes
 from virtual_phantom.study.costs.rates import read_rates, seconds
@@ -28,7 +28,7 @@ def plan_of(*overlays):
     config = copy.deepcopy(DEFAULT)
     for overlay in overlays:
         update_config(config, copy.deepcopy(overlay))
-    return Plan(check(config, SCHEMA))
+    return Plan(complete(config))
 
 
 def sizes(*overlays, engine="cpu"):

@@ -18,12 +18,11 @@ import yaml
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.features import tables
-from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct
 from virtual_phantom.physics.line_integrals import clean_line_integrals
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.study.config import check
+from virtual_phantom.study.config import complete
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -44,7 +43,7 @@ def configured(*changes):
         for key in parents:
             section = section.setdefault(key, {})
         section[last] = value
-    check(config, SCHEMA)
+    complete(config)
 
 
 def protocol(**settings):

@@ -20,12 +20,11 @@ from virtual_phantom.diagnosis.core.verified import Physics, stated, verified
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.scanned import mask_scene
 from virtual_phantom.io import volumes
-from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.recordings.importers.htc2022_object import with_partial_pixels
 from virtual_phantom.recordings.projections import Projections
-from virtual_phantom.study.config import check
+from virtual_phantom.study.config import complete
 
 PHOTONS, DENSITY = 1e5, 1.03
 GEOMETRY = circular(
@@ -278,7 +277,7 @@ def test_models_are_held_as_exact_as_the_configuration_has_it_by_default(scored)
     singles = {name: scored((name,)) for name in SINGLES[::2]}
     root = Path(__file__).resolve().parents[2]
     default = yaml.safe_load((root / "config/config.yaml").read_text())
-    stated = check(default, SCHEMA)["diagnosis"]["model_accuracy"]
+    stated = complete(default)["diagnosis"]["model_accuracy"]
     assert set(stated) > {"default", "numerical"} and stated["default"] > 0
     given, taken = (attribute.choose(None, scored(()), singles, **one) for one in ({"accuracy": stated}, {}))
     assert (given.undecided, given.ruled_out, given.blur) == (taken.undecided, taken.ruled_out, taken.blur)

@@ -6,13 +6,13 @@ import yaml
 from hostile import FUZZ, ODD_TEXT, outcome, spoiled
 from hypothesis import given
 from hypothesis import strategies as st
-from test_config import COMPARISON, DEFAULT, SCHEMA
+from test_config import COMPARISON, DEFAULT
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import grid_of, scan_geometry
 from virtual_phantom.recordings.document import read_document
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.study.config import check
+from virtual_phantom.study.config import complete
 from virtual_phantom.study.plan import Plan
 
 WIDE = DEFAULT | {
@@ -25,7 +25,7 @@ WIDE = DEFAULT | {
 
 
 def plan(config):
-    plan = Plan(check(config, SCHEMA))
+    plan = Plan(complete(config))
     grid_of(plan.config["grid"])
     labels = plan.geometries()
     for path in (*labels, *plan.config["noise"]["levels"], *plan.config["protocols"], *plan.config["recordings"]):
@@ -82,7 +82,7 @@ def test_documents_that_unfold_without_end_are_refused_at_once(text, tmp_path):
         read_document(tmp_path)
     if "[[[" not in text:
         with pytest.raises(InputError, match="is nested"):
-            check(DEFAULT | {"protocols": yaml.safe_load(text)}, SCHEMA)
+            complete(DEFAULT | {"protocols": yaml.safe_load(text)})
 
 
 NO_FOLDER = ("", "{wildcard}", "a\nb", "a\n", "\x00", "\ud800")  # other odd names are folders that someone may want
@@ -102,7 +102,7 @@ def test_names_that_are_no_names(name, tmp_path):
         else {"recordings": {name: 1}},
     ):
         with pytest.raises(InputError):
-            check(DEFAULT | change, SCHEMA)
+            complete(DEFAULT | change)
     folder, content = folders.images_folder(tmp_path / "r")
     for path in ("name", "rois", "repeats"):
         value = {"name": name, "rois": [{"name": name, "tissue_class": "x", "label": 1}], "repeats": [name]}[path]

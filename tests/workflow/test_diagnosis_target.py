@@ -7,9 +7,8 @@ import pytest
 import yaml
 from workflow_runs import ROOT, planned, tiny
 
-from virtual_phantom.io.schema import SCHEMA
 from virtual_phantom.recordings.importers.study import import_study
-from virtual_phantom.study.config import check
+from virtual_phantom.study.config import complete
 from virtual_phantom.study.plan import Plan
 
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
@@ -29,7 +28,7 @@ def bench(tmp_path_factory):
     whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
     whole["noise"]["model"] = "physical"
     whole = {**whole, "physics": CONCEALED, "protocols": whole["protocols"] | STUDY["protocols"]}
-    label = Plan(check(whole, SCHEMA)).geometry_of("bench")
+    label = Plan(complete(whole)).geometry_of("bench")
     made = folder / "made"
     targets = [f"{made}/projections/{label}/bench/seed{seed:02d}.h5" for seed in range(4)]
     process = tiny(made, *targets, overlay=concealed, beside=folder / "concealed")

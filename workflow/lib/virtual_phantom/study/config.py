@@ -1,35 +1,68 @@
-"""The study's configuration: checked against its schema, defaults filled in, mistakes told in one line."""
+"""The study's configuration: checked, mistakes told in one line, and then completed with its defaults."""
 
 from __future__ import annotations
 
 import copy
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 
 from ..base.errors import InputError, meant
-from ..io.schema import check_nesting, fill_defaults, read_schema, validate
+from ..io.schema import SCHEMA, check_nesting, fill_defaults, read_schema, validate
 from ..physics.effect import acts_on_images, check_readings, checked
 from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 
 
-def check(config: dict, schema_path: str | Path) -> dict:
-    """A complete configuration from the user's.
+def check(settings: Mapping) -> None:
+    """Say what is wrong with a configuration, and change nothing.
 
-    Keys set to null in `protocols` and in each protocol, `noise.levels`, `scans`, `recordings`, `analyses`,
-    `analyses.pca` or `analyses.comparison` are dropped, which lets an overlay take away what the file under it has.
-    Raises InputError, naming the key, for anything that the schema refuses, for names that point nowhere or to what
-    does not fit, and for sections that contradict one another.
+    Parameters
+    ----------
+    settings : mapping
+        The user's, without defaults. Keys set to null in `protocols` and in each protocol, `noise.levels`, `scans`,
+        `recordings`, `analyses`, `analyses.pca` or `analyses.comparison` are as if they were not there, which lets an
+        overlay take away what the file under it has.
+
+    Raises
+    ------
+    InputError
+        Naming the key, for anything that the schema refuses, for names that point nowhere or to what does not fit, and
+        for sections that contradict one another.
     """
-    schema = read_schema(Path(schema_path))
-    check_nesting(config, "config")
-    config = _without_nulls(copy.deepcopy(dict(config)))
-    validate(config, schema, "config")
-    _fill_defaults(config, schema)
+    check_nesting(settings, "config")
+    validate(_without_nulls(settings), read_schema(SCHEMA), "config")
+    config = _filled(settings)
     _check_names(config)
     _check_measured(config)
+
+
+def complete(settings: Mapping) -> dict:
+    """The whole configuration: every key that the schema has a default for, and effects with all their parameters.
+
+    Parameters
+    ----------
+    settings : mapping
+        As `check` takes them; they stay as they are.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        As `check` does.
+    """
+    check(settings)
+    config = _filled(settings)
+    for name, physics in _physics(config):
+        effects = checked(physics)
+        config["protocols"][name]["physics"] = {key: of for key, of in effects.items() if not acts_on_images(key)}
+        config["protocols"][name]["image_physics"] = {key: of for key, of in effects.items() if acts_on_images(key)}
     return config
 
 
-def _without_nulls(config):
+def _without_nulls(settings: Mapping) -> dict:
+    """A copy without the keys that are taken away."""
+    config = copy.deepcopy(dict(settings))
     paths = [("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)]
     paths.append(("analyses", "comparison"))
     if isinstance(config.get("protocols"), dict):
@@ -44,11 +77,20 @@ def _without_nulls(config):
     return config
 
 
-def _fill_defaults(config, schema):
-    # The named scans replace keys of the default one: their own defaults would undo it.
+def _filled(settings: Mapping) -> dict:
+    """A copy with defaults. The named scans replace keys of the default one: their own defaults would undo it."""
+    config = _without_nulls(settings)
     scans = config.pop("scans", {})
-    fill_defaults(config, schema)
+    fill_defaults(config, read_schema(SCHEMA))
     config["scans"] = {name: {**config["scan"], **changes} for name, changes in scans.items()}
+    return config
+
+
+def _physics(config: dict) -> Iterator[tuple[str, dict]]:
+    """(protocol, its effects as they are stated) of the protocols that have some."""
+    for name, settings in config["protocols"].items():
+        if physics := settings.get("physics", config["physics"]):
+            yield name, physics
 
 
 def _check_names(config):
@@ -176,22 +218,15 @@ def _check_diagnosed(name, settings, diagnosed):
 
 
 def _check_physics(config):
-    """Effects and their parameters, completed in place."""
-    for name, settings in config["protocols"].items():
-        if "physics" not in settings and config["physics"]:
-            settings["physics"] = config["physics"]
-        if not settings.get("physics"):
-            continue
+    """Effects and their parameters."""
+    for name, stated in _physics(config):
+        where = f"config: protocols.{name}.physics"
         if config["noise"]["model"] != "physical":
-            raise InputError(
-                f"config: protocols.{name}.physics needs noise.model: physical; the astra model has no photons"
-            )
-        physics = checked(settings["physics"], f"config: protocols.{name}.physics")
+            raise InputError(f"{where} needs noise.model: physical; the astra model has no photons")
+        physics = checked(stated, where)
         for label, level in config["noise"]["levels"].items():
             if "A" in level:
-                check_readings(physics, 1 / level["A"], f"config: protocols.{name}.physics", f"noise level {label}")
-        settings["physics"] = {key: values for key, values in physics.items() if not acts_on_images(key)}
-        settings["image_physics"] = {key: values for key, values in physics.items() if acts_on_images(key)}
+                check_readings(physics, 1 / level["A"], where, f"noise level {label}")
 
 
 def _check_measured(config):

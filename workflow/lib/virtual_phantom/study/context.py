@@ -12,11 +12,10 @@ from typing import ParamSpec, TypeVar
 from ..base.data import RESOURCES, SCHEMAS
 from ..base.errors import InputError
 from ..io.files import check_unchanged
-from ..io.schema import SCHEMA
 from ..projectors import choose_engine
 from . import analyses
 from .acquisitions import Acquisitions
-from .config import check
+from .config import complete
 from .costs.jobs import Sizes, study_jobs
 from .costs.limits import minutes
 from .costs.rates import read_rates, seconds
@@ -231,7 +230,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     """
     for path in files:
         check_unchanged(path, "make it again")
-    plan = Plan(check(dict(config), SCHEMA))
+    plan = Plan(complete(config))
     # On a cluster, jobs that need no device may be where there is none.
     backprojector = plan.config["reconstruction"]["sirt"]["backprojector"]
     engine = choose_engine(plan.config["engine"], backprojector, look=here)
