@@ -2,6 +2,8 @@
 
 import io
 import logging
+import signal
+import sys
 import time
 
 import pytest
@@ -11,7 +13,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.study.job import job
 from virtual_phantom.study.progress import console, status
-from virtual_phantom.study.progress.console import Console, take_over
+from virtual_phantom.study.progress.console import Console
 from virtual_phantom.study.progress.failures import described
 from virtual_phantom.study.progress.status import duration
 from virtual_phantom.study.progress.time_left import Progress, Step
@@ -212,9 +214,10 @@ def test_a_job_that_is_tried_again_has_not_failed(tmp_path):
     run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
     assert "Failed" not in run.stream.getvalue()
     run.log(None, "Trying to restart job 0.")
-    assert "broken; mend it" in run.lines()[-2] and run.lines()[-1] == "Trying to restart job 0."
+    assert run.lines()[-1] == "Trying to restart job 0."
     run.now += 60.0
     run.log(LogEvent.JOB_INFO, jobid=0)
+    assert "broken; mend it" in run.lines()[-2]
     assert run.lines()[-1] == "0 of 2 jobs done, about 2 min left; now: reconstruct (0 of 2 done)"
     run.log(LogEvent.JOB_FINISHED, job_id=0)
     run.log(LogEvent.JOB_INFO, jobid=1)
@@ -325,9 +328,27 @@ def test_acquisitions_are_named_by_level_and_seeds():
     assert described({"rule_name": "pca", "output": ["a.csv"]}) == "pca of a.csv"
 
 
-def test_who_stops_a_run_is_told_of_no_failure():
+@pytest.fixture
+def stopped():
+    """Stops a run by a signal, as Snakemake is stopped: what it does about it itself is put in place of that."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    heard = []
+
+    def stop(run, number):
+        signal.signal(number, lambda *arguments: heard.append(arguments[0]))
+        run.console.hear_of_stops()
+        signal.raise_signal(number)
+        assert heard == [number]
+
+    yield stop
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_who_stops_a_run_is_told_of_no_failure(stopped):
     run = Run()
     run.log(LogEvent.JOB_INFO, jobid=0, rule_name="reconstruct_0")
+    stopped(run, signal.SIGINT)
     run.log(None, "Terminating processes on user request, this might take some time.")
     killed = "RuleException:\nCalledProcessError\nCommand 'x' died with <Signals.SIGINT: 2>."
     run.log(LogEvent.ERROR, killed, logging.ERROR, exception="RuleException")
@@ -339,9 +360,10 @@ def test_who_stops_a_run_is_told_of_no_failure():
     ]
 
 
-def test_what_goes_wrong_while_a_run_is_stopped_is_told():
+def test_what_goes_wrong_while_a_run_is_stopped_is_told(stopped):
     run = Run()
     run.log(LogEvent.JOB_INFO, jobid=0)
+    stopped(run, signal.SIGINT)
     run.log(None, "Terminating processes on user request, this might take some time.")
     refused = "WorkflowError:\nUnable to cancel jobs: scancel: permission denied"
     run.log(LogEvent.ERROR, refused, logging.ERROR, exception="WorkflowError")
@@ -353,11 +375,12 @@ def test_what_goes_wrong_while_a_run_is_stopped_is_told():
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_jobs_that_may_finish_after_sigterm_may_fail(fails, tmp_path):
+def test_jobs_that_may_finish_after_sigterm_may_fail(fails, tmp_path, stopped):
     run = Run()
     run.console.progress.began = 0.0
     for number in (0, 1):
         run.log(LogEvent.JOB_INFO, jobid=number)
+    stopped(run, signal.SIGTERM)
     for _ in range(2):
         run.log(None, "Will exit after finishing currently running jobs (scheduler).")
     run.now += 60.0
@@ -382,24 +405,44 @@ def test_other_messages_are_snakemakes():
     assert run.lines()[-1] == "At least one job did not complete successfully."
 
 
-def test_only_snakemakes_own_handler_is_replaced():
+@pytest.fixture
+def take_over():
+    """The function under test; signals are handled afterwards as they were."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield console.take_over
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_only_the_handler_for_the_terminal_is_replaced(take_over, tmp_path):
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # what is started in the background ignores it
     logger = logging.Logger("a run")
-    other = logging.StreamHandler(io.StringIO())
-    logger.addHandler(other)
+    others = [logging.StreamHandler(io.StringIO()), logging.FileHandler(tmp_path / "log"), logging.NullHandler()]
+    for handler in others:
+        logger.addHandler(handler)
     take_over(logger, [], 1, dict, "logs", False)
-    assert logger.handlers == [other]
-    other.set_name("DefaultStreamHandler")
+    assert logger.handlers == others
+    logger.addHandler(logging.StreamHandler(sys.stderr))
     take_over(logger, [], 1, dict, "logs", False)
-    assert isinstance(logger.handlers[0], Console) and len(logger.handlers) == 1
+    assert logger.handlers[:-1] == others and isinstance(logger.handlers[-1], Console)
+    assert signal.getsignal(signal.SIGINT).func == logger.handlers[-1]._stop
 
 
-def test_while_jobs_run_time_passes_until_the_end(monkeypatch):
+def test_what_ignores_a_signal_goes_on_ignoring_it(take_over):
+    """As what is started in the background does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    logger = logging.Logger("a run")
+    logger.addHandler(logging.StreamHandler(sys.stderr))
+    take_over(logger, [], 1, dict, "logs", False)
+    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+
+
+def test_while_jobs_run_time_passes_until_the_end(monkeypatch, take_over):
     monkeypatch.setattr(console, "SECONDS_BETWEEN_LOOKS", 0.01)
     monkeypatch.setattr(status, "SECONDS_BETWEEN", 0.01)
     stream, logger = io.StringIO(), logging.Logger("a run")
-    inner = logging.StreamHandler(stream)
-    inner.set_name("DefaultStreamHandler")
-    logger.addHandler(inner)
+    monkeypatch.setattr(sys, "stderr", stream)
+    logger.addHandler(logging.StreamHandler())
     take_over(logger, [Step(0, "phantom", ("a",))], 1, lambda: {"a": 3000.0}, "logs", False)
     logger.info("job", extra={"event": LogEvent.JOB_INFO, "jobid": 0})
     deadline = time.monotonic() + 20

@@ -1,7 +1,13 @@
-"""What is said while jobs run: virtual_phantom.study.progress in place of a block of lines for each job."""
+"""What is said while jobs run: virtual_phantom.study.progress in place of a block of lines for each job.
+
+Snakemake documents neither what a run will do nor its options to a Snakefile. All that is taken of them stands here, and
+tests/workflow/test_snakemake.py says what another version has no more.
+"""
 
 import shutil
 import sys
+
+from snakemake.logging import logger
 
 from virtual_phantom.study.progress.console import take_over
 from virtual_phantom.study.progress.time_left import Step
@@ -35,7 +41,7 @@ def say_less():
     asked -= {"HOST", "RULES"}
     if not settings.verbose and not asked:
         take_over(
-            workflow.logger_manager.logger,
+            logger,
             steps(),
             workflow.cores if workflow.local_exec else None,
             context.expected_seconds,

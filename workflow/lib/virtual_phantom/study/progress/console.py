@@ -1,33 +1,31 @@
 """Snakemake's messages for people: few lines while all goes well, and the reason as the last one when it does not.
 
-Records are told apart by their `event`, which has the names of snakemake_interface_logger_plugins.common.LogEvent. They
-go on to Snakemake's log file as they are. Written for Snakemake 9: what it logs otherwise is handed on.
+Records are told apart by their `event`, which has the names of snakemake_interface_logger_plugins.common.LogEvent, and
+by the fields that come with it. That somebody stops a run is heard from the signal. What is left is in `words`. Records
+go on to Snakemake's log file as they are.
+
+This is no logger plugin: Snakemake takes one by --logger alone, from a package that is installed, and tells it neither
+which jobs there will be nor which of them wait for which.
 """
 
 from __future__ import annotations
 
 import logging
-import re
+import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
-from . import failures
+from . import failures, words
 from .status import Status
 from .time_left import Progress, Step
 
 SECONDS_BETWEEN_LOOKS = 1.0  # whether it is time for a line
 
-# Ctrl-C ends what is under way; SIGTERM lets it finish, and is told of again each time that a job ends.
-CUT_SHORT_START = "Terminating processes on user request"
-LET_FINISH_START = "Will exit after finishing currently running jobs"
-AGAIN_START = "Trying to restart job "
-INCOMPLETE = "At least one job did not complete"
-FILES_MISSING = re.compile(r"Job (\d+)\s+completed successfully, but some output files are missing")
-
 SILENT_EVENTS = {"progress", "job_started", "shellcmd", "resources_info", "run_info"}
-SILENT_STARTS = ("Select jobs to execute...", "Removing temporary output ", "Exiting because a job execution failed.")
 
 
 class Console(logging.Handler):
@@ -56,6 +54,7 @@ class Console(logging.Handler):
         self.exited_with_1: dict[int, logging.LogRecord] = {}
         self.groups: dict[int, list[int]] = {}
         self.cut_short = self.let_finish = False
+        self.said_without_event = ""
         self.closed = threading.Event()
         self.status.write(f"Jobs to do: {len(progress.steps)}. Their logs: {logs}")
 
@@ -71,6 +70,21 @@ class Console(logging.Handler):
         self._looking = threading.Thread(target=self._look, name="progress", daemon=True)
         self._looking.start()
 
+    def hear_of_stops(self) -> None:
+        """Hear of Ctrl-C, which ends what is under way, and of SIGTERM, which lets it finish; before Snakemake does."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            before = signal.getsignal(number)
+            if callable(before) and threading.current_thread() is threading.main_thread():
+                signal.signal(number, partial(self._stop, before))
+
+    def _stop(self, before, number, frame):
+        # No more than this: the thread that is interrupted may be saying something.
+        if number == signal.SIGINT:
+            self.cut_short = True
+        else:
+            self.let_finish = True
+        before(number, frame)
+
     def close(self) -> None:
         self.closed.set()
         self.inner.close()
@@ -82,17 +96,20 @@ class Console(logging.Handler):
             self.handle(logging.makeLogRecord({"event": "time_passed", "msg": "progress"}))
 
     def _take(self, record):
-        event, text = str(getattr(record, "event", None)), str(record.msg)
+        event = getattr(record, "event", None)
         act = getattr(self, f"_{event}", None)
         if act is not None:
             act(record)
-            return
-        told_before = text.startswith(LET_FINISH_START) and self.let_finish
-        self.cut_short |= text.startswith(CUT_SHORT_START)
-        self.let_finish |= text.startswith(LET_FINISH_START)
-        if text.startswith(AGAIN_START):
-            self._tell()
-        if not told_before and event not in SILENT_EVENTS and not text.startswith(SILENT_STARTS):
+        elif event is None:
+            self._without_event(record)
+        elif str(event) not in SILENT_EVENTS:
+            self.inner.handle(record)
+
+    def _without_event(self, record):
+        """What is said once: that jobs may finish is repeated each time that one ends."""
+        text = str(record.msg)
+        if not text.startswith(words.NOISE) and text != self.said_without_event:
+            self.said_without_event = text
             self.inner.handle(record)
 
     def _time_passed(self, record):
@@ -107,7 +124,9 @@ class Console(logging.Handler):
         if record.jobid not in self.progress.steps:
             return
         self.progress.start(record.jobid, self.clock())
-        self.failed.pop(record.jobid, None)
+        if record.jobid in self.failed:  # tried again: why, is told now
+            self._tell()
+            del self.failed[record.jobid]
         self._say()
 
     def _job_finished(self, record):
@@ -159,16 +178,16 @@ class Console(logging.Handler):
     def _error(self, record):
         """The end of a run that is not complete, or an exception."""
         kind, text = getattr(record, "exception", ""), str(record.msg)
-        if kind == "WorkflowError" and INCOMPLETE in text:
+        if kind == "WorkflowError" and words.INCOMPLETE in text:
             self._ended(record)
         elif kind == "RuleException" and self.cut_short:
             pass  # how the jobs ended that were under way
-        elif kind == "RuleException" and "returned non-zero exit status 1." in text:
+        elif kind == "RuleException" and words.EXITED_WITH_1 in text:
             # What the same thread says next is that the job failed, and its log says why, if it got so far.
             self.exited_with_1[record.thread] = record
         else:
             self.inner.handle(record)
-            missing = FILES_MISSING.search(text)
+            missing = words.FILES_MISSING.search(text)
             step = self.progress.steps.get(int(missing[1])) if missing else None
             if step is not None:
                 # Snakemake gives up the whole group, and says no more of it.
@@ -194,11 +213,27 @@ def take_over(
 ) -> None:
     """Say the rest of a run's messages in our words, where Snakemake writes to the terminal in its own.
 
-    Another logger plugin, or another name of that handler in a later Snakemake, leaves all as it is.
+    Another handler, as that of a logger plugin, stays as it is.
+
+    Parameters
+    ----------
+    logger : Logger
+        Snakemake's.
+    steps : iterable of Step
+        The run's jobs.
+    cores : int or None
+        How many it may use at a time; None where that is not known, as on a cluster.
+    expected : callable
+        Gives {file: seconds of one core that its job takes}, of jobs with a measured rate.
+    logs : str or Path
+        Folder of the jobs' logs.
+    keep_going : bool
+        Whether further jobs are started after one has failed.
     """
     for handler in list(logger.handlers):
-        if handler.get_name() == "DefaultStreamHandler":
+        if isinstance(handler, logging.StreamHandler) and handler.stream in (sys.stdout, sys.stderr):
             console = Console(handler, Progress(steps, cores, expected, time.time()), str(logs), keep_going)
             logger.removeHandler(handler)
             logger.addHandler(console)
+            console.hear_of_stops()
             console.look_on()

@@ -1,0 +1,207 @@
+"""What the workflow takes of Snakemake without its documentation's word: another version may have it no more.
+
+A run of four small jobs tells: attributes of `workflow` that the rules use, fields of records that progress reads, and
+messages that have no event.
+"""
+
+import inspect
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from snakemake.jobs import GroupJob
+from test_rules import FILES
+from workflow_runs import ROOT
+
+from virtual_phantom.study.progress import words
+from virtual_phantom.study.progress.console import SILENT_EVENTS, Console
+
+SNAKEFILE = """
+import atexit, json, operator
+from snakemake.logging import logger
+import logging
+
+seen = {{"attributes": {{}}, "job": {{}}, "records": []}}
+chains = json.loads({chains!r})
+
+
+def look(file):
+    for chain in chains[file]:
+        try:
+            seen["attributes"][chain] = repr(operator.attrgetter(chain)(workflow))
+        except AttributeError as error:
+            seen["attributes"][chain] = f"AttributeError: {{error}}"
+
+
+look("common.smk")
+
+
+class Records(logging.Handler):
+    def emit(self, record):
+        fields = {{key: str(value) for key, value in vars(record).items()}}
+        fields["event"] = None if getattr(record, "event", None) is None else str(record.event)
+        seen["records"].append(fields)
+
+
+onstart:
+    look("progress.smk")
+    for job in workflow.dag.needrun_jobs():
+        needs = [other.rule.name for other in workflow.dag.dependencies.get(job, ())]
+        seen["job"][job.rule.name] = [bool(job.is_norun), job.jobid, job.threads, [*map(str, job.output)], needs]
+    seen["handlers"] = [getattr(handler, "stream", None) in (sys.stdout, sys.stderr) for handler in logger.handlers]
+    logger.addHandler(Records())
+
+
+atexit.register(lambda: open("seen.json", "w").write(json.dumps(seen)))
+
+
+rule all:
+    default_target: True
+    input:
+        "made",
+        "left_out",
+        "failed",
+    localrule: True
+
+
+rule first:
+    output:
+        temp("first"),
+    script:
+        "touch.py"
+
+
+rule made:
+    input:
+        "first",
+    output:
+        "made",
+    threads: 1
+    script:
+        "touch.py"
+
+
+rule left_out:
+    output:
+        "left_out",
+    script:
+        "nothing.py"
+
+
+rule failed:
+    output:
+        "failed",
+    log:
+        "failed.log",
+    script:
+        "fail.py"
+"""
+# Attributes of `workflow` by the file that uses them: common.smk while the Snakefile is read, the other once jobs run.
+USED = {
+    "common.smk": ["configfiles", "current_basedir.get_path_or_uri", "is_main_process"],
+    "progress.smk": [
+        "cores",
+        "dag.dependencies.get",
+        "dag.needrun_jobs",
+        "execution_settings.keep_going",
+        "executor_plugin.name",
+        "local_exec",
+        "output_settings",
+        "scheduler.job_rate_limiter",
+    ],
+}
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory):
+    """What a run shows, and what it prints."""
+    folder = tmp_path_factory.mktemp("run")
+    (folder / "Snakefile").write_text(SNAKEFILE.format(chains=json.dumps(USED)))
+    (folder / "touch.py").write_text("open(snakemake.output[0], 'w').close()\n")
+    (folder / "nothing.py").write_text("")
+    (folder / "fail.py").write_text("raise SystemExit(1)\n")
+    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--keep-going", "--latency-wait", "0"]
+    process = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert process.returncode == 1, process.stderr[-3000:]
+    return json.loads((folder / "seen.json").read_text())
+
+
+def records(seen, event):
+    found = [record for record in seen["records"] if record["event"] == event]
+    assert found, f"no record of {event}"
+    return found
+
+
+def test_attributes_that_rules_use_are_there(seen):
+    assert len(seen["attributes"]) == sum(map(len, USED.values()))
+    assert not {chain: found for chain, found in seen["attributes"].items() if "AttributeError" in found}
+    assert seen["attributes"]["is_main_process"] == "True" and seen["attributes"]["cores"] == "1"
+
+
+def test_rules_use_no_others():
+    found = {}
+    for path in FILES:
+        code = re.sub(r"#.*|\"[^\"\n]*\"", "", path.read_text())
+        if chains := set(re.findall(r"\bworkflow\.([a-z_.]+)", code)):
+            found[path.name] = sorted(chains)
+    assert found == USED
+
+
+def test_jobs_are_told_with_what_they_make_and_wait_for(seen):
+    jobs = seen["job"]
+    assert {name: job[0] for name, job in jobs.items()} == {name: name == "all" for name in jobs} and len(jobs) == 5
+    assert len({job[1] for job in jobs.values()}) == 5
+    assert jobs["made"][2:] == [1, ["made"], ["first"]]
+
+
+def test_one_handler_writes_to_the_terminal(seen):
+    assert seen["handlers"].count(True) == 1
+
+
+def test_records_have_the_fields_that_are_read(seen):
+    numbers = {name: str(job[1]) for name, job in seen["job"].items()}
+    assert {record["jobid"] for record in records(seen, "job_info")} >= {numbers[name] for name in ("first", "failed")}
+    assert {record["job_id"] for record in records(seen, "job_finished")} == {numbers["first"], numbers["made"]}
+    (failed,) = records(seen, "job_error")
+    assert (failed["jobid"], failed["rule_name"], failed["indent"]) == (numbers["failed"], "failed", "False")
+    assert failed["log"] == "['failed.log']" and failed["output"] == "['failed']"
+    exceptions = [record["exception"] for record in records(seen, "error")]
+    assert exceptions.count("RuleException") == exceptions.count("MissingOutputException") == 1
+    assert exceptions[-1] == "WorkflowError"
+    (before,) = [record for record in records(seen, "error") if record["exception"] == "RuleException"]
+    assert before["thread"] == failed["thread"]
+
+
+def test_records_of_groups_have_the_fields_that_are_read():
+    """They are of clusters alone."""
+    source = inspect.getsource(GroupJob)
+    for field in ("LogEvent.GROUP_INFO", "jobs=", "LogEvent.GROUP_ERROR", "aux_logs=", "job_error_info="):
+        assert field in source, field
+
+
+def test_events_have_the_names_that_are_read():
+    from snakemake_interface_logger_plugins.common import LogEvent
+
+    told = {"job_info", "job_finished", "job_error", "group_info", "group_error", "error"}
+    assert told | SILENT_EVENTS <= {str(event) for event in LogEvent}
+    assert all(hasattr(Console, f"_{event}") for event in told)
+
+
+def test_what_has_no_event_is_said_in_the_words_that_are_known(seen):
+    said = [record["msg"] for record in seen["records"] if record["event"] is None]
+    for beginning in words.NOISE:
+        assert any(text.startswith(beginning) for text in said), beginning
+    errors = {record["exception"]: record["msg"] for record in records(seen, "error")}
+    assert words.INCOMPLETE in errors["WorkflowError"]
+    assert words.EXITED_WITH_1 in errors["RuleException"]
+    assert words.FILES_MISSING.search(errors["MissingOutputException"])[1] == str(seen["job"]["left_out"][1])
+
+
+def test_files_that_know_snakemake_s_words_are_one():
+    folder = ROOT / "workflow" / "lib" / "virtual_phantom" / "study" / "progress"
+    known = [*words.NOISE, words.INCOMPLETE, words.EXITED_WITH_1, "output files are missing"]
+    for path in folder.glob("*.py"):
+        if path.name != "words.py":
+            assert not [text for text in known if text in path.read_text()], path.name
