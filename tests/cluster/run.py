@@ -15,15 +15,15 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from runpy import run_path
 
 import pandas as pd
 import yaml
 from one_node import PRETENDED_GPUS, in_own_mounts, jobs, one_node, running
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests"))
-from pages import copy_project, follow  # noqa: E402
-
+# Helpers of tests in another folder, which Python does not look into for a program that is run from here.
+PAGES = run_path(str(ROOT / "tests" / "pages.py"))
 TINY = ROOT / "config" / "tiny.yaml"
 
 
@@ -245,8 +245,8 @@ def _print_of_job(environment, number, keys):
 def tutorial(environment, folder):
     """docs/tutorials/run-on-a-cluster.md to the letter, in a copy of the project."""
     project, before, began = folder / "tutorial", len(jobs(environment)), time.monotonic()
-    copy_project(ROOT, project)
-    follow(project / "docs" / "tutorials" / "run-on-a-cluster.md", project, slurm=True)
+    PAGES["copy_project"](ROOT, project)
+    PAGES["follow"](project / "docs" / "tutorials" / "run-on-a-cluster.md", project, slurm=True)
     told("the tutorial", time.monotonic() - began, submitted := jobs(environment)[before:])
     expect(submitted and {job["state"] for job in submitted} == {"COMPLETED"}, "SLURM completed all of its jobs")
 
