@@ -37,24 +37,19 @@ EFFECT = Effect(
 def test_a_new_effect_on_images_is_a_file_and_no_more(tmp_path, monkeypatch):
     """It is found, acts at its rank, is tried on images and stands in the catalogue."""
     known = set(effect.image_effects())
-    for path in effect.FOLDER.glob("*.py"):
+    for path in Path(effects.__path__[0]).glob("*.py"):
         shutil.copy(path, tmp_path)
     for name, rank in (("cut_before", 0), ("cut_after", 2)):
         (tmp_path / f"{name}.py").write_text(NEW_EFFECT.format(name=name, rank=rank))
-    monkeypatch.setattr(effect, "FOLDER", tmp_path)
     monkeypatch.setattr(effects, "__path__", [str(tmp_path)])
-    effect.names.cache_clear()
-    try:
-        image, added = np.array([[[0.0, 40.0, 80.0]]]), {"hu_calibration": {"scale": 1.0, "offset_hu": 30.0}}
-        before = with_effects(image, (1.0, 1.0, 1.0), added | {"cut_before": {"ceiling_hu": 50.0}})
-        after = with_effects(image, (1.0, 1.0, 1.0), {"cut_after": {"ceiling_hu": 50.0}} | added)
-        np.testing.assert_array_equal([before.ravel(), after.ravel()], [[30, 70, 80], [30, 50, 50]])
-        assert set(effect.image_effects()) == known | {"cut_before", "cut_after"}
-        assert {"cut_before", "cut_after"} <= set(candidates({"nominal_photons": 1e5}, "images"))
-        assert not {"cut_before", "cut_after"} & set(candidates({"nominal_photons": 1e5}))
-        spec = importlib.util.spec_from_file_location("effects_catalogue", ROOT / "docs" / "effects_catalogue.py")
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        assert "## Cut before" in module.page()
-    finally:
-        effect.names.cache_clear()
+    image, added = np.array([[[0.0, 40.0, 80.0]]]), {"hu_calibration": {"scale": 1.0, "offset_hu": 30.0}}
+    before = with_effects(image, (1.0, 1.0, 1.0), added | {"cut_before": {"ceiling_hu": 50.0}})
+    after = with_effects(image, (1.0, 1.0, 1.0), {"cut_after": {"ceiling_hu": 50.0}} | added)
+    np.testing.assert_array_equal([before.ravel(), after.ravel()], [[30, 70, 80], [30, 50, 50]])
+    assert set(effect.image_effects()) == known | {"cut_before", "cut_after"}
+    assert {"cut_before", "cut_after"} <= set(candidates({"nominal_photons": 1e5}, "images"))
+    assert not {"cut_before", "cut_after"} & set(candidates({"nominal_photons": 1e5}))
+    spec = importlib.util.spec_from_file_location("effects_catalogue", ROOT / "docs" / "effects_catalogue.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert "## Cut before" in module.page()

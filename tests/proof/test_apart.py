@@ -11,6 +11,7 @@ MAY_BE_LOADED = {
     *("io", "io.files", "io.hdf5", "io.schema", "io.volumes", "study", "study.config", "study.job"),
     *("phantom", "phantom.layout", "phantom.rois", "phantom.shapes", "phantom.synthetic", "phantom.texture"),
     *("physics", "physics.effect", "recordings", "recordings.document"),
+    "physics.effects",  # the folder's own file, which holds nothing: each effect is a module of its own
     *("statistics", "statistics.measured"),
 }
 
