@@ -85,21 +85,32 @@ def test_names_beyond_the_markers_begin_again():
     assert len({assigned[f"roi_{index}"] for index in range(len(style.MARKERS))}) == len(style.MARKERS)
 
 
-def test_steps_of_a_parameter_are_distinct_ordered_and_visible_on_white():
-    values = np.array([150, 200, 250, 300, 350, 400, 450.0])
-    mappable, steps = style.parameter_colours(np.tile(values, 3))
-    colours = mappable.to_rgba(values)
-    assert steps.tolist() == values.tolist()
-    brightness = [luminance(colour) for colour in colours]
-    assert np.all(np.diff(brightness) > 0.01)
+@pytest.mark.parametrize("count", [2, 7, 12, 40])
+def test_colours_of_a_parameter_are_distinct_ordered_and_visible_on_white(count):
+    values = np.linspace(150, 450, count)
+    colours = style.ordered_colours(np.tile(values[::-1], 3))
+    assert list(colours) == values.tolist()
+    brightness = [luminance(colour) for colour in colours.values()]
+    assert np.all(np.diff(brightness) > 0.01 * min(1, 7 / count))
     assert brightness[-1] < 0.65
 
 
-def test_one_value_and_many_values_of_a_parameter():
-    mappable, steps = style.parameter_colours(np.array([300.0, 300.0]))
-    assert steps.tolist() == [300] and mappable.to_rgba(300)[3] == 1
-    mappable, steps = style.parameter_colours(np.linspace(1, 2, 40))
-    assert steps is None and (mappable.norm.vmin, mappable.norm.vmax) == (1, 2)
+def test_one_value_of_a_parameter():
+    assert list(style.ordered_colours(np.array([300.0, 300.0]))) == [300]
+
+
+@pytest.mark.parametrize("colours", ["Blues", "RdBu_r"])
+def test_letters_on_a_heat_map_stand_out_from_their_cells(colours):
+    values = pandas.DataFrame(np.linspace(-1, 1, 60).reshape(6, 10)).mask(lambda cell: cell > 0.95)
+    words = values.map(style.number)
+    with style.styled():
+        axes = style.figure(100, 100).subplots()
+        mesh = style.heat_map(axes, values, words, cmap=colours, vmin=-1, vmax=1)
+    assert [text.get_text() for text in axes.texts] == words.to_numpy()[values.notna()].tolist()
+    for text in axes.texts:
+        column, row = (int(place) for place in text.get_position())
+        light, dark = sorted(map(luminance, (text.get_color(), mesh.to_rgba(values.iloc[row, column]))), reverse=True)
+        assert (light + 0.05) / (dark + 0.05) > 3  # WCAG 2.1
 
 
 def test_both_formats_are_written_the_same_every_time(overlap, tmp_path):

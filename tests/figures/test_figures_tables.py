@@ -6,6 +6,7 @@ import pandas
 import pytest
 from figure_checks import assert_text_fits, texts
 from matplotlib.collections import PathCollection
+from matplotlib.markers import MarkerStyle
 from scipy.stats import hypergeom
 
 from virtual_phantom.base.errors import InputError
@@ -101,11 +102,14 @@ def test_every_feature_counts(stability, draws):
     )
     colours = dict(zip(map(matplotlib.colors.to_hex, style.ON_WHITE), families, strict=False))
     for axes, total in zip(figure.axes, (86, 85), strict=True):
-        drawn = 0
-        for collection in axes.findobj(PathCollection):
-            family = colours[matplotlib.colors.to_hex(collection.get_facecolors()[0])]
-            drawn += len(collection.get_offsets()) * collection.get_sizes()[0] / one[family]
-        assert drawn == pytest.approx(total)
+        (drawn,) = axes.findobj(PathCollection)
+        named = [colours[matplotlib.colors.to_hex(colour)] for colour in drawn.get_facecolors()]
+        counts = drawn.get_sizes() / [one[family] for family in named]
+        assert counts == pytest.approx(counts.round()) and counts.sum() == pytest.approx(total)
+        shapes = {family: MarkerStyle(marker) for family, marker in zip(families, style.MARKERS, strict=False)}
+        for family, path in zip(named, drawn.get_paths(), strict=True):
+            expected = shapes[family].get_path().transformed(shapes[family].get_transform())
+            assert np.array_equal(path.vertices, expected.vertices)
         assert f"{total} features" in axes.get_title()
     said = texts(figure)
     assert "stability: pairs of groups with |W| < 1 (%)" in said
@@ -122,9 +126,9 @@ def test_features_at_one_place_are_one_larger_marker():
             "discrimination_percent": [80.0, 80, 90],
         }
     )
-    collections = stability_discrimination.draw(table, 1.0).axes[0].findobj(PathCollection)
-    size = {tuple(collection.get_offsets()[0]): collection.get_sizes()[0] for collection in collections}
-    assert set(size) == {(5, 80), (9, 90)}
+    (drawn,) = stability_discrimination.draw(table, 1.0).axes[0].findobj(PathCollection)
+    size = dict(zip(map(tuple, drawn.get_offsets()), drawn.get_sizes(), strict=True))
+    assert list(size) == [(5, 80), (9, 90)]  # the large one first, beneath
     assert size[5, 80] == pytest.approx(2 * size[9, 90])
 
 
@@ -235,11 +239,11 @@ def test_measured_have_the_shape_of_their_roi(make_pca):
     collections = pca.draw(table).axes[0].findobj(PathCollection)
     shapes = {}
     for collection in collections:
-        start = tuple(np.asarray(collection.get_offsets())[0])
-        row = table[(table["pc1"] == start[0]) & (table["pc2"] == start[1])].iloc[0]
-        shapes.setdefault(row["roi"], set()).add(collection.get_paths()[0].vertices.tobytes())
         filled = len(collection.get_facecolors()) > 0
-        assert filled == (row["source"] == "simulated")
+        for (pc1, pc2), path in zip(np.asarray(collection.get_offsets()), collection.get_paths(), strict=True):
+            row = table[(table["pc1"] == pc1) & (table["pc2"] == pc2)].iloc[0]
+            shapes.setdefault(row["roi"], set()).add(path.vertices.tobytes())
+            assert filled == (row["source"] == "simulated")
     assert len(shapes["a"]) == len(shapes["b"]) == 1 and shapes["a"] != shapes["b"]
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pandas
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.colors import BoundaryNorm, ListedColormap, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -106,30 +106,14 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
             fontweight="bold",
             annotation_clip=False,
         )
-    handles = [
-        Line2D(
-            [],
-            [],
-            linestyle="none",
-            marker="o",
-            markersize=2.5,
-            color="black",
-            label=f"differs (q < {ALPHA:g}); white on dark cells",
-        ),
-        Line2D(
-            [],
-            [],
-            linestyle="none",
-            marker="o",
-            markersize=3.5,
-            color="black",
-            markerfacecolor="none",
-            markeredgewidth=0.7,
-            label="shown to agree",
-        ),
-        Line2D([], [], linestyle="none", marker="s", color=MISSING, label="constant: no ratio"),
-        Line2D([], [], linestyle="none", marker="s", color=IN_ORDER, label=f"τ ≥ {RANK_RIGHT:g}: ROIs in order"),
-    ]
+    ring = {"marker": "o", "color": "black", "markersize": 3.5, "markerfacecolor": "none", "markeredgewidth": 0.7}
+    marks = {
+        f"differs (q < {ALPHA:g}); white on dark cells": {"marker": "o", "color": "black", "markersize": 2.5},
+        "shown to agree": ring,
+        "constant: no ratio": {"marker": "s", "color": MISSING},
+        f"τ ≥ {RANK_RIGHT:g}: ROIs in order": {"marker": "s", "color": IN_ORDER},
+    }
+    handles = [Line2D([], [], linestyle="none", label=text, **look) for text, look in marks.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     if title:
         figure.suptitle(title)
@@ -163,13 +147,9 @@ def _fraction(value: float) -> str:
 def _heat(figure: Figure, axes: Axes, y, values, steps, colours: str, labels: list[str], text: str) -> None:
     """Cells in steps of a diverging map, white between the first two; those beyond the last have the last colours."""
     boundaries = np.array([*-steps[::-1], *steps])
-    count = len(steps)
-    diverging = matplotlib.colormaps[colours]
-    shades = [diverging(0.5 + side * 0.5 * (place + 1) / count) for side in (-1, 1) for place in range(count)]
-    below, above = shades[:count][::-1], shades[count:]
-    colour_map = ListedColormap([*below[1:], NEUTRAL, *above[:-1]]).with_extremes(
-        under=below[0], over=above[-1], bad=MISSING
-    )
+    shades = matplotlib.colormaps[colours](np.linspace(0, 1, 2 * len(steps) + 1))
+    shades[len(steps)] = to_rgba(NEUTRAL)
+    colour_map = ListedColormap(shades[1:-1]).with_extremes(under=shades[0], over=shades[-1], bad=MISSING)
     norm = BoundaryNorm(boundaries, colour_map.N)
     masked = np.ma.masked_invalid(np.where(np.isposinf(values), 1e300, np.where(np.isneginf(values), -1e300, values)))
     for rows in np.split(np.arange(len(y)), np.flatnonzero(np.diff(y) > 1 + GAP_ROWS / 2) + 1):

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
+import seaborn
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
@@ -20,6 +24,18 @@ def _plain(axis: Axis) -> None:
     """Few numbers, written out: the shared style sets no formulas."""
     axis.get_major_locator().set_params(numticks=6)
     axis.set_major_formatter(FuncFormatter(lambda value, _: style.number(value)))
+
+
+def bars(axes: Axes, values: Mapping[str, float], chosen: tuple[str, ...]) -> None:
+    """A horizontal bar for each, in its order, named; those that were chosen are blue."""
+    colours = {True: AFTER, False: "#BBBBBB"}
+    named = {
+        "x": list(values.values()),
+        "y": list(map(style.label, values)),
+        "hue": [name in chosen for name in values],
+    }
+    seaborn.barplot(**named, palette=colours, saturation=1, width=0.7, legend=False, ax=axes)
+    axes.axvline(0, color=style.GREY, linewidth=0.6)
 
 
 @style.styled()
@@ -66,14 +82,8 @@ def draw_ranking(gains: dict[str, float], chosen: tuple[str, ...]) -> Figure:
     names = sorted(gains, key=lambda name: -gains[name])[:MOST_RANKED]
     figure = style.figure(style.DOUBLE_COLUMN_MM, 18 + 4.6 * len(names))
     axes = figure.subplots()
-    values = [gains[name] for name in names]
-    colours = [AFTER if name in chosen else "#BBBBBB" for name in names]
-    axes.barh(range(len(names)), values, color=colours, height=0.7)
-    axes.set_yticks(range(len(names)), [style.label(name) for name in names])
-    axes.invert_yaxis()
+    bars(axes, {name: gains[name] for name in names}, chosen)
     axes.set_xscale("symlog", linthresh=LINEAR_GAIN)
     _plain(axes.xaxis)
-    axes.axvline(0, color=style.GREY, linewidth=0.6)
     axes.set_xlabel("gain on data not fitted (log score), each effect alone; blue: in the verdict")
-    axes.grid(axis="y", visible=False)
     return figure

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pandas
 from matplotlib.figure import Figure
 
 from . import style, tables
-from .diagnosis import AFTER
+from .diagnosis import bars
 
 STRONG_SD = 10.0  # colours end there
-DARK = 0.6  # of the range: letters on it are white
 ROW_MM = 6.0
 
 
@@ -30,25 +28,14 @@ def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame | None = None)
         wide.append(medians.unstack(sort=False))
     figure = style.figure(style.DOUBLE_COLUMN_MM, ROW_MM * len(wide[0]) + 34)
     axes = figure.subplots(1, 2, sharey=True)  # of the same width, with one map too
-    for index, (place, values, name) in enumerate(
-        zip(axes, wide, ("as simulated", "with the property found, regions not fitted"), strict=False)
-    ):
-        shown = place.imshow(values, cmap="Blues", vmin=0, vmax=STRONG_SD, aspect="auto")
-        for (row, column), value in np.ndenumerate(values.to_numpy()):
-            colour = "white" if value > DARK * STRONG_SD else "black"
-            place.text(column, row, style.number(round(value, 1)), ha="center", va="center", color=colour)
-        place.set_xticks(
-            range(values.shape[1]),
-            [style.label(roi) for roi in values.columns],
-            rotation=60,
-            ha="right",
-            rotation_mode="anchor",
-        )
+    names = ("as simulated", "with the property found, regions not fitted")
+    for index, (place, values, name) in enumerate(zip(axes, wide, names, strict=False)):
+        words = values.round(1).map(style.number)
+        shown = style.heat_map(place, values.rename(columns=style.label), words, cmap="Blues", vmin=0, vmax=STRONG_SD)
         place.set_title(name)
         style.letter_panel(place, index)
     for place in axes[len(wide) :]:
         place.set_axis_off()
-    axes[0].set_yticks(range(len(wide[0])), list(wide[0].index))
     figure.colorbar(shown, ax=axes, label="median |shift| (repeat SDs)", extend="max", shrink=0.9)
     return figure
 
@@ -63,19 +50,13 @@ def draw_shares(
     chosen             those of the verdict
     material           share from which a property counts
     """
-    names = list(held_out)
-    figure = style.figure(style.DOUBLE_COLUMN_MM, 20 + ROW_MM * len(names))
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 20 + ROW_MM * len(held_out))
     axes = figure.subplots()
-    colours = [AFTER if name in chosen else "#BBBBBB" for name in names]
-    axes.barh(range(len(names)), [100 * held_out[name] for name in names], color=colours, height=0.6)
-    axes.plot([100 * fitted[name] for name in names], range(len(names)), "|", color="black", markersize=9)
-    axes.axvline(0, color=style.GREY, linewidth=0.6)
+    bars(axes, {name: 100 * share for name, share in held_out.items()}, chosen)
+    axes.plot([100 * fitted[name] for name in held_out], range(len(held_out)), "|", color="black", markersize=9)
     axes.axvline(100 * material, color=style.GREY, linewidth=0.8, linestyle="--")
-    axes.set_yticks(range(len(names)), [style.label(name) for name in names])
-    axes.invert_yaxis()
     axes.set_xlabel(
         "difference removed on regions not fitted (%), each property alone; blue: in the verdict\n"
         "bars across: on the regions fitted; dashed: the least that counts"
     )
-    axes.grid(axis="y", visible=False)
     return figure

@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas
 from matplotlib.axes import Axes
+from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from ..base.errors import InputError
 from ..statistics.noise import LinearFit, linear_fit
@@ -43,42 +45,31 @@ def draw(
     tables.check_table(table, name, text=["protocol", "roi"])
     rows = table[table["roi"] == roi].sort_values("noise_level", kind="stable")
     tables.check_table(rows, f"{name}, ROI {roi}", numbers=numbers)
-    study_levels = dict(study_levels or {})
-    series = dict(list(rows.groupby("protocol")))
+    factor, unit = style.power_of_ten(rows["noise_level"])  # levels are in it from here on
+    series = dict(list(rows.assign(noise_level=rows["noise_level"] / factor).groupby("protocol")))
     fits = {protocol: linear_fit(group["noise_level"], group["variance_hu2"]) for protocol, group in series.items()}
-    crossings = {
-        variance: {protocol: crossing(line, variance) for protocol, line in fits.items()} for _, variance in measured
-    }
-    reached = [level for levels in crossings.values() for level in levels.values() if level is not None]
-    furthest = max([rows["noise_level"].max(), *study_levels.values(), *reached])
-    factor, factor_text = style.power_of_ten(rows["noise_level"])
-    colours = style.assign(series, style.ON_WHITE)
-    markers = style.assign(series, style.MARKERS)
+    studied = {label: level / factor for label, level in (study_levels or {}).items()}
+    crossings = [{protocol: crossing(line, variance) for protocol, line in fits.items()} for _, variance in measured]
+    reached = [level for levels in crossings for level in levels.values() if level is not None]
+    furthest = max([*(group["noise_level"].max() for group in series.values()), *studied.values(), *reached])
+    colours, markers = style.assign(series, style.ON_WHITE), style.assign(series, style.MARKERS)
 
     figure = style.figure(style.SINGLE_COLUMN_MM, 62)
     axes = figure.subplots()
     handles = []
     for protocol, group in series.items():
-        handles += _protocol(
-            axes,
-            protocol,
-            group,
-            fits[protocol],
-            furthest,
-            factor,
-            colours[protocol],
-            markers[protocol],
-            factor_text,
-        )
-    for (label, variance), pattern in zip(measured, itertools.cycle(MEASURED_LINES), strict=False):
-        handles.append(_measured(axes, label, variance, pattern, crossings[variance], colours, factor, factor_text))
-    if study_levels:
-        handles.append(_study(axes, study_levels, factor, factor_text))
-    axes.set(
-        xlabel=f"noise level A = 1/I₀ ({factor_text})",
-        ylabel="variance (HU²)",
-        xlim=(0, 1.05 * furthest / factor),
-    )
+        look = {"color": colours[protocol], "marker": markers[protocol]}
+        handles += [
+            _points(axes, protocol, group, look),
+            _line(axes, group, fits[protocol], furthest, unit, look["color"]),
+        ]
+    for (label, variance), levels, pattern in zip(measured, crossings, itertools.cycle(MEASURED_LINES), strict=False):
+        text = _mark(axes, levels, variance, pattern, colours, unit)
+        text = textwrap.fill(f"{label}: {style.number(variance)} HU², {text}", LEGEND_CHARACTERS)
+        handles.append(axes.axhline(variance, color="black", linewidth=0.9, linestyle=pattern, label=text))
+    if studied:
+        handles.append(_study(axes, studied, unit))
+    axes.set(xlabel=f"noise level A = 1/I₀ ({unit})", ylabel="variance (HU²)", xlim=(0, 1.05 * furthest))
     axes.set_ylim(bottom=0)
     lines = sum(1 + handle.get_label().count("\n") for handle in handles)
     figure.set_figheight((62 + 3.8 * lines) / style.MILLIMETRES_PER_INCH)
@@ -86,98 +77,55 @@ def draw(
     return figure
 
 
-def describe(line: LinearFit, factor: float, factor_text: str) -> str:
-    """The fit in words, A in units of `factor`."""
+def describe(line: LinearFit, unit: str) -> str:
+    """The fit in words; A is in `unit`."""
     sign = "−" if line.intercept < 0 else "+"
     return (
-        f"fit: {style.number(line.slope * factor)} HU² · A/{factor_text} {sign} "
-        f"{style.number(abs(line.intercept))} HU², R² = {line.r_squared:.4f}"
+        f"fit: {style.number(line.slope)} HU² · A/{unit} {sign} {style.number(abs(line.intercept))} HU², "
+        f"R² = {line.r_squared:.4f}"
     )
 
 
-def _protocol(
-    axes: Axes,
-    protocol: str,
-    group: pandas.DataFrame,
-    line: LinearFit,
-    furthest: float,
-    factor: float,
-    colour: str,
-    marker: str,
-    factor_text: str,
-) -> list:
-    points = axes.errorbar(
-        group["noise_level"] / factor,
+def _points(axes: Axes, protocol: str, group: pandas.DataFrame, look: Mapping[str, str]) -> ErrorbarContainer:
+    return axes.errorbar(
+        group["noise_level"],
         group["variance_hu2"],
         yerr=group["standard_error"],
         linestyle="none",
-        marker=marker,
-        color=colour,
         markeredgecolor="white",
         markeredgewidth=0.4,
         capsize=2,
         elinewidth=0.8,
         zorder=3,
         label=f"{style.label(protocol)}: simulated, ± standard error",
+        **look,
     )
+
+
+def _line(axes: Axes, group: pandas.DataFrame, fit: LinearFit, furthest: float, unit: str, colour: str) -> Line2D:
+    """The fit; dotted beyond the simulated levels, where it is a guess."""
     first, last = group["noise_level"].min(), group["noise_level"].max()
-    simulated, beyond = np.array([first, last]), np.array([last, furthest])
-    (within,) = axes.plot(
-        simulated / factor,
-        line.intercept + line.slope * simulated,
-        color=colour,
-        label=describe(line, factor, factor_text),
-    )
-    if furthest > last:  # beyond the simulated levels the line is a guess, and looks like one
+    within, beyond = (fit.intercept + fit.slope * np.array(ends) for ends in ((first, last), (last, furthest)))
+    axes.plot([last, furthest], beyond, color=colour, linewidth=0.8, linestyle=(0, (1, 1.5)))
+    return axes.plot([first, last], within, color=colour, label=describe(fit, unit))[0]
+
+
+def _mark(axes: Axes, levels: Mapping[str, float | None], variance: float, pattern, colours, unit: str) -> str:
+    """Mark where the fits reach a variance, and say it."""
+    known = {protocol: level for protocol, level in levels.items() if level is not None}
+    for protocol, level in known.items():
+        axes.vlines(level, 0, variance, color=colours[protocol], linewidth=0.8, linestyle=pattern)
         axes.plot(
-            beyond / factor,
-            line.intercept + line.slope * beyond,
-            color=colour,
-            linewidth=0.8,
-            linestyle=(0, (1, 1.5)),
+            level, variance, "o", markersize=5, markerfacecolor="none", markeredgecolor=colours[protocol], zorder=4
         )
-    return [points, within]
+    numbers = ["–" if level is None else style.number(level) for level in levels.values()]
+    return f"crossed at A = {', '.join(numbers)} ×{unit}" if known else "not crossed"
 
 
-def _measured(
-    axes: Axes,
-    label: str,
-    variance: float,
-    pattern,
-    levels: Mapping[str, float | None],
-    colours: Mapping[str, str],
-    factor: float,
-    factor_text: str,
-):
-    for protocol, level in levels.items():
-        if level is not None:
-            axes.vlines(level / factor, 0, variance, color=colours[protocol], linewidth=0.8, linestyle=pattern)
-            axes.plot(
-                level / factor,
-                variance,
-                marker="o",
-                markersize=5,
-                markerfacecolor="none",
-                markeredgecolor=colours[protocol],
-                zorder=4,
-            )
-    text = f"{label}: {style.number(variance)} HU², not crossed"
-    if any(level is not None for level in levels.values()):
-        numbers = ["–" if level is None else style.number(level / factor) for level in levels.values()]
-        text = text.replace("not crossed", f"crossed at A = {', '.join(numbers)} ×{factor_text}")
-    return axes.axhline(
-        variance,
-        color="black",
-        linewidth=0.9,
-        linestyle=pattern,
-        label=textwrap.fill(text, LEGEND_CHARACTERS),
-    )
-
-
-def _study(axes: Axes, levels: Mapping[str, float], factor: float, factor_text: str):
-    names = ", ".join(f"{style.number(level / factor)} ({style.label(label)})" for label, level in levels.items())
+def _study(axes: Axes, levels: Mapping[str, float], unit: str) -> Line2D:
+    names = ", ".join(f"{style.number(level)} ({style.label(label)})" for label, level in levels.items())
     (handle,) = axes.plot(
-        np.array(list(levels.values())) / factor,
+        list(levels.values()),
         np.zeros(len(levels)),
         linestyle="none",
         marker="^",
@@ -186,6 +134,6 @@ def _study(axes: Axes, levels: Mapping[str, float], factor: float, factor_text: 
         clip_on=False,
         zorder=5,
         transform=axes.get_xaxis_transform(),
-        label=textwrap.fill(f"levels of the study: A = {names} ×{factor_text}", LEGEND_CHARACTERS),
+        label=textwrap.fill(f"levels of the study: A = {names} ×{unit}", LEGEND_CHARACTERS),
     )
     return handle

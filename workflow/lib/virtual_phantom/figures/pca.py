@@ -1,7 +1,9 @@
 """Principal components, simulated and measured (figures 6 to 8 of Flouris et al., Sci. Rep. 2022)."""
 
-import numpy as np
+from collections.abc import Mapping
+
 import pandas
+import seaborn
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -10,8 +12,10 @@ from matplotlib.lines import Line2D
 from ..base.errors import InputError
 from . import style, tables
 
+MOST_NAMED = 14  # values of a parameter, in two lines; of more, every second or third
 FEW_MEASURED = 100  # up to as many lie on top; more lie beneath, with their means on top
 SIMULATED_POINTS, MEASURED_POINTS, MEAN_POINTS = 3.4, 4.5, 8.0  # across
+LEGEND_SCALE = 1.4
 WHITE_HALO = [patheffects.withStroke(linewidth=2.4, foreground="white")]
 
 
@@ -35,6 +39,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     explained = table[["explained_pc1_percent", "explained_pc2_percent"]].drop_duplicates()
     if len(explained) > 1:
         raise InputError(f"{name}: explained variances differ between rows; draw one PCA at a time")
+    first, second = explained.iloc[0]
     unknown = sorted(set(table["source"]) - {"simulated", "measured"})
     if unknown:
         raise InputError(f"{name}: source {', '.join(map(str, unknown))} is neither simulated nor measured")
@@ -48,113 +53,58 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     figure = style.figure(style.DOUBLE_COLUMN_MM, 88 + 4 * legend_rows)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     factor, factor_text = style.power_of_ten(simulated["noise_level"])
-    for index, (axes, values, parameter) in enumerate(
-        zip(
-            panels,
-            (simulated["projections"], simulated["noise_level"] / factor),
-            ("number of projections", f"noise level A = 1/I₀ ({factor_text})"),
-            strict=True,
+    simulated = simulated.assign(noise_level=simulated["noise_level"] / factor)
+    shown = {"projections": "number of projections", "noise_level": f"noise level A = 1/I₀ ({factor_text})"}
+    for index, (axes, (column, parameter)) in enumerate(zip(panels, shown.items(), strict=True)):
+        palette = style.ordered_colours(simulated[column])
+        filled = {"hue": column, "palette": palette, "edgecolor": "white", "linewidth": 0.2, "zorder": 2}
+        _scatter(axes, simulated, markers, SIMULATED_POINTS, **filled)
+        handles, _ = axes.get_legend_handles_labels()
+        every = slice(None, None, -(-len(palette) // MOST_NAMED))
+        axes.legend(
+            handles[1 : 1 + len(palette)][every],
+            [style.number(value) for value in palette][every],
+            title=parameter,
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1),
+            ncols=MOST_NAMED // 2,
+            columnspacing=1,
+            handlelength=1,
+            handletextpad=0.2,
+            markerscale=LEGEND_SCALE,
         )
-    ):
-        mappable, steps = style.parameter_colours(values.to_numpy(dtype=float))
-        _simulated(axes, simulated, markers, mappable.to_rgba(values))
         _measured(axes, measured, markers)
-        bar = figure.colorbar(
-            mappable,
-            ax=axes,
-            location="top",
-            label=parameter,
-            aspect=30,
-            pad=0.02,
-            spacing="uniform",
-            drawedges=False,
-        )
-        if steps is not None:
-            bar.set_ticks(
-                (mappable.norm.boundaries[1:] + mappable.norm.boundaries[:-1]) / 2,
-                labels=[style.number(step) for step in steps],
-            )
-            bar.ax.tick_params(length=0)
-        bar.ax.text(
-            -0.03,
-            0.5,
-            "ab"[index],
-            transform=bar.ax.transAxes,
-            ha="right",
-            va="center",
-            fontweight="bold",
-            fontsize=style.FONT_POINTS + 1,
-        )
-        axes.set_xlabel(f"PC 1 ({explained.iloc[0, 0]:.1f} % of variance)")
-    panels[0].set_ylabel(f"PC 2 ({explained.iloc[0, 1]:.1f} % of variance)")
+        style.letter_panel(axes, index)
+        axes.set(xlabel=f"PC 1 ({first:.1f} % of variance)", ylabel=None)
+    panels[0].set_ylabel(f"PC 2 ({second:.1f} % of variance)")
     if title:
         figure.suptitle(title)
-    _legend(figure, markers, len(measured))
+    legend = [*zip(handles[2 + len(palette) :], map(style.label, markers), strict=True)]
+    legend.append((handles[1 + len(palette) // 2], "colour: simulated"))
+    hollow = {"linestyle": "none", "marker": "o", "color": "black", "markerfacecolor": "none"}
+    if len(measured):
+        legend.append((Line2D([], [], **hollow), "black: measured"))
+    if len(measured) > FEW_MEASURED:
+        large = {"markersize": MEAN_POINTS / LEGEND_SCALE, "markeredgewidth": 1.2}
+        legend.append((Line2D([], [], **large, **hollow), "large: mean of measured"))
+    place = {"loc": "outside lower center", "ncols": min(5, len(legend))}
+    figure.legend(*zip(*legend, strict=True), markerscale=LEGEND_SCALE, **place)
     return figure
 
 
-def _simulated(axes: Axes, rows: pandas.DataFrame, markers: dict[str, str], colours: np.ndarray) -> None:
-    """Filled markers; colours: one of RGBA for each row."""
-    rois = rows["roi"].to_numpy()
-    for roi in dict.fromkeys(rois):
-        chosen = rois == roi
-        axes.scatter(
-            rows["pc1"][chosen],
-            rows["pc2"][chosen],
-            marker=markers[roi],
-            facecolors=colours[chosen],
-            s=style.marker_area(markers[roi], SIMULATED_POINTS),
-            edgecolors="white",
-            linewidths=0.2,
-            zorder=2,
-        )
+def _scatter(axes: Axes, rows: pandas.DataFrame, markers: Mapping[str, str], points: float, **look) -> None:
+    """A marker for every row, `points` across, with the shape of its ROI."""
+    shapes = {"style": "roi", "style_order": list(markers), "markers": dict(markers)}
+    sizes = {roi: style.marker_area(marker, points) for roi, marker in markers.items()}
+    seaborn.scatterplot(rows, x="pc1", y="pc2", size="roi", sizes=sizes, ax=axes, **shapes, **look)
 
 
-def _measured(axes: Axes, rows: pandas.DataFrame, markers: dict[str, str]) -> None:
+def _measured(axes: Axes, rows: pandas.DataFrame, markers: Mapping[str, str]) -> None:
     """Hollow black markers."""
-    many = len(rows) > FEW_MEASURED
-    size, width, order = (SIMULATED_POINTS, 0.4, 1) if many else (MEASURED_POINTS, 0.7, 3)
-    for roi, points in rows.groupby("roi"):
-        hollow = {"marker": markers[roi], "facecolors": "none", "edgecolors": "black"}
-        axes.scatter(
-            points["pc1"],
-            points["pc2"],
-            s=style.marker_area(markers[roi], size),
-            linewidths=width,
-            zorder=order,
-            **hollow,
-        )
-        if many:
-            axes.scatter(
-                points["pc1"].mean(),
-                points["pc2"].mean(),
-                s=style.marker_area(markers[roi], MEAN_POINTS),
-                linewidths=1.2,
-                zorder=4,
-                path_effects=WHITE_HALO,
-                **hollow,
-            )
-
-
-def _legend(figure: Figure, markers: dict[str, str], measured: int) -> None:
-    def entry(marker, size, text, **look):
-        return Line2D(
-            [],
-            [],
-            linestyle="none",
-            marker=marker,
-            markersize=np.sqrt(style.marker_area(marker, size)),
-            label=text,
-            **look,
-        )
-
-    handles = [entry(marker, 5, style.label(roi), color=style.GREY) for roi, marker in markers.items()]
-    middle = style.parameter_colours(np.array([0.0]))[0].to_rgba(0.0)
-    handles.append(entry("o", 5, "colour: simulated", color=middle))
-    if measured:
-        handles.append(entry("o", 5, "black: measured", color="black", markerfacecolor="none"))
-    if measured > FEW_MEASURED:
-        handles.append(
-            entry("o", 8, "large: mean of measured", color="black", markerfacecolor="none", markeredgewidth=1.2)
-        )
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(5, len(handles)))
+    hollow = {"facecolor": "none", "edgecolor": "black", "legend": False}
+    if len(rows) > FEW_MEASURED:
+        _scatter(axes, rows, markers, SIMULATED_POINTS, linewidth=0.4, zorder=1, **hollow)
+        means = rows.groupby("roi", as_index=False)[["pc1", "pc2"]].mean()
+        _scatter(axes, means, markers, MEAN_POINTS, linewidth=1.2, zorder=4, path_effects=WHITE_HALO, **hollow)
+    elif len(rows):
+        _scatter(axes, rows, markers, MEASURED_POINTS, linewidth=0.7, zorder=3, **hollow)

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas
+import seaborn
 from matplotlib.figure import Figure
 
 from . import style
 
 ACROSS, PANEL_MM, TITLE_MM = 4, 30.0, 8.0
 MOST_SHOWN = 99.5  # percentile of |values| that has the full colour: single pixels at edges would hide the rest
-LIGHT = 0.6  # |correlation| above which a cell is too dark for black digits
 WRITTEN = 0.05  # |correlation| from which a cell has its value written
 
 
@@ -40,9 +41,8 @@ def draw_templates(panels: Sequence[Panel]) -> Figure:
         sizes = np.abs(panel.values)
         limit = float(sizes.max() if panel.names else np.percentile(sizes, MOST_SHOWN)) or 1.0
         if panel.names:
-            place.bar(range(panel.values.size), panel.values, color=style.BLUE, width=0.7)
+            seaborn.barplot(x=panel.names, y=panel.values, color=style.BLUE, saturation=1, width=0.7, ax=place)
             place.axhline(0, color=style.GREY, linewidth=0.6)
-            place.set_xticks(range(panel.values.size), panel.names)
             place.margins(y=0.3)
             place.tick_params(length=0)
         else:
@@ -69,23 +69,11 @@ def draw_templates(panels: Sequence[Panel]) -> Figure:
 @style.styled()
 def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
     """Heat map of cosines between templates, [template, template], in hundredths where they are not next to 0."""
-    count = len(labels)
+    values = pandas.DataFrame(correlation, labels, labels)
+    words = values.fillna(0).map(lambda value: style.number(round(100 * value)) if abs(value) >= WRITTEN else "")
     figure = style.figure(style.DOUBLE_COLUMN_MM, style.DOUBLE_COLUMN_MM * 1.08)
     axes = figure.subplots()
-    shown = axes.imshow(correlation, cmap="RdBu_r", vmin=-1, vmax=1, interpolation="nearest")
-    for row, column in np.argwhere(np.abs(correlation) >= WRITTEN):
-        value = correlation[row, column]
-        axes.text(
-            column,
-            row,
-            f"{100 * value:.0f}".replace("-", "−"),
-            ha="center",
-            va="center",
-            color="white" if abs(value) > LIGHT else "black",
-        )
-    axes.set_xticks(range(count), labels, rotation=55, ha="right", rotation_mode="anchor")
-    axes.set_yticks(range(count), labels)
-    axes.tick_params(length=0)
-    words = "correlation of templates, alignment projected out"
-    figure.colorbar(shown, ax=axes, location="top", label=words, shrink=0.6, aspect=40)
+    shown = style.heat_map(axes, values, words, cmap="RdBu_r", vmin=-1, vmax=1, square=True)
+    text = "correlation of templates, alignment projected out"
+    figure.colorbar(shown, ax=axes, location="top", label=text, shrink=0.6, aspect=40)
     return figure

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pandas
+import seaborn
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from scipy.cluster import hierarchy
 
 from ..base.errors import InputError
@@ -51,16 +51,15 @@ def draw(
         means = measured.groupby(["feature", "family"], sort=False)[SCORES].mean().reset_index()
         shown["Measured"] = (means, int(measured["repeats"].iloc[0]), spreads if np.isfinite(spreads).all() else None)
     families = sorted(set(table["family"]))
-    colours, markers = style.assign(families, style.ON_WHITE), style.assign(families, style.MARKERS)
 
     double = len(shown) > 1
     figure = style.figure(style.DOUBLE_COLUMN_MM if double else style.SINGLE_COLUMN_MM, 112)
     panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
     for index, (axes, (title, (scores, repeats, sd))) in enumerate(zip(panels, shown.items(), strict=True)):
-        _scatter(axes, scores, colours, markers)
+        _scatter(axes, scores, families)
         _number_best(axes, scores)
         stability, discrimination = scores[SCORES].mean()
-        axes.axvline(stability, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
+        dashed = axes.axvline(stability, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
         axes.axhline(discrimination, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
         of_each = f", {repeats} repeats a group" if repeats else ""
         said = [f"{mean:.1f}" for mean in (stability, discrimination)]
@@ -69,39 +68,27 @@ def draw(
         axes.set_title(f"{title}, {len(scores)} features{of_each}\nmeans: {said[0]} % stable, {said[1]} % told apart")
         if double:
             style.letter_panel(axes, index)
-        axes.set(xlim=(-4, 104), ylim=(-4, 104), xlabel=f"stability: pairs of groups with |W| < {threshold:g} (%)")
+        axes.set(xlim=(-4, 104), ylim=(-4, 104), ylabel=None)
+        axes.set_xlabel(f"stability: pairs of groups with |W| < {threshold:g} (%)")
     panels[0].set_ylabel(f"discriminative power: pairs across classes with |W| > {threshold:g} (%)")
-    handles = [
-        Line2D(
-            [],
-            [],
-            linestyle="none",
-            marker=markers[family],
-            color=colours[family],
-            markersize=5,
-            label=style.family_label(family),
-        )
-        for family in families
-    ]
-    handles.append(Line2D([], [], color=style.GREY, linestyle="--", linewidth=0.9, label="mean of the features"))
-    figure.legend(handles=handles, loc="outside upper center", ncols=6 if double else 3)
+    handles, _ = panels[0].get_legend_handles_labels()  # a heading, the families, and what seaborn says of sizes
+    handles = [*handles[1 : 1 + len(families)], dashed]
+    named = [*map(style.family_label, families), "mean of the features"]
+    figure.legend(handles, named, loc="outside upper center", ncols=6 if double else 3, markerscale=1.4)
     return figure
 
 
-def _scatter(axes: Axes, scores: pandas.DataFrame, colours: dict, markers: dict) -> None:
+def _scatter(axes: Axes, scores: pandas.DataFrame, families: list[str]) -> None:
+    """A marker for each place of a family, its area the number of features there, large ones beneath."""
+    markers = style.assign(families, style.MARKERS)
     places = scores.groupby(["family", *SCORES]).size().reset_index(name="count")
-    for (family, count), rows in places.groupby(["family", "count"]):
-        axes.scatter(
-            rows[SCORES[0]],
-            rows[SCORES[1]],
-            s=style.marker_area(markers[family], POINT) * count,
-            marker=markers[family],
-            color=colours[family],
-            alpha=0.75,
-            edgecolors="white",
-            linewidths=0.4,
-            zorder=2 + 1 / count,  # the large ones beneath
-        )
+    places = places.sort_values("count", ascending=False, kind="stable")
+    places["area"] = places["count"] * [style.marker_area(markers[family], POINT) for family in places["family"]]
+    areas = {area: area for area in places["area"]}
+    shown = {"hue": "family", "hue_order": families, "style": "family", "size": "area", "sizes": areas}
+    look = {"palette": style.assign(families, style.ON_WHITE), "markers": markers, "alpha": 0.75, "linewidth": 0.4}
+    seaborn.scatterplot(places, x=SCORES[0], y=SCORES[1], ax=axes, zorder=2, **shown, **look)
+    axes.get_legend().remove()
 
 
 def best(scores: pandas.DataFrame) -> pandas.DataFrame:

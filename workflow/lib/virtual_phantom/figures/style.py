@@ -13,11 +13,14 @@ from pathlib import Path
 import matplotlib
 import matplotlib.style
 import numpy as np
+import pandas
 import seaborn
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, ListedColormap, Normalize
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from numpy.typing import ArrayLike
+from seaborn.utils import relative_luminance
 
 from ..io.files import replacing
 
@@ -43,6 +46,7 @@ MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*", "p", "<", ">", "h", "d", "8",
 _MARKER_AREA = {"s": 0.8, "D": 0.75, "P": 1.6, "X": 1.6, "*": 2.0}  # so that all look equally large
 ACRONYMS = {"sirt", "fbp", "fdk", "ct", "hu"}
 GREY = "#666666"
+DARK = 0.3  # relative luminance under which white letters have a contrast of 3 and more (WCAG 2.1)
 
 _RC = {
     # Seaborn's proportions, so small that letters at ticks and in legends, 11 points there, have FONT_POINTS.
@@ -134,28 +138,34 @@ def letter_panel(axes: Axes, index: int) -> None:
     axes.set_title("abcdefghijklmnopqrstuvwxyz"[index % 26], loc="left", fontweight="bold")
 
 
+def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike, **options) -> QuadMesh:
+    """Cells of `values` in colour, with `words` in them; those without a value are grey and have none.
+
+    options   of seaborn.heatmap
+    Returns what a colour bar is made of.
+    """
+    seaborn.heatmap(values, annot=words, fmt="", cbar=False, xticklabels=True, yticklabels=True, ax=axes, **options)
+    axes.set(facecolor="#EEEEEE", xlabel=None, ylabel=None)
+    axes.tick_params(length=0)
+    axes.tick_params("y", rotation=0)
+    axes.set_xticks(axes.get_xticks(), axes.get_xticklabels(), rotation=60, ha="right", rotation_mode="anchor")
+    mesh = axes.collections[0]
+    for text in axes.texts:  # seaborn has white ones on middle tones too
+        column, row = (int(place) for place in text.get_position())
+        dark = relative_luminance(mesh.to_rgba(values.iloc[row, column])) < DARK
+        text.set_color("white" if dark else "black")
+    return mesh
+
+
 def power_of_ten(values) -> tuple[float, str]:
     """The factor that small values are shown in, and how it is written: median 2e-4 gives (1e-4, "10⁻⁴")."""
     exponent = int(np.floor(np.log10(np.median(np.abs(values)))))
     return 10.0**exponent, "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
-def parameter_colours(values: np.ndarray, most_discrete: int = 12) -> tuple[ScalarMappable, np.ndarray | None]:
-    """Colours for an ordered parameter: a step of viridis for each distinct value, a ramp if they are many.
-
-    The lightest tenth of viridis is left out: it cannot be seen on white. Returns the mappable and, of
-    steps, the distinct values.
-    """
-    viridis = matplotlib.colormaps["viridis"]
-    distinct = np.unique(values)
-    if len(distinct) > most_discrete:
-        ramp = ListedColormap(viridis(np.linspace(0, 0.9, 256)))
-        return ScalarMappable(Normalize(distinct[0], distinct[-1]), ramp), None
-    steps = ListedColormap(viridis(np.linspace(0, 0.9, len(distinct)) if len(distinct) > 1 else [0.45]))
-    middles = (distinct[1:] + distinct[:-1]) / 2
-    first, last = (
-        (2 * distinct[0] - middles[0], 2 * distinct[-1] - middles[-1])
-        if len(middles)
-        else (distinct[0] - 1, distinct[0] + 1)
+def ordered_colours(values: Iterable[float]) -> dict[float, str]:
+    """Every distinct value, in order, with its colour of viridis; its lightest tenth cannot be seen on white."""
+    distinct = sorted(set(values))
+    return dict(
+        zip(distinct, map(to_hex, matplotlib.colormaps["viridis"](np.linspace(0, 0.9, len(distinct)))), strict=True)
     )
-    return ScalarMappable(BoundaryNorm([first, *middles, last], len(distinct)), steps), distinct
