@@ -101,7 +101,7 @@ def one(chain, model, name, physics, draw, repeats=REPEATS):
     if correlated is not given:
         given = correlated
         fit = trial(given.fitter, tuple(physics), trial(given.fitter, ())).fit
-    fitted, held = (given.half(fit, held_out) for held_out in (False, True))
+    fitted, held = given.halves(fit)
     places = given.domains(held, fit, fitted, aligned(fit, given.fitter.model.distortions))
     worst = places[0]
     row = {"setting": name, "draw": draw, "seconds": round(time.perf_counter() - began, 2)}

@@ -10,6 +10,12 @@ from collections.abc import Mapping
 from ..base.errors import InputError
 from ..physics.effect import acts_on_images, load, names, needs_times, require
 
+# {kind of a recording: (which effects it does not show, and why)}
+HIDDEN = {
+    "projections": (acts_on_images, "acts on images, and projections do not show it"),
+    "images": (lambda name: load(name).pattern, "has one unknown per detector pixel, which images mix"),
+}
+
 
 def candidates(settings: dict, kind: str = "projections", timed: bool = True) -> list[str]:
     """The effects that a recording of a kind is tried against.
@@ -62,13 +68,6 @@ def check_accuracy(accuracy: Mapping[str, float]) -> None:
                 f"diagnosis.model_accuracy: there is no effect '{name}'; there are default, numerical, "
                 f"{', '.join(names())}"
             )
-
-
-# {kind of a recording: (which effects it does not show, and why)}
-HIDDEN = {
-    "projections": (acts_on_images, "acts on images, and projections do not show it"),
-    "images": (lambda name: load(name).pattern, "has one unknown per detector pixel, which images mix"),
-}
 
 
 def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:

@@ -142,6 +142,12 @@ class VoxelScene:
         return paths[0] if together == count else np.concatenate(paths)
 
 
+def turned_axes(turn_deg: float) -> np.ndarray:
+    """The axes of an object that is turned about z, from +x to +y, by so many degrees: unit vectors, shape (3, 3)."""
+    turn = np.deg2rad(turn_deg)
+    return np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+
+
 def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> tuple[ScanGeometry, np.ndarray]:
     """The geometry in which an object that is turned is seen unturned, and the object's shift in it.
 
@@ -159,9 +165,7 @@ def turned_back(geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None
     geometry : ScanGeometry
     shift_mm : ndarray, shape (3,) or (views, 3)
     """
-    turn = np.deg2rad(pose.turn_deg)
-    geometry = geometry.turned(-turn)
-    back = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    geometry, back = geometry.turned(-np.deg2rad(pose.turn_deg)), turned_axes(pose.turn_deg)
     shift = back @ [pose.x_mm, pose.y_mm, pose.z_mm]
     return geometry, shift if motion_mm is None else shift + motion_mm @ back.T
 

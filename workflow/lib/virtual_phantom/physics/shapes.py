@@ -15,7 +15,7 @@ from ..base.geometry import ScanGeometry
 from ..projectors.chords import Room, Shapes, chords
 from ..projectors.cpu import share_out
 from .materials import attenuation_per_mm
-from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_back
+from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_axes, turned_back
 
 NOTHING = "nothing"  # the material of a hole: no attenuation, as the air around
 
@@ -84,12 +84,10 @@ def box(material: str, centre_mm: Sequence[float], sides_mm: Sequence[float], tu
         For a side that is not positive.
     """
     _positive(sides_mm, "box", "sides_mm")
-    turn = np.deg2rad(turn_deg)
-    axes = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])
     centre = np.asarray(centre_mm, float)
     planes = [
         [*(side * axis), side * axis @ centre + length / 2]
-        for axis, length in zip(axes, sides_mm, strict=True)
+        for axis, length in zip(turned_axes(turn_deg), sides_mm, strict=True)
         for side in (1, -1)
     ]
     return Shape(material, np.array(planes))
@@ -116,9 +114,7 @@ def ellipsoid(material: str, centre_mm: Sequence[float], half_axes_mm: Sequence[
         For a half-axis that is not positive.
     """
     _positive(half_axes_mm, "ellipsoid", "half_axes_mm")
-    turn = np.deg2rad(turn_deg)
-    axes = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1.0]])
-    over = axes / np.asarray(half_axes_mm, float)[:, None]
+    over = turned_axes(turn_deg) / np.asarray(half_axes_mm, float)[:, None]
     return Shape(material, np.empty((0, 4)), _quadric(over.T @ over, centre_mm, -1.0))
 
 

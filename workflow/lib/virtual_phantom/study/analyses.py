@@ -80,9 +80,7 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
 
 def figures(plan: Plan) -> list[tuple[Output, dict[str, str]]]:
     """Every figure that the configuration asks for, with its wildcards."""
-    return [
-        (output, job.known) for job in jobs(plan) for output in job.outputs if output.pattern.startswith("figures/")
-    ]
+    return [(output, known) for output, known in _asked(plan) if output.pattern.startswith("figures/")]
 
 
 def tables(plan: Plan) -> list[tuple[Output, dict[str, str]]]:

@@ -27,11 +27,7 @@ def check(settings: Mapping) -> None:
         Naming the key, for anything that the schema refuses, for names that point nowhere or to what does not fit, and
         for sections that contradict one another.
     """
-    check_nesting(settings, "config")
-    validate(_without_nulls(settings), read_schema(SCHEMA), "config")
-    config = _filled(settings)
-    _check_names(config)
-    _check_measured(config)
+    _checked(settings)
 
 
 def complete(settings: Mapping) -> dict:
@@ -51,8 +47,7 @@ def complete(settings: Mapping) -> dict:
     InputError
         As `check` does.
     """
-    check(settings)
-    config = _filled(settings)
+    config = _checked(settings)
     for name, physics in _physics(config):
         effects = checked(physics)
         config["protocols"][name]["physics"] = {key: of for key, of in effects.items() if not acts_on_images(key)}
@@ -77,12 +72,17 @@ def _without_nulls(settings: Mapping) -> dict:
     return config
 
 
-def _filled(settings: Mapping) -> dict:
-    """A copy with defaults. The named scans replace keys of the default one: their own defaults would undo it."""
-    config = _without_nulls(settings)
+def _checked(settings: Mapping) -> dict:
+    """A copy that has been checked, with the schema's defaults."""
+    check_nesting(settings, "config")
+    config, schema = _without_nulls(settings), read_schema(SCHEMA)
+    validate(config, schema, "config")
+    # The named scans replace keys of the default one: their own defaults would undo it.
     scans = config.pop("scans", {})
-    fill_defaults(config, read_schema(SCHEMA))
+    fill_defaults(config, schema)
     config["scans"] = {name: {**config["scan"], **changes} for name, changes in scans.items()}
+    _check_names(config)
+    _check_measured(config)
     return config
 
 

@@ -5,8 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from ...physics.effect import load
+from ...physics.effect import acts_on_images, load
 from .alignment import POSES
+
+
+def before_images(physics: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
+    """Settings of the effects that the chain knows: those on images, and patterns of pixels, come later."""
+    return {name: values for name, values in physics.items() if not (acts_on_images(name) or load(name).pattern)}
 
 
 @dataclass(frozen=True)
@@ -16,7 +21,7 @@ class LinearisationPoint:
     Attributes
     ----------
     physics : mapping of str to mapping of str to float
-        {effect: {parameter: value}}.
+        {effect: {parameter: value}}, of those that act before images are made.
     nuisance : mapping of str to float
         The numbers of the alignment that move the object.
     """
@@ -27,8 +32,8 @@ class LinearisationPoint:
     @classmethod
     def of(cls, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> LinearisationPoint:
         """That of settings of effects and of the alignment."""
-        smooth = {name: dict(values) for name, values in physics.items() if not load(name).pattern}
-        return cls(smooth, {name: nuisance[name] for name in POSES if name in nuisance})
+        chain = {name: dict(values) for name, values in before_images(physics).items()}
+        return cls(chain, {name: nuisance[name] for name in POSES if name in nuisance})
 
     @property
     def key(self) -> tuple:

@@ -13,7 +13,7 @@ from ...physics.chain import Chain
 from ...physics.effect import READOUT_UNITS, Parameter, acts_on_images, load
 from ...physics.spectra import KVP, TUNGSTEN, Anode
 from .alignment import SURE, Nuisance, pose_of
-from .linearisation import BASE, Linearisation, LinearisationPoint
+from .linearisation import BASE, Linearisation, LinearisationPoint, before_images
 from .observed import Observed
 from .prediction import Prediction
 from .unknown import Unknown
@@ -102,7 +102,7 @@ class Model(ABC):
         """
         photons = float(np.exp(nuisance["log_photons"]))
         state = self.chain.state(
-            self.before_images(physics),  # a pattern of pixels changes no unit
+            before_images(physics),  # a pattern of pixels changes no unit
             photons=photons,
             anode=self.anode,
         )
@@ -185,19 +185,14 @@ class Model(ABC):
         self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float], rays: LinearisationPoint
     ) -> bool:
         """Whether all rays of a prediction are near enough to those of a linearisation to follow them, or none can."""
-        return self.near(rays).follows(self.before_images(physics), pose_of(nuisance), anode=self.anode)
+        return self.near(rays).follows(before_images(physics), pose_of(nuisance), anode=self.anode)
 
     def near(self, rays: LinearisationPoint) -> Chain:
         """The chain whose rays follow those of a linearisation."""
         return self._near.get(
             rays.key,
-            lambda: self.chain.near(self.before_images(rays.physics), pose_of(rays.nuisance), anode=self.anode),
+            lambda: self.chain.near(rays.physics, pose_of(rays.nuisance), anode=self.anode),
         )
-
-    @staticmethod
-    def before_images(physics: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
-        """Settings of the effects that the chain knows: those on images, and patterns of pixels, come later."""
-        return {name: values for name, values in physics.items() if not (acts_on_images(name) or load(name).pattern)}
 
     @abstractmethod
     def predict(

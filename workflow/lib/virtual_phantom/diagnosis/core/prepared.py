@@ -64,6 +64,10 @@ class Prepared(ABC):
             return Half(fitter.residuals(fit), fitter.held_weights, self.held_out)
         return Half(fitter.residuals(fit, held_out=False), fitter.weights, self.data)
 
+    def halves(self, fit: Fit) -> tuple[Half, Half]:
+        """What a fit leaves of the data fitted, and of those held out."""
+        return self.half(fit, held_out=False), self.half(fit, held_out=True)
+
     @abstractmethod
     def domains(
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()

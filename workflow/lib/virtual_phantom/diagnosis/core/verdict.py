@@ -55,7 +55,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     fitter = prepared.fitter
 
     def places(fit):
-        fitted, held = (prepared.half(fit, held_out) for held_out in (False, True))
+        fitted, held = prepared.halves(fit)
         return prepared.domains(held, fit, fitted, aligned(fit, fitter.model.distortions))
 
     before, after = places(choice.baseline.fit), places(choice.chosen.fit)
@@ -119,7 +119,7 @@ def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing:
     gained = 2 * (chosen.score - baseline.score)
     if not gained > 0:
         return None
-    fitted, held = (prepared.half(chosen.fit, held_out) for held_out in (False, True))
+    fitted, held = prepared.halves(chosen.fit)
     sums = []
     if domains := {place.domain for place in standing} - set(NO_SIGNED_MAP):
         maps = [
@@ -148,7 +148,7 @@ def remainder_sd(prepared: Prepared, chosen: Trial) -> float | None:
         In standard deviations of what noise alone gives, at least 0; beyond what the model's own numerical errors put
         into both. None where the halves share no ray.
     """
-    fitted, held = (prepared.half(chosen.fit, held_out) for held_out in (False, True))
+    fitted, held = prepared.halves(chosen.fit)
     common = held.in_common(fitted)
     return common.z() if common.there.any() else None
 
@@ -190,25 +190,18 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
         {metric: {"before", "after", "floor": value}}: the RMS in the unit of `look`, chi-square per datum by part, and,
         of the data held out, the log score, which has no floor.
     """
-    fitter = prepared.fitter
-    data = prepared.held_out if held_out else prepared.data
-    weights = fitter.held_weights if held_out else fitter.weights
-    found = {}
-    residuals = {
-        key: fitter.residuals(one.fit, held_out) for key, one in (("before", choice.baseline), ("after", choice.chosen))
-    }
-    rms = {
-        key: float(np.sqrt((prepared.difference(one.fit, held_out) ** 2).mean()))
-        for key, one in (("before", choice.baseline), ("after", choice.chosen))
-    }
+    fits = {"before": choice.baseline.fit, "after": choice.chosen.fit}
+    halves = {key: prepared.half(fit, held_out) for key, fit in fits.items()}
+    data, weights = halves["after"].data, halves["after"].weights
+    rms = {key: float(np.sqrt((prepared.difference(fit, held_out) ** 2).mean())) for key, fit in fits.items()}
     floor = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
-    found[f"rms_{prepared.look.unit}"] = {**rms, "floor": floor}
+    found = {f"rms_{prepared.look.unit}": {**rms, "floor": floor}}
     for place, name in enumerate(data.parts):
         count = int((weights[place] > 0).sum())
         if not count:
             continue
         found[f"chi_square_{name.replace(' ', '_')}"] = {
-            key: float((weights[place] * value[place] ** 2).sum()) / count for key, value in residuals.items()
+            key: float((weights[place] * half.residuals[place] ** 2).sum()) / count for key, half in halves.items()
         } | {"floor": 1.0}
     found["log_score"] = {"before": choice.baseline.score, "after": choice.chosen.score} if held_out else {}
     return {key: value for key, value in found.items() if value}

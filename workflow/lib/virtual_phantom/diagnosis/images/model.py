@@ -16,7 +16,7 @@ from ...physics.image import with_effects
 from ...physics.spectra import TUNGSTEN, Anode
 from ...physics.state import State
 from ..core.alignment import Nuisance, pose_of
-from ..core.linearisation import BASE, Linearisation, LinearisationPoint
+from ..core.linearisation import BASE, Linearisation, LinearisationPoint, before_images
 from ..core.model import Model
 from ..core.prediction import Prediction
 from .observed import Condenser, ObservedImages
@@ -119,7 +119,7 @@ class ImagesModel(Model):
             HU; that of the object where the linearisation's `errors` have it.
         """
         on_images = {name: values for name, values in physics.items() if acts_on_images(name)}
-        before, photons = self.before_images(physics), float(np.exp(nuisance["log_photons"]))
+        before, photons = before_images(physics), float(np.exp(nuisance["log_photons"]))
         settings = LinearisationPoint(before).key, photons
         here, rays, errors = pose_of(nuisance), linearisation.rays, linearisation.errors
 

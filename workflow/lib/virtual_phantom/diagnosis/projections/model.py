@@ -12,7 +12,7 @@ from ...physics.correlation import correlations
 from ...physics.spectra import TUNGSTEN, Anode
 from ...physics.state import State
 from ..core.alignment import Nuisance, pose_of
-from ..core.linearisation import BASE, Linearisation, LinearisationPoint
+from ..core.linearisation import BASE, Linearisation, LinearisationPoint, before_images
 from ..core.model import DENSITY_SD, Model
 from ..core.prediction import Prediction
 from .numerical import Numerical
@@ -92,7 +92,7 @@ class ScansModel(Model):
         """As Model.predict."""
         photons = float(np.exp(nuisance["log_photons"]))
         chain = self.near(linearisation.rays)
-        state = chain.state(self.before_images(physics), pose_of(nuisance), photons=photons, anode=self.anode)
+        state = chain.state(before_images(physics), pose_of(nuisance), photons=photons, anode=self.anode)
         # The logarithm of noisy counts lies above that of their mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()
