@@ -8,12 +8,14 @@ from scipy import ndimage
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.features import choice
-from virtual_phantom.diagnosis.features.properties import calibration, folds, property_tables
+from virtual_phantom.diagnosis.features.changes import property_tables, sampled
+from virtual_phantom.diagnosis.features.properties import calibration, folds
 from virtual_phantom.diagnosis.features.responses import responses
-from virtual_phantom.diagnosis.features.simulated_variants import MEAN
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
 from virtual_phantom.features import extraction
 from virtual_phantom.features.extraction import FEATURES
+from virtual_phantom.features.names import MEAN
+from virtual_phantom.statistics.attribution import BASELINE, attribute
 
 GRID = Grid((10, 36, 52), (2.0, 1.5, 1.5))
 CLASSES = {"cyst_1": "cyst", "cyst_2": "cyst", "liver_1": "liver", "liver_2": "liver"}
@@ -105,6 +107,33 @@ def test_the_property_that_was_changed_is_named(scene, tables, name):
         assert low - 0.12 * abs(value) - 0.02 <= value <= high + 0.12 * abs(value) + 0.02, (key, low, high)
     wanted = {name} if name in ("photon_flux", "hu_calibration", "reconstruction_kernel") else set()
     assert set(overlay(data, found)["physics"]) == wanted
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_the_misses_that_it_repairs_on_regions_not_fitted_are_most(scene, tables, name):
+    mean, masks = scene
+    recorded = recording(CHANGED[name][0](mean), masks)
+    data = responses(tables, recorded, FEATURES, GRID)
+    variants = {BASELINE: data.table(data.baseline)}
+    variants |= {one.name: data.table(values) for one, values in choice.held_out(data).items()}
+    found = attribute(variants, recorded, data.features, resamples=50).properties.query("family == 'all'")
+    best = found.set_index("rank").loc[1]
+    assert best["variant"] == name and best["median_removed_share"] > 0.5, found.to_string()
+
+
+def test_other_voxels_hold_the_same_object(scene):
+    mean, masks = scene
+    mean = 100 + mean - sum(HU[roi] * mask for roi, mask in masks.items())  # no steps: voxels at edges mix little
+    images, grid, own = sampled(scans(mean, seed=2), GRID, masks, (1.0, 0.75, 0.75))
+    assert grid.spacing == (1.0, 0.75, 0.75) and images.shape[1:] == grid.shape
+    for roi, mask in masks.items():
+        assert own[roi].sum() * np.prod(grid.spacing) == pytest.approx(mask.sum() * np.prod(GRID.spacing), rel=0.05)
+        assert images[:, own[roi]].mean() == pytest.approx(mean[mask].mean(), abs=4)
+        centres = [
+            np.argwhere(part).mean(axis=0)[::-1] * np.array(on.spacing[::-1]) + on.affine[:3, 3]
+            for part, on in ((mask, GRID), (own[roi], grid))
+        ]
+        np.testing.assert_allclose(*centres, atol=0.1)
 
 
 @pytest.mark.parametrize("alike", [True, False], ids=["alike in all regions", "apart in every region"])

@@ -109,19 +109,19 @@ rule figure_comparison:
         "../scripts/figures/comparison.py"
 
 
-rule attribute:
-    """Which property of the images explains that features miss a recording's."""
+rule change_properties:
+    """Features of the simulated images with one property changed at a time."""
     input:
         images=lambda wildcards: context.comparisons.images(wildcards.comparison),
         rois=rules.phantom.output.table,
         masks=rules.phantom.output.rois,
         recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
-        code=context.code("attribute.py"),
+        effects=context.effect_code(*context.diagnosis.properties),
+        code=context.code("change_properties.py"),
     output:
-        properties=context.file("attribution"),
-        cells=context.file("attribution_cells"),
+        context.file("properties"),
     log:
-        context.log("attribute/{comparison}"),
+        context.log("change_properties/{comparison}"),
     wildcard_constraints:
         comparison="|".join(context.comparisons.settings) or "none",
     resources:
@@ -131,10 +131,41 @@ rule attribute:
         recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
         where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
         rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
+        voxel_mm=lambda wildcards: context.comparisons.voxel_mm(wildcards.comparison),
+    script:
+        "../scripts/change_properties.py"
+
+
+rule attribute:
+    """Which property of the images explains that features miss a recording's."""
+    input:
+        properties=rules.change_properties.output[0],
+        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
+        image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
+        code=context.code("attribute.py"),
+    output:
+        properties=context.file("attribution"),
+        cells=context.file("attribution_cells"),
+    log:
+        context.log("attribute/{comparison}"),
+    wildcard_constraints:
+        comparison="|".join(context.comparisons.settings) or "none",
+    resources:
+        mem_mb=1500,
+        runtime=30,
+    params:
+        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
+        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
+        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
         margin_sd=lambda wildcards: context.comparisons.asked(
             wildcards.comparison, "margin_sd"
         ),
-        voxel_mm=lambda wildcards: context.comparisons.voxel_mm(wildcards.comparison),
+        dimensions=lambda wildcards: context.comparisons.dimensions(
+            wildcards.comparison
+        ),
+        stored_offset_hu=lambda wildcards: context.comparisons.stored_offset_hu(
+            wildcards.comparison
+        ),
     script:
         "../scripts/attribute.py"
 

@@ -1,35 +1,8 @@
-# Where features of a recording and of the simulation differ, and which property of the images explains it.
-rule diagnose_properties:
-    """Features of the simulated images with one property changed at a time."""
-    input:
-        images=lambda wildcards: context.comparisons.images(wildcards.comparison),
-        rois=rules.phantom.output.table,
-        masks=rules.phantom.output.rois,
-        recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
-        effects=context.effect_code(*context.diagnosis.properties),
-        code=context.code("diagnose_properties.py"),
-    output:
-        context.file("properties"),
-    log:
-        context.log("diagnosis/{comparison}/properties"),
-    wildcard_constraints:
-        comparison="|".join(context.diagnosis.comparisons) or "none",
-    resources:
-        mem_mb=context.megabytes(volumes=60),
-        runtime=60,
-    params:
-        recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
-        where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
-        rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
-        voxel_mm=lambda wildcards: context.comparisons.voxel_mm(wildcards.comparison),
-    script:
-        "../scripts/diagnose_properties.py"
-
-
+# Where features of a recording and of the simulation differ, and which property of the images explains it: its verdict.
 rule diagnose_features:
     """Verdict and report of one comparison with a recording's features."""
     input:
-        properties=rules.diagnose_properties.output[0],
+        properties=rules.change_properties.output[0],
         recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
         image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
         code=context.code("diagnose_features.py"),

@@ -2,8 +2,8 @@
 
 from virtual_phantom.diagnosis.core.store import write_diagnosis
 from virtual_phantom.diagnosis.features.responses import compared, responses
-from virtual_phantom.diagnosis.features.simulated_variants import MEAN
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
+from virtual_phantom.features.names import MEAN
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.recordings.reference import where

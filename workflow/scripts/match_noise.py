@@ -2,13 +2,12 @@
 
 from dataclasses import asdict
 
+from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics import noise
 from virtual_phantom.study import matched_noise
 from virtual_phantom.study.job import job
-
-VARIANCE = "original_firstorder_Variance"
 
 with job(snakemake) as log:
     meets = snakemake.params.meets

@@ -6,11 +6,10 @@ import numpy as np
 import pandas as pd
 
 from virtual_phantom.features import tables
+from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.io import files
 from virtual_phantom.study import matched_noise
 from virtual_phantom.study.job import job
-
-VARIANCE = "original_firstorder_Variance"
 
 with job(snakemake) as log:
     features = tables.read(snakemake.input.features)

@@ -27,6 +27,7 @@ NAMES = {
         SizeZoneNonUniformityNormalized SmallAreaEmphasis SmallAreaHighGrayLevelEmphasis
         SmallAreaLowGrayLevelEmphasis ZoneEntropy ZonePercentage ZoneVariance""",
 }
+MEAN, VARIANCE = "original_firstorder_Mean", "original_firstorder_Variance"
 FEATURES = tuple(f"original_{family}_{name}" for family, names in NAMES.items() for name in names.split())
 
 

@@ -2,7 +2,7 @@
 
 Every function takes the mean image and the noise of repeats of one scan, as `split` gives them, and returns new images
 float64 [repeat, z, y, x] in HU on the same grid. An image is the mean plus its noise, so that each property is changed
-where it lies: amplitude and texture in the noise, resolution and contrast in the mean.
+where it lies: amplitude and texture in the noise, resolution in the mean.
 
 A mean over n repeats still holds 1/n of the noise variance, which changes of the noise do not reach and a blur of the
 mean does. Where a noiseless simulation is at hand, take it as the mean and the differences from it as noise.
@@ -10,7 +10,7 @@ mean does. Where a noiseless simulation is at hand, take it as the mean and the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy import ndimage
@@ -142,50 +142,6 @@ def blur(mean: np.ndarray, noise: np.ndarray, sigma_voxels: float | Sequence[flo
         For a negative sigma.
     """
     return _gaussian(mean, _sigma(sigma_voxels)) + noise
-
-
-def match_means(
-    mean: np.ndarray, noise: np.ndarray, masks: Mapping[str, np.ndarray], targets_hu: Mapping[str, float]
-) -> np.ndarray:
-    """Contrast: every ROI shifted by a constant so that its mean over voxels and repeats is the target.
-
-    What lies around an ROI is not moved, so its edge becomes a step: features of the ROI do not see it.
-
-    Parameters
-    ----------
-    mean, noise : ndarray
-        From `split`, HU.
-    masks : mapping of str to ndarray of bool, shape (z, y, x)
-        By ROI; ROIs without a target stay as they are.
-    targets_hu : mapping of str to float
-        By ROI, HU.
-
-    Returns
-    -------
-    ndarray, shape (repeats, z, y, x)
-        HU.
-
-    Raises
-    ------
-    InputError
-        For a target without mask, ROIs that overlap, or masks that are empty or of another shape.
-    """
-    images = mean + noise
-    shift = np.zeros(mean.shape)
-    taken = np.zeros(mean.shape, bool)
-    for roi, target in targets_hu.items():
-        if roi not in masks:
-            raise InputError(f"variants: there is a target for ROI {roi} and no mask; name both alike")
-        mask = np.asarray(masks[roi], dtype=bool)
-        if mask.shape != mean.shape or not mask.any():
-            raise InputError(
-                f"variants: the mask of ROI {roi}, of shape {mask.shape}, is empty or of another shape than the images"
-            )
-        if (taken & mask).any():
-            raise InputError(f"variants: ROI {roi} overlaps another; their means cannot be set one by one")
-        taken |= mask
-        shift[mask] = target - images[:, mask].mean()
-    return images + shift
 
 
 def _sigma(sigma_voxels: float | Sequence[float]) -> np.ndarray:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from ..base.errors import InputError
-from ..features.names import FAMILIES, FEATURES
+from ..features.names import FAMILIES, FEATURES, MEAN
 from ..features.tables import finite_values
 from ..io.files import check_unchanged
 from .document import Document
@@ -19,7 +19,6 @@ from .recording import Provenance, Recording
 KEYS = ("image", "roi", "tissue_class")
 # Names that pyradiomics gives features: of the original image, or of a filtered one.
 FAMILY_MARKS = tuple(f"_{family}_" for family in (*FAMILIES, "ngtdm", "shape", "shape2D"))
-MEAN = "original_firstorder_Mean"
 STORED_ABOVE = 500.0  # mean of a soft-tissue ROI: under this in HU, over it in stored values
 
 

@@ -131,5 +131,6 @@ def _compared(plan: Plan) -> Iterator[AnalysisJob]:
         yield _job("figure_comparison", comparison=name)
         if comparison["attribute"]:
             images = len(plan.seeds(comparison["noise"]))
-            yield _job("attribution", "attribution_cells", images=images, comparison=name)
+            yield _job("properties", images=images, comparison=name)
+            yield _job("attribution", "attribution_cells", comparison=name)
             yield _job("figure_attribution", comparison=name)

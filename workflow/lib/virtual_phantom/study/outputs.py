@@ -353,6 +353,12 @@ OUTPUTS = (
         counted="tables",
     ),
     *_made_by(
+        "change_properties",
+        Output("properties", "diagnosis/{comparison}/properties.csv", "features with one property of images changed"),
+        stage="recordings",
+        counted="tables",
+    ),
+    *_made_by(
         "attribute",
         Output("attribution", "tables/attribution_{comparison}.csv", "what each property of the images explains"),
         Output(
@@ -385,10 +391,6 @@ OUTPUTS = (
             "diagnosis",
         ),
         Output("diagnosis_maps", "diagnosis/{recording}/maps", "maps of the differences, by domain"),
-    ),
-    *_made_by(
-        "diagnose_properties",
-        Output("properties", "diagnosis/{comparison}/properties.csv", "features with one property of images changed"),
     ),
     *_made_by(
         "diagnose_features",

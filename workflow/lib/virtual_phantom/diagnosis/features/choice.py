@@ -76,10 +76,8 @@ def trials(data: Responses, seed: int = 0) -> dict[Property, Trial]:
         The best first.
     """
     before = shift(data, data.baseline)
-    curves = {one: {fold: finer(one, curve) for fold, curve in own.items()} for one, own in data.curves.items()}
-    moved = {
-        one: {fold: shift(data, curve.values) - before for fold, curve in own.items()} for one, own in curves.items()
-    }
+    curves = _curves(data)
+    moved = {one: _moved(data, before, own) for one, own in curves.items()}
     chance = _chance(data, before, moved, seed)
     total = weight(before, data.floor).sum()
     found = {}
@@ -98,6 +96,25 @@ def trials(data: Responses, seed: int = 0) -> dict[Property, Trial]:
             _assembled(data, own, chosen, held_out=True),
         )
     return dict(sorted(found.items(), key=lambda item: -item[1].held_out))
+
+
+def held_out(data: Responses) -> dict[Property, np.ndarray]:
+    """What every property makes of every region, its strength fitted on the other half of the regions.
+
+    Parameters
+    ----------
+    data : Responses
+
+    Returns
+    -------
+    dict of Property to ndarray, shape (repeats, rois, features)
+    """
+    before = shift(data, data.baseline)
+    made = {}
+    for one, own in _curves(data).items():
+        moved = _moved(data, before, own)
+        made[one] = _assembled(data, own, {fold: _best(data, fold, before, moved[fold]) for fold in FOLDS}, True)
+    return made
 
 
 def shift(data: Responses, values: np.ndarray) -> np.ndarray:
@@ -126,6 +143,15 @@ def stand_ins(found: Mapping[Property, Trial]) -> list[Property]:
         if np.ptp(difference) == 0 or stats.ttest_1samp(difference, 0, alternative="greater").pvalue >= AS_GOOD:
             rivals.append(one)
     return rivals
+
+
+def _curves(data: Responses) -> dict[Property, dict[int, Curve]]:
+    return {one: {fold: finer(one, curve) for fold, curve in own.items()} for one, own in data.curves.items()}
+
+
+def _moved(data: Responses, before: np.ndarray, curves: Mapping[int, Curve]) -> dict[int, np.ndarray]:
+    """What a property adds to standardised shifts, by fold: shape (strengths, rois, features)."""
+    return {fold: shift(data, curve.values) - before for fold, curve in curves.items()}
 
 
 def _best(data: Responses, fold: int, before: np.ndarray, moved: np.ndarray) -> int:

@@ -77,6 +77,11 @@ class Responses:
         count = np.array([len(one) for one in self.recorded])[:, None]
         return 1 / count + self.baseline.var(axis=0, ddof=1) / self.unit**2 / len(self.baseline)
 
+    def table(self, values: np.ndarray) -> pd.DataFrame:
+        """Features, shape (repeats, rois, features), as a table: one row per repeat and ROI."""
+        rows = pd.DataFrame(values.reshape(-1, len(self.features)), columns=self.features)
+        return rows.assign(roi=self.rois * len(values))
+
 
 def compared(
     table: pd.DataFrame, recorded: pd.DataFrame, dimensions: int, stored_offset_hu: float

@@ -1,9 +1,10 @@
-"""Features of the simulated images with one property changed at a time, which a diagnosis of features chooses from."""
+"""Features of the simulated images with one property changed at a time, for attribution and diagnosis."""
 
 import pandas as pd
 
 from virtual_phantom import phantom
-from virtual_phantom.diagnosis.features.properties import folds, property_tables
+from virtual_phantom.diagnosis.features.changes import property_tables
+from virtual_phantom.diagnosis.features.properties import folds
 from virtual_phantom.io import files, volumes
 from virtual_phantom.recordings.reference import where
 from virtual_phantom.statistics.comparison import common_rois
