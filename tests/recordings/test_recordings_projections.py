@@ -18,7 +18,7 @@ from recording_folders import (
 )
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.core.asked import Asked
+from virtual_phantom.diagnosis.core.asked import Asked, Disc, Settings
 from virtual_phantom.diagnosis.ready import ready
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.recordings.reading import load
@@ -164,7 +164,7 @@ def test_summary_says_what_is_missing(tmp_path):
 
 def test_a_stated_sensor_reaches_the_model(tmp_path):
     """What is not stated is typical, and the less is stated, the freer is its thickness."""
-    settings = {"disc": {"diameter_mm": 20.0, "material": "water"}, "samples": 1, "view_step": 1, "alignment": {}}
+    settings = Settings(samples=1, view_step=1, alignment={}, disc=Disc(20.0, "water"))
     folder, content = projections_folder(tmp_path / "r", log=True)
     random = np.random.default_rng(1)
     for name in "abc":

@@ -13,7 +13,7 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, given = snakemake.params, snakemake.input
-    asked = Asked(**params.model, phantom=given.phantom, threads=snakemake.threads)
+    asked = Asked.of(params.model, given.phantom, snakemake.threads)
     recording, prepared = ready(asked)
     physics = Physics.read(given.physics, needed=False)
     baseline = trial(prepared.fitter, ())

@@ -16,7 +16,7 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
-    asked = Asked(**params.model, phantom=given.get("phantom"), threads=snakemake.threads)
+    asked = Asked.of(params.model, given.get("phantom"), snakemake.threads)
     recording, prepared = ready(asked)
     fitted = None
     if "baseline" in given.keys():

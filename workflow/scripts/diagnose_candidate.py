@@ -8,7 +8,7 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, given = snakemake.params, snakemake.input
-    asked = Asked(**params.model, phantom=given.get("phantom"), threads=snakemake.threads)
+    asked = Asked.of(params.model, given.get("phantom"), snakemake.threads)
     _, prepared = ready(asked)
     effect = params.effect
     baseline = read_trial(given.baseline) if effect else None

@@ -6,8 +6,113 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from ...base.geometry import OrbitGeometry, grid_of, scan_geometry
 from ...physics.sensors import Sensor
 from ...physics.spectra import Anode
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A homogeneous cylinder along z.
+
+    Attributes
+    ----------
+    diameter_mm : float
+        mm.
+    material : str
+    """
+
+    diameter_mm: float
+    material: str
+
+
+@dataclass(frozen=True)
+class MaskedObject:
+    """A homogeneous object given as a mask.
+
+    Attributes
+    ----------
+    mask : str
+        Path of an image, as projections.scanned.mask_scene reads it.
+    material : str
+    """
+
+    mask: str
+    material: str
+
+
+@dataclass(frozen=True)
+class Settings:
+    """diagnosis.recordings.<name> of the configuration, as far as fits depend on it.
+
+    Attributes
+    ----------
+    samples : int
+        Rays per detector pixel and direction.
+    view_step : int
+        One view of so many is used.
+    alignment : mapping of str to float
+        {nuisance parameter: standard deviation that replaces the default}.
+    nominal_photons : float or None
+        Noise-equivalent photons per pixel in air, as stated.
+    disc : Disc or None
+    object : MaskedObject or None
+        What was scanned; without both of them, the study's phantom.
+    protocol : str or None
+        Name of the protocol that simulates a recording of images.
+    """
+
+    samples: int
+    view_step: int
+    alignment: Mapping[str, float]
+    nominal_photons: float | None = None
+    disc: Disc | None = None
+    object: MaskedObject | None = None
+    protocol: str | None = None
+
+    @classmethod
+    def of(cls, section: Mapping) -> Settings:
+        """From the complete section."""
+        scanned = {key: kind(**section[key]) for key, kind in SCANNED.items() if key in section}
+        return cls(**{**section, **scanned})
+
+    @property
+    def of_phantom(self) -> bool:
+        """Whether the study's phantom was scanned."""
+        return self.disc is None and self.object is None
+
+
+SCANNED = {"disc": Disc, "object": MaskedObject}
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """The protocol of the study that simulates a recording of images.
+
+    Attributes
+    ----------
+    scan, grid : mapping
+        Sections of the configuration, complete.
+    projections : int
+        Number of views.
+    algorithm : {"sirt", "fbp"}
+    settings : mapping
+        Keywords of the algorithm.
+    engine : str
+        Of the algorithm.
+    """
+
+    scan: Mapping
+    grid: Mapping
+    projections: int
+    algorithm: str
+    settings: Mapping
+    engine: str
+
+    @property
+    def geometry(self) -> OrbitGeometry:
+        """Of the scan."""
+        return scan_geometry(self.scan, self.projections, grid_of(self.grid))
 
 
 @dataclass(frozen=True)
@@ -18,8 +123,7 @@ class Asked:
     ----------
     folder : str or Path
         Of the recording.
-    settings : mapping
-        diagnosis.recordings.<name>, complete.
+    settings : Settings
     mu_water_per_mm : float
         Of the monochromatic beam, 1/mm.
     materials : mapping
@@ -28,19 +132,26 @@ class Asked:
         Image of the study's phantom, HU; None where `settings` has a disc or an object.
     seed : int
         Of the study, for simulated noise.
-    protocol : mapping or None
-        Of images: their scan, projections, grid, algorithm, settings and engine (images.setting.Protocol).
+    protocol : Protocol or None
+        None of projections.
     threads : int
     """
 
     folder: str | Path
-    settings: Mapping
+    settings: Settings
     mu_water_per_mm: float
     materials: Mapping
     phantom: str | Path | None = None
     seed: int = 0
-    protocol: Mapping | None = None
+    protocol: Protocol | None = None
     threads: int = 1
+
+    @classmethod
+    def of(cls, model: Mapping, phantom: str | Path | None, threads: int) -> Asked:
+        """From what a job is given (study.diagnosed.Diagnosis.model)."""
+        protocol = model["protocol"] and Protocol(**model["protocol"])
+        given = {**model, "settings": Settings.of(model["settings"]), "protocol": protocol}
+        return cls(**given, phantom=phantom, threads=threads)
 
 
 @dataclass(frozen=True)

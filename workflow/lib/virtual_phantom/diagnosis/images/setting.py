@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from ...base.errors import InputError
-from ...base.geometry import Grid, OrbitGeometry, grid_of, scan_geometry
+from ...base.geometry import Grid
 from ...base.streams import Branch, branch
 from ...physics.state import AIR
 from ...reconstruction.images import in_hu
@@ -24,36 +24,6 @@ from .prepared import PreparedImages, prepare
 
 MOST_SLICES = 24  # more would add little but time
 LEAST_SLICES = 4  # fewer do not show noise along z, and cannot be halved where there is one repeat
-
-
-@dataclass(frozen=True)
-class Protocol:
-    """The protocol of the study that simulates the images.
-
-    Attributes
-    ----------
-    scan, grid : dict
-        Sections of the configuration, complete.
-    projections : int
-        Number of views.
-    algorithm : {"sirt", "fbp"}
-    settings : dict
-        Of the algorithm.
-    engine : str
-        Of the algorithm.
-    """
-
-    scan: dict
-    grid: dict
-    projections: int
-    algorithm: str
-    settings: dict
-    engine: str
-
-    @property
-    def geometry(self) -> OrbitGeometry:
-        """Of the scan."""
-        return scan_geometry(self.scan, self.projections, grid_of(self.grid))
 
 
 def ready_images(recording: ImagesRecording, asked: Asked, labels: Labels) -> PreparedImages:
@@ -74,9 +44,9 @@ def ready_images(recording: ImagesRecording, asked: Asked, labels: Labels) -> Pr
     InputError
         If too few slices are seen from every direction.
     """
-    protocol, settings = Protocol(**asked.protocol), asked.settings
-    scene = scene_of(settings, asked.phantom, asked.mu_water_per_mm, asked.materials, asked.threads)
-    chains = model_and_floor(scene, protocol.geometry, settings["samples"], sensor=labels.sensor, readout=AIR)
+    protocol, settings = asked.protocol, asked.settings
+    scene = scene_of(asked)
+    chains = model_and_floor(scene, protocol.geometry, settings.samples, sensor=labels.sensor, readout=AIR)
     whole = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
     valid = complete(protocol.geometry, whole)
     slices = central_slices(valid)
@@ -109,8 +79,8 @@ def ready_images(recording: ImagesRecording, asked: Asked, labels: Labels) -> Pr
         branch(asked.seed, Branch.SIMULATED_IMAGES),
         anode=labels.anode,
         tube_kvp=labels.tube_kvp,
-        nominal_photons=settings.get("nominal_photons"),
-        known=settings["alignment"],
+        nominal_photons=settings.nominal_photons,
+        known=settings.alignment,
     )
 
 
@@ -183,6 +153,6 @@ def agreement_of_images(
     return agreement(repeats, simulated, regions) | {
         "rois": list(regions.rois),
         "repeats": len(repeats),
-        "algorithm": asked.protocol["algorithm"],
+        "algorithm": asked.protocol.algorithm,
         "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
     }

@@ -15,24 +15,17 @@ from ...phantom import block_mean
 from ...physics.materials import Segmentation
 from ...physics.prism import PrismScene
 from ...physics.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
+from ..core.asked import Asked
 
 PARTIAL_TOLERANCE = 1e-3  # beyond 0 and 1, of shares: what resampling leaves
 
 
-def scene_of(settings: dict, phantom: str | Path | None, mu_water_per_mm: float, materials: dict, threads: int = 1):
+def scene_of(asked: Asked) -> DiscScene | PrismScene | VoxelScene:
     """The scene of a diagnosed recording.
 
     Parameters
     ----------
-    settings : dict
-        diagnosis.recordings.<name> of the configuration: `disc`, `object` or neither, for the study's phantom.
-    phantom : str, Path or None
-        Image of the study's phantom, HU.
-    mu_water_per_mm : float
-        Of the monochromatic beam, 1/mm.
-    materials : dict
-        As Asked.materials.
-    threads : int, optional
+    asked : Asked
 
     Returns
     -------
@@ -43,11 +36,13 @@ def scene_of(settings: dict, phantom: str | Path | None, mu_water_per_mm: float,
     InputError
         As mask_scene.
     """
-    if "disc" in settings:
-        return DiscScene(settings["disc"]["diameter_mm"], settings["disc"]["material"])
-    if "object" in settings:
-        return mask_scene(settings["object"]["mask"], settings["object"]["material"], threads)
-    return VoxelScene.of(volumes.read_nifti(phantom), Segmentation(**materials), mu_water_per_mm, threads)
+    disc, masked = asked.settings.disc, asked.settings.object
+    if disc is not None:
+        return DiscScene(disc.diameter_mm, disc.material)
+    if masked is not None:
+        return mask_scene(masked.mask, masked.material, asked.threads)
+    volume = volumes.read_nifti(asked.phantom)
+    return VoxelScene.of(volume, Segmentation(**asked.materials), asked.mu_water_per_mm, asked.threads)
 
 
 def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, threads: int = 1) -> VoxelScene:

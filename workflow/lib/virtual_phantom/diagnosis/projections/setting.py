@@ -39,24 +39,24 @@ def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedS
         "illumination": recording.scan.get("illumination", EVEN),
         "readout": AIR if taken.white is None else float(taken.white.mean()),
     }
-    scene = scene_of(settings, asked.phantom, asked.mu_water_per_mm, asked.materials, asked.threads)
-    model, floor = model_and_floor(scene, recording.geometry, settings["samples"], **more)
+    scene = scene_of(asked)
+    model, floor = model_and_floor(scene, recording.geometry, settings.samples, **more)
     coarse = None
-    if not {"disc", "object"} & set(settings):
+    if settings.of_phantom:
         voxels = coarse_scene(asked.phantom, asked.mu_water_per_mm, asked.materials, asked.threads)
-        coarse = Chain(voxels, recording.geometry, samples=settings["samples"], **more)
+        coarse = Chain(voxels, recording.geometry, samples=settings.samples, **more)
     further = scans(recording.held_out) if len(recording.held_out) else None
-    check_scans(taken.every(settings["view_step"]), str(recording.document.path))
+    check_scans(taken.every(settings.view_step), str(recording.document.path))
     return prepare(
         taken,
         further,
         model,
         anode=labels.anode,
         tube_kvp=labels.tube_kvp,
-        nominal_photons=settings.get("nominal_photons"),
-        known=settings["alignment"],
+        nominal_photons=settings.nominal_photons,
+        known=settings.alignment,
         floor_chain=floor,
         coarse_chain=coarse,
-        step=settings["view_step"],
+        step=settings.view_step,
         lacking=assumed(recording.scan),
     )
