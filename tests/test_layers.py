@@ -8,7 +8,7 @@ from virtual_phantom.study.dependencies import LIBRARY, imported
 # Lowest first. A room knows itself and those before it.
 ROOMS = (
     *("base", "io", "phantom", "projectors", "reconstruction", "physics", "features", "statistics", "recordings"),
-    *("diagnosis", "figures", "report", "proof", "study"),
+    *("diagnosis", "figures", "report", "proof", "study", "api"),
 )
 
 

@@ -1,0 +1,301 @@
+"""A phantom, its scans, images and features: the steps of the study as functions, with the default study's numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ..base.errors import InputError, meant
+from ..base.geometry import Grid, ScanGeometry, scan_geometry
+from ..base.streams import Branch, branch
+from ..features import extraction
+from ..io.schema import defaults_of
+from ..io.volumes import Volume
+from ..phantom import Phantom, ct, layout, synthetic
+from ..physics import image as images_of
+from ..physics.effect import acts_on_images, checked
+from ..physics.line_integrals import check_rois_seen
+from ..physics.noise import acquire
+from ..physics.projected import projected
+from ..projectors import choose_engine
+
+# The default study's (config/config.yaml): a drawn abdomen at a scale that two CPU cores finish.
+SHAPE, SPACING_MM = (48, 128, 128), (2.0, 2.35, 2.35)
+SCANNER = {
+    "source_to_isocentre_mm": 500,
+    "source_to_detector_mm": 1000,
+    "columns": 160,
+    "rows": 48,
+    "column_pitch_mm": 4.0,
+    "row_pitch_mm": 4.0,
+}
+PROJECTIONS = 300
+NOISE_LEVEL = 1.24e-6  # the variance of 10 mGy on the printed phantom
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Acquisitions of one phantom in one geometry.
+
+    Attributes
+    ----------
+    geometry : OrbitGeometry
+    grid : Grid
+        Of the phantom, on which images are made.
+    line_integrals : ndarray of float32, shape (repeats, views, rows, columns)
+        With noise.
+    clean : ndarray, shape (views, rows, columns)
+        Without.
+    image_physics : dict of str to dict of str to float
+        Effects that act on images: {effect: {parameter: value}}, complete.
+    mu_water_per_mm : float
+        1/mm.
+    """
+
+    geometry: ScanGeometry
+    grid: Grid
+    line_integrals: np.ndarray
+    clean: np.ndarray
+    image_physics: dict[str, dict[str, float]]
+    mu_water_per_mm: float
+
+
+def draw_phantom(
+    shape: tuple[int, int, int] = SHAPE,
+    spacing_mm: tuple[float, float, float] = SPACING_MM,
+    *,
+    layout_file: str | Path | None = None,
+    oversampling: int = 2,
+    seed: int = 2022,
+) -> Phantom:
+    """The drawn abdomen with its six regions, or another layout.
+
+    Parameters
+    ----------
+    shape : tuple of 3 int, optional
+        Voxels of the images (z, y, x).
+    spacing_mm : tuple of 3 float, optional
+        Their size (z, y, x), mm.
+    layout_file : str or Path, optional
+        Shapes and tissues, as docs/your-own-phantom.md says; None: the abdomen.
+    oversampling : int, optional
+        How many times finer what is scanned is drawn.
+    seed : int, optional
+        Of the textures.
+
+    Returns
+    -------
+    Phantom
+        `image` and `fine` in HU, `rois`.
+
+    Raises
+    ------
+    InputError
+        For a layout that cannot be drawn, and a grid that it does not fit.
+    """
+    grid = Grid(tuple(shape), tuple(spacing_mm))
+    return synthetic.build(layout.read_layout(layout_file), grid, oversampling, branch(seed, Branch.PHANTOM))
+
+
+def read_phantom(
+    image: str | Path,
+    rois: Sequence[Mapping],
+    *,
+    labels: str | Path | None = None,
+    shape: tuple[int, int, int] = SHAPE,
+    spacing_mm: tuple[float, float, float] = SPACING_MM,
+    oversampling: int = 2,
+    **places,
+) -> Phantom:
+    """A phantom from a CT and its regions.
+
+    Parameters
+    ----------
+    image : str or Path
+        NIfTI file, or folder with one DICOM CT series.
+    rois : sequence of mapping
+        As `phantom.ct.rois` in the configuration, for example {"name": "liver", "tissue_class": "liver", "label": 5}.
+    labels : str or Path, optional
+        Label map, DICOM SEG or RTSTRUCT of the regions that name no file of their own.
+    shape, spacing_mm, oversampling : optional
+        As draw_phantom takes them.
+    **places
+        `centre_mm`, `keep_mm`: as in the configuration.
+
+    Returns
+    -------
+    Phantom
+
+    Raises
+    ------
+    InputError
+        For an unusable image, region or setting (phantom.ct.load).
+    """
+    settings = {"image": str(image), "rois": [dict(one) for one in rois], **places}
+    if labels is not None:
+        settings["labels"] = str(labels)
+    return ct.load(settings, Grid(tuple(shape), tuple(spacing_mm)), oversampling)
+
+
+def scan(
+    phantom: Phantom,
+    *,
+    projections: int = PROJECTIONS,
+    noise_level: float = NOISE_LEVEL,
+    repeats: int = 1,
+    physics: Mapping[str, Mapping[str, float] | None] | None = None,
+    seed: int = 2022,
+    stream: tuple[str, str] | None = None,
+    threads: int = 1,
+    **scanner,
+) -> Scan:
+    """Scan a phantom.
+
+    Parameters
+    ----------
+    phantom : Phantom
+    projections : int, optional
+        Views of the whole scan.
+    noise_level : float, optional
+        A: one over the photons per pixel in air.
+    repeats : int, optional
+        Acquisitions, each with noise of its own.
+    physics : mapping of str to mapping of str to float, optional
+        {effect: {parameter: value}}; parameters left out are typical (docs/physics.md). Noise is then that of a
+        detector that weighs photons by their energy.
+    seed : int, optional
+        Of the noise.
+    stream : tuple of (str, str), optional
+        Labels of geometry and noise level that pick the noise's random stream, as a study has them; None: of the
+        number of projections and "dose10", those of the default study.
+    threads : int, optional
+    **scanner
+        Keys of the configuration's section `scan` that differ from the default study's: `trajectory`, `pitch`,
+        `columns`, `rows`, `source_to_isocentre_mm`, ...
+
+    Returns
+    -------
+    Scan
+
+    Raises
+    ------
+    InputError
+        For unknown keys and effects, a phantom that the scan truncates, and regions that it does not see whole.
+    """
+    section = defaults_of("scan") | SCANNER
+    for key in scanner:
+        if key not in section:
+            raise InputError(f"scan: unknown key '{key}'; {meant(key, section)}")
+    geometry = scan_geometry(section | scanner, projections, phantom.image.grid)
+    check_rois_seen(geometry, phantom.image.grid, {roi.name: roi.mask for roi in phantom.rois})
+    effects = checked(physics or {})
+    before = {name: values for name, values in effects.items() if not acts_on_images(name)}
+    mu_water_per_mm = defaults_of()["mu_water_per_mm"]
+    clean, state = projected(
+        phantom.fine,
+        geometry,
+        before,
+        mu_water_per_mm=mu_water_per_mm,
+        materials=defaults_of("materials"),
+        sensor=defaults_of("sensor"),
+        threads=threads,
+    )
+    noise = defaults_of("noise")
+    where, level = stream or (f"views{projections}", "dose10")
+    noisy = [
+        acquire(
+            clean,
+            geometry=where,
+            noise=level,
+            noise_level=noise_level,
+            seed=repeat,
+            model="physical" if before else noise["model"],
+            study_seed=seed,
+            draws=noise["draws"],
+            state=state,
+        ).line_integrals(noise["zero_counts_as"])
+        for repeat in range(repeats)
+    ]
+    after = {name: values for name, values in effects.items() if acts_on_images(name)}
+    return Scan(geometry, phantom.image.grid, np.stack(noisy), clean, after, mu_water_per_mm)
+
+
+def reconstruct(
+    scan: Scan, algorithm: str = "fbp", *, engine: str = "auto", threads: int = 1, **settings
+) -> list[Volume]:
+    """Images of every repeat of a scan.
+
+    Parameters
+    ----------
+    scan : Scan
+    algorithm : {"fbp", "sirt"}, optional
+    engine : {"auto", "cpu", "astra_cuda"}, optional
+        Of SIRT.
+    threads : int, optional
+    **settings
+        Of the algorithm, as under `reconstruction` in the configuration: `iterations`, `solver`, `normalise`, ...
+
+    Returns
+    -------
+    list of Volume
+        int16 HU on the phantom's grid.
+
+    Raises
+    ------
+    InputError
+        For an unknown algorithm or setting.
+    """
+    known = defaults_of("reconstruction")
+    if algorithm not in known:
+        raise InputError(f"algorithm '{algorithm}' is unknown; {meant(algorithm, known)}")
+    for key in settings:
+        if key not in known[algorithm]:
+            raise InputError(f"{algorithm}: unknown setting '{key}'; {meant(key, known[algorithm])}")
+    return images_of.reconstruct(
+        scan.line_integrals,
+        scan.geometry,
+        scan.grid,
+        algorithm,
+        known[algorithm] | settings,
+        engine=choose_engine(engine, (known["sirt"] | settings).get("backprojector")),
+        mu_water_per_mm=scan.mu_water_per_mm,
+        physics=scan.image_physics,
+        threads=threads,
+    )
+
+
+def extract(images: Volume | Sequence[Volume], phantom: Phantom) -> pd.DataFrame:
+    """The 86 features of every region of a phantom in images of it.
+
+    Parameters
+    ----------
+    images : Volume or sequence of Volume
+        HU.
+    phantom : Phantom
+
+    Returns
+    -------
+    DataFrame
+        One row per image and region: image (its number, from 0), roi, tissue_class, n_voxels, grey_levels, and the
+        features by pyradiomics' names.
+
+    Raises
+    ------
+    InputError
+        For an image on another grid, and a region without two grey levels.
+    """
+    images = [images] if isinstance(images, Volume) else list(images)
+    masks = {roi.name: roi.mask for roi in phantom.rois}
+    classes = {roi.name: roi.tissue_class for roi in phantom.rois}
+    front, found = ["image", "roi", "tissue_class", "n_voxels", "grey_levels"], []
+    for number, one in enumerate(images):
+        if not one.grid.matches(phantom.image.grid):
+            raise InputError(f"image {number}: is on another grid ({one.grid}) than the phantom ({phantom.image.grid})")
+        table = extraction.extract(one, masks, name=f"image {number}")
+        table = table.assign(image=number, tissue_class=table["roi"].map(classes))
+        found.append(table[[*front, *extraction.FEATURES]])
+    return pd.concat(found, ignore_index=True)
