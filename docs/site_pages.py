@@ -4,10 +4,12 @@ In the repository links are relative to the file that they stand in, so that the
 site the folder docs/ is the root, and README.md, config/README.md and the like are pages beside its own.
 """
 
+import base64
 import re
 from pathlib import Path
 from posixpath import dirname, join, normpath, relpath
 
+import nbformat
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -28,15 +30,39 @@ LINK = re.compile(r"(\]\()(?![a-z]+:|#)([^)#\s]+)")
 
 
 def on_files(files, config):
-    """Add the files of OUTSIDE."""
+    """Add the files of OUTSIDE, and a page with its figures for every notebook."""
     for place in OUTSIDE:
         files.append(File.generated(config, place, abs_src_path=str(ROOT / place)))
+    for path in sorted((ROOT / DOCS / "notebooks").glob("*.ipynb")):
+        markdown, figures = notebook_page(path)
+        files.append(File.generated(config, f"notebooks/{path.stem}.md", content=markdown))
+        for name, png in figures.items():
+            files.append(File.generated(config, f"notebooks/{name}", content=png))
     return files
+
+
+def notebook_page(path: Path) -> tuple[str, dict[str, bytes]]:
+    """A notebook with its outputs as Markdown, and its figures by the names that the page has for them."""
+    parts, figures = [], {}
+    for cell in nbformat.read(path, as_version=4).cells:
+        parts.append(cell.source if cell.cell_type == "markdown" else f"```python\n{cell.source}\n```")
+        for output in cell.get("outputs", ()):
+            shown = output.get("data", {})
+            if "image/png" in shown:
+                name = f"{path.stem}_{len(figures) + 1}.png"
+                figures[name] = base64.b64decode(shown["image/png"])
+                parts.append(f"![Output of the code above]({name})")
+            else:
+                parts.append(f"```text\n{(output.get('text') or shown['text/plain']).rstrip()}\n```")
+    parts.append(f"[This page as a notebook]({path.name})")
+    return "\n\n".join(parts) + "\n", figures
 
 
 def on_page_markdown(markdown, page, **_):
     """Turn links relative to the file in the repository into links relative to the page in the site."""
     here = page.file.src_uri
+    if not here.startswith("notebooks/"):  # there a notebook is linked as a file; elsewhere its page is meant
+        markdown = markdown.replace(".ipynb)", ".md)")
     return LINK.sub(lambda match: match[1] + in_site(match[2], here), markdown)
 
 

@@ -7,13 +7,15 @@ from pathlib import Path
 
 from ..base.errors import InputError
 from ..diagnosis.candidates import candidates
-from ..diagnosis.core.asked import Asked, Disc, MaskedObject, Settings
+from ..diagnosis.core.asked import Asked, Settings
 from ..diagnosis.core.verdict import Diagnosis
 from ..diagnosis.course import explain
 from ..diagnosis.ready import ready
-from ..io.schema import defaults_of, fill_defaults, schema_of
+from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..recordings.document import read_document
 from ..recordings.scan import timed
+
+SECTION = schema_of("diagnosis", "recordings")["additionalProperties"]  # of one recording
 
 
 def diagnose(
@@ -23,9 +25,8 @@ def diagnose(
     mask: tuple[str | Path, str] | None = None,
     phantom: str | Path | None = None,
     effects: Sequence[str] | None = None,
-    nominal_photons: float | None = None,
-    view_step: int = 1,
     processes: int = 1,
+    **settings,
 ) -> Diagnosis:
     """Find the physics that a recording of projections has and the plain simulation lacks.
 
@@ -43,12 +44,10 @@ def diagnose(
         NIfTI image in HU.
     effects : sequence of str, optional
         Those to try; None: all that projections show.
-    nominal_photons : float, optional
-        Noise-equivalent photons per pixel in air that the scan is said to have.
-    view_step : int, optional
-        One view of so many is fitted or held out.
     processes : int, optional
         That fit effects side by side.
+    **settings
+        As under `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`.
 
     Returns
     -------
@@ -58,8 +57,8 @@ def diagnose(
     Raises
     ------
     InputError
-        For a recording that cannot be read or is of another kind, for an effect that it does not show, and if what was
-        scanned is not said, or more than once.
+        For a recording that cannot be read or is of another kind, for an effect that it does not show, for an unknown
+        setting, and if what was scanned is not said, or more than once.
     """
     said = [one for one in (disc, mask, phantom) if one is not None]
     if len(said) != 1:
@@ -70,17 +69,18 @@ def diagnose(
             f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
             "configuration (docs/diagnosis.md) and run snakemake diagnosis"
         )
-    tried = candidates({"nominal_photons": nominal_photons, "effects": effects}, kind, timed(document.content))
-    section: dict = {"view_step": view_step}
-    fill_defaults(section, schema_of("diagnosis", "recordings")["additionalProperties"])
-    settings = Settings(
-        **section,
-        nominal_photons=nominal_photons,
-        disc=None if disc is None else Disc(*disc),
-        object=None if mask is None else MaskedObject(str(mask[0]), mask[1]),
-    )
+    scanned: dict = {}
+    if disc is not None:
+        scanned["disc"] = dict(zip(("diameter_mm", "material"), disc, strict=True))
+    if mask is not None:
+        scanned["object"] = {"mask": str(mask[0]), "material": mask[1]}
+    section, schema = settings | scanned, SECTION | {"$defs": schema_of()["$defs"]}
+    validate(section, schema, "diagnose")
+    fill_defaults(section, schema)
+    tried = candidates(section | {"effects": effects}, kind, timed(document.content))
     study = defaults_of()
-    asked = Asked(recording, settings, study["mu_water_per_mm"], defaults_of("materials"), phantom, study["seed"])
+    materials = defaults_of("materials")
+    asked = Asked(recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"])
     read, prepared = ready(asked)
     _, found = explain(read.name, prepared, tried, defaults_of("diagnosis")["model_accuracy"], processes)
     return found

@@ -6,6 +6,7 @@ parameters use viridis.
 """
 
 import contextlib
+import io
 import itertools
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -77,9 +78,21 @@ def styled(grid: bool = False):
     return matplotlib.style.context(["default", seaborn.axes_style("ticks"), {**_RC, "axes.grid": grid}])
 
 
+class ShownFigure(Figure):
+    """A figure that a notebook shows by itself; pyplot shows those alone that it has made."""
+
+    def _repr_png_(self) -> bytes:
+        file = io.BytesIO()
+        with styled():
+            self.savefig(file, format="png", metadata=_METADATA[".png"])
+        return file.getvalue()
+
+
 def figure(width_mm: float, height_mm: float) -> Figure:
     """An empty figure of this size in mm that no pyplot state knows of."""
-    return Figure(figsize=(width_mm / MILLIMETRES_PER_INCH, height_mm / MILLIMETRES_PER_INCH), layout="constrained")
+    return ShownFigure(
+        figsize=(width_mm / MILLIMETRES_PER_INCH, height_mm / MILLIMETRES_PER_INCH), layout="constrained"
+    )
 
 
 @styled()

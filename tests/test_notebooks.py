@@ -1,0 +1,72 @@
+"""The notebooks run, and the page of functions is that of the code."""
+
+import ast
+import contextlib
+import importlib.util
+import io
+from pathlib import Path
+
+import nbformat
+import pytest
+
+from virtual_phantom.recordings.importers.htc2022 import import_htc2022
+
+ROOT = Path(__file__).resolve().parents[1]
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+CT = ROOT / "../shared/real/abdomen_ct"
+NEEDS = {"own-ct": CT, "diagnosis": ROOT / "../shared/real/htc2022"}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Where a notebook finds what it reads."""
+    if CT.exists():
+        (tmp_path / "downloads").mkdir()
+        (tmp_path / "downloads" / "abdomen_ct").symlink_to(CT)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def shown(source: str, names: dict) -> str:
+    """What a cell prints, and the text of its last expression, as a notebook has them."""
+    tree = ast.parse(source)
+    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(compile(tree, "cell", "exec"), names)
+        value = None if last is None else eval(compile(ast.Expression(last.value), "cell", "eval"), names)
+        if value is not None:
+            print(repr(value))
+    return printed.getvalue()
+
+
+def firsts(text: str) -> list[str]:
+    """The first word of every line."""
+    return [line.split()[0] for line in text.splitlines() if line.strip()]
+
+
+@pytest.mark.filterwarnings("ignore::virtual_phantom.features.extraction.RadiomicsWarning")
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_it_runs_and_its_first_lines_are_what_it_shows(path, folder):
+    """Numbers end in other digits on other processors: the first word of every printed line is compared."""
+    needed = NEEDS.get(path.stem)
+    if needed is not None and not needed.exists():
+        pytest.skip(f"needs {needed.name} among the real measurements")
+    if path.stem == "diagnosis":
+        import_htc2022(needed / "htc2022_solid_disc_full.mat", folder / "recordings" / "solid_disc")
+    names: dict = {}
+    for cell in nbformat.read(path, as_version=4).cells:
+        if cell.cell_type != "code":
+            continue
+        found = shown(cell.source, names)
+        stored = "".join(one.get("text") or one["data"]["text/plain"] for one in cell.outputs)
+        assert cell.execution_count and stored, cell.source
+        if "Figure" not in stored:
+            assert firsts(found) == firsts(stored)
+
+
+def test_the_page_of_functions_is_up_to_date():
+    spec = importlib.util.spec_from_file_location("api_reference", ROOT / "docs" / "api_reference.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    assert module.TARGET.read_text(encoding="utf-8") == module.page()
