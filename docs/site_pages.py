@@ -21,6 +21,7 @@ OUTSIDE = (
     "CHANGELOG.md",
     "CITATION.cff",
     "LICENSE",
+    "Dockerfile",
     "config/README.md",
     "workflow/lib/virtual_phantom/resources/README.md",
     "workflow/lib/virtual_phantom/resources/rates.yaml",

@@ -1,0 +1,72 @@
+"""What other sets of effects leave on the three discs of docs/htc2022.md, fitted on one and held against the others.
+
+    python benchmarks/real_discs.py recordings
+
+`recordings` holds solid_disc, ta and tb, imported as docs/htc2022.md says. A diagnosis chooses effects; here sets are
+given, so that the chosen one stands beside others. Prints a table in Markdown: rms of the line integrals on views that
+were not fitted, and the share of the excess over noise that is removed.
+"""
+
+import argparse
+from pathlib import Path
+
+from virtual_phantom.diagnosis.core.asked import Asked, Disc, MaskedObject, Settings
+from virtual_phantom.diagnosis.core.attribute import Choice, Trial, trial
+from virtual_phantom.diagnosis.core.verdict import excess_rms_removed, metrics_of
+from virtual_phantom.diagnosis.core.verified import Physics, verified
+from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.io.schema import defaults_of
+
+ALIGNMENT = {"scale": 1.0, "size": 0.01, "offset": 0.02}  # as in config/htc2022.yaml
+SETS = (
+    ("spectrum", "dark_signal"),
+    ("spectrum", "veiling_glare"),
+    ("spectrum", "scatter"),
+    ("scatter",),
+    ("scatter", "veiling_glare", "dark_signal", "focal_spot"),
+)
+
+
+def prepared(folder: Path, name: str, view_step: int):
+    """A disc as config/htc2022.yaml has it."""
+    scanned = {"disc": Disc(70, "pmma")}
+    if name != "solid_disc":
+        scanned = {"object": MaskedObject(str(folder / name / "object.nii.gz"), "pmma")}
+    settings = Settings(1, view_step, ALIGNMENT, **scanned)
+    asked = Asked(folder / name, settings, defaults_of()["mu_water_per_mm"], defaults_of("materials"))
+    return ready(asked)[1]
+
+
+def left(one, baseline: Trial, chosen: Trial) -> str:
+    """Rms after, and the share of the excess that went."""
+    choice = Choice(baseline, {}, chosen, {}, {}, {})
+    rms = metrics_of(one, choice, held_out=True)["rms_line_integral"]
+    return f"{rms['after']:.4f} ({100 * excess_rms_removed(**rms):.0f} %)"
+
+
+def main() -> None:
+    """Fit the sets and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("recordings", type=Path)
+    parser.add_argument("--view-step", type=int, default=5, help="one view of so many is fitted or held out")
+    options = parser.parse_args()
+    discs = {name: prepared(options.recordings, name, options.view_step) for name in ("solid_disc", "ta", "tb")}
+    baselines = {name: trial(one.fitter, ()) for name, one in discs.items()}
+    print("| effects | solid disc | ta, physics of the solid disc | tb | ta, fitted to it |")
+    print("|---|---|---|---|---|", flush=True)
+    for effects in SETS:
+        found = {name: trial(discs[name].fitter, effects, baselines[name]) for name in ("solid_disc", "ta")}
+        fit = found["solid_disc"].fit
+        density = (fit.nuisance["scale"], fit.nuisance_errors["scale"]) if "spectrum" in effects else None
+        units = {name: {} for name in effects}
+        physics = Physics("solid_disc", fit.physics, fit.errors, units, density, ())
+        row = [left(discs["solid_disc"], baselines["solid_disc"], found["solid_disc"])]
+        for name in ("ta", "tb"):
+            chosen = verified(discs[name].fitter, baselines[name], physics, same_material=True).chosen
+            row.append(left(discs[name], baselines[name], chosen))
+        row.append(left(discs["ta"], baselines["ta"], found["ta"]))
+        print(f"| {', '.join(effects).replace('_', ' ')} | {' | '.join(row)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

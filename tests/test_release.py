@@ -1,0 +1,36 @@
+"""What a release must agree on: the version, and the container's environment."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import yaml
+
+import virtual_phantom
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def test_the_version_is_the_same_everywhere():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    heading = re.search(r"^## (\S+) \((.+)\)$", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert citation["version"] == heading[1] == virtual_phantom.__version__
+    released = re.fullmatch(r"\d{4}-\d\d-\d\d", heading[2])
+    assert released or heading[2] == "not released"
+    assert ("date-released" in citation) == bool(released)
+
+
+def test_the_container_installs_from_the_lock_by_the_same_command():
+    lines = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+    instructions = re.findall(r"^([A-Z]+) (.+)$", lines.replace("\\\n", ""), re.MULTILINE)
+    assert ("RUN", "make setup") in instructions and not re.search(r"pip install|curl|wget", lines)
+    # Debian 12 has the oldest Python that the package takes.
+    assert ("FROM", "debian:bookworm-slim") in instructions
+    wanted = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["requires-python"]
+    assert wanted.startswith(">=3.11")
+
+
+def test_the_container_takes_no_results_and_no_environment_along():
+    left_out = set((ROOT / ".dockerignore").read_text(encoding="utf-8").split())
+    ignored = {line.strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").split()}
+    assert {".venv", ".snakemake", "results*", "recordings", "downloads"} <= left_out & ignored
