@@ -11,41 +11,43 @@ TARGET = ROOT / "docs" / "physics.md"
 
 INTRODUCTION = """# The acquisition chain and its effects
 
-The baseline is the paper's: one energy, a point source, an ideal detector, Poisson noise, the logarithm. What it leaves
-out are effects: files in `workflow/lib/virtual_phantom/physics/effects`, each with its equation, its source, its
-parameters and what tells it apart. They are switched on for all protocols, or for one:
+The baseline is the paper's: one energy, a point source, an ideal detector, Poisson noise, the logarithm. What it
+leaves out are effects. This page lists them, each with its equation, source, parameters and what tells it apart, as
+`docs/effects_catalogue.py` reads them from `workflow/lib/virtual_phantom/physics/effects`.
+
+An effect is off until it is switched on, for all protocols or for one:
 
 ```yaml
-noise: {model: physical} # the paper's own noise formula; the default, astra, has no photons that effects could act on
+noise: {model: physical} # the paper's formula, with photons to act on; the default, astra, has none
 physics:
   scatter: {amount: 0.05}
 protocols:
-  sirt_300: {physics: {spectrum: {kvp: 100}, electronic_noise: }} # a parameter left out has its typical value
+  sirt_300: {physics: {spectrum: {kvp: 100}, electronic_noise: }} # no scatter here: it replaces the common physics
 ```
 
-A protocol's `physics` replaces the common one: `sirt_300` has no scatter here.
+A parameter that is left out has its typical value.
 
-With none, the study's projections are made without this chain, by one path length in one material; the chain at its
-baseline agrees with them to 2e-5, the rounding of its path lengths in single precision. Reconstruction always goes by
-the stated geometry. A voxel is divided among two materials by its HU (`materials`); at the monochromatic energy, where
-water attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib, spectra from
-SpekPy. What the detector's sensor makes of a spectrum (`sensor` of the configuration, `nominal.sensor` of a recording)
-is in `physics/sensors.py`: photons are weighed by the energy that they leave in its layer, K escape and Compton
-scattering in it, or counted, and their noise with them. A pixel's photons, 1/A, are noise-equivalent quanta: 1 over the
-relative quantum variance in air.
-
-Parameters are in units that carry over: two scans of one scanner at another speed, dose or collimation have the same
-ones (but for the amount of scatter, which falls with the height of the beam). View i of N is exposed in the middle of
-its interval dt, at t_i = (i + 1/2 - N/2) dt from the middle of the scan; dt is `scan.rotation_time_ms` over the views
-of a turn. A dark signal is in readout units: in a study, and in recordings of it, photons per pixel; of line integrals
-and images, which have none, the mean signal in air takes their place.
-
-Effects act in this order: STAGES. `snakemake diagnosis` tries each
-of them but the last on recordings of projections (the photon flux only if `nominal_photons` is given;
-[diagnosis.md](diagnosis.md)). This page is made by `docs/effects_catalogue.py`.
-
-Those of the stage image act after the reconstruction. Not in the chain yet: scatter grids, off-focal
-radiation, detector non-linearity. Scatter has one kernel and does not know of depth.
+* **Order.** Effects act in this order: STAGES.
+  Those of the stage image act after the reconstruction, which always
+  goes by the stated geometry.
+* **Diagnosis.** `snakemake diagnosis` tries all but those of the image on recordings of projections, the photon
+  flux only if `nominal_photons` is given ([diagnosis.md](diagnosis.md)).
+* **Not there yet**: scatter grids, off-focal radiation, detector non-linearity. Scatter has one kernel and does not
+  know of depth.
+* **Baseline.** Without effects the study does not use this chain, but one path length in one material. The chain at
+  its baseline agrees with that to 2e-5, the rounding of its path lengths in single precision.
+* **Materials.** A voxel is divided among two materials by its HU (`materials`). At the monochromatic energy, where
+  water attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib,
+  spectra from SpekPy.
+* **Sensor** (`sensor` of the configuration, `nominal.sensor` of a recording; `physics/sensors.py`). Photons are
+  weighed by the energy that they leave in its layer, K escape and Compton scattering in it, or counted, and their
+  noise with them. A pixel's photons, 1/A, are noise-equivalent quanta: 1 over the relative quantum variance in air.
+* **Units carry over**: two scans of one scanner at another speed, dose or collimation have the same parameters, but
+  for the amount of scatter, which falls with the height of the beam. A dark signal is in readout units: in a study,
+  and in recordings of it, photons per pixel; of line integrals and images, which have none, the mean signal in air
+  takes their place.
+* **Time.** View i of N is exposed in the middle of its interval dt, at t_i = (i + 1/2 - N/2) dt from the middle of
+  the scan; dt is `scan.rotation_time_ms` over the views of a turn.
 """
 
 
@@ -64,16 +66,18 @@ def section(name: str) -> str:
     lines += [f"* equation: {effect.equation}", f"* source: {effect.source}"]
     lines += [f"* told apart by: {effect.signature}", f"* settled by: {effect.settled_by}", ""]
     lines += ["| parameter | meaning | unit | typical | plausible | off at |", "|---|---|---|---|---|---|"]
-    reaches = []
+    reaches: dict[str, list[str]] = {}
     for one in effect.parameters:
         off = "never" if one.neutral is None else f"{one.neutral:g}"
         lines.append(
             f"| `{one.name}` | {one.meaning} | {one.unit} | {one.typical:g} | {_range(one.low, one.high)} | {off} |"
         )
         if one.reach is not None:
-            reaches.append(f"`{one.name}` from {_range(one.reach.low, one.reach.high)} {WORDS[one.reach.of]}")
+            reach = f"{_range(one.reach.low, one.reach.high)} {WORDS[one.reach.of]}"
+            reaches.setdefault(reach, []).append(f"`{one.name}`")
     if reaches:
-        lines += ["", f"A fit of one scan keeps to {', '.join(reaches)}."]
+        kept = "; ".join(f"{', '.join(names)} from {reach}" for reach, names in reaches.items())
+        lines += ["", f"A fit of one scan keeps to {kept}."]
     return "\n".join(lines)
 
 
