@@ -8,6 +8,8 @@ import pytest
 import yaml
 from workflow_runs import planned, tiny
 
+from virtual_phantom.report.words import DOMAINS, NUISANCES
+
 CONCEALED = {"reconstruction_kernel": {"sigma_mm": 4.0}}
 STUDY = {
     "grid": {"shape": [12, 64, 64], "spacing_mm": [8.0, 4.7, 4.7]},
@@ -59,6 +61,10 @@ def test_the_kernel_is_named_with_its_width(scanner):
     resolution = found["agreement"]["metrics"]["resolution"]
     assert abs(resolution["after"]["relative_difference"]) < 0.1 < resolution["before"]["relative_difference"]
     assert found["sentence"] in (folder / "report.html").read_text()
+    assert {place["domain"] for place in found["locations"]} <= set(DOMAINS) and set(found["alignment"]) <= set(
+        NUISANCES
+    )
+    assert "FBP" in found["modelled"]["scan"]
 
 
 def test_its_physics_is_an_overlay_that_changes_images_alone(scanner):

@@ -8,6 +8,7 @@ import yaml
 from workflow_runs import ROOT, planned, tiny
 
 from virtual_phantom.recordings.importers.study import import_study
+from virtual_phantom.report.words import DOMAINS, NUISANCES
 from virtual_phantom.study.config import complete
 from virtual_phantom.study.plan import Plan
 
@@ -63,6 +64,11 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     report = (folder / "report.html").read_text()
     assert report.startswith("<!doctype html>") and found["sentence"] in report
     assert "such intervals held the truth in" in report
+    assert found["modelled"]["effects tried"] == "scatter, electronic noise, detector offset, xray crosstalk"
+    assert "plausible" in report and "middle slice of what was scanned" in report
+    assert {place["domain"] for place in found["locations"]} <= set(DOMAINS) and set(found["alignment"]) <= set(
+        NUISANCES
+    )
     for place in found["locations"]:
         assert (folder / "maps" / place["map"]).stat().st_size > 0
     before, after = (np.load(folder / "maps" / f"residuals {name}.npy") for name in ("before", "after"))

@@ -8,6 +8,7 @@ from virtual_phantom.diagnosis.core.locate import ALPHA
 from virtual_phantom.diagnosis.core.store import RESIDUAL_MAPS, read_trial, write_diagnosis
 from virtual_phantom.diagnosis.core.verified import Physics
 from virtual_phantom.diagnosis.course import Fitted, explain, hold_against
+from virtual_phantom.diagnosis.described import described
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
 from virtual_phantom.diagnosis.ready import agreement, ready
 from virtual_phantom.report.diagnosis import page, residual_maps
@@ -29,6 +30,8 @@ with job(snakemake) as log:
         prepared, found = explain(recording.name, prepared, params.effects, params.accuracy, snakemake.threads, fitted)
     if "record" in given.keys():
         found = replace(found, content=with_coverage(found.content, read(given.record)))
+    tried = [] if "physics" in given.keys() else params.effects
+    found.content["modelled"] = described(asked, recording, prepared, tried)
     scanned = None
     if "phantom" in given.keys():
         scanned = Scanned.read(given.phantom, given.image, given.rois)
@@ -39,6 +42,6 @@ with job(snakemake) as log:
     overlay = {"physics": prepared.fitter.model.of_study(fit.physics, fit.nuisance), "noise": {"model": "physical"}}
     shown = residual_maps(found, prepared)
     maps = {place.domain: place.map for place in found.before} | dict(zip(RESIDUAL_MAPS, shown, strict=True))
-    write_diagnosis(output, found.content, overlay, page(found, prepared, ALPHA, shown), maps)
+    write_diagnosis(output, found.content, overlay, page(found, prepared, ALPHA, shown, scanned and scanned.fine), maps)
     log.info("%s", found.content["sentence"])
     print(found.content["sentence"])

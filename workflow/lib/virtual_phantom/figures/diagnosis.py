@@ -11,7 +11,8 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 
-from . import style
+from ..io.volumes import Volume
+from . import axial, style
 
 MAP_LIMIT = 6.0  # standard deviations: beyond them colours stay the same
 BEFORE, AFTER = style.VERMILLION, style.BLUE
@@ -86,4 +87,15 @@ def draw_ranking(gains: dict[str, float], chosen: tuple[str, ...]) -> Figure:
     axes.set_xscale("symlog", linthresh=LINEAR_GAIN)
     _plain(axes.xaxis)
     axes.set_xlabel("gain on data not fitted (log score), each effect alone; blue: in the verdict")
+    return figure
+
+
+@style.styled(grid=False)
+def draw_object(scanned: Volume) -> Figure:
+    """What was scanned: its middle slice, in HU."""
+    figure = style.figure(style.SINGLE_COLUMN_MM, 62)
+    axes = figure.subplots()
+    image = axial.show(axes, scanned.array[len(scanned.array) // 2], scanned.grid, axial.edges_mm(scanned.grid))
+    axial.scale_bar(axes)
+    figure.colorbar(image, ax=axes, label="CT number (HU)", shrink=0.9, pad=0.01)
     return figure

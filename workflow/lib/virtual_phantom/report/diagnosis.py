@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
+from datetime import date
+
 import numpy as np
 
+from .. import __version__
 from ..diagnosis.core.fit import Fit
 from ..diagnosis.core.look import Look
 from ..diagnosis.core.prepared import Prepared
 from ..diagnosis.core.verdict import Diagnosis
 from ..figures import diagnosis as figures
+from ..io.volumes import Volume
 from ..physics.effect import load
 from .agreement_table import agreement_table
 from .html import picture, render_diagnosis
+from .words import DOMAINS, NUISANCES, ONE_SIDED
 
 PIXELS_ACROSS = 120  # of the map: more blocks than that hold too few rays to show anything
 
 
-def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float, maps: tuple[np.ndarray, np.ndarray]) -> str:
+def page(
+    diagnosis: Diagnosis,
+    prepared: Prepared,
+    alpha: float,
+    maps: tuple[np.ndarray, np.ndarray],
+    scanned: Volume | None = None,
+) -> str:
     """The report as HTML.
 
     Parameters
@@ -27,6 +38,8 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float, maps: tuple[np.
         Below which a place's p is significant.
     maps : tuple of 2 ndarray
         From `residual_maps`.
+    scanned : Volume, optional
+        Image of what was scanned, HU.
 
     Returns
     -------
@@ -47,6 +60,12 @@ def page(diagnosis: Diagnosis, prepared: Prepared, alpha: float, maps: tuple[np.
         profiles=picture(figures.draw_profiles(_profiles(diagnosis, look))),
         one_repeat=look.one_repeat,
         ranking=picture(figures.draw_ranking(gains, choice.chosen.fit.effects)) if gains else None,
+        object=None if scanned is None else picture(figures.draw_object(scanned)),
+        domains=DOMAINS,
+        one_sided=ONE_SIDED,
+        nuisances=NUISANCES,
+        version=__version__,
+        date=date.today().isoformat(),
     )
 
 

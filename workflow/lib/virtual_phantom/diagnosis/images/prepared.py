@@ -39,7 +39,7 @@ LOOK = Look(
     profiles=(
         ("distance from the axis", "ring around the isocentre", 1),
         ("slices", "slice", 0),
-        ("tissue", "HU (tenth of the object)", 1),
+        ("tissue", "voxels by HU (tenths)", 1),
     ),
     one_repeat="is that of the repeats held out, if there are two, else of simulated scans, scaled to what changes "
     "from voxel to voxel in the recording",

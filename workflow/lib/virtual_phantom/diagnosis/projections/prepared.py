@@ -39,7 +39,11 @@ LOOK = Look(
     summed=1,
     down="view",
     across="detector column",
-    profiles=(("columns", "detector column", 0), ("views", "view", 0), ("path length", "line integral (tenth)", 1)),
+    profiles=(
+        ("columns", "detector column", 0),
+        ("views", "view", 0),
+        ("path length", "rays by line integral (tenths)", 1),
+    ),
     one_repeat="was taken from second differences of neighbouring views, so variances and correlations were not tested",
 )
 

@@ -1,0 +1,70 @@
+"""What a diagnosis took for granted: object, beam, sensor, photons and scan that were modelled, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..recordings.recording import Recording
+from .core.asked import Asked
+from .core.prepared import Prepared
+from .ready import labels_of
+
+
+def described(asked: Asked, recording: Recording, prepared: Prepared, effects: Sequence[str]) -> dict[str, str]:
+    """What was modelled, for readers.
+
+    Parameters
+    ----------
+    asked : Asked
+    recording : Recording
+    prepared : Prepared
+    effects : sequence of str
+        That were tried.
+
+    Returns
+    -------
+    dict of str to str
+        {what: a phrase with units}.
+    """
+    labels, settings = labels_of(recording), asked.settings
+    tube = "voltage not stated" if labels.tube_kvp is None else f"{labels.tube_kvp:g} kV stated"
+    sensor = labels.sensor
+    known = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
+    photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
+    return {
+        "object": _object(asked),
+        "scan": _scan(asked, recording),
+        "beam before any effect": f"one energy, at which water attenuates {asked.mu_water_per_mm:g} per mm",
+        "tube": f"anode of {labels.anode.target} at {labels.anode.angle_deg:g} degrees, {tube}",
+        "sensor": f"{sensor.material.replace('_', ' ')}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
+        "photons per pixel in air": photons,
+        "data": f"{len(recording.repeats)} repeats, one view of {settings.view_step}; not fitted: {prepared.held}",
+        "alignment, standard deviations stated": known or "none: the defaults",
+        "effects tried": ", ".join(effects).replace("_", " ") or "none: physics taken from another recording",
+    }
+
+
+def _object(asked: Asked) -> str:
+    disc, masked = asked.settings.disc, asked.settings.object
+    if disc is not None:
+        return f"a cylinder along z, {disc.diameter_mm:g} mm across, of {disc.material}"
+    if masked is not None:
+        return f"the homogeneous object of {Path(masked.mask).name}, of {masked.material}"
+    materials = asked.materials
+    return (
+        f"the study's phantom, each voxel by its HU of {materials['soft']}, and from "
+        f"{materials['dense_from_hu']:g} HU on of {materials['dense']} too"
+    )
+
+
+def _scan(asked: Asked, recording: Recording) -> str:
+    if asked.protocol is not None:
+        scan, views, made = asked.protocol.scan, asked.protocol.projections, f", {asked.protocol.algorithm.upper()}"
+    else:
+        scan, views, made = recording.scan, recording.scan["views"], ""
+    return (
+        f"{scan['trajectory']}, {views} views, {scan['rows']} x {scan['columns']} pixels (rows x columns) of "
+        f"{scan['row_pitch_mm']:g} x {scan['column_pitch_mm']:g} mm, source to isocentre "
+        f"{scan['source_to_isocentre_mm']:g} mm, to detector {scan['source_to_detector_mm']:g} mm{made}"
+    )
