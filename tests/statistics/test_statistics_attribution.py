@@ -63,6 +63,13 @@ def test_a_perfect_variant_repairs_everything_and_the_baseline_itself_nothing():
     assert properties.loc["none", ["median_removed_lower", "median_removed_upper"]].tolist() == [0, 0]  # drawn alike
 
 
+def test_what_changes_nothing_repairs_nothing_in_any_resample():
+    """Means at the margin: with other repeats the baseline itself comes within it."""
+    baseline = table([1.05, -1.1, 1.02])
+    found = attribute({"baseline": baseline, "none": baseline}, RECORDED, F, resamples=200).properties
+    assert (found.query("misses > 0")[["lower", "upper"]] == 0).all(axis=None)
+
+
 def test_the_interval_covers_what_repeats_would_give():
     """The true share removed is 1 - 3/6; of 200 trials with 10 repeats, most intervals hold it."""
     rng = np.random.default_rng(4)

@@ -127,6 +127,8 @@ def attribute(
     for each in removed.values():
         each[~np.isfinite(each)] = np.nan
     within = {name: shift[name] <= margin_sd for name in others}
+    # In a resample the baseline may come within the margin by itself: that is no repair.
+    repaired = {name: within[name] & (shift[baseline] > margin_sd) for name in others}
     signed = {name: in_sd(each[0], unit, size) for name, each in difference.items()}
     cells = [
         _cells(name, rois, features, signed[baseline], signed[name], removed[name], missed, within[name][0])
@@ -136,7 +138,7 @@ def attribute(
     properties = []
     for label in ("all", *(name for name in FAMILIES.values() if name in families)):
         chosen = np.broadcast_to((families == label) | (label == "all"), missed.shape)
-        properties.append(_properties(label, others, chosen, missed, within, removed))
+        properties.append(_properties(label, others, chosen, missed, within, repaired, removed))
     return Attribution(pd.concat(cells, ignore_index=True), pd.concat(properties, ignore_index=True))
 
 
@@ -184,10 +186,10 @@ def _cells(variant, rois, features, before, after, removed, missed, within) -> p
     )
 
 
-def _properties(label, names, chosen, missed, within, removed) -> pd.DataFrame:
+def _properties(label, names, chosen, missed, within, repaired, removed) -> pd.DataFrame:
     misses = chosen & missed
     if misses.any():
-        share = np.array([within[name][:, misses].mean(axis=1) for name in names])
+        share = np.array([repaired[name][:, misses].mean(axis=1) for name in names])
         median = np.array([np.nanmedian(removed[name][:, misses], axis=1) for name in names])
         # Last key first: by share repaired, then by what is removed; of equal ones, the first.
         order = np.lexsort((-median, -share), axis=0)
