@@ -29,14 +29,28 @@ def draw(
 ) -> Figure:
     """An axial and a coronal slice of the recording with outlines, and beside each the recording minus the phantom.
 
-    image, phantom   HU, each on its own grid
-    matrix           4 x 4, phantom world mm to recording world mm
-    masks            ROI name -> array (z, y, x) on the recording's grid, non-zero inside
-    tissue_class     ROI name -> its class
-
     The slices are those that show most ROIs. For the difference the phantom is interpolated onto the recording's grid;
     its window is the next round number over the 98th percentile of the magnitudes inside the phantom's body.
-    Raises InputError if there is no ROI or an empty one, or if image and phantom do not overlap.
+
+    Parameters
+    ----------
+    image, phantom : Volume
+        HU, each on its own grid.
+    matrix : sequence of sequence of float, shape (4, 4)
+        Phantom world mm to recording world mm.
+    masks : mapping of str to ndarray, shape (z, y, x)
+        By ROI, on the recording's grid, non-zero inside.
+    tissue_class : mapping of str to str
+        By ROI.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If there is no ROI or an empty one, or if image and phantom do not overlap.
     """
     carried = _carry(phantom, np.array(matrix), image.grid)
     if not (carried > HU_BODY).any():

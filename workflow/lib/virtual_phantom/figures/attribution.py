@@ -17,9 +17,23 @@ PANELS = (
 def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     """Two heat maps, one row per variant (best first) and one column per family.
 
-    table   `Attribution.properties` of `statistics.attribution`
     Left the share of misses repaired, right the median share of the distance removed; both in per cent. A family
-    without misses is empty. Raises InputError if columns lack or the table is empty.
+    without misses is empty.
+
+    Parameters
+    ----------
+    table : DataFrame
+        `Attribution.properties` of `statistics.attribution`.
+    title : str, optional
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If columns lack or the table is empty.
     """
     columns = ["family", "variant", *(column for column, *_ in PANELS)]
     tables.check_table(table, "attribution table", text=columns, numbers=["misses", "cells"])

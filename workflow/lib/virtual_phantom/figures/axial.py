@@ -23,9 +23,21 @@ OUTLINED = [patheffects.withStroke(linewidth=2, foreground="black")]
 def choose_slices(masks: Mapping[str, np.ndarray]) -> list[int]:
     """Few slices, found greedily, in which every ROI is cut at half of its largest cross-section or more.
 
-    masks: name -> array (z, y, x), non-zero inside. Of slices that show equally many ROIs, the one that cuts
-    the largest shares of them; the first chosen shows most. Raises InputError if there is no ROI, or an empty
-    one.
+    Of slices that show equally many ROIs, the one that cuts the largest shares of them; the first chosen shows most.
+
+    Parameters
+    ----------
+    masks : mapping of str to ndarray, shape (z, y, x)
+        By ROI, non-zero inside.
+
+    Returns
+    -------
+    list of int
+
+    Raises
+    ------
+    InputError
+        If there is no ROI, or an empty one.
     """
     if not masks:
         raise InputError("ROIs: there are none to draw; check phantom/rois.csv")
@@ -46,9 +58,20 @@ def choose_slices(masks: Mapping[str, np.ndarray]) -> list[int]:
 
 
 def body_mask(slice_hu: np.ndarray) -> np.ndarray:
-    """The largest connected region over -500 HU of one slice (y, x), its holes filled.
+    """The largest connected region over -500 HU of one slice, its holes filled.
 
-    Raises InputError if no pixel is over the threshold.
+    Parameters
+    ----------
+    slice_hu : ndarray, shape (y, x)
+
+    Returns
+    -------
+    ndarray of bool, shape (y, x)
+
+    Raises
+    ------
+    InputError
+        If no pixel is over the threshold.
     """
     regions, count = ndimage.label(slice_hu > HU_BODY)
     if not count:
@@ -70,9 +93,25 @@ def slice_z_mm(grid: Grid, z: int) -> float:
 
 
 def body_box_mm(volume: Volume, slices: list[int], margin: float = 0.04) -> tuple[float, float, float, float]:
-    """Box around the body in these slices, widened by `margin` of its larger side but not beyond the grid.
+    """Box around the body in these slices, widened but not beyond the grid.
 
-    mm in the world frame: x low, x high, y low, y high.
+    Parameters
+    ----------
+    volume : Volume
+        HU.
+    slices : list of int
+    margin : float, optional
+        By how much it is wider on each side, as a share of the larger side of the body.
+
+    Returns
+    -------
+    tuple of float
+        x low, x high, y low, y high, mm in the world frame.
+
+    Raises
+    ------
+    InputError
+        If a slice has no pixel over -500 HU.
     """
     body = np.any([body_mask(volume.array[z]) for z in slices], axis=0)
     rows, columns = (np.flatnonzero(body.any(axis=axis)) for axis in (1, 0))
@@ -103,7 +142,23 @@ def show(
     window: tuple[float, float] = WINDOW_HU,
     cmap: str = "gray",
 ) -> AxesImage:
-    """Draw one slice (y, x) to scale within a box (mm, as body_box_mm gives), with no ticks."""
+    """Draw one slice to scale, with no ticks.
+
+    Parameters
+    ----------
+    axes : Axes
+    slice_array : ndarray, shape (y, x)
+    grid : Grid
+    box_mm : tuple of float
+        What is shown of it, mm, as body_box_mm gives it.
+    window : tuple of float, optional
+        Values at both ends of the colours.
+    cmap : str, optional
+
+    Returns
+    -------
+    AxesImage
+    """
     image = axes.imshow(slice_array, cmap=cmap, vmin=window[0], vmax=window[1], origin="lower", extent=edges_mm(grid))
     axes.set(xlim=(box_mm[1], box_mm[0]), ylim=(box_mm[2], box_mm[3]), aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set_visible(False)

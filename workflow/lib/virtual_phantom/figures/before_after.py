@@ -15,10 +15,19 @@ AXES = {"projections": ("detector column", "view"), "images": ("column", "row")}
 
 
 def draw(before: np.ndarray, after: np.ndarray, kind: str, concealed: str, named: str) -> Figure:
-    """Standardised residuals [down, across] of data not fitted, before and after, on one scale.
+    """Standardised residuals of data not fitted, before and after, on one scale.
 
-    kind               "projections" or "images"
-    concealed, named   in words, for the title
+    Parameters
+    ----------
+    before, after : ndarray, shape (down, across)
+        Standard deviations.
+    kind : {"projections", "images"}
+    concealed, named : str
+        In words, for the title.
+
+    Returns
+    -------
+    Figure
     """
     return draw_maps(before, after, f"concealed: {concealed}   –   named: {named}", *AXES[kind])
 

@@ -28,11 +28,25 @@ DOT, RING = 1.5, 3.2  # across, points
 def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None = None) -> Figure:
     """A page of one row per feature, by family: shift of the mean, ratio of the SDs, and order of the ROIs.
 
-    table     from `statistics.comparison.compare`; ROIs are columns, in the table's order
-    ranking   from `statistics.comparison.ranks`, or `summary`: feature, kendall_tau
-    Cells within the margin are white; outside, colour goes in steps. A dot is a significant difference (false
-    discovery rate), a ring an equivalence that was shown. Cells without a number are grey.
-    Raises InputError if columns or rows lack, or a feature of an ROI is missing or there twice.
+    Cells within the margin are white; outside, colour goes in steps. A dot is a significant difference (false discovery
+    rate), a ring an equivalence that was shown. Cells without a number are grey.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `statistics.comparison.compare`; ROIs are columns, in the table's order.
+    ranking : DataFrame
+        From `statistics.comparison.ranks`, or `summary`: feature, kendall_tau.
+    title : str, optional
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If columns or rows lack, or a feature of an ROI is missing or there twice.
     """
     name = "comparison table"
     numbers = ["margin_sd", "sd_factor"]

@@ -27,9 +27,17 @@ def worst(outcomes: Mapping[str, int]) -> str:
 def draw(matrix: Mapping) -> Figure:
     """The confusion matrix.
 
-    matrix   rows, columns, and cells {row, column, strength, count, outcomes {right, stand-in, wrong}}
     A cell holds counts of weak (light), medium and strong cases side by side, or one where there are no strengths.
     Filled blue is right, filled vermillion wrong; framed: the concealed effect was reported as an equal explanation.
+
+    Parameters
+    ----------
+    matrix : mapping
+        rows, columns, and cells {row, column, strength, count, outcomes {right, stand-in, wrong}}.
+
+    Returns
+    -------
+    Figure
     """
     rows, columns = list(matrix["rows"]), list(matrix["columns"])
     width = max(style.DOUBLE_COLUMN_MM, LABELS_MM + CELL_MM * len(columns))

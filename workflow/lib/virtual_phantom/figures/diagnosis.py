@@ -41,7 +41,20 @@ def bars(axes: Axes, values: Mapping[str, float], chosen: tuple[str, ...]) -> No
 
 @style.styled()
 def draw_maps(before: np.ndarray, after: np.ndarray, title: str, across: str, down: str) -> Figure:
-    """Standardised residuals [down, across], before and after, on one scale."""
+    """Standardised residuals, before and after, on one scale.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (down, across)
+        Standard deviations.
+    title : str
+    across, down : str
+        Labels of the axes.
+
+    Returns
+    -------
+    Figure
+    """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
     axes = figure.subplots(1, 2, sharey=True)
     for index, (place, values, name) in enumerate(
@@ -60,7 +73,18 @@ def draw_maps(before: np.ndarray, after: np.ndarray, title: str, across: str, do
 
 @style.styled(grid=True)
 def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) -> Figure:
-    """Residuals along something, before and after: (label of x, x, before, after) per panel, in standard deviations."""
+    """Residuals along something, before and after.
+
+    Parameters
+    ----------
+    panels : list of tuple
+        (label of x, x, before, after) of each: a str and three ndarrays of shape (points,), the residuals in standard
+        deviations. Points where both are 0 are left out.
+
+    Returns
+    -------
+    Figure
+    """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 58)
     for index, (axes, (label, x, before, after)) in enumerate(
         zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True)
@@ -79,7 +103,19 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
 
 @style.styled(grid=True)
 def draw_ranking(gains: dict[str, float], chosen: tuple[str, ...]) -> Figure:
-    """Log score that every candidate alone adds on held-out data, the best first."""
+    """Log score that every candidate alone adds on held-out data, the best first.
+
+    Parameters
+    ----------
+    gains : dict of str to float
+        By candidate; the best MOST_RANKED are shown.
+    chosen : tuple of str
+        Those in the verdict: blue.
+
+    Returns
+    -------
+    Figure
+    """
     names = sorted(gains, key=lambda name: -gains[name])[:MOST_RANKED]
     figure = style.figure(style.DOUBLE_COLUMN_MM, 18 + 4.6 * len(names))
     axes = figure.subplots()

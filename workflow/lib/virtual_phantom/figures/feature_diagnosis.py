@@ -16,8 +16,19 @@ ROW_MM = 6.0
 def draw_shifts(before: pandas.DataFrame, after: pandas.DataFrame | None = None) -> Figure:
     """Median |shift| of every family in every ROI, in repeat SDs, as heat maps on one scale.
 
-    before, after   from `statistics.comparison.compare`; without `after` there is one map
-    Raises InputError if a table is empty or lacks roi, family or shift_sd.
+    Parameters
+    ----------
+    before, after : DataFrame
+        From `statistics.comparison.compare`. Without `after` there is one map.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If a table is empty or lacks roi, family or shift_sd.
     """
     wide = []
     for table, name in ((before, "comparison before"), (after, "comparison after")):
@@ -46,9 +57,18 @@ def draw_shares(
 ) -> Figure:
     """Share of the difference beyond noise that every property alone removes, in their order.
 
-    fitted, held_out   by property: of regions that were fitted, and that were not
-    chosen             those of the verdict
-    material           share from which a property counts
+    Parameters
+    ----------
+    fitted, held_out : dict of str to float
+        By property: of regions that were fitted, and that were not.
+    chosen : tuple of str
+        Those of the verdict.
+    material : float
+        Share from which a property counts.
+
+    Returns
+    -------
+    Figure
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 20 + ROW_MM * len(held_out))
     axes = figure.subplots()

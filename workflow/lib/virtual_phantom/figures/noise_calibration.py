@@ -36,10 +36,25 @@ def draw(
 ) -> Figure:
     """Variance against A for each protocol with its fit, and where the fits cross measured variances.
 
-    table         protocol, noise_level, roi, variance_hu2, standard_error (HU^2); rows of `roi` are drawn
-    study_levels  label -> A of the noise levels that the study itself uses
-    measured      (label, variance in HU^2) of measured scans
-    Raises InputError if columns or rows lack, or a protocol has fewer than two noise levels.
+    Parameters
+    ----------
+    table : DataFrame
+        Columns protocol, noise_level, roi, variance_hu2, standard_error (HU^2).
+    study_levels : mapping of str to float, optional
+        A of the noise levels that the study itself uses, by label.
+    measured : sequence of tuple, optional
+        (label, variance in HU^2) of measured scans.
+    roi : str, optional
+        Whose rows are drawn.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If columns or rows lack, or a protocol has fewer than two noise levels.
     """
     name, numbers = "noise calibration table", ["noise_level", "variance_hu2", "standard_error"]
     tables.check_table(table, name, text=["protocol", "roi"])

@@ -13,9 +13,20 @@ PANELS = {"stability": ("Stability", style.BLUE), "discrimination": ("Discrimina
 def draw(table: pandas.DataFrame) -> Figure:
     """Overlap of the two lists' heads against their length, with what unrelated lists would give; a panel per kind.
 
-    table: n_top, percent, and for stability and discrimination overlap_{kind}_percent, overlap_{kind}_sd (drawn where
-    it is known), expected_{kind}_percent, lower_{kind}_percent, upper_{kind}_percent (the 95 % band).
-    Raises InputError if columns or rows lack.
+    Parameters
+    ----------
+    table : DataFrame
+        Columns n_top, percent, and for stability and discrimination overlap_{kind}_percent, overlap_{kind}_sd (drawn
+        where it is known), expected_{kind}_percent, lower_{kind}_percent, upper_{kind}_percent (the 95 % band).
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If columns or rows lack.
     """
     numbers = [column.format(kind) for kind in PANELS for column in COLUMNS]
     tables.check_table(table, "overlap table", numbers=["n_top", "percent", *numbers])

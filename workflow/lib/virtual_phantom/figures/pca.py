@@ -23,11 +23,24 @@ WHITE_HALO = [patheffects.withStroke(linewidth=2.4, foreground="white")]
 def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     """Two panels of the same points, a marker per ROI, coloured by number of projections and by noise level.
 
-    table: source (simulated | measured), projections, noise_level, seed, roi, pc1, pc2,
-    explained_pc1_percent, explained_pc2_percent.
-    Measured rows, if any, are hollow black markers of their ROI's shape, on top of the simulated; if they are
-    more than FEW_MEASURED, they lie beneath, and the mean of each ROI's is a larger one on top.
-    Raises InputError if columns or simulated rows lack, or the explained variances are not one pair.
+    Measured rows, if any, are hollow black markers of their ROI's shape, on top of the simulated; if they are more than
+    FEW_MEASURED, they lie beneath, and the mean of each ROI's is a larger one on top.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns source (simulated | measured), projections, noise_level, seed, roi, pc1, pc2, explained_pc1_percent,
+        explained_pc2_percent.
+    title : str, optional
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If columns or simulated rows lack, a source is unknown, or the explained variances are not one pair.
     """
     name = "PCA table"
     tables.check_table(

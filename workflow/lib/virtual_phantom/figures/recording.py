@@ -19,8 +19,19 @@ SMALLEST_TRANSMISSION = 1e-5
 def draw_projections(line_integrals: np.ndarray, geometry: OrbitGeometry, title: str) -> Figure:
     """The sinogram of the middle row, and the slice through the isocentre by filtered back-projection.
 
-    line_integrals   [view, row, column]; pixels that are not finite are shown, and reconstructed, as 0
     A scan that cannot be reconstructed is shown by its sinogram, and the reason stands in place of the slice.
+
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (views, rows, columns)
+        Pixels that are not finite are shown, and reconstructed, as 0.
+    geometry : OrbitGeometry
+    title : str
+        Of the sinogram, before what it is.
+
+    Returns
+    -------
+    Figure
     """
     known = np.where(np.isfinite(line_integrals), line_integrals, 0).astype(np.float32)
     figure = style.figure(style.DOUBLE_COLUMN_MM, 82)
@@ -56,7 +67,21 @@ def _slice(line_integrals, geometry):
 
 @style.styled()
 def draw_images(image: Volume, title: str, window: tuple[float, float] = (-160.0, 240.0)) -> Figure:
-    """The middle axial and coronal slices of an image in HU."""
+    """The middle axial and coronal slices of an image.
+
+    Parameters
+    ----------
+    image : Volume
+        HU.
+    title : str
+        Of both, before the names of the planes.
+    window : tuple of float, optional
+        HU at both ends of the grey scale.
+
+    Returns
+    -------
+    Figure
+    """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 92)
     axes = figure.subplots(1, 2)
     depth, height, width = image.grid.extent_mm

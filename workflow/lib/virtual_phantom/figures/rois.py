@@ -17,10 +17,23 @@ from . import axial, style
 def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping[str, str]) -> Figure:
     """As few axial slices as show every ROI, each ROI outlined in its class's colour and named.
 
-    phantom       HU
-    masks         ROI name -> array (z, y, x) on the phantom's grid, non-zero inside
-    tissue_class  ROI name -> its class
-    Raises InputError if there is no ROI, a mask is empty or of another shape, or an ROI has no class.
+    Parameters
+    ----------
+    phantom : Volume
+        HU.
+    masks : mapping of str to ndarray, shape (z, y, x)
+        By ROI, on the phantom's grid, non-zero inside.
+    tissue_class : mapping of str to str
+        By ROI.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If there is no ROI, a mask is empty or of another shape, or an ROI has no class.
     """
     for roi, mask in masks.items():
         if mask.shape != phantom.grid.shape:
@@ -81,7 +94,7 @@ def _ends_mm(mask: np.ndarray, grid: Grid) -> np.ndarray:
 def _name(axes: Axes, masks: Mapping[str, np.ndarray], grid: Grid, line: float) -> None:
     """Name ROIs in a column at either side of the panel, at their own heights but `line` apart.
 
-    masks: (y, x) each; line: height of a line of text as a fraction of the panel's.
+    Masks are (y, x) each; `line` is the height of a line of text as a fraction of the panel's.
     """
     low, high = axes.get_ylim()
     middle = np.mean(axes.get_xlim())

@@ -14,11 +14,26 @@ from . import axial, style
 def draw(phantom: Volume, reconstructions: Mapping[str, Volume], z: int) -> Figure:
     """Slice z of the phantom and of each reconstruction; below, each reconstruction minus the phantom.
 
-    phantom, reconstructions   HU, all on one grid; the mapping's keys are the panels' titles
-    The root mean square difference in the titles is that of this slice, inside the body (axial.body_mask of
-    the phantom). The window of the differences is symmetric and common to all: the next round number over the
-    98th percentile of their magnitudes inside the body.
-    Raises InputError if there is no reconstruction, or one is on another grid or not finite in this slice.
+    The root mean square difference in the titles is that of this slice, inside the body (axial.body_mask of the
+    phantom). The window of the differences is symmetric and common to all: the next round number over the 98th
+    percentile of their magnitudes inside the body.
+
+    Parameters
+    ----------
+    phantom : Volume
+        HU.
+    reconstructions : mapping of str to Volume
+        By title of the panel; HU, on the phantom's grid.
+    z : int
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If there is no reconstruction, or one is on another grid or not finite in this slice.
     """
     if not reconstructions:
         raise InputError("figure of the scans: needs at least one reconstruction")

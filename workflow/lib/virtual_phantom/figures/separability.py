@@ -19,10 +19,17 @@ WRITTEN = 0.05  # |correlation| from which a cell has its value written
 
 @dataclass(frozen=True)
 class Panel:
-    """What a part of the data shows of one template, in standard deviations.
+    """What a part of the data shows of one template.
 
-    values   [view, x] as a map, or (x,) as bars with `names`
-    across   what x is, and of which part
+    Attributes
+    ----------
+    title : str
+    values : ndarray, shape (views, x) or (x,)
+        Standard deviations: a map, or bars with `names`.
+    across : str
+        What x is, and of which part.
+    names : tuple of str
+        Of the bars.
     """
 
     title: str
@@ -68,7 +75,17 @@ def draw_templates(panels: Sequence[Panel]) -> Figure:
 
 @style.styled()
 def draw_correlations(correlation: np.ndarray, labels: Sequence[str]) -> Figure:
-    """Heat map of cosines between templates, [template, template], in hundredths where they are not next to 0."""
+    """Heat map of cosines between templates, in hundredths where they are not next to 0.
+
+    Parameters
+    ----------
+    correlation : ndarray, shape (templates, templates)
+    labels : sequence of str
+
+    Returns
+    -------
+    Figure
+    """
     values = pandas.DataFrame(correlation, labels, labels)
     words = values.fillna(0).map(lambda value: style.number(round(100 * value)) if abs(value) >= WRITTEN else "")
     figure = style.figure(style.DOUBLE_COLUMN_MM, style.DOUBLE_COLUMN_MM * 1.08)

@@ -73,7 +73,15 @@ _METADATA = {".png": {"Software": None}, ".pdf": {"Creator": None, "Producer": N
 def styled(grid: bool = False):
     """Context manager or decorator: within it figures have seaborn's "ticks" in our type, and nothing of the user's.
 
-    grid   whether axes have one, for values to be read off
+    Parameters
+    ----------
+    grid : bool, optional
+        Whether axes have one, for values to be read off.
+
+    Returns
+    -------
+    context manager
+        Which is a decorator too.
     """
     return matplotlib.style.context(["default", seaborn.axes_style("ticks"), {**_RC, "axes.grid": grid}])
 
@@ -97,10 +105,20 @@ def figure(width_mm: float, height_mm: float) -> Figure:
 
 @styled()
 def save(figure: Figure, paths: Iterable[str | Path]) -> None:
-    """Write the figure to every path, its format by the suffix (.png at 200 dpi, .pdf).
+    """Write a figure to every path, its format by the suffix.
 
-    All are written beside their targets before the first is moved into place. Raises ValueError on other
-    suffixes.
+    All are written beside their targets before the first is moved into place.
+
+    Parameters
+    ----------
+    figure : Figure
+    paths : iterable of str or Path
+        Ending in .png (200 dpi) or .pdf.
+
+    Raises
+    ------
+    ValueError
+        On other suffixes.
     """
     paths = [Path(path) for path in paths]
     for path in paths:
@@ -154,8 +172,18 @@ def letter_panel(axes: Axes, index: int) -> None:
 def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike, **options) -> QuadMesh:
     """Cells of `values` in colour, with `words` in them; those without a value are grey and have none.
 
-    options   of seaborn.heatmap
-    Returns what a colour bar is made of.
+    Parameters
+    ----------
+    axes : Axes
+    values : DataFrame
+    words : array_like, shape of values
+    **options
+        Of seaborn.heatmap.
+
+    Returns
+    -------
+    QuadMesh
+        What a colour bar is made of.
     """
     seaborn.heatmap(values, annot=words, fmt="", cbar=False, xticklabels=True, yticklabels=True, ax=axes, **options)
     axes.set(facecolor="#EEEEEE", xlabel=None, ylabel=None)
@@ -171,7 +199,19 @@ def heat_map(axes: Axes, values: pandas.DataFrame, words: ArrayLike, **options) 
 
 
 def power_of_ten(values) -> tuple[float, str]:
-    """The factor that small values are shown in, and how it is written: median 2e-4 gives (1e-4, "10⁻⁴")."""
+    """The factor that small values are shown in, and how it is written.
+
+    Parameters
+    ----------
+    values : array_like of float
+
+    Returns
+    -------
+    factor : float
+        The power of ten of their median magnitude: of 2e-4, 1e-4.
+    text : str
+        Of 2e-4, "10⁻⁴".
+    """
     exponent = int(np.floor(np.log10(np.median(np.abs(values)))))
     return 10.0**exponent, "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 

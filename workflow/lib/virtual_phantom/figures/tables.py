@@ -9,7 +9,21 @@ from ..base.errors import InputError
 
 
 def check_table(table: pandas.DataFrame, name: str, *, text: Iterable[str] = (), numbers: Iterable[str] = ()) -> None:
-    """Raise InputError if a column is absent, there are no rows, or `numbers` are not all finite."""
+    """Check a table that a figure is drawn from.
+
+    Parameters
+    ----------
+    table : DataFrame
+    name : str
+        What the messages call it.
+    text, numbers : iterable of str, optional
+        Columns that it must have.
+
+    Raises
+    ------
+    InputError
+        If a column is absent, there are no rows, or `numbers` are not all finite.
+    """
     text, numbers = list(text), list(numbers)
     absent = [column for column in text + numbers if column not in table.columns]
     if absent:
