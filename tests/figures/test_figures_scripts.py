@@ -90,7 +90,8 @@ def test_tables(run, tmp_path, calibration, stability, overlap, make_pca, name, 
         "pca": make_pca(),
     }
     write_csv(tables[name], tmp_path / "table.csv")
-    assert written(run(name, {"table": tmp_path / "table.csv"}, **params))
+    write_csv(stability[["feature"]].assign(ci95_low=1.0, ci95_high=99.0), tmp_path / "trust.csv")
+    assert written(run(name, {"table": tmp_path / "table.csv", "trust": tmp_path / "trust.csv"}, **params))
 
 
 def test_measured_scores_beside_simulated(run, tmp_path):
@@ -99,9 +100,10 @@ def test_measured_scores_beside_simulated(run, tmp_path):
 
     scores = measured.load_scores()
     write_csv(scores.assign(family=scores["feature"].map(family)), tmp_path / "table.csv")
+    write_csv(scores[["feature"]].assign(ci95_low=1.0, ci95_high=99.0), tmp_path / "trust.csv")
     paths = run(
         "stability_discrimination",
-        {"table": tmp_path / "table.csv"},
+        {"table": tmp_path / "table.csv", "trust": tmp_path / "trust.csv"},
         threshold=1.0,
         with_measured=True,
         seeds=10,

@@ -5,7 +5,7 @@ import numpy as np
 import pandas
 import pytest
 from figure_checks import assert_text_fits, texts
-from matplotlib.collections import PathCollection
+from matplotlib.collections import LineCollection, PathCollection
 from matplotlib.markers import MarkerStyle
 from scipy.stats import hypergeom
 
@@ -23,6 +23,7 @@ def test_no_text_is_smaller_than_seven_points_or_cut_off(calibration, stability,
         noise_calibration.draw(calibration, {"main": 1e-4}, [("1 mGy", 674), ("10 mGy", 228)]),
         stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 0.35)),
         stability_discrimination.draw(stability, 1.0),
+        stability_discrimination.draw(stability, 1.0, intervals=stability.assign(ci95_low=0.0, ci95_high=99.0)),
         overlap_figure.draw(overlap),
         pca.draw(make_pca(), "SIRT"),
         pca.draw(make_pca(measured=60)),
@@ -145,6 +146,22 @@ def test_means_and_best_by_hand():
     assert "means: 30.0 % stable, 100.0 % told apart" in figure.axes[0].get_title()
     assert "1  GLCM F6\n2  GLCM F5\n3  GLCM F4\n4  GLCM F3\n5  GLCM F2" in texts(figure)
     assert "stability: pairs of groups with |W| < 1.5 (%)" in texts(figure)
+
+
+def test_numbered_features_have_the_interval_of_their_stability(stability):
+    chosen = stability_discrimination.best(stability)
+    ends = {"ci95_low": stability["stability_percent"] * 0.5, "ci95_high": stability["stability_percent"] + 10}
+    intervals = stability[["feature"]].assign(**ends)
+    figure = stability_discrimination.draw(stability, 1.0, intervals=intervals)
+    (bars,) = figure.axes[0].findobj(LineCollection)
+    drawn = [(line[0][0], line[1][0]) for line in bars.get_segments()]
+    value = chosen["stability_percent"].to_numpy()
+    assert np.allclose(drawn, np.stack([value * 0.5, value + 10], axis=1))
+    said = next(text for text in texts(figure) if text.startswith("1  ")).splitlines()
+    assert [line.partition(", ")[2] for line in said] == [f"stable {one / 2:.0f} to {one + 10:.0f} %" for one in value]
+    # One repeat a group gives none.
+    none = stability_discrimination.draw(stability, 1.0, intervals=intervals.assign(ci95_low=np.nan))
+    assert not [text for text in texts(none) if ", stable" in text]
 
 
 def test_both_panels_say_their_repeats_and_spreads(stability, draws):

@@ -31,6 +31,15 @@ def table():
     return pd.DataFrame(rows)
 
 
+def test_w_has_the_interval_of_its_table():
+    scores = SCORES.assign(ci95_low=[1.0, 2.0, 3.0], ci95_high=[11.0, 52.0, 93.0])
+    measured = stability_measures.measures(table(), scores, FEATURES, CUT_OFFS)
+    w = measured[measured["measure"] == "w_stability_percent"]
+    assert w[["value", "ci95_low", "ci95_high"]].to_numpy().tolist() == [[90, 3, 93], [50, 2, 52], [10, 1, 11]]
+    without = stability_measures.measures(table(), SCORES, FEATURES, CUT_OFFS)
+    assert without[without["measure"] == "w_stability_percent"]["ci95_low"].isna().all()
+
+
 def test_each_measure_is_held_against_its_cut_off():
     measured = stability_measures.measures(table(), SCORES, FEATURES, CUT_OFFS)
     assert list(measured.columns) == "feature family measure value ci95_low ci95_high cut_off stable".split()

@@ -51,6 +51,12 @@ def test_all_that_a_configuration_asks_for():
     assert not [path for path in context_of().targets() if "projections" in path]
 
 
+def test_protocols_share_noise_with_those_of_the_same_acquisitions():
+    sharing = context_of().selections.sharing()
+    assert sharing["sirt_150"] == sharing["fbp_150"] != sharing["sirt_200"] and len(sharing) == 8
+    assert set(context_of(noise={"draws": "common"}).selections.sharing().values()) == {"common"}
+
+
 def test_memory_is_that_of_the_arrays():
     """Floats of four bytes, and 30 % more; 600 MB for Python."""
     context = context_of(grid={"shape": [10, 100, 200], "oversampling": 3})
@@ -92,7 +98,7 @@ def test_the_report_has_figures_with_captions_and_tables_with_titles_first():
     assert len(pages.pictures()) == len(pages.caption_files()) == len(pages.shown())
     assert all(Path(path).exists() for path in pages.caption_files())
     titles = dict(zip(pages.table_titles(), pages.tables(), strict=True))
-    assert list(titles)[:2] == ["Stable features by measure", "Measures of stability"]
+    assert list(titles)[:3] == ["Which features to trust", "Stable features by measure", "Measures of stability"]
     assert list(titles)[-2:] == ["pca multicentre", "separability multicentre"]
     assert titles["All features"] == "results/features.csv"
     assert pages.diagnoses() == {} and pages.links() == {"Slices to flip through": "viewer.html"}

@@ -75,6 +75,7 @@ rule figure_noise_calibration:
 rule figure_stability_discrimination:
     input:
         table=rules.stability.output[0],
+        trust=rules.trust.output[0],
         scores=context.resource("ct_phantom4radiomics_draws.csv"),
         seeds=context.resource("default_study_seeds.csv"),
         code=context.code("figures/stability_discrimination.py"),

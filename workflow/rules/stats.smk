@@ -19,11 +19,34 @@ rule stability:
         "../scripts/stability.py"
 
 
+rule trust:
+    """The stability of every feature with its interval, and what more repeats would give."""
+    input:
+        features=rules.merge_features.output[0],
+        code=context.code("trust.py"),
+    output:
+        report(context.file("trust"), **context.reported("trust")),
+    log:
+        context.log("trust"),
+    group:
+        "analyses"
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        **context.selections.grouped,
+        statistics=context.config["statistics"],
+        cut_offs=context.selections.cut_offs,
+        sharing=context.selections.sharing(),
+    script:
+        "../scripts/trust.py"
+
+
 rule stability_measures:
     """ICC, CCC and coefficients of variation beside W, and which features are stable by which."""
     input:
         features=rules.merge_features.output[0],
-        stability=rules.stability.output[0],
+        trust=rules.trust.output[0],
         code=context.code("stability_measures.py"),
     output:
         measures=report(

@@ -10,7 +10,7 @@ with job(snakemake) as log:
     params, output = snakemake.params, snakemake.output
     source = str(snakemake.input.features)
     table = tables.grouped(tables.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds)
-    scores = files.read_csv(snakemake.input.stability)
+    scores = files.read_csv(snakemake.input.trust)
     measured = stability_measures.measures(table, scores, FEATURES, params.cut_offs, source)
     features = stability_measures.by_feature(measured)
     files.write_csv(measured, output.measures)

@@ -11,5 +11,8 @@ with job(snakemake):
     table = files.read_csv(snakemake.input.table)
     seeds = further_seeds.load()
     sd = further_seeds.spread(seeds) if further_seeds.made_with(seeds, params.settings) else None
-    figure = stability_discrimination.draw(table, params.threshold, scores, repeats=params.seeds, sd=sd)
+    intervals = files.read_csv(snakemake.input.trust)
+    figure = stability_discrimination.draw(
+        table, params.threshold, scores, repeats=params.seeds, sd=sd, intervals=intervals
+    )
     style.save(figure, [snakemake.output.png, snakemake.output.pdf])

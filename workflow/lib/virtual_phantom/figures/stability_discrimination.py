@@ -14,6 +14,7 @@ from ..statistics.repeats import over_features
 from . import style, tables
 
 SCORES = [f"{kind}_percent" for kind in KINDS]
+INTERVAL = ["ci95_low", "ci95_high"]
 BEST = 5  # features named in each panel
 NEAR_PERCENT = 4.0  # best features nearer to each other than this share one label
 POINT = 4.0  # across, for one feature
@@ -27,6 +28,7 @@ def draw(
     *,
     repeats: int | None = None,
     sd: tuple[float, float] | None = None,
+    intervals: pandas.DataFrame | None = None,
 ) -> Figure:
     """A point per feature, by family; a second panel with measured scores of the same features, if given.
 
@@ -36,11 +38,15 @@ def draw(
                are means over draws, and the SD over draws of the mean over features
     repeats    of each group of `table`, to be said
     sd         SD of the mean over features of both scores of `table`, where it is known
+    intervals  feature, ci95_low, ci95_high of the stability of `table`; drawn and said of the numbered features
     Features of one family at one place are one marker, its area their number. The BEST features by the sum of
     both scores are numbered, and named under the panel.
     Raises InputError if columns or rows lack, a score is not a number, or the tables share no feature.
     """
     tables.check_table(table, "stability table", text=["feature", "family"], numbers=SCORES)
+    if intervals is not None:
+        # Of one repeat a group there are none.
+        table = table.merge(intervals[["feature", *INTERVAL]].dropna(), on="feature", how="left")
     shown = {"Simulated": (table, repeats, sd)}
     if measured is not None:
         tables.check_table(measured, "measured scores", text=["feature"], numbers=["draw", "repeats", "of", *SCORES])
@@ -116,7 +122,10 @@ def _number_best(axes: Axes, scores: pandas.DataFrame) -> None:
             zorder=4,
             path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
         )
-    names = "\n".join(f"{index}  {style.feature_label(feature)}" for index, feature in enumerate(chosen["feature"], 1))
+    if set(INTERVAL) <= set(chosen):
+        reach = np.abs(chosen[INTERVAL].to_numpy(dtype=float).T - places[:, 0])
+        axes.errorbar(*places.T, xerr=reach, fmt="none", ecolor=style.GREY, elinewidth=0.8, capsize=1.5, zorder=1)
+    names = "\n".join(f"{index}  {_named(row)}" for index, (_, row) in enumerate(chosen.iterrows(), 1))
     axes.annotate(
         names,
         (0, 0),
@@ -127,3 +136,10 @@ def _number_best(axes: Axes, scores: pandas.DataFrame) -> None:
         va="top",
         linespacing=1.25,
     )
+
+
+def _named(row: pandas.Series) -> str:
+    """A feature with the interval of its stability, where there is one."""
+    low, high = (row.get(end, np.nan) for end in INTERVAL)
+    interval = "" if np.isnan(low) else f", stable {low:.0f} to {high:.0f} %"
+    return style.feature_label(row["feature"]) + interval

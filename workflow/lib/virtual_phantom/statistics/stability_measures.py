@@ -41,7 +41,7 @@ def measures(
     table : DataFrame
         One row per image and ROI, with columns group, roi, seed and `features`.
     scores : DataFrame
-        Of the same images, from `wilcoxon.scores`.
+        Of the same images, from `trust.table`, or without intervals from `wilcoxon.scores`.
     features : sequence of str
     cut_offs : mapping of str to float
         w_stability_percent, icc, ccc (stable from there up), cv, qcd (stable up to there).
@@ -51,8 +51,8 @@ def measures(
     Returns
     -------
     DataFrame
-        One row per feature and measure: feature, family, measure, value, ci95_low, ci95_high (ICC only), cut_off,
-        stable (yes, no, or undefined where the measure is).
+        One row per feature and measure: feature, family, measure, value, ci95_low, ci95_high (ICC, and W where `scores`
+        have them), cut_off, stable (yes, no, or undefined where the measure is).
 
     Raises
     ------
@@ -60,11 +60,12 @@ def measures(
         If a group lacks a seed of an ROI, or there are fewer than two groups or ROIs.
     """
     x = cube(table, features, source)
-    w = scores.set_index("feature")["stability_percent"].reindex(list(features)).to_numpy(dtype=np.float64)
+    columns = ["stability_percent", "ci95_low", "ci95_high"]
+    w = scores.set_index("feature").reindex(index=list(features), columns=columns).to_numpy(dtype=np.float64).T
     agreement, consistency = agreement_measures.icc_agreement(x), agreement_measures.icc_consistency(x)
     nothing = np.full(len(features), np.nan)
     found = {
-        "w_stability_percent": (w, nothing, nothing),
+        "w_stability_percent": tuple(w),
         "icc_2_1": (agreement.value, agreement.low, agreement.high),
         "icc_3_1": (consistency.value, consistency.low, consistency.high),
         "ccc": (agreement_measures.concordance(x), nothing, nothing),

@@ -101,6 +101,7 @@ def _job(*names: str, images: int = 0, **known: str) -> AnalysisJob:
 def _stability(plan: Plan) -> Iterator[AnalysisJob]:
     yield _job("stability")
     yield _job("stability_measures", "stable_features")
+    yield _job("trust")
     yield _job("top_features")
     yield _job("figure_stability_discrimination")
     if plan.config["measured"]["overlay"]:

@@ -184,6 +184,18 @@ OUTPUTS = (
     ),
     # The study's tables.
     *_made_by(
+        "trust",
+        Output(
+            "trust",
+            "tables/trust.csv",
+            "which features to trust: stability with its interval, what it rests on, and a sentence",
+            "Which features to trust",
+            "Stability",
+        ),
+        stage="tables",
+        counted="tables",
+    ),
+    *_made_by(
         "stability_measures",
         Output(
             "stable_features",

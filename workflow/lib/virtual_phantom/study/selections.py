@@ -30,6 +30,16 @@ class Selections:
         noise = self._analyses.get("stability", {}).get("noise")
         return {"groups": self.plan.groups(), "noise": noise, "seeds": self.plan.repeats([noise]) if noise else 0}
 
+    def sharing(self) -> dict[str, str]:
+        """{protocol: label} of those with a group: protocols with the same label have their noise in common.
+
+        Those that reconstruct the same acquisitions do; with common draws all do.
+        """
+        draws = self.acquisitions.noise["draws"]
+        return {
+            protocol: draws if draws == "common" else self.plan.geometry_of(protocol) for protocol in self.plan.groups()
+        }
+
     @property
     def cut_offs(self) -> dict | None:
         """From where on a measure calls a feature stable."""
