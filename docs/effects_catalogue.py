@@ -11,9 +11,10 @@ TARGET = ROOT / "docs" / "physics.md"
 
 INTRODUCTION = """# The acquisition chain and its effects
 
-The baseline is the paper's: one energy, a point source, an ideal detector, Poisson noise, the logarithm. What it
-leaves out are effects. This page lists them, each with its equation, source, parameters and what tells it apart, as
-`docs/effects_catalogue.py` reads them from `workflow/lib/virtual_phantom/physics/effects`.
+The baseline is [the paper's](https://doi.org/10.1038/s41598-022-08301-1): one energy, a point source, an ideal
+detector, Poisson noise, the logarithm. What it leaves out are effects. This page lists them, each with its
+equation, source, parameters and what tells it apart, as `docs/effects_catalogue.py` reads them from
+`workflow/lib/virtual_phantom/physics/effects`.
 
 An effect is off until it is switched on, for all protocols or for one:
 
