@@ -39,7 +39,25 @@ class Diagnosis:
 
     @classmethod
     def read(cls, plan: Plan, files: Files, recordings: Recordings, engine: str) -> Diagnosis:
-        """Raises InputError for what no diagnosis can be made of."""
+        """What a configuration asks for.
+
+        Parameters
+        ----------
+        plan : Plan
+        files : Files
+        recordings : Recordings
+        engine : str
+            What simulates images (projectors.choose_engine).
+
+        Returns
+        -------
+        Diagnosis
+
+        Raises
+        ------
+        InputError
+            For what no diagnosis can be made of.
+        """
         settings = plan.config["diagnosis"]
         check_kinds(settings["recordings"], recordings.documents)
         check_accuracy(settings["model_accuracy"])

@@ -29,7 +29,14 @@ ERROR_LINE = re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d ERROR (.*)$", re.MULTI
 def job(snakemake) -> Iterator[logging.Logger]:
     """Run a script's body: log and warnings go to the rule's log file, an InputError becomes one line and exit code 1.
 
-    snakemake   the object that Snakemake puts into a script
+    Parameters
+    ----------
+    snakemake : Snakemake
+        The object that Snakemake puts into a script.
+
+    Yields
+    ------
+    Logger
     """
     log_file = Path(str(snakemake.log[0])) if snakemake.log else None
     handler = logging.StreamHandler(sys.stderr)
@@ -69,9 +76,20 @@ def job(snakemake) -> Iterator[logging.Logger]:
 
 
 def last_reason(log_file: str | Path, since: float) -> str | None:
-    """Why a job failed: the last error in its log. None without one, or if nothing was written since (s, of the epoch).
+    """Why a job failed: the last error in its log.
 
     Every failure that `job` sees ends with one line of its own.
+
+    Parameters
+    ----------
+    log_file : str or Path
+    since : float
+        s, of the epoch.
+
+    Returns
+    -------
+    str or None
+        None without one, or if nothing was written since then.
     """
     path = Path(log_file)
     try:

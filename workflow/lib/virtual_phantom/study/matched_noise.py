@@ -16,7 +16,21 @@ def write(level: dict, path: str | Path) -> None:
 
 
 def read(path: str | Path) -> dict:
-    """A level that `write` wrote. Raises InputError if the file is missing, changed or broken."""
+    """A level that `write` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If the file is missing, changed or broken.
+    """
     kinds = (OSError, ValueError, KeyError, TypeError)
     with refusing(f"{path}: is not a noise level", *kinds, advice="delete it and run again"):
         level = json.loads(read_text(path))

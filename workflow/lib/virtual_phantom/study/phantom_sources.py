@@ -55,7 +55,17 @@ class PhantomSources:
         return [file for file in self.published if not Path(file.path).exists()]
 
     def absent_online(self) -> list[str]:
-        """Their addresses. Raises InputError without a network."""
+        """Their addresses.
+
+        Returns
+        -------
+        list of str
+
+        Raises
+        ------
+        InputError
+            Without a network.
+        """
         folder = self.plan.config["downloads"]["abdomen_ct"]
         advice = (
             f"where there is a network, download the files that {self.table} lists: those of {folder}/example_ct_dicom "
@@ -65,7 +75,13 @@ class PhantomSources:
         return [reachable(f"{folder}/{file.source}", advice) for file in self.absent]
 
     def check(self) -> None:
-        """Raise InputError for a published file that is here and is another one."""
+        """Check the published files that are here.
+
+        Raises
+        ------
+        InputError
+            For one that is another one.
+        """
         for file in self.published:
             if file not in self.absent:
                 check_listed(

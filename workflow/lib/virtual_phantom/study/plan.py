@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Plan:
-    """All that the workflow has to know of a complete configuration (config.check)."""
+    """All that the workflow has to know of a complete configuration (config.complete)."""
 
     config: dict
 
@@ -24,7 +24,23 @@ class Plan:
         return label
 
     def geometry_settings(self, label: str) -> dict:
-        """{scan: the whole scan section, projections: int, physics: {effect: parameters}} of a geometry label."""
+        """What protocols of one geometry share.
+
+        Parameters
+        ----------
+        label : str
+            As `geometry_of` gives it.
+
+        Returns
+        -------
+        dict
+            {scan: the whole scan section, projections: int, physics: {effect: parameters}}.
+
+        Raises
+        ------
+        KeyError
+            For a label that no protocol has.
+        """
         for protocol, settings in self.config["protocols"].items():
             if self.geometry_of(protocol) == label:
                 name = settings.get("scan")
@@ -36,6 +52,7 @@ class Plan:
         raise KeyError(label)
 
     def geometries(self) -> list[str]:
+        """The labels of all geometries, sorted."""
         return sorted({self.geometry_of(protocol) for protocol in self.config["protocols"]})
 
     def seeds(self, noise: str) -> list[str]:
@@ -58,6 +75,11 @@ class Plan:
         Levels are kept whole where seeds_per_job allows, and fill bundles up in the order of noise.levels: realisations
         are lanes, and full registers cost no more. Which levels go together does not depend on which of them a
         protocol is asked for, so that another analysis does not repack what is there.
+
+        Returns
+        -------
+        dict of tuple to list of str
+            {bundle: protocols}.
         """
         size = self.config["seeds_per_job"]
         together: list[list[tuple[str, str]]] = []

@@ -31,7 +31,22 @@ class Recordings:
 
     @classmethod
     def read(cls, plan: Plan, files: Files) -> Recordings:
-        """Raises InputError for a recording.yaml that is missing or wrong."""
+        """Those of a configuration.
+
+        Parameters
+        ----------
+        plan : Plan
+        files : Files
+
+        Returns
+        -------
+        Recordings
+
+        Raises
+        ------
+        InputError
+            For a recording.yaml that is missing or wrong.
+        """
         documents = {name: read_document(folder) for name, folder in plan.config["recordings"].items()}
         return cls(plan, files, documents)
 
@@ -77,7 +92,21 @@ class Recordings:
         return numbers + figures
 
     def sinogram_online(self, disc: str) -> str:
-        """The address of a sinogram of the Helsinki Tomography Challenge 2022. Raises InputError without a network."""
+        """The address of a sinogram of the Helsinki Tomography Challenge 2022.
+
+        Parameters
+        ----------
+        disc : {"solid_disc", "ta", "tb", "tc", "td"}
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        InputError
+            Without a network.
+        """
         file = f"htc2022_{disc}_full.mat"
         advice = (
             f"where there is a network, download it there and run virtual-phantom-import htc2022 {file} "

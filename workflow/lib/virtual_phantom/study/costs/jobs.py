@@ -31,11 +31,18 @@ REGISTER = 16
 class Job:
     """One job.
 
-    rule     its rule, without the numbers by which rules of one kind differ
-    stage    what it is counted under, the name of its rates
-    outputs  its files, in results_dir
-    work     {unit: amount}
-    writes   {kind of file: amount in the unit of its rate}
+    Attributes
+    ----------
+    rule : str
+        Without the numbers by which rules of one kind differ.
+    stage : str
+        What it is counted under, the name of its rates.
+    outputs : tuple of str
+        Its files, in results_dir.
+    work : dict of str to float
+        {unit: amount}.
+    writes : dict of str to float
+        {kind of file: amount in the unit of its rate}.
     """
 
     rule: str
@@ -48,8 +55,17 @@ class Job:
 def study_jobs(plan: Plan, engine: str, rois: int) -> list[Job]:
     """All jobs of a complete configuration's study, what `snakemake` makes without a target.
 
-    engine   what projects, as projectors.choose_engine gives it
-    rois     regions of interest of the phantom
+    Parameters
+    ----------
+    plan : Plan
+    engine : str
+        What projects, as projectors.choose_engine gives it.
+    rois : int
+        Regions of interest of the phantom.
+
+    Returns
+    -------
+    list of Job
     """
     sizes = Sizes(plan, engine)
     jobs = [_phantom(sizes), *_kernels(sizes), *_projections(sizes), *_reconstructions(sizes)]
@@ -69,7 +85,21 @@ def _job(
 
 
 class Sizes:
-    """What jobs of each kind have to do: {unit: amount}, with the stage where that depends on the configuration."""
+    """What jobs of each kind have to do: {unit: amount}, with the stage where that depends on the configuration.
+
+    Parameters
+    ----------
+    plan : Plan
+    engine : str
+        What projects, as projectors.choose_engine gives it.
+
+    Attributes
+    ----------
+    voxels, fine : int
+        How many an image has, and the finely sampled phantom.
+    across : int
+        Voxels along the longer side in-plane.
+    """
 
     def __init__(self, plan: Plan, engine: str):
         self.plan, self.engine = plan, engine
@@ -79,10 +109,12 @@ class Sizes:
         self.across = max(grid["shape"][1:])
 
     def rays(self, geometry: str) -> int:
+        """Of one scan of a geometry: views x rows x columns."""
         settings = self.plan.geometry_settings(geometry)
         return settings["scan"]["rows"] * settings["scan"]["columns"] * settings["projections"]
 
     def phantom(self) -> dict[str, float]:
+        """Work of making the phantom."""
         return {"job": 1, "fine_voxel": self.fine}
 
     def projection(self, geometry: str) -> tuple[str, dict[str, float]]:
@@ -92,6 +124,7 @@ class Sizes:
         return stage, {"job": 1, "fine_voxel": self.fine, "ray_step": steps}
 
     def noise(self, geometry: str) -> dict[str, float]:
+        """Work of one noisy scan of a geometry."""
         return {"job": 1, "ray": self.rays(geometry)}
 
     def reconstruction(self, protocol: str, lanes: int) -> tuple[str, dict[str, float]]:

@@ -27,9 +27,21 @@ STAND_INS = {
 
 
 def minutes(rates: dict, stage: str, work: Mapping[str, float]) -> int:
-    """Whole minutes that a job of this stage and work (jobs.Sizes) may take; never under its floor.
+    """Whole minutes that a job may take, never under its floor.
 
     Threads are not counted, as part of the work runs in one however many there are.
+
+    Parameters
+    ----------
+    rates : dict
+        As rates.read_rates gives them.
+    stage : str
+    work : mapping of str to float
+        {unit: amount}, as jobs.Sizes gives it.
+
+    Returns
+    -------
+    int
     """
     source, times = (stage, SAFETY) if stage in rates["seconds"] else STAND_INS.get(stage, (stage, SAFETY))
     seconds = estimate(rates, source, work)

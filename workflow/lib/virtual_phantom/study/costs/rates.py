@@ -13,9 +13,21 @@ from .jobs import Job
 
 
 def read_rates(path: str | Path) -> dict:
-    """{measured: {...}, seconds: {stage: {unit: s}}, bytes: {kind: bytes per unit}} of a file of rates.
+    """Read a file of rates.
 
-    Raises InputError, naming the file, where it is missing, is not of this form or holds a negative rate.
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    dict
+        {measured: {...}, seconds: {stage: {unit: s}}, bytes: {kind: bytes per unit}}.
+
+    Raises
+    ------
+    InputError
+        Naming the file, where it is missing, is not of this form or holds a negative rate.
     """
     try:
         rates = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
@@ -55,13 +67,28 @@ def written(job: Job, rates: dict) -> float | None:
 
 
 def fit(measured: Iterable[tuple[Job, float]], stage_units: dict[str, Sequence[str]]) -> dict[str, dict[str, float]]:
-    """{stage: {unit: seconds}} from jobs and the seconds that they took.
-
-    stage_units   the units that a stage's rates are fitted in; a stage that is not named has one rate per job
+    """Rates from jobs and the seconds that they took.
 
     Non-negative least squares of relative errors: short jobs tell a start-up time, and count as much as long ones.
     Rates that come out as zero are left out. Of a stage with one job, of "job" and another unit, start-up is taken to
-    last as long as the shortest job of all. Raises InputError for a stage with fewer jobs than units otherwise.
+    last as long as the shortest job of all.
+
+    Parameters
+    ----------
+    measured : iterable of (Job, float)
+        Jobs, and the seconds that each took.
+    stage_units : dict of str to sequence of str
+        The units that a stage's rates are fitted in; a stage that is not named has one rate per job.
+
+    Returns
+    -------
+    dict of str to dict
+        {stage: {unit: seconds}}.
+
+    Raises
+    ------
+    InputError
+        For a stage with fewer jobs than units otherwise.
     """
     from scipy.optimize import nnls  # takes longer to import than all else that reading a workflow needs
 

@@ -16,7 +16,22 @@ COLUMNS = ["rule", "stage", "jobs", "core_hours", "longest_job_minutes", "bytes"
 
 
 def roi_count(phantom: dict) -> int:
-    """Regions of interest of a `phantom` section of the configuration. Raises InputError for a broken layout."""
+    """Regions of interest of the phantom.
+
+    Parameters
+    ----------
+    phantom : dict
+        Section of the configuration.
+
+    Returns
+    -------
+    int
+
+    Raises
+    ------
+    InputError
+        For a broken layout.
+    """
     if phantom["source"] == "synthetic":
         return len(read_layout(phantom["layout"])["rois"])
     return sum(roi["parts"] for roi in phantom["ct"]["rois"])
@@ -39,10 +54,24 @@ def by_rule(jobs: list[Job], rates: dict) -> pd.DataFrame:
 
 
 def summary(plan: Plan, engine: str, rates: dict) -> tuple[pd.DataFrame, dict]:
-    """The table by rule, and {acquisitions, jobs, core_hours, jobs_without_rate, bytes, ...}.
+    """What a study is expected to cost, by rule and in all.
 
-    bytes                  {kind: {total, per_acquisition, kept}} of the kinds with a rate
-    jobs_without_rate      {stage: jobs} whose time is not in core_hours
+    Parameters
+    ----------
+    plan : Plan
+    engine : str
+        What projects, as projectors.choose_engine gives it.
+    rates : dict
+        As rates.read_rates gives them.
+
+    Returns
+    -------
+    table : DataFrame
+        As `by_rule` gives it.
+    content : dict
+        acquisitions, jobs, core_hours, jobs_without_rate ({stage: jobs} whose time is not in core_hours), bytes ({kind:
+        {total, per_acquisition, kept}} of the kinds with a rate), bytes_written and bytes_kept (of all of these), and
+        measured (of the rates).
     """
     jobs = study_jobs(plan, engine, roi_count(plan.config["phantom"]))
     table = by_rule(jobs, rates)

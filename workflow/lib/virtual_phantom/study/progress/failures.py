@@ -29,7 +29,16 @@ def from_logs(jobs: Sequence[dict], since: float) -> dict[int, str]:
 def without_reason(jobs: Sequence[dict], more_logs: Sequence[str] = ()) -> dict[int, str]:
     """One line for jobs that ended together, under the number of the first.
 
-    more_logs   logs that are no job's own, as a cluster's
+    Parameters
+    ----------
+    jobs : sequence of dict
+    more_logs : sequence of str, optional
+        Logs that are no job's own, as a cluster's.
+
+    Returns
+    -------
+    dict of int to str
+        {number: line}.
     """
     names = ", ".join(map(described, jobs))
     logs = ", ".join([*more_logs, *(log for job in jobs for log in job["log"])])

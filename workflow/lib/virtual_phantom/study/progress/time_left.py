@@ -20,11 +20,17 @@ def stage_of(rule: str) -> str:
 class Step:
     """One job.
 
-    number   what Snakemake calls it
-    rule     its rule
-    files    what it makes
-    threads  cores that it takes
-    needs    numbers of the jobs that it waits for
+    Attributes
+    ----------
+    number : int
+        What Snakemake calls it.
+    rule : str
+    files : tuple of str
+        What it makes.
+    threads : int
+        Cores that it takes.
+    needs : tuple of int
+        Numbers of the jobs that it waits for.
     """
 
     number: int
@@ -35,16 +41,34 @@ class Step:
 
     @property
     def stage(self) -> str:
+        """What users know its rule as."""
         return stage_of(self.rule)
 
 
 class Progress:
     """How far a run is.
 
-    steps     its jobs
-    cores     how many it may use at a time; None where that is not known, as on a cluster
-    expected  gives {file: seconds of one core that its job takes}, of jobs with a measured rate; called once at most
-    began     when the run began, s
+    Parameters
+    ----------
+    steps : iterable of Step
+        Its jobs.
+    cores : int or None
+        How many it may use at a time; None where that is not known, as on a cluster.
+    expected : callable
+        Gives {file: seconds of one core that its job takes}, of jobs with a measured rate; called once at most.
+    began : float
+        When the run began, s.
+
+    Attributes
+    ----------
+    steps : dict of int to Step
+        By number.
+    under_way : dict of int to float
+        When each of these jobs was started, s.
+    took : dict of int to float
+        Of each job that is done, s times the cores that it took.
+    failed : set of int
+        Jobs that have failed and are not under way again.
     """
 
     def __init__(
@@ -92,11 +116,22 @@ class Progress:
         return [(stage, done[stage], jobs[stage]) for stage in now]
 
     def seconds_left(self, now: float) -> tuple[float, bool]:
-        """Seconds until all is done that can be, and whether all jobs are in them.
+        """How long it takes until all is done that can be.
 
         A job takes its expected time, times what the finished jobs of its stage took more than was expected of them;
         one that nothing is expected of takes their mean, and is left out where there are none. The rest is shared among
         the cores, and no job is split.
+
+        Parameters
+        ----------
+        now : float
+            s.
+
+        Returns
+        -------
+        seconds : float
+        complete : bool
+            Whether all jobs are in them.
         """
         ratios, lost = self._ratios(), self.lost()
         seconds, longest, complete = 0.0, 0.0, True
