@@ -32,16 +32,33 @@ def draw(
 ) -> Figure:
     """A point per feature, by family; a second panel with measured scores of the same features, if given.
 
-    table      feature, family, stability_percent, discrimination_percent
-    threshold  of |W|, under which a pair is stable and over which it is told apart; named on the axes
-    measured   draw, repeats, of, feature, stability_percent, discrimination_percent (statistics.repeats.draws); shown
-               are means over draws, and the SD over draws of the mean over features
-    repeats    of each group of `table`, to be said
-    sd         SD of the mean over features of both scores of `table`, where it is known
-    intervals  feature, ci95_low, ci95_high of the stability of `table`; drawn and said of the numbered features
-    Features of one family at one place are one marker, its area their number. The BEST features by the sum of
-    both scores are numbered, and named under the panel.
-    Raises InputError if columns or rows lack, a score is not a number, or the tables share no feature.
+    Features of one family at one place are one marker, its area their number. The BEST features by the sum of both
+    scores are numbered, and named under the panel.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns feature, family, stability_percent, discrimination_percent.
+    threshold : float
+        Of |W|, under which a pair is stable and over which it is told apart; named on the axes.
+    measured : DataFrame, optional
+        Columns draw, repeats, of, feature, stability_percent, discrimination_percent (`statistics.repeats.draws`). What
+        is shown are means over draws, and the SD over draws of the mean over features.
+    repeats : int, optional
+        Of each group of `table`, to be said.
+    sd : tuple of float, optional
+        SD of the mean over features of both scores of `table`, where it is known.
+    intervals : DataFrame, optional
+        Columns feature, ci95_low, ci95_high of the stability of `table`; drawn and said of the numbered features.
+
+    Returns
+    -------
+    Figure
+
+    Raises
+    ------
+    InputError
+        If columns or rows lack, a score is not a number, or the tables share no feature.
     """
     tables.check_table(table, "stability table", text=["feature", "family"], numbers=SCORES)
     if intervals is not None:

@@ -31,9 +31,14 @@ class Selections:
         return {"groups": self.plan.groups(), "noise": noise, "seeds": self.plan.repeats([noise]) if noise else 0}
 
     def sharing(self) -> dict[str, str]:
-        """{protocol: label} of those with a group: protocols with the same label have their noise in common.
+        """Which protocols with a group have their noise in common.
 
         Those that reconstruct the same acquisitions do; with common draws all do.
+
+        Returns
+        -------
+        dict of str to str
+            {protocol: label}: the same label for protocols that share it.
         """
         draws = self.acquisitions.noise["draws"]
         return {

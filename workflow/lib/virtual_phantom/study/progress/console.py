@@ -31,11 +31,18 @@ SILENT_EVENTS = {"progress", "job_started", "shellcmd", "resources_info", "run_i
 class Console(logging.Handler):
     """Takes the place of Snakemake's own handler for the terminal.
 
-    inner       that handler, which gets what is not said here
-    progress    the run
-    logs        folder of the jobs' logs
-    keep_going  whether further jobs are started after one has failed
-    clock       seconds since the epoch
+    Parameters
+    ----------
+    inner : StreamHandler
+        That handler, which gets what is not said here.
+    progress : Progress
+        The run.
+    logs : str
+        Folder of the jobs' logs.
+    keep_going : bool, optional
+        Whether further jobs are started after one has failed.
+    clock : callable, optional
+        Gives seconds since the epoch.
     """
 
     def __init__(
@@ -60,6 +67,7 @@ class Console(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         # What went wrong in here must not end the run: Snakemake would cancel its jobs.
+        """Take a record."""
         try:
             self._take(record)
         except Exception:
@@ -86,6 +94,7 @@ class Console(logging.Handler):
         before(number, frame)
 
     def close(self) -> None:
+        """End, and with it the thread that looks on."""
         self.closed.set()
         self.inner.close()
         super().close()
