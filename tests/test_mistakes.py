@@ -18,6 +18,7 @@ import yaml
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.features import tables
+from virtual_phantom.features.names import FEATURES
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct
 from virtual_phantom.physics.line_integrals import clean_line_integrals
@@ -110,6 +111,16 @@ def without_white():
     load(folder)
 
 
+def clinic(rois=True, **changes):
+    """A table in pyradiomics' columns."""
+    rows = {"Image": ["a.nii.gz", "b.nii.gz"], "Mask": "m.nii.gz", "Label": 1, FEATURES[0]: [1.0, 2.0]}
+    content = {"name": "clinic", "kind": "features", "repeats": ["features.csv"]}
+    named = {"rois": [{"name": "liver", "tissue_class": "liver", "label": 1}]} if rois else {}
+    recording_folders.write_yaml(Path("clinic"), content | named)
+    pd.DataFrame(rows | changes).to_csv("clinic/features.csv", index=False)
+    load("clinic")
+
+
 def of_two_versions():
     row = dict.fromkeys(tables.METADATA, "1") | {"protocol": "sirt_150", "noise": "dose10", "roi": "cyst_1"}
     tables.merge(
@@ -159,6 +170,15 @@ MISTAKES = {
     "A body wider than the field of view": (too_wide, "scan"),
     "A folder that is no recording": (lambda: load("bench"), "bench/recording.yaml"),
     "Another number of views": (lambda: bench(data=np.ones((23, 4, 40))), "bench/b.h5"),
+    "A table of pyradiomics without ROIs": (lambda: clinic(rois=False), "clinic/features.csv"),
+    "A case that pyradiomics could not extract": (
+        lambda: clinic(**{FEATURES[0]: [1.0, np.nan]}),
+        "clinic/features.csv",
+    ),
+    "Repeats of different settings": (
+        lambda: clinic(diagnostics_Configuration_Settings=["{'binWidth': 25}", "{'binWidth': 10}"]),
+        "clinic/features.csv",
+    ),
     "Times that contradict each other": (slower, "bench/recording.yaml"),
     "An array of another shape": (lambda: bench(data=np.ones((24, 40))), "bench/b.h5"),
     "Counts without their white field": (without_white, "bench/a.h5"),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from virtual_phantom.features import tables
+from virtual_phantom.features import settings, tables
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import reference
 from virtual_phantom.statistics import measured, pca
@@ -15,8 +15,12 @@ with job(snakemake) as log:
     features = tables.read(str(snakemake.input.features))
     simulated = tables.select(features, **params.selection)
     if params.recordings:
-        recorded = zip(snakemake.input.measured, params.recordings, strict=True)
-        parts = [reference(files.read_csv(path), params.conditions[name], "condition") for path, name in recorded]
+        parts = []
+        for path, name in zip(snakemake.input.measured, params.recordings, strict=True):
+            table = files.read_csv(path)
+            for line in settings.said(settings.STUDY, settings.distinct(settings.of_table(table, path))):
+                log.warning("recording %s: setting: %s", name, line)
+            parts.append(reference(table, params.conditions[name], "condition"))
         shown = pd.concat(parts, join="inner", ignore_index=True)
     elif not params.measured["overlay"]:
         shown = None

@@ -1,6 +1,7 @@
 """Stability and discriminative power of the features of a recording, over its conditions."""
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.features import settings
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.reference import scores
@@ -15,6 +16,8 @@ with job(snakemake) as log:
             f"recording {snakemake.wildcards.recording}: holds {recording.kind}; analyses.stability.recordings takes "
             "recordings of features only"
         )
+    for line in settings.said(settings.STUDY, recording.extractions, recording.features):
+        log.warning("setting: %s", line)
     table = scores(recording, snakemake.params.repeats, **snakemake.params.statistics)
     files.write_csv(table, snakemake.output[0])
     for kind in ranking.KINDS:

@@ -33,25 +33,7 @@ from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..io.volumes import Volume
 from .names import FEATURES, NAMES
-
-SETTINGS = {
-    "binWidth": 25,
-    "normalize": False,
-    "resampledPixelSpacing": None,
-    "resegmentRange": None,
-    "removeOutliers": None,
-    "distances": [1],
-    "force2D": False,
-    "symmetricalGLCM": True,
-    "weightingNorm": None,
-    "gldm_a": 0,
-    "voxelArrayShift": 0,
-    "minimumROIDimensions": 1,
-    "minimumROISize": None,
-    "label": 1,
-    "preCrop": False,
-    "additionalInfo": False,
-}
+from .settings import SETTINGS
 
 # A block of 4 x 4 x 4 voxels has 8 whose 26 neighbours all lie in the ROI; with fewer, textures rest on the
 # ROI's shape.

@@ -3,6 +3,8 @@
 Apart from `extraction`, so that tables of features are handled without loading pyradiomics.
 """
 
+import re
+
 FAMILIES = {"firstorder": "first order", "glcm": "GLCM", "gldm": "GLDM", "glrlm": "GLRLM", "glszm": "GLSZM"}
 
 NAMES = {
@@ -29,6 +31,22 @@ NAMES = {
 }
 MEAN, VARIANCE = "original_firstorder_Mean", "original_firstorder_Variance"
 FEATURES = tuple(f"original_{family}_{name}" for family, names in NAMES.items() for name in names.split())
+
+
+# Every voxel has one dependence, so that summed over dependences the matrix is the histogram of grey levels.
+HISTOGRAM_ONLY = tuple(
+    f"original_gldm_{name}"
+    for name in ("GrayLevelNonUniformity", "GrayLevelVariance", "HighGrayLevelEmphasis", "LowGrayLevelEmphasis")
+)
+# Classes of pyradiomics that the study's 86 features are not of.
+OTHER_CLASSES = ("ngtdm", "shape", "shape2D")
+# Image type (original, wavelet-LLH, log-sigma-1-0-mm-3D, ...), class, name: as pyradiomics joins them.
+PATTERN = re.compile(rf"[^_\s]+_({'|'.join((*FAMILIES, *OTHER_CLASSES))})_[^_\s]+")
+
+
+def is_feature(name: str) -> bool:
+    """Whether pyradiomics calls features so, of an original or of a filtered image."""
+    return PATTERN.fullmatch(str(name)) is not None
 
 
 def family(feature: str) -> str:

@@ -36,7 +36,8 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     table : DataFrame
         From `statistics.comparison.compare`; ROIs are columns, in the table's order.
     ranking : DataFrame
-        From `statistics.comparison.ranks`, or `summary`: feature, kendall_tau.
+        From `statistics.comparison.ranks`, or `summary`: feature, kendall_tau. Its column other_settings
+        (features.settings), if there is one, marks features by an asterisk and names the settings above.
     title : str, optional
 
     Returns
@@ -68,8 +69,10 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     tau = ranking.set_index("feature")["kendall_tau"].loc[features["feature"]].to_numpy(dtype=float)
     margin, factor = table["margin_sd"].iloc[0], table["sd_factor"].iloc[0]
 
+    other = _other_settings(ranking, features["feature"])
+    lines = [*([title] if title else []), *_footnotes(other)]
     height = ROW_MM * (y[-1] + 1 + GAP_ROWS)
-    figure = style.figure(style.DOUBLE_COLUMN_MM, height + 41 + (5 if title else 0))
+    figure = style.figure(style.DOUBLE_COLUMN_MM, height + 41 + (5 if lines else 0) + 3 * max(0, len(lines) - 1))
     left, right, rank = figure.subplots(1, 3, sharey=True, gridspec_kw={"width_ratios": [len(rois), len(rois), 1.4]})
     shift_steps = margin * np.array(SHIFT_STEPS)
     _heat(
@@ -106,7 +109,7 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
         axes.set_xticks(range(len(rois)), names, rotation=40, ha="right", rotation_mode="anchor")
         style.letter_panel(axes, index)
     _rank_column(rank, y, tau)
-    left.set_yticks(y, [_short(feature) for feature in features["feature"]])
+    left.set_yticks(y, [_short(name) + (" *" if name in other else "") for name in features["feature"]])
     left.set_ylim(y[-1] + 0.5, -0.5 - GAP_ROWS)
     for family, rows in pandas.Series(y).groupby(features["family"].to_numpy(), sort=False):
         left.annotate(
@@ -129,9 +132,22 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     }
     handles = [Line2D([], [], linestyle="none", label=text, **look) for text, look in marks.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
-    if title:
-        figure.suptitle(title)
+    if lines:
+        figure.suptitle("\n".join(lines))
     return figure
+
+
+def _other_settings(ranking: pandas.DataFrame, features: pandas.Series) -> dict[str, str]:
+    """{feature: settings of the recording's that are not the study's}."""
+    if "other_settings" not in ranking:
+        return {}
+    texts = ranking.set_index("feature")["other_settings"].reindex(features).dropna()
+    return {feature: text for feature, text in texts.items() if text}
+
+
+def _footnotes(other: dict[str, str]) -> list[str]:
+    settings = dict.fromkeys(part for text in other.values() for part in text.split("; "))
+    return [f"* of the recording, {one}" for one in settings]
 
 
 def _order(families: pandas.Series) -> dict[str, int]:

@@ -19,7 +19,7 @@ FILE_NAME = "recording.yaml"
 SCHEMA = SCHEMAS / "recording.schema.yaml"
 NAME_SHOWN = 60  # characters
 SECTIONS = {"images": {"labels", "rois", "isocentre_mm", "scan"}, "projections": {"isocentre_mm", "scan"}}
-SECTIONS["features"] = {"features"}
+SECTIONS["features"] = {"features", "rois"}
 
 
 @dataclass(frozen=True)
@@ -81,6 +81,13 @@ def read_document(folder: str | Path) -> Document:
     foreign = set().union(*SECTIONS.values()) - SECTIONS[content["kind"]]
     if wrong := sorted(foreign & content.keys()):
         raise InputError(f"{path}: '{wrong[0]}' has no meaning in a recording of {content['kind']}; take it out")
+    if content["kind"] == "features":
+        for roi in content.get("rois", []):
+            if cut := sorted({"margin_mm", "parts"} & roi.keys()):
+                raise InputError(
+                    f"{path}: rois: {cut[0]} of {roi['name']} has no meaning in a recording of features, whose ROIs "
+                    "are as they were extracted; take it out"
+                )
     fill_defaults(content, _schema())
     _check_files(path, content)
     return Document(folder, content)
@@ -114,6 +121,8 @@ def _numbers(value) -> Iterator[float]:
 
 
 def _region_files(content: dict) -> list[str]:
+    if content["kind"] == "features":  # they name masks that features were extracted with, wherever these are
+        return []
     own = [roi["file"] for roi in content.get("rois", []) if "file" in roi]
     return [content["labels"], *own] if "labels" in content else own
 

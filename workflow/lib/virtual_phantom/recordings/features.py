@@ -1,24 +1,28 @@
-"""Recordings of features: CSV tables with one row per image and ROI."""
+"""Recordings of features: CSV tables with one row per image and ROI, in our layout or as pyradiomics writes them."""
 
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 
 from ..base.errors import InputError
-from ..features.names import FAMILIES, FEATURES, MEAN
+from ..features.names import FEATURES, MEAN, is_feature
+from ..features.settings import Extraction, differences, distinct, of_table
 from ..features.tables import finite_values
 from ..io.files import check_unchanged
+from . import pyradiomics_table
 from .document import Document
 from .provenance import checksums
 from .recording import Provenance, Recording
 
 KEYS = ("image", "roi", "tissue_class")
-# Names that pyradiomics gives features: of the original image, or of a filtered one.
-FAMILY_MARKS = tuple(f"_{family}_" for family in (*FAMILIES, "ngtdm", "shape", "shape2D"))
+# Keys of recording.yaml that only a table of somebody else's layout needs.
+LAYOUT = ("image", "roi")
+NAMING = (pyradiomics_table.IMAGE, pyradiomics_table.MASK, pyradiomics_table.LABEL)
 STORED_ABOVE = 500.0  # mean of a soft-tissue ROI: under this in HU, over it in stored values
 
 
@@ -33,11 +37,14 @@ class FeaturesRecording(Recording):
         values as in the files.
     features : tuple of str
         Those of names.FEATURES that the tables have, in that order.
+    extractions : tuple of Extraction
+        How they were extracted, each way once, as the tables tell; empty where they do not.
     """
 
     repeats: pd.DataFrame
     held_out: pd.DataFrame
     features: tuple[str, ...]
+    extractions: tuple[Extraction, ...] = ()
 
     @property
     def conditions(self) -> tuple[str, ...]:
@@ -76,26 +83,75 @@ def load(document: Document) -> FeaturesRecording:
     settings = document.content["features"]
     if unknown := [name for name in settings["absent"] if name not in FEATURES]:
         raise InputError(f"{document.path}: features.absent: {_unknown(unknown[0])}")
-    features = tuple(feature for feature in FEATURES if feature not in settings["absent"])
-    tables = {path: read(path, features, settings["conditions"]) for path in (*document.repeats, *document.held_out)}
+    wanted = tuple(feature for feature in FEATURES if feature not in settings["absent"])
+    tables, features, notes = _tables(document, wanted)
     places: dict[str, Path] = {}
+    extractions: list[Extraction | None] = []
     for path, table in tables.items():
         for image in table["image"].unique():
             if image in places:
                 raise InputError(f"{path}: image {image} is in {places[image].name} too; name every image differently")
             places[image] = path
         _check_offset(path, table, settings["stored_offset_hu"])
+        found = of_table(table, str(path))
+        _check_extraction(path, table, found, settings)
+        extractions += found
     repeats = pd.concat([tables[path] for path in document.repeats], ignore_index=True)
     held_out = [tables[path] for path in document.held_out]
     held_out = pd.concat(held_out, ignore_index=True) if held_out else repeats.iloc[:0]
-    notes = []
     if settings["stored_offset_hu"]:
         notes.append(f"features are of HU + {settings['stored_offset_hu']} (measured.to_hu corrects first-order ones)")
     incomplete = repeats.groupby("image")["roi"].nunique() < repeats["roi"].nunique()
     if incomplete.any():
         notes.append(f"{int(incomplete.sum())} of {incomplete.size} images lack some of the ROIs")
     provenance = Provenance(document.content["origin"], checksums(document))
-    return FeaturesRecording(document, provenance, None, tuple(notes), repeats, held_out, features)
+    known = tuple(distinct(extractions))
+    return FeaturesRecording(document, provenance, None, tuple(notes), repeats, held_out, features, known)
+
+
+def _tables(document: Document, wanted: tuple[str, ...]) -> tuple[dict[Path, pd.DataFrame], tuple[str, ...], list[str]]:
+    """All tables in our layout, the features that they have, and what is to be said of them.
+
+    Our own layout has `wanted` and no other feature. A table of pyradiomics has what it has: features that are not
+    wanted are left out, those that are missing are named.
+
+    Returns
+    -------
+    tables : dict of Path to DataFrame
+    features : tuple of str
+    notes : list of str
+
+    Raises
+    ------
+    InputError
+        For what `read` and `pyradiomics_table.renamed` refuse, and if no feature is in all tables.
+    """
+    settings, rois = document.content["features"], document.content.get("rois", [])
+    tables = {path: _csv(path, settings) for path in (*document.repeats, *document.held_out)}
+    conditions, source = settings["conditions"], str(document.path)
+    foreign = any(key in settings for key in LAYOUT) or any(map(pyradiomics_table.is_one, tables.values()))
+    if not rois and not foreign:
+        return {path: _checked(path, table, wanted, conditions) for path, table in tables.items()}, wanted, []
+    left_out, notes = 0, []
+    for path, table in tables.items():
+        tables[path], rows = pyradiomics_table.renamed(table, settings, rois, str(path))
+        left_out += rows
+    names = pyradiomics_table.short_names(pd.concat([table["image"].dropna() for table in tables.values()]))
+    features = tuple(one for one in wanted if all(one in table for table in tables.values()))
+    if not features:
+        raise InputError(f"{source}: its tables have none of the {len(FEATURES)} features of the study in common")
+    others = {one for table in tables.values() for one in table if is_feature(one)} - set(features)
+    if left_out:
+        notes.append(f"{left_out} rows of ROIs that recording.yaml does not name are left out")
+    if others:
+        notes.append(f"{len(others)} other features are left out (shape, filters and what else the study has not)")
+    if missing := [one for one in FEATURES if one not in features]:
+        notes.append(f"{len(missing)} of the {len(FEATURES)} features are missing: {', '.join(missing)}")
+    ours = {
+        path: table.assign(image=table["image"].map(names)).drop(columns=[one for one in table if one in others])
+        for path, table in tables.items()
+    }
+    return {path: _checked(path, table, features, conditions) for path, table in ours.items()}, features, notes
 
 
 def read(path: Path, features: tuple[str, ...], conditions: list[str]) -> pd.DataFrame:
@@ -121,17 +177,32 @@ def read(path: Path, features: tuple[str, ...], conditions: list[str]) -> pd.Dat
         twice; if a column is named as a feature but is none of ours; if two rows are of one ROI of one image, or an
         image has two conditions or an ROI two tissue classes; if a feature is not a finite number.
     """
+    return _checked(path, _csv(path, {}), features, conditions)
+
+
+def _csv(path: Path, settings: dict) -> pd.DataFrame:
+    """A table as it stands, what names images, ROIs and masks as text."""
     check_unchanged(path, "make it again")
+    text = {*KEYS, *NAMING, *(settings[key] for key in LAYOUT if key in settings)}
     try:
         head = pd.read_csv(path, header=None, nrows=1, dtype=str).iloc[0].tolist()
-        table = pd.read_csv(path, dtype=dict.fromkeys(KEYS, str))
+        table = pd.read_csv(path, dtype=dict.fromkeys(text, str))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
     if twice := sorted({str(name) for name in head if head.count(name) > 1}):
         raise InputError(f"{path}: the column {twice[0]!r} is there twice; keep one")
+    if (again := (table.astype({table.columns[0]: str}).iloc[:, 0] == head[0]).to_numpy()).any():
+        raise InputError(
+            f"{path}: row {int(again.argmax()) + 2} repeats the names of the columns, as if a second table had been "
+            "appended; keep one of them"
+        )
+    return table
+
+
+def _checked(path: Path, table: pd.DataFrame, features: tuple[str, ...], conditions: list[str]) -> pd.DataFrame:
     needed = (*KEYS, *conditions, *features)
     for name in table.columns:
-        if name not in needed and any(mark in name for mark in FAMILY_MARKS):
+        if name not in needed and is_feature(name):
             raise InputError(f"{path}: {_unknown(name)}; correct it or take the column out")
     if missing := [name for name in needed if name not in table]:
         more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
@@ -166,6 +237,28 @@ def _check_keys(path: Path, table: pd.DataFrame, conditions: list[str]) -> None:
             several = table.groupby(owner)[name].nunique() > 1
             if several.any():
                 raise InputError(f"{path}: {owner} {several.idxmax()} has more than one {name}")
+
+
+def _check_extraction(
+    path: Path, table: pd.DataFrame, extractions: Sequence[Extraction | None], settings: dict
+) -> None:
+    """Images that count as repeats were extracted alike, and in as many dimensions as recording.yaml says."""
+    for one in distinct(extractions):
+        if one.effective()["force2D"] and settings["dimensions"] == 3:
+            raise InputError(
+                f"{path}: was extracted with force2D, slice by slice, but recording.yaml says 3 dimensions; set "
+                "features.dimensions: 2"
+            )
+    conditions = settings["conditions"]
+    groups = table.groupby(conditions).indices.values() if conditions else [range(len(table))]
+    for rows in groups:
+        first, *more = distinct([extractions[row] for row in rows]) or [None]
+        for other in more:
+            if found := differences(first, other):
+                raise InputError(
+                    f"{path}: repeats were extracted with {found[0].setting} {found[0].study} and {found[0].table}; "
+                    "give a column that tells them apart under features.conditions, or a recording each"
+                )
 
 
 def _check_offset(path: Path, table: pd.DataFrame, stored_offset_hu: float) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
+from ..features.settings import STUDY, Extraction, installed, said
 from .features import FeaturesRecording
 from .images import ImagesRecording
 from .projections import ProjectionsRecording
@@ -22,8 +23,14 @@ WANTED = {
 }
 
 
-def summary(recording: Recording) -> dict:
+def summary(recording: Recording, study: Extraction = STUDY) -> dict:
     """Everything worth knowing of a recording, ready for JSON.
+
+    Parameters
+    ----------
+    recording : Recording
+    study : Extraction, optional
+        How the study's features are extracted, which those of the recording are held against.
 
     Returns
     -------
@@ -52,7 +59,7 @@ def summary(recording: Recording) -> dict:
         "text": text,
         "known": {"scan": recording.scan, "nominal": labelled},
         "missing": missing,
-        "notes": list(recording.notes),
+        "notes": [*recording.notes, *_extraction_notes(recording, study)],
         "origin": recording.provenance.origin,
         "sha256": recording.provenance.sha256,
     }
@@ -126,6 +133,19 @@ def _projections(recording: ProjectionsRecording) -> tuple[int, int, dict, str]:
     return len(recording.repeats), len(recording.held_out), content, text
 
 
+def _extraction_notes(recording: Recording, study: Extraction) -> list[str]:
+    """What was set differently from the study, a line each."""
+    if not isinstance(recording, FeaturesRecording) or not recording.extractions:
+        return []
+    lines = [f"setting: {line}" for line in said(study, recording.extractions, recording.features)]
+    versions = dict.fromkeys(one.version for one in recording.extractions if one.version)
+    return lines + [
+        f"extracted by pyradiomics {one}, the study's features by {installed()}"
+        for one in versions
+        if one != installed()
+    ]
+
+
 def _features(recording: FeaturesRecording) -> tuple[int, int, dict, str]:
     counts = recording.images_per_condition()
     rois = list(dict.fromkeys(recording.repeats["roi"]))
@@ -137,6 +157,11 @@ def _features(recording: FeaturesRecording) -> tuple[int, int, dict, str]:
         "images_per_condition": [int(counts.min()), int(counts.max())],
         "stored_offset_hu": recording.stored_offset_hu,
         "dimensions": recording.dimensions,
+        "extraction": [
+            # As text: a table may hold what JSON has no word for.
+            {"settings": str(one.settings), "image_types": str(one.image_types), "pyradiomics": one.version}
+            for one in recording.extractions
+        ],
     }
     low, high = content["images_per_condition"]
     each = f"{low}" if low == high else f"{low} to {high}"

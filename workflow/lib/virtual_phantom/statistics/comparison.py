@@ -11,15 +11,15 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
 from ..base.errors import InputError
-from ..features.extraction import SETTINGS
-from ..features.names import FAMILIES, FEATURES, family
+from ..features.names import FAMILIES, FEATURES, HISTOGRAM_ONLY, family
+from ..features.settings import SETTINGS
 from ..features.tables import finite_values
 from . import COMPARED_REPEATS
 from .multiplicity import benjamini_yekutieli, holm
@@ -60,11 +60,6 @@ SIZED = (
     "original_glszm_LargeAreaLowGrayLevelEmphasis",
     "original_glszm_SizeZoneNonUniformity",
     "original_glszm_ZoneVariance",
-)
-# Every voxel has one dependence, so that summed over dependences the matrix is the histogram of grey levels.
-HISTOGRAM_ONLY = tuple(
-    f"original_gldm_{name}"
-    for name in ("GrayLevelNonUniformity", "GrayLevelVariance", "HighGrayLevelEmphasis", "LowGrayLevelEmphasis")
 )
 COMPARABLE = ("yes", "with care", "no")
 
@@ -510,7 +505,12 @@ def _verdict(right: Sequence[bool]) -> str:
 
 
 def comparable(
-    features: Sequence[str], recording_dimensions: int, stored_offset: float, *, same_voxels: bool = False
+    features: Sequence[str],
+    recording_dimensions: int,
+    stored_offset: float,
+    *,
+    same_voxels: bool = False,
+    other_settings: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
     """Which features of a recording may be compared with those of a 3D simulation in HU.
 
@@ -523,6 +523,8 @@ def comparable(
         HU that were added before extraction.
     same_voxels : bool, optional
         Both were extracted from ROIs of the same voxels on the same grid.
+    other_settings : mapping of str to str, optional
+        {feature: settings of its extraction that are not the study's} (features.settings.other_settings).
 
     Returns
     -------
@@ -537,10 +539,11 @@ def comparable(
           value
         * depends_on_dimensions: in a slice there are 8 neighbours, in a volume 26
 
-        and comparable, "yes", "with care" or "no", with the reason. "no" are: features that depend on size unless
-        same_voxels; and of slices, dependences and zones, whose counts of neighbours differ. Co-occurrences and runs in
-        a slice are averaged over 4 directions instead of 13, which is the same in expectation only if texture and
-        voxels are isotropic: with care. Voxel sizes are not known here: depends_on_voxel_size alone gives no reason.
+        and comparable, "yes", "with care" or "no", with the reason. "no" are: features of other settings; those that
+        depend on size unless same_voxels; and of slices, dependences and zones, whose counts of neighbours differ.
+        Co-occurrences and runs in a slice are averaged over 4 directions instead of 13, which is the same in
+        expectation only if texture and voxels are isotropic: with care. Voxel sizes are not known here:
+        depends_on_voxel_size alone gives no reason.
 
     Raises
     ------
@@ -570,7 +573,9 @@ def comparable(
             "depends_on_dimensions": neighbours and recording_dimensions == 2,
         }
         counted = family(feature) in (FAMILIES["gldm"], FAMILIES["glszm"])
-        if row["depends_on_size"] and not (same_voxels and recording_dimensions == 3):
+        if other := (other_settings or {}).get(feature):
+            verdict = "no", f"extracted with other settings: {other}"
+        elif row["depends_on_size"] and not (same_voxels and recording_dimensions == 3):
             verdict = "no", "grows with the ROI"
         elif row["depends_on_dimensions"] and counted:
             verdict = "no", "neighbours are counted in a slice"

@@ -11,6 +11,7 @@ import pandas as pd
 
 from ...base.errors import InputError
 from ...base.geometry import Grid
+from ...features.settings import other_settings
 from ...statistics.attribution import BASELINE
 from ...statistics.comparison import common_features, common_rois, comparable, roi_sizes, samples, spread
 from .properties import EVERY_FOLD, FOLDS, Property, folds, properties
@@ -88,7 +89,8 @@ def compared(
 ) -> tuple[list[str], dict[str, str]]:
     """Features of `property_tables` and a recording that tell of the images.
 
-    What grows with the ROI is kept only if ROIs have the same voxels, as the features themselves tell.
+    What grows with the ROI is kept only if ROIs have the same voxels, as the features themselves tell. What was
+    extracted with other settings than the study's is not kept.
 
     Parameters
     ----------
@@ -102,14 +104,22 @@ def compared(
     features : list of str
     left_out : dict of str to str
         {feature: why}.
+
+    Raises
+    ------
+    InputError
+        If nothing is left.
     """
     baseline = table[table["property"] == BASELINE]
     features = common_features(baseline, recorded)
     ours, theirs = (roi_sizes(one).set_index("roi") for one in (baseline, recorded))
     ratio = (ours["n_voxels"] / theirs["n_voxels"]).dropna()
     same = bool((np.abs(ratio - 1) < SAME_VOXELS).all())
-    verdicts = comparable(features, dimensions, stored_offset_hu, same_voxels=same).set_index("feature")
-    refused = verdicts[verdicts["comparable"] == "no"]
+    other = other_settings(features, recorded)
+    verdicts = comparable(features, dimensions, stored_offset_hu, same_voxels=same, other_settings=other)
+    refused = verdicts[verdicts["comparable"] == "no"].set_index("feature")
+    if len(refused) == len(features):
+        raise InputError(f"recording: none of its features can be compared: {refused['reason'].iloc[0]}")
     return [one for one in features if one not in refused.index], dict(refused["reason"])
 
 

@@ -1,0 +1,227 @@
+"""Tables that pyradiomics' own batch command wrote, as recordings of features."""
+
+import pandas as pd
+import pytest
+import SimpleITK as sitk
+from pyradiomics_batch import LABELS, SAME, SPACING_MM, batch, label_map, scans
+from recording_folders import refused, write_yaml
+
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.features import extraction
+from virtual_phantom.features.names import FEATURES
+from virtual_phantom.features.settings import STUDY, differences, distinct, of_table
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.recordings.reading import load
+from virtual_phantom.recordings.summary import summary
+
+ROIS = [{"name": name, "tissue_class": name, "label": label} for name, label in LABELS.items()]
+
+
+def by_label(images, folder):
+    return [
+        {"ID": f"case{number}", "Image": path, "Mask": folder / "labels.nii.gz", "Label": label, "Dose": dose}
+        for number, ((dose, _), path) in enumerate(images.items())
+        for label in LABELS.values()
+    ]
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scans")
+    return folder, scans(folder)
+
+
+@pytest.fixture(scope="module")
+def written(images, tmp_path_factory):
+    """Tables of the same cases: with the study's settings, with a filter and other settings, and by masks."""
+    folder, paths = images
+    out = tmp_path_factory.mktemp("tables")
+    cases = by_label(paths, folder)
+    other = {"binWidth": 10, "voxelArrayShift": 300, "distances": [1, 2], "label": 1}
+    masks = [
+        {"Image": path, "Mask": folder / "masks" / f"{name}.nii.gz", "Dose": dose}
+        for (dose, _), path in paths.items()
+        for name in LABELS
+    ]
+    return {
+        "same": batch(cases, out / "same.csv").read_text(),
+        "other": batch(cases[:4], out / "other.csv", other, ("Original", "Wavelet")).read_text(),
+        "masks": batch(masks, out / "masks.csv").read_text(),
+    }
+
+
+@pytest.fixture
+def table(written, tmp_path):
+    """Makes a recording of one of the tables, changed as a DataFrame if that is asked for."""
+
+    def make(name="same", change=None, rois=ROIS, **features):
+        content = {"name": "clinic", "kind": "features", "repeats": ["t.csv"], "features": features}
+        folder = write_yaml(tmp_path / "clinic", content | ({"rois": rois} if rois else {}))
+        (folder / "t.csv").write_text(written[name])
+        if change:
+            change(pd.read_csv(folder / "t.csv")).to_csv(folder / "t.csv", index=False)
+        return folder
+
+    return make
+
+
+def test_values_are_those_of_the_study_s_own_extraction(table, images):
+    recording = load(table(conditions=["Dose"]))
+    assert recording.features == FEATURES and recording.images_per_condition().to_dict() == {3: 3, 10: 3}
+    labels = label_map()
+    masks = {name: labels == label for name, label in LABELS.items()}
+    for (dose, repeat), path in images[1].items():
+        image = sitk.GetArrayFromImage(sitk.ReadImage(str(path)))
+        own = extraction.extract(Volume(image, Grid(labels.shape, SPACING_MM[::-1])), masks)
+        theirs = recording.repeats.query(f"image == 'dose{dose}/r{repeat}.nii.gz'")
+        assert theirs["roi"].tolist() == theirs["tissue_class"].tolist() == list(masks)
+        pd.testing.assert_frame_equal(
+            own[list(FEATURES)], theirs[list(FEATURES)].reset_index(drop=True), check_exact=False, rtol=1e-9
+        )
+    notes = summary(recording)["notes"]
+    # 14 of shape, 5 of NGTDM, the co-occurrence's MCC and SumAverage.
+    assert len(notes) == 1 and notes[0].startswith("21 other features are left out")
+
+
+def test_masks_and_labels_give_the_same_table(table):
+    by_labels = load(table(conditions=["Dose"])).repeats
+    masks = [{"name": name, "tissue_class": name, "file": f"{name}.nii.gz"} for name in LABELS]
+    by_masks = load(table("masks", rois=masks, conditions=["Dose"])).repeats
+    columns = ["image", "roi", "tissue_class", "Dose", *FEATURES]
+    pd.testing.assert_frame_equal(by_labels[columns], by_masks[columns])
+    patterns = [{"name": name, "tissue_class": name, "file": f"masks/{name[:2]}*"} for name in LABELS]
+    pd.testing.assert_frame_equal(by_masks, load(table("masks", rois=patterns, conditions=["Dose"])).repeats)
+
+
+def test_settings_are_read_and_those_that_differ_are_said(table):
+    recording = load(table("other"))
+    (found,) = recording.extractions
+    assert found.settings["binWidth"] == 10 and found.version == extraction.pyradiomics.__version__
+    notes = summary(recording)["notes"]
+    assert [note for note in notes if note.startswith("setting")] == [
+        "setting: binWidth is 10, the study's 25 (changes 70 of 86 features)",
+        "setting: distances is [1, 2], the study's [1] (changes 32 of 86 features)",
+        "setting: voxelArrayShift is 300, the study's 0 (changes 3 of 86 features)",
+    ]
+    assert notes[0].startswith("765 other features are left out")
+
+
+def test_a_setting_changes_the_features_that_it_is_said_to_change(images, tmp_path):
+    """Truth is pyradiomics itself: the same cases, one setting changed at a time."""
+    folder, paths = images
+    cases = by_label(paths, folder)[:2]
+    plain = pd.read_csv(batch(cases, tmp_path / "plain.csv"))
+    changes = {
+        "binWidth": 10,
+        "binCount": 7,
+        "voxelArrayShift": 300,
+        "distances": [2],
+        "symmetricalGLCM": False,
+        "weightingNorm": "euclidean",
+        "gldm_a": 1,
+        "force2D": True,
+        "normalize": True,
+        "resampledPixelSpacing": [2, 2, 2],
+        "resegmentRange": [-50, 150],
+    }
+    for setting, value in changes.items():
+        other = pd.read_csv(batch(cases, tmp_path / f"{setting}.csv", SAME | {setting: value}))
+        apart = (plain[list(FEATURES)] - other[list(FEATURES)]).abs().max()
+        moved = set(FEATURES) - set(apart.index[apart <= 1e-9 * plain[list(FEATURES)].abs().max()])
+        (found,) = [one for one in differences(STUDY, *distinct(of_table(other, "t"))) if one.setting == setting]
+        said = {name for name in FEATURES if found.changes(name)}
+        assert moved <= said, (setting, moved - said)
+        assert len(moved) >= 0.75 * len(said), (setting, said - moved)
+
+
+def test_rows_of_other_rois_and_features_are_left_out_and_counted(table):
+    recording = load(table(change=lambda t: t.drop(columns=FEATURES[40]), rois=ROIS[1:]))
+    assert recording.repeats["roi"].unique().tolist() == ["cyst"] and len(recording.features) == 85
+    assert "6 rows of ROIs that recording.yaml does not name are left out" in recording.notes
+    assert f"1 of the 86 features are missing: {FEATURES[40]}" in recording.notes
+
+
+def test_columns_of_one_s_own(table):
+    """A person's own names: cases, and ROIs with their classes in columns."""
+
+    def named(t):
+        t = t.rename(columns={"ID": "Case", "Label": "Segment"}).drop(columns="Image")
+        return t.assign(Segment=t["Segment"].map({label: name for name, label in LABELS.items()}))
+
+    rois = [{"name": name, "tissue_class": name} for name in LABELS]
+    recording = load(table(change=named, rois=rois, image="Case", roi="Segment", conditions=["Dose"]))
+    assert recording.repeats["image"].unique().tolist() == [f"case{number}" for number in range(6)]
+    assert recording.repeats["roi"].tolist() == ["liver", "cyst"] * 6
+    whole = load(
+        table(
+            change=lambda t: named(t).rename(columns={"Mask": "tissue_class"}), rois=None, image="Case", roi="Segment"
+        )
+    )
+    assert whole.repeats["tissue_class"].nunique() == 1 and len(whole.repeats) == 12
+
+
+def spoiled(**columns):
+    return lambda t: t.assign(**columns)
+
+
+@pytest.mark.parametrize(
+    "change, rois, message",
+    [
+        (None, None, "lacks the column roi; say under rois in recording.yaml which ROI each Label is"),
+        (
+            None,
+            [ROIS[0] | {"label": 7}],
+            "no row is of ROI liver (label 7); the column Label holds 1, 5; the column Mask",
+        ),
+        (None, [*ROIS, ROIS[0] | {"name": "x"}], "row 2 is of ROI liver (label 1) and of ROI x (label 1)"),
+        (None, [ROIS[0] | {"margin_mm": 2}], "rois: margin_mm of liver has no meaning in a recording of features"),
+        (lambda t: t.drop(columns="Mask"), [{"name": "a", "tissue_class": "a", "file": "a"}], "lacks the column Mask"),
+        (lambda t: t.drop(columns="Label"), ROIS, "lacks the column Label; say in recording.yaml under features.roi"),
+        (lambda t: t.drop(columns="Image"), ROIS, "lacks the column image or Image"),
+        (lambda t: t.assign(**dict.fromkeys([c for c in t if c.startswith("original")])), ROIS, "row 2 (image "),
+        (lambda t: t[[c for c in t if not c.startswith("original")]], ROIS, "holds no feature of pyradiomics"),
+        (lambda t: t.drop(columns=list(FEATURES)), ROIS, "have none of the 86 features of the study in common"),
+        (spoiled(**{FEATURES[3]: float("nan")}), ROIS, f"{FEATURES[3]} is nan for roi liver"),
+        (
+            spoiled(diagnostics_Configuration_Settings="os.remove('x')"),
+            ROIS,
+            "not a dictionary as pyradiomics writes it",
+        ),
+        (spoiled(diagnostics_Configuration_Settings="{" * 900), ROIS, "not a dictionary as pyradiomics"),
+        (spoiled(diagnostics_Configuration_Settings="{1: 2}"), ROIS, "not a dictionary as pyradiomics"),
+        (
+            spoiled(diagnostics_Configuration_EnabledImageTypes="{'Original': 5}"),
+            ROIS,
+            "row 2: diagnostics_Configuration_EnabledImageTypes holds",
+        ),
+        (
+            lambda t: t.assign(
+                diagnostics_Configuration_Settings=["{'binWidth': 25}"] * 11 + ["{'binWidth': 50}"],
+            ),
+            ROIS,
+            "repeats were extracted with binWidth 25 and 50; give a column that tells them apart",
+        ),
+        (
+            spoiled(diagnostics_Configuration_Settings="{'force2D': True}"),
+            ROIS,
+            "was extracted with force2D, slice by slice, but recording.yaml says 3 dimensions",
+        ),
+    ],
+)
+def test_one_line_for_what_is_wrong(table, change, rois, message):
+    refused(table(change=change, rois=rois), message)
+
+
+def test_a_second_run_into_the_same_file_is_refused(table, written):
+    """pyradiomics appends to what --out names."""
+    folder = table()
+    (folder / "t.csv").write_text(written["same"] + written["same"])
+    refused(folder, "t.csv: row 14 repeats the names of the columns")
+
+
+def test_conditions_may_have_settings_of_their_own(table):
+    def other(t):
+        return t.assign(diagnostics_Configuration_Settings=t["Dose"].map("{{'binWidth': {}}}".format))
+
+    recording = load(table(change=other, conditions=["Dose"]))
+    assert [one.settings["binWidth"] for one in recording.extractions] == [3, 10]
