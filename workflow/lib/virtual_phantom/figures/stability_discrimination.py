@@ -18,6 +18,8 @@ INTERVAL = ["ci95_low", "ci95_high"]
 BEST = 5  # features named in each panel
 NEAR_PERCENT = 4.0  # best features nearer to each other than this share one label
 POINT = 4.0  # across, for one feature
+LINE = 1.45  # from line to line, of the type's size
+ROUND_PERCENT, EDGE_PERCENT = 20, 4  # axes end at multiples of the one, and the other beyond
 
 
 @style.styled(grid=True)
@@ -76,7 +78,7 @@ def draw(
     families = sorted(set(table["family"]))
 
     double = len(shown) > 1
-    figure = style.figure(style.DOUBLE_COLUMN_MM if double else style.SINGLE_COLUMN_MM, 112)
+    figure = style.figure(style.DOUBLE_COLUMN_MM if double else style.SINGLE_COLUMN_MM, 120)
     panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
     for index, (axes, (title, (scores, repeats, sd))) in enumerate(zip(panels, shown.items(), strict=True)):
         _scatter(axes, scores, families)
@@ -91,8 +93,9 @@ def draw(
         axes.set_title(f"{title}, {len(scores)} features{of_each}\nmeans: {said[0]} % stable, {said[1]} % told apart")
         if double:
             style.letter_panel(axes, index)
-        axes.set(xlim=(-4, 104), ylim=(-4, 104), ylabel=None)
+        axes.set(ylabel=None)
         axes.set_xlabel(f"stability: pairs of groups with |W| < {threshold:g} (%)")
+    _limit(panels, [scores for scores, *_ in shown.values()])
     panels[0].set_ylabel(f"discriminative power: pairs across classes with |W| > {threshold:g} (%)")
     handles, _ = panels[0].get_legend_handles_labels()  # a heading, the families, and what seaborn says of sizes
     handles = [*handles[1 : 1 + len(families)], dashed]
@@ -112,6 +115,16 @@ def _scatter(axes: Axes, scores: pandas.DataFrame, families: list[str]) -> None:
     look = {"palette": style.assign(families, style.ON_WHITE), "markers": markers, "alpha": 0.75, "linewidth": 0.4}
     seaborn.scatterplot(places, x=SCORES[0], y=SCORES[1], ax=axes, zorder=2, **shown, **look)
     axes.get_legend().remove()
+
+
+def _limit(panels: np.ndarray, scores: list[pandas.DataFrame]) -> None:
+    """The same axes in all panels, no longer than the points and their intervals need."""
+    x, y = (pandas.concat([one[kind] for one in scores]) for kind in SCORES)
+    ends = pandas.concat([x, *(one[INTERVAL[1]].dropna() for one in scores if INTERVAL[1] in one)])
+    right = ROUND_PERCENT * max(1, np.ceil(ends.max() / ROUND_PERCENT))
+    low = ROUND_PERCENT * min(4, np.floor(y.min() / ROUND_PERCENT))
+    for axes in panels:
+        axes.set(xlim=(-EDGE_PERCENT, right + EDGE_PERCENT), ylim=(low - EDGE_PERCENT, 100 + EDGE_PERCENT))
 
 
 def best(scores: pandas.DataFrame) -> pandas.DataFrame:
@@ -142,21 +155,24 @@ def _number_best(axes: Axes, scores: pandas.DataFrame) -> None:
     if set(INTERVAL) <= set(chosen):
         reach = np.abs(chosen[INTERVAL].to_numpy(dtype=float).T - places[:, 0])
         axes.errorbar(*places.T, xerr=reach, fmt="none", ecolor=style.GREY, elinewidth=0.8, capsize=1.5, zorder=1)
+    interval = ", and 95 % interval\nof the stability" if set(INTERVAL) <= set(chosen) else ""
+    heading = f"Larger markers: several features.\nBest by the sum of both scores{interval}:"
     names = "\n".join(f"{index}  {_named(row)}" for index, (_, row) in enumerate(chosen.iterrows(), 1))
-    axes.annotate(
-        names,
-        (0, 0),
-        xycoords="axes fraction",
-        xytext=(0, -32),
-        textcoords="offset points",
-        ha="left",
-        va="top",
-        linespacing=1.25,
-    )
+    for text, line in ((heading, 0), (names, heading.count("\n") + 1)):
+        axes.annotate(
+            text,
+            (0, 0),
+            xycoords="axes fraction",
+            xytext=(0, -32 - line * LINE * style.FONT_POINTS),
+            textcoords="offset points",
+            ha="left",
+            va="top",
+            linespacing=1.25,
+        )
 
 
 def _named(row: pandas.Series) -> str:
     """A feature with the interval of its stability, where there is one."""
     low, high = (row.get(end, np.nan) for end in INTERVAL)
-    interval = "" if np.isnan(low) else f", stable {low:.0f} to {high:.0f} %"
+    interval = "" if np.isnan(low) else f", {low:.0f} to {high:.0f} %"
     return style.feature_label(row["feature"]) + interval
