@@ -23,7 +23,6 @@ SETS = (
     ("spectrum", "veiling_glare"),
     ("spectrum", "scatter"),
     ("scatter",),
-    ("scatter", "veiling_glare", "dark_signal", "focal_spot"),
 )
 
 
