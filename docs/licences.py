@@ -15,11 +15,13 @@ INTRODUCTION = """# Licences of the dependencies
 Written by `python docs/licences.py` from the metadata of the installed packages. Virtual Phantom itself is under the
 [MIT licence](../LICENSE). None of these packages is part of it; `make setup` fetches them.
 
-Not permissive among them: astra-toolbox is under the GPL 3, so that who distributes a program together with it must
-distribute that under the GPL; certifi, hypothesis, pathspec and tqdm are under the MPL 2, which binds changes of their
-own files. NVIDIA's libraries are proprietary, and used only where there is a CUDA device.
+Not permissive are
 
-Not in the table, as they are not installed by default: `environment-slurm.txt` brings two plugins (MIT),
+* astra-toolbox (GPL 3): a program that is distributed together with it must be distributed under the GPL;
+* certifi, hypothesis, pathspec and tqdm (MPL 2), which binds changes of their own files;
+* NVIDIA's libraries, which are proprietary, and used only where there is a CUDA device.
+
+The table leaves out what is not installed by default: `environment-slurm.txt` brings two plugins (MIT),
 `environment-gpu.txt` CuPy (MIT), cuda-pathfinder (Apache 2.0) and more of NVIDIA's libraries.
 
 | package | version | licence |
