@@ -15,6 +15,33 @@ class InputError(ValueError):
         super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(message)))
 
 
+class InputErrors(InputError):
+    """Several mistakes at once.
+
+    As text the first of them, and how many more there are.
+
+    Attributes
+    ----------
+    lines : tuple of str
+        All of them, a line each.
+    """
+
+    def __init__(self, lines: Iterable[str]):
+        self.lines = tuple(str(InputError(line)) for line in lines)
+        more = len(self.lines) - 1
+        super().__init__(self.lines[0] + (f" (and {more} more)" if more else ""))
+
+
+def report(error: InputError) -> str:
+    """What is printed of an error: one line, or a numbered list."""
+    lines = getattr(error, "lines", (str(error),))
+    if len(lines) == 1:
+        return f"Error: {lines[0]}"
+    return "\n".join(
+        [f"Error: {len(lines)} mistakes", *(f"{number:>3}. {line}" for number, line in enumerate(lines, start=1))]
+    )
+
+
 def meant(name: str, choices: Iterable[str], otherwise: str = "known") -> str:
     """What to say of a name that is none of the choices.
 

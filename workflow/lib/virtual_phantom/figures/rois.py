@@ -61,9 +61,9 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
             style.letter_panel(axes, index)
         shown = {roi: mask[z] for roi, mask in masks.items() if mask[z].any()}
         for roi, mask in shown.items():
-            _outline(axes, mask, phantom.grid, colours[tissue_class[roi]])
+            outline(axes, mask, phantom.grid, colours[tissue_class[roi]])
         line_mm = 1.35 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT
-        _name(axes, shown, phantom.grid, line=line_mm / panel_height_mm)
+        name_beside(axes, shown, phantom.grid, line=line_mm / panel_height_mm)
     for axes in panels[len(slices) :]:
         axes.remove()
     figure.colorbar(image, ax=panels[: len(slices)].tolist(), label="CT number (HU)", shrink=0.8, pad=0.01, aspect=25)
@@ -72,7 +72,7 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
     return figure
 
 
-def _outline(axes: Axes, mask: np.ndarray, grid: Grid, colour: str) -> None:
+def outline(axes: Axes, mask: np.ndarray, grid: Grid, colour: str) -> None:
     """Outline a mask (y, x) half-way to the next voxels; padded, so that it closes at the edge."""
     x_low, x_high, y_low, y_high = axial.edges_mm(grid)
     _, dy, dx = grid.spacing
@@ -91,7 +91,7 @@ def _ends_mm(mask: np.ndarray, grid: Grid) -> np.ndarray:
     return np.stack([x[ends] + half, np.full(2, y[row])], axis=1) + grid.centre_mm[:2]
 
 
-def _name(axes: Axes, masks: Mapping[str, np.ndarray], grid: Grid, line: float) -> None:
+def name_beside(axes: Axes, masks: Mapping[str, np.ndarray], grid: Grid, line: float) -> None:
     """Name ROIs in a column at either side of the panel, at their own heights but `line` apart.
 
     Masks are (y, x) each; `line` is the height of a line of text as a fraction of the panel's.

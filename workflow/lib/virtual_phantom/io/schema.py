@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import copy
+import difflib
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -47,10 +50,118 @@ def validate(document: dict, schema: dict, source: str) -> None:
         One line that names the key, for what the schema refuses.
     """
     check_nesting(document, source)
-    _check_keys(document, (), source)
+    for path, key in _keys_not_text(document, ()):
+        raise InputError(_not_text(path, key, source))
     error = best_match(_Validator(schema).iter_errors(document), key=_depth_first)
     if error is not None:
         raise InputError(_one_line(error, source))
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What a schema refuses in a document.
+
+    Attributes
+    ----------
+    path : tuple of str or int
+        Where in the document.
+    line : str
+        What is wrong, and what to do.
+    """
+
+    path: tuple
+    line: str
+
+
+def mistakes(document: dict, schema: dict, source: str) -> tuple[list[Mistake], dict]:
+    """All that a schema refuses in a document, and the document without it.
+
+    Parameters
+    ----------
+    document : dict
+        As `check_nesting` lets it pass; it stays as it is.
+    schema : dict
+        JSON schema, draft 2020-12.
+    source : str
+        What lines begin with: the file or the section.
+
+    Returns
+    -------
+    found : list of Mistake
+        Each key once: what `validate` says first, then from the top of the document on.
+    rest : dict
+        What is left where every section, entry of a list or value with a mistake in it is taken out. Of sections that
+        must be there, those at the top may be missing.
+    """
+    found: dict[tuple, Mistake] = {}
+    rest = copy.deepcopy(document)
+    for path, key in list(_keys_not_text(document, ())):
+        found[(*path, key)] = Mistake((*path, key), _not_text(path, key, source))
+        _without(rest, {(*path, key)})
+    first = best_match(_Validator(schema).iter_errors(rest), key=_depth_first)
+    errors = [] if first is None else [first, *_Validator(schema).iter_errors(rest)]
+    for error in errors:
+        for mistake in _each(error, source):
+            found.setdefault(mistake.path, mistake)
+    for _ in range(DEEPEST):  # what is taken out may have been required a level higher
+        _without(rest, {place for error in _Validator(schema).iter_errors(rest) for place in _places(error, rest)})
+    return list(found.values()), rest
+
+
+def _each(error, source) -> Iterator[Mistake]:
+    """The mistakes of one error: a key that is missing is none where another one was meant for it."""
+    path = tuple(error.absolute_path)
+    if error.validator == "additionalProperties":
+        known = list(error.schema.get("properties", ()))
+        for key in sorted(set(error.instance) - set(known), key=str):
+            yield Mistake((*path, key), _unknown(key, known, path, source))
+    elif error.validator == "required":
+        missing = [key for key in error.validator_value if key not in error.instance]
+        unknown = set(error.instance) - set(error.schema.get("properties", ()))
+        meant_for = {close for key in unknown for close in difflib.get_close_matches(str(key), missing, 1)}
+        (key,) = [key for key in missing if error.message.startswith(repr(key))]
+        if key not in meant_for:
+            yield Mistake((*path, key), _one_line(error, source))
+    elif "propertyNames" in error.absolute_schema_path:
+        yield Mistake((*path, error.instance), _one_line(error, source))
+    else:
+        yield Mistake(path, _one_line(error, source))
+
+
+def _places(error, document) -> Iterator[tuple]:
+    """What to take out of a document because of an error; nothing if it is at the top."""
+    path = tuple(error.absolute_path)
+    if error.validator == "additionalProperties":
+        places = [(*path, key) for key in set(error.instance) - set(error.schema.get("properties", ()))]
+    elif "propertyNames" in error.absolute_schema_path:
+        places = [(*path, error.instance)]
+    else:
+        places = [path]
+    for place in filter(None, places):
+        value = document
+        for depth, key in enumerate(place):
+            # An entry of a list stands or falls as a whole: half of a region is another region.
+            if isinstance(value, list | tuple) and isinstance(value[key], dict):
+                place = place[: depth + 1]
+                break
+            value = value.get(key) if isinstance(value, dict) else value[key]
+        yield place
+
+
+def _without(document, places: set[tuple]) -> None:
+    """Take values out of a document, in place; the last of a list first, so that numbers stay right."""
+    for place in sorted(places, key=lambda place: [(isinstance(key, int), key) for key in map(_ordered, place)])[::-1]:
+        value = document
+        try:
+            for key in place[:-1]:
+                value = value[key]
+            del value[place[-1]]
+        except (KeyError, IndexError, TypeError):  # gone with what was around it
+            continue
+
+
+def _ordered(key):
+    return key if isinstance(key, int) and not isinstance(key, bool) else str(key)
 
 
 def check_nesting(document, source: str) -> None:
@@ -110,18 +221,21 @@ def read_schema(path: Path) -> dict:
     return yaml.safe_load(path.read_text(encoding="utf-8"))
 
 
-def _check_keys(value, path, source):
+def _keys_not_text(value, path) -> Iterator[tuple[tuple, object]]:
+    """(where, key) of keys that YAML makes something else of, what is outside first."""
     if isinstance(value, dict):
-        for key in value:
-            if not isinstance(key, str):
-                raise InputError(
-                    f"{source}: the key {key} in {_where(path, source)} is not text to YAML; correct it, or put it in "
-                    "quotes if it is a name"
-                )
+        yield from ((path, key) for key in value if not isinstance(key, str))
     elif not isinstance(value, list | tuple):
         return
     for key, item in value.items() if isinstance(value, dict) else enumerate(value):
-        _check_keys(item, (*path, key), source)
+        yield from _keys_not_text(item, (*path, key))
+
+
+def _not_text(path, key, source) -> str:
+    return (
+        f"{source}: the key {key} in {_where(path, source)} is not text to YAML; correct it, or put it in quotes if it "
+        "is a name"
+    )
 
 
 def _where(path, source):
@@ -136,8 +250,7 @@ def _one_line(error, source):
     where = _where(error.absolute_path, source)
     if error.validator == "additionalProperties":
         known = list(error.schema.get("properties", ()))
-        unknown = sorted(set(error.instance) - set(known), key=str)[0]
-        return f"{source}: unknown key '{unknown}' in {where}; {meant(unknown, known, 'known keys')}"
+        return _unknown(sorted(set(error.instance) - set(known), key=str)[0], known, error.absolute_path, source)
     if error.validator == "enum":
         choices = ", ".join(str(value) for value in error.validator_value)
         return f"{source}: {where} is '{error.instance}'; use one of {choices}"
@@ -154,6 +267,10 @@ def _one_line(error, source):
         message += f"; give {BOUNDS[error.validator]} {error.validator_value:g}"
     place = source if where == source else f"{source}: {where}"
     return f"{place}: {message[:300]}" + (f" ({what})" if what else "")
+
+
+def _unknown(key, known, path, source) -> str:
+    return f"{source}: unknown key '{key}' in {_where(path, source)}; {meant(key, known, 'known keys')}"
 
 
 def _number_meant(value, kinds) -> str | None:

@@ -17,6 +17,7 @@ from ..io.simpleitk import itk_image, itk_resample
 from ..io.volumes import Volume, read_nifti
 from . import HALF_COVERED, Phantom, Roi, block_mean
 from .dicom_series import read_series
+from .fit import how_to_fit
 from .masks import open_regions
 from .rois import RoiEntry, cut, read_entries, separate, shrink
 
@@ -64,12 +65,13 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     kept = np.ones(image.grid.shape[1:], bool)
     if "keep_mm" in settings:
-        kept = _box(settings["keep_mm"], image.grid)
+        kept = kept_columns(settings["keep_mm"], image.grid)
         image = trimmed(image, settings["keep_mm"])
     grid = replace(grid, centre_mm=settings.get("centre_mm", image.grid.centre_mm))
-    _check_fit(image, grid)
+    check_fit(image, grid)
     fine = resample(image, grid.refined(oversampling), outside=HU_AIR)
-    rois = _load_rois(entries, image.grid, grid, kept)
+    opened: dict = {}
+    rois = tuple(roi for entry in entries for roi in rois_of(entry, image.grid, grid, kept, opened))
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
 
 
@@ -130,11 +132,28 @@ def trimmed(image: Volume, keep_mm: list) -> Volume:
     InputError
         If no voxel lies in the box.
     """
-    return Volume(np.where(_box(keep_mm, image.grid), image.array, np.float32(HU_AIR)), image.grid)
+    return Volume(np.where(kept_columns(keep_mm, image.grid), image.array, np.float32(HU_AIR)), image.grid)
 
 
-def _box(keep_mm: list, grid: Grid) -> np.ndarray:
-    """Bool [y, x]: the voxels of the CT whose centres lie in keep_mm. InputError if there are none."""
+def kept_columns(keep_mm: list, grid: Grid) -> np.ndarray:
+    """The columns of a CT whose centres lie in keep_mm.
+
+    Parameters
+    ----------
+    keep_mm : list
+        The box, [[x, x], [y, y]] in NIfTI world mm.
+    grid : Grid
+        The CT's.
+
+    Returns
+    -------
+    ndarray of bool, shape (y, x)
+
+    Raises
+    ------
+    InputError
+        If there are none.
+    """
     (x_low, x_high), (y_low, y_high) = keep_mm
     _, y, x = _world_axes(grid)
     inside = ((y >= y_low) & (y <= y_high))[:, None] & ((x >= x_low) & (x <= x_high))
@@ -146,7 +165,21 @@ def _box(keep_mm: list, grid: Grid) -> np.ndarray:
     return inside
 
 
-def _check_fit(image: Volume, grid: Grid) -> None:
+def check_fit(image: Volume, grid: Grid) -> None:
+    """Check that a grid holds the body of a CT in-plane.
+
+    Parameters
+    ----------
+    image : Volume
+        The CT, HU, without what is not scanned.
+    grid : Grid
+        At its place in the world.
+
+    Raises
+    ------
+    InputError
+        If it does not, or lies beside the CT, or there is no body in it.
+    """
     z, y, x = _world_axes(image.grid)
     half_z, half_y, half_x = (extent / 2 for extent in grid.extent_mm)
     cx, cy, cz = grid.centre_mm
@@ -160,11 +193,11 @@ def _check_fit(image: Volume, grid: Grid) -> None:
     reach_x = float(np.abs(x[columns] - cx).max()) + image.grid.spacing[2] / 2
     reach_y = float(np.abs(y[rows] - cy).max()) + image.grid.spacing[1] / 2
     if reach_x > half_x + 1e-3 or reach_y > half_y + 1e-3:
-        _, dy, dx = grid.spacing
         raise InputError(
-            f"grid: the body in the CT does not fit {2 * half_x:.0f} x {2 * half_y:.0f} mm (x, y) around "
-            f"{grid.centre_mm}; at this spacing it needs at least {math.ceil(2 * reach_x / dx)} x "
-            f"{math.ceil(2 * reach_y / dy)} voxels, or set keep_mm to leave out table and arms"
+            f"grid: the body in the CT does not fit: around centre_mm ({cx:g}, {cy:g}, {cz:g}) (x, y, z) it needs "
+            f"{2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x, and the grid spans {2 * half_y:.0f} and "
+            f"{2 * half_x:.0f} mm; {how_to_fit(grid, (0.0, 2 * reach_y, 2 * reach_x))}, or set phantom.ct.keep_mm to "
+            "leave out table and arms"
         )
 
 
@@ -198,26 +231,45 @@ def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
     return cut(region, entry.parts, grid)
 
 
-def _load_rois(entries: tuple[RoiEntry, ...], ct_grid: Grid, grid: Grid, kept: np.ndarray) -> tuple[Roi, ...]:
-    opened: dict = {}
-    rois = []
-    for entry in entries:
-        pieces = draw(entry, ct_grid, opened)
-        for name, piece in zip(entry.names, pieces, strict=True):
-            _check_whole(name, piece, kept, ct_grid, grid)
-        masks = [
-            resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces
-        ]
-        for name, mask in zip(entry.names, masks, strict=True):
-            _require(
-                mask,
-                name,
-                "fills no voxel of the grid by half; use a finer grid, or a smaller margin_mm, or fewer parts",
-            )
-        for name, mask in zip(entry.names, separate(masks), strict=True):
-            _require(mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer")
-            rois.append(Roi(name, entry.tissue_class, mask))
-    return tuple(rois)
+def rois_of(entry: RoiEntry, ct_grid: Grid, grid: Grid, kept: np.ndarray, opened: dict) -> tuple[Roi, ...]:
+    """The ROIs of one entry on the study's grid.
+
+    Parameters
+    ----------
+    entry : RoiEntry
+    ct_grid : Grid
+        The CT's.
+    grid : Grid
+        The study's, at its place in the world.
+    kept : ndarray of bool, shape (y, x)
+        Of the CT's voxels, those within keep_mm.
+    opened : dict
+        As `draw` takes it.
+
+    Returns
+    -------
+    tuple of Roi
+        One for each part.
+
+    Raises
+    ------
+    InputError
+        As `load` does of a region.
+    """
+    pieces = draw(entry, ct_grid, opened)
+    for name, piece in zip(entry.names, pieces, strict=True):
+        _check_whole(name, piece, kept, ct_grid, grid)
+    masks = [resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces]
+    for name, mask in zip(entry.names, masks, strict=True):
+        _require(
+            mask,
+            name,
+            "fills no voxel of the grid by half; use a finer grid, or a smaller margin_mm, or fewer parts",
+        )
+    apart = separate(masks)
+    for name, mask in zip(entry.names, apart, strict=True):
+        _require(mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer")
+    return tuple(Roi(name, entry.tissue_class, mask) for name, mask in zip(entry.names, apart, strict=True))
 
 
 def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:

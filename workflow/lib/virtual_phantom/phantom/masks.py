@@ -75,6 +75,10 @@ class NiftiRegions:
             raise InputError(f"{path}: holds fractions; give whole numbers (threshold it first)")
         self._labels = volume.array.astype(np.int32)
 
+    def there(self) -> dict[int | str, str | None]:
+        """Every region: {label, as `mask` takes it: its name; None, as the file has none}."""
+        return dict.fromkeys(np.unique(self._labels[self._labels > 0]).tolist())
+
     def mask(self, label: int | str | None) -> np.ndarray:
         """The region of a value of the label map; None: of any but 0.
 
@@ -110,6 +114,10 @@ class SegRegions:
             self._names = {
                 n: str(self._seg.get_segment_description(n).segment_label) for n in self._seg.segment_numbers
             }
+
+    def there(self) -> dict[int | str, str | None]:
+        """Every region: {segment number, as `mask` takes it: its label}."""
+        return {int(number): name for number, name in self._names.items()}
 
     def mask(self, label: int | str | None) -> np.ndarray:
         """The region of a segment, by its number or label; None: of the only one.
@@ -166,6 +174,10 @@ class StructRegions:
         self._rois: dict[str, list[pydicom.Dataset | None]] = {}
         for roi in dataset.get("StructureSetROISequence", []):
             self._rois.setdefault(str(roi.ROIName), []).append(contours.get(int(roi.ROINumber)))
+
+    def there(self) -> dict[int | str, str | None]:
+        """Every region: {ROI name, as `mask` takes it: the same}; names that are there twice are left out."""
+        return {name: name for name, contours in self._rois.items() if len(contours) == 1}
 
     def mask(self, label: int | str | None) -> np.ndarray:
         """The region of an ROI, by its name; None: of the only one.

@@ -6,17 +6,21 @@ Shapes are painted one over the other, each voxel by the share that the shape fi
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.streams import Stream
-from ..base.units import HU_AIR
+from ..base.units import HU_AIR, HU_BODY
 from ..io.volumes import Volume
 from . import HALF_COVERED, Phantom, Roi, block_mean
+from .fit import how_to_fit
 from .layout import Paint, RoiSpec, parse
-from .shapes import coverage, fade, window
+from .shapes import Ellipsoid, Tube, coverage, fade, window
 
+ANGLES, RADII = 361, 1001  # at which the end of an ellipse is sought: a thousandth of its reach
 SLAB_SLICES = 8  # slices of the reconstruction grid painted at a time: bounds the memory
 
 
@@ -84,19 +88,64 @@ def _draw(roi: RoiSpec, grid: Grid) -> Roi:
     return Roi(roi.name, roi.tissue_class, mask)
 
 
+def outlined(layout: dict, grid: Grid, seed: Stream) -> tuple[float, tuple[Roi, ...]]:
+    """What a scan must see of the phantom, found without painting it.
+
+    Parameters
+    ----------
+    layout : dict
+        As layout.read_layout gives it.
+    grid : Grid
+        Of the reconstruction.
+    seed : Stream
+        Of the textures.
+
+    Returns
+    -------
+    reach_mm : float
+        How far the body reaches from the isocentre's axis.
+    rois : tuple of Roi
+
+    Raises
+    ------
+    InputError
+        As `build` does.
+    """
+    paints, rois = parse(layout, seed)
+    _check_fit(paints, rois, grid)
+    reach = max((_reach_mm(paint.shape, grid) for paint in paints if paint.hu > HU_BODY), default=0.0)
+    return reach, tuple(_draw(roi, grid) for roi in rois)
+
+
+def _reach_mm(shape: Ellipsoid | Tube, grid: Grid) -> float:
+    """How far a shape reaches from the isocentre's axis, mm."""
+    if isinstance(shape, Tube):
+        return max(math.hypot(x, y) + radius for (x, y, _), radius in zip(shape.points_mm, shape.radii_mm, strict=True))
+    # An ellipsoid is widest at its middle, or as near to it as the grid goes; on rays from the axis its end is sought.
+    end = grid.extent_mm[0] / 2
+    z = np.clip(shape.centre_mm[2], -end, end) * np.ones(1)
+    low, high = shape.bounds_mm()
+    farthest = math.hypot(*np.maximum(np.abs(low[:2]), np.abs(high[:2])))
+    away = np.linspace(0, farthest, RADII)[:, None]
+    angle = np.linspace(0, 2 * np.pi, ANGLES)
+    inside = shape.level(z, away * np.sin(angle), away * np.cos(angle)) < 0
+    return float(np.max(np.broadcast_to(away, inside.shape), where=inside, initial=0))
+
+
 def _check_fit(paints: list[Paint], rois: list[RoiSpec], grid: Grid) -> None:
     half = np.array(grid.extent_mm[::-1]) / 2
     bounds = [np.abs(paint.shape.bounds_mm()).max(axis=0) for paint in paints]
-    needed = 2 * np.max(bounds, axis=0)[:2]
-    if np.any(needed > 2 * half[:2] + 1e-6):
+    width, height = 2 * np.max(bounds, axis=0)[:2]
+    reaches = {roi.name: float(np.abs(roi.shape.bounds_mm())[:, 2].max()) for roi in rois}
+    farthest = max(reaches, key=reaches.get)
+    needed = (2 * reaches[farthest], height, width)
+    if width > 2 * half[0] + 1e-6 or height > 2 * half[1] + 1e-6:
         raise InputError(
-            f"grid: the phantom's body needs {needed[0]:.0f} x {needed[1]:.0f} mm (x, y), but the grid spans "
-            f"{2 * half[0]:.0f} x {2 * half[1]:.0f} mm; give more or larger voxels"
+            f"grid: the phantom's body needs {height:.0f} mm along y and {width:.0f} mm along x, but the grid spans "
+            f"{2 * half[1]:.0f} and {2 * half[0]:.0f} mm; {how_to_fit(grid, needed)}, or give larger voxels"
         )
-    for roi in rois:
-        reach = float(np.abs(roi.shape.bounds_mm())[:, 2].max())
-        if reach > half[2] + 1e-6:
-            raise InputError(
-                f"grid: ROI {roi.name} reaches {reach:.1f} mm from the isocentre along z, but the grid only "
-                f"{half[2]:.1f} mm; give more or thicker slices"
-            )
+    if reaches[farthest] > half[2] + 1e-6:
+        raise InputError(
+            f"grid: ROI {farthest} reaches {reaches[farthest]:.1f} mm from the isocentre along z, but the grid only "
+            f"{half[2]:.1f} mm; {how_to_fit(grid, needed)}, or give thicker slices"
+        )

@@ -85,22 +85,40 @@ def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndar
     .. [1] H. K. Tuy, SIAM J. Appl. Math. 43, 546, 1983.
     """
     rays = ParallelRays(geometry)
-    z, y, x = grid.axes_mm()
     for name, mask in masks.items():
-        # The lowest and the highest voxel of every column are the hardest to see.
-        columns = np.argwhere(mask.any(axis=0))
-        along = mask[:, columns[:, 0], columns[:, 1]]
-        lowest, highest = along.argmax(axis=0), len(z) - 1 - along[::-1].argmax(axis=0)
-        points = np.concatenate(
-            [np.column_stack([x[columns[:, 1]], y[columns[:, 0]], z[end]]) for end in (lowest, highest)]
-        )
-        share = rays.directions_seen(points).min() / rays.half_turn
+        share = share_seen(rays, hardest_points(grid, mask))
         if share < 1:
             raise InputError(
                 f"scan: ROI {name} is not seen from every direction: {100 * share:.0f} % of half a turn where it is "
                 "worst; give the detector more rows or columns, a helix a smaller pitch or more turns, or the protocol "
                 "more projections"
             )
+
+
+def hardest_points(grid: Grid, mask: np.ndarray) -> np.ndarray:
+    """Where a region is seen from the fewest directions: the lowest and the highest voxel of each of its columns.
+
+    Parameters
+    ----------
+    grid : Grid
+    mask : ndarray of bool, shape (z, y, x)
+        Not empty.
+
+    Returns
+    -------
+    ndarray, shape (points, 3)
+        (x, y, z), mm from the isocentre.
+    """
+    z, y, x = grid.axes_mm()
+    columns = np.argwhere(mask.any(axis=0))
+    along = mask[:, columns[:, 0], columns[:, 1]]
+    lowest, highest = along.argmax(axis=0), len(z) - 1 - along[::-1].argmax(axis=0)
+    return np.concatenate([np.column_stack([x[columns[:, 1]], y[columns[:, 0]], z[end]]) for end in (lowest, highest)])
+
+
+def share_seen(rays: ParallelRays, points_mm: np.ndarray) -> float:
+    """Of the directions of half a turn, the share that the point is seen from that is seen from the fewest."""
+    return float(rays.directions_seen(points_mm).min() / rays.half_turn)
 
 
 def _refuse_truncation(phantom, geometry):

@@ -1,0 +1,48 @@
+"""What a grid must be to hold a body, said in the order in which the configuration wants it: z, y, x."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from ..base.geometry import Grid
+
+ROUNDING = 1e-6  # of a voxel
+
+
+def least_shape(grid: Grid, needed_mm: Sequence[float]) -> list[int]:
+    """The fewest voxels (z, y, x) of this size that span lengths (z, y, x), mm; never fewer than there are."""
+    return [
+        max(n, math.ceil(length / wide - ROUNDING))
+        for n, wide, length in zip(grid.shape, grid.spacing, needed_mm, strict=True)
+    ]
+
+
+def how_to_fit(grid: Grid, needed_mm: Sequence[float]) -> str:
+    """What to set so that the grid spans some lengths.
+
+    Parameters
+    ----------
+    grid : Grid
+        That does not.
+    needed_mm : sequence of 3 float
+        Lengths (z, y, x), mm.
+
+    Returns
+    -------
+    str
+        That the order of an entry is wrong, if the other way round it would do; else the shape that is needed.
+    """
+    shape, spacing = list(grid.shape), list(grid.spacing)
+    for keys, turned in (
+        (("grid.shape",), Grid(shape[::-1], spacing)),
+        (("grid.spacing_mm",), Grid(shape, spacing[::-1])),
+        (("grid.shape", "grid.spacing_mm"), Grid(shape[::-1], spacing[::-1])),
+    ):
+        if turned == Grid(shape, spacing):
+            continue
+        if all(has >= length - ROUNDING for has, length in zip(turned.extent_mm, needed_mm, strict=True)):
+            right = {"grid.shape": list(turned.shape), "grid.spacing_mm": list(turned.spacing)}
+            said = {"grid.shape": shape, "grid.spacing_mm": spacing}
+            return " and ".join(f"{key} {said[key]} looks like x, y, z; write z, y, x: {right[key]}" for key in keys)
+    return f"set grid.shape to at least {least_shape(grid, needed_mm)} (z, y, x) at this grid.spacing_mm"

@@ -1,0 +1,92 @@
+"""The command `virtual-phantom`: a first configuration, a check of one, and the import of recordings.
+
+virtual-phantom init CT --labels FILE [--out my.yaml] [--size quick]   propose a configuration for your CT
+virtual-phantom check CONFIG ...                                       say all that is wrong with a configuration
+virtual-phantom import FORMAT ...                                      make a recording folder
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from ..base.errors import InputError, InputErrors, report
+from ..recordings.importers import command as importers
+
+SIZES = ("quick", "normal")
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Do what the command line asks for, or these words of one; returns the exit code."""
+    words = sys.argv[1:] if words is None else list(words)
+    if words[:1] == ["import"]:
+        return importers.main(words[1:])
+    arguments = _parser().parse_args(words)
+    try:
+        return {"init": _init, "check": _check}[arguments.command](arguments)
+    except InputError as error:
+        print(report(error), file=sys.stderr)
+        return 1
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="virtual-phantom", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    init = commands.add_parser("init", help="propose a configuration for a CT and the regions drawn on it")
+    init.add_argument("image", metavar="CT", help="folder of one DICOM series, or NIfTI file; HU")
+    init.add_argument("--labels", required=True, help="label map, DICOM SEG, RTSTRUCT, or folder of NIfTI masks")
+    init.add_argument("--out", default="my.yaml", help="configuration to write; default my.yaml")
+    init.add_argument("--names", default="", help="names of labels: 5=liver,1=spleen; they go before larger ones")
+    init.add_argument("--rois", default="", help="take these labels or names alone: 5,spleen")
+    init.add_argument("--size", choices=SIZES, default="normal", help="quick: an answer in minutes; default normal")
+    init.add_argument("--force", action="store_true", help="overwrite files that are there")
+    check = commands.add_parser("check", help="say all that is wrong with a configuration and its files")
+    check.add_argument(
+        "configs", metavar="CONFIG", nargs="+", help="as after --configfile: a later one changes keys of those before"
+    )
+    commands.add_parser("import", help="make a recording folder from another format", add_help=False)
+    return parser
+
+
+def _init(arguments: argparse.Namespace) -> int:
+    from .init.command import initialise, told  # seconds, for those who use it
+
+    proposed = initialise(
+        arguments.image,
+        arguments.labels,
+        arguments.out,
+        names=_pairs(arguments.names),
+        rois=[one.strip() for one in arguments.rois.split(",") if one.strip()],
+        size=arguments.size,
+        force=arguments.force,
+    )
+    print(told(proposed, arguments.out))
+    return 0
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from .preflight import problems  # seconds, for those who use it
+    from .read_config import read_configs
+
+    lines, settings = read_configs(arguments.configs)
+    lines += problems(settings) if settings is not None else []
+    if lines:
+        raise InputErrors(lines)
+    print(f"{', '.join(arguments.configs)}: nothing wrong was found")
+    return 0
+
+
+def _pairs(text: str) -> dict[str, str]:
+    """{label: name} of `5=liver,1=spleen`."""
+    pairs: dict[str, str] = {}
+    for part in filter(None, map(str.strip, text.split(","))):
+        label, equals, name = (one.strip() for one in part.partition("="))
+        if not (label and equals and name):
+            raise InputError(f"--names: '{part}' is not LABEL=NAME; give pairs such as 5=liver,1=spleen")
+        if label in pairs:
+            raise InputError(f"--names: names the label {label} twice; give it one name")
+        pairs[label] = name
+    return pairs

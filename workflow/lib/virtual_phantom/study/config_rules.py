@@ -1,0 +1,301 @@
+"""What must hold between keys of a configuration: names that are there, groups of two, sections that agree.
+
+Each rule is a generator of lines. Sections of which something is wrong may be missing: rules pass over them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+
+from ..base.errors import InputError, meant
+from ..physics.effect import check_readings, checked
+from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
+
+
+@dataclass(frozen=True)
+class Names:
+    """Names of what a configuration has, also of what is left out as something in it is wrong.
+
+    Attributes
+    ----------
+    protocols, levels, scans, recordings, diagnosed, comparisons : collection of str
+    """
+
+    protocols: Collection[str]
+    levels: Collection[str]
+    scans: Collection[str]
+    recordings: Collection[str]
+    diagnosed: Collection[str]
+    comparisons: Collection[str]
+
+    @classmethod
+    def of(cls, settings: Mapping) -> Names:
+        """Those of a configuration that is not checked yet."""
+
+        def keys(*path: str) -> list[str]:
+            section = settings
+            for key in path:
+                section = section.get(key) if isinstance(section, Mapping) else None
+            return [str(key) for key in section] if isinstance(section, Mapping) else []
+
+        return cls(
+            protocols=keys("protocols"),
+            levels=keys("noise", "levels"),
+            scans=keys("scans"),
+            recordings=keys("recordings"),
+            diagnosed=keys("diagnosis", "recordings"),
+            comparisons=keys("analyses", "comparison"),
+        )
+
+
+class Rules:
+    """All rules for one configuration.
+
+    Parameters
+    ----------
+    config : dict
+        With the schema's defaults, and without what the schema refuses.
+    names : Names
+        Of the whole one.
+    """
+
+    def __init__(self, config: dict, names: Names):
+        self.config, self.names = config, names
+        self.levels: dict = config.get("noise", {}).get("levels", {})
+        self.protocols: dict = config.get("protocols", {})
+        self.analyses: dict = config["analyses"]
+
+    def lines(self) -> Iterator[str]:
+        """What is wrong, a line each."""
+        for rule in (
+            self._levels,
+            self._protocols,
+            self._stability,
+            self._optimal,
+            self._noise_calibration,
+            self._physics,
+            self._matched,
+            self._comparisons,
+            self._diagnosed,
+            self._diagnosed_comparisons,
+            self._further_recordings,
+            self._components,
+            self._phantom,
+            self._scans,
+            self._measured,
+        ):
+            yield from rule()
+
+    # What rules are made of
+
+    def _known(self, name: str, section: Collection[str], where: str) -> Iterator[str]:
+        if name not in section:
+            yield f"config: {where} names '{name}', which is not there; {meant(name, section)}"
+
+    def _of_algorithm(self, name: str, algorithm: str, where: str) -> Iterator[str]:
+        yield from self._known(name, self.names.protocols, where)
+        actual = self.protocols.get(name, {}).get("algorithm", algorithm)
+        if actual != algorithm:
+            yield (
+                f"config: {where} names '{name}', whose algorithm is {actual}; name a protocol of algorithm {algorithm}"
+            )
+
+    def _repeated(self, level: str, least: int, reason: str) -> Iterator[str]:
+        repeats = self.levels.get(level, {}).get("repeats", least)
+        if repeats < least:
+            yield f"config: noise.levels.{level}.repeats is {repeats}; {reason}"
+
+    # Rules
+
+    def _levels(self) -> Iterator[str]:
+        for name, level in self.levels.items():
+            if ("A" in level) == ("meets" in level):
+                yield f"config: noise.levels.{name}: give it either A or meets"
+
+    def _protocols(self) -> Iterator[str]:
+        for name, protocol in self.protocols.items():
+            if "scan" in protocol:
+                yield from self._known(protocol["scan"], self.names.scans, f"protocols.{name}.scan")
+        groups: dict[int, str] = {}
+        for name, protocol in self.protocols.items():
+            if "group" in protocol and (other := groups.setdefault(protocol["group"], name)) != name:
+                yield (
+                    f"config: protocols.{other} and protocols.{name} have the same group number, {protocol['group']}; "
+                    "give each its own"
+                )
+
+    def _stability(self) -> Iterator[str]:
+        if "stability" not in self.analyses:
+            return
+        noise = self.analyses["stability"]["noise"]
+        yield from self._known(noise, self.names.levels, "analyses.stability.noise")
+        reason = f"analyses.stability needs at least {RANKSUM_REPEATS} for a rank-sum test"
+        yield from self._repeated(noise, RANKSUM_REPEATS, reason)
+        broken = set(self.names.protocols) - set(self.protocols)
+        grouped = {protocol["group"] for protocol in self.protocols.values() if "group" in protocol}
+        if len(grouped) < 2 and not broken:
+            yield "config: analyses.stability needs at least two protocols with a group number"
+
+    def _optimal(self) -> Iterator[str]:
+        if "optimal" in self.analyses:
+            yield from self._known(self.analyses["optimal"]["noise"], self.names.levels, "analyses.optimal.noise")
+            for algorithm in ("sirt", "fbp"):
+                name = self.analyses["optimal"][algorithm]
+                yield from self._of_algorithm(name, algorithm, f"analyses.optimal.{algorithm}")
+
+    def _noise_calibration(self) -> Iterator[str]:
+        if "noise_calibration" not in self.analyses:
+            return
+        calibration = self.analyses["noise_calibration"]
+        for name in calibration["protocols"]:
+            yield from self._known(name, self.names.protocols, "analyses.noise_calibration.protocols")
+        for level in calibration["noise"]:
+            yield from self._known(level, self.names.levels, "analyses.noise_calibration.noise")
+            reason = f"the noise calibration needs at least {MINIMUM_REPEATS} to measure a variance"
+            yield from self._repeated(level, MINIMUM_REPEATS, reason)
+            if "meets" in self.levels.get(level, {}) and "A" not in self.levels[level]:
+                yield (
+                    f"config: analyses.noise_calibration.noise names '{level}', whose A it is to find; name levels "
+                    "that have an A"
+                )
+        values = [self.levels.get(level, {}).get("A") for level in calibration["noise"]]
+        if None not in values and len(set(values)) < 2:
+            yield (
+                "config: analyses.noise_calibration.noise names levels of one A only; give two different ones, as no "
+                "line goes through one point"
+            )
+
+    def _physics(self) -> Iterator[str]:
+        """Effects and their parameters, of the first protocol that has them: those of `physics` are of all."""
+        seen = []
+        for name, protocol in self.protocols.items():
+            stated = protocol.get("physics", self.config["physics"])
+            if not stated or stated in seen:
+                continue
+            seen.append(stated)
+            where = f"config: protocols.{name}.physics"
+            if self.config.get("noise", {"model": "physical"})["model"] != "physical":
+                yield f"{where} needs noise.model: physical; the astra model has no photons"
+                continue
+            for effect, parameters in stated.items():
+                try:
+                    physics = checked({effect: parameters}, where)
+                    for label, level in self.levels.items():
+                        if "A" in level:
+                            check_readings(physics, 1 / level["A"], where, f"noise level {label}")
+                except InputError as error:
+                    yield str(error)
+
+    def _matched(self) -> Iterator[str]:
+        calibrated = self.analyses.get("noise_calibration", {}).get("protocols", [])
+        for name, level in self.levels.items():
+            if "meets" in level:
+                where = f"noise.levels.{name}.meets.recording"
+                yield from self._known(level["meets"]["recording"], self.names.recordings, where)
+                if level["meets"]["protocol"] not in calibrated:
+                    yield (
+                        f"config: noise.levels.{name}.meets.protocol is '{level['meets']['protocol']}', which the noise "
+                        "calibration does not hold; add it to analyses.noise_calibration.protocols"
+                    )
+
+    def _comparisons(self) -> Iterator[str]:
+        for name, comparison in self.analyses.get("comparison", {}).items():
+            where = f"analyses.comparison.{name}"
+            yield from self._known(comparison["recording"], self.names.recordings, f"{where}.recording")
+            yield from self._known(comparison["protocol"], self.names.protocols, f"{where}.protocol")
+            yield from self._known(comparison["noise"], self.names.levels, f"{where}.noise")
+            reason = f"{where} needs at least {COMPARED_REPEATS} for an SD"
+            yield from self._repeated(comparison["noise"], COMPARED_REPEATS, reason)
+
+    def _diagnosed(self) -> Iterator[str]:
+        """Recordings under diagnosis.recordings."""
+        diagnosed = self.config["diagnosis"]["recordings"]
+        for name, settings in diagnosed.items():
+            yield from self._known(name, self.names.recordings, "diagnosis.recordings")
+            yield from self._one_diagnosed(name, settings, diagnosed)
+            if "protocol" in settings:
+                where = f"diagnosis.recordings.{name}.protocol"
+                yield from self._known(settings["protocol"], self.names.protocols, where)
+
+    def _one_diagnosed(self, name: str, settings: dict, diagnosed: dict) -> Iterator[str]:
+        where = f"config: diagnosis.recordings.{name}"
+        if "disc" in settings and "object" in settings:
+            yield f"{where} has both disc and object; keep the one that was scanned"
+        if "physics_from" not in settings:
+            return
+        other = settings["physics_from"]
+        if other == name or other not in self.names.diagnosed:
+            others = ", ".join(sorted(set(diagnosed) - {name})) or "none"
+            yield f"{where}.physics_from is '{other}'; name another diagnosed recording: {others}"
+        elif "physics_from" in diagnosed.get(other, {}):
+            yield f"{where}.physics_from is '{other}', which has its physics from elsewhere; name that one"
+        elif "effects" in settings:
+            yield f"{where} has both effects and physics_from; effects are those of '{other}', remove effects"
+
+    def _diagnosed_comparisons(self) -> Iterator[str]:
+        for name in self.config["diagnosis"]["comparisons"]:
+            yield from self._known(name, self.names.comparisons, "diagnosis.comparisons")
+            if name in self.names.diagnosed:
+                yield (
+                    f"config: diagnosis.comparisons names '{name}', as diagnosis.recordings does; both would be "
+                    "written to one folder, so name the comparison otherwise"
+                )
+
+    def _further_recordings(self) -> Iterator[str]:
+        for name in self.analyses.get("stability", {}).get("recordings", []):
+            yield from self._known(name, self.names.recordings, "analyses.stability.recordings")
+
+    def _components(self) -> Iterator[str]:
+        for figure, selection in self.analyses.get("pca", {}).items():
+            for name in selection["recordings"]:
+                yield from self._known(name, self.names.recordings, f"analyses.pca.{figure}.recordings")
+            for name in selection["protocols"]:
+                where = f"analyses.pca.{figure}.protocols"
+                if figure == "multicentre":
+                    yield from self._known(name, self.names.protocols, where)
+                else:
+                    yield from self._of_algorithm(name, figure, where)
+            for level in selection["noise"]:
+                yield from self._known(level, self.names.levels, f"analyses.pca.{figure}.noise")
+
+    def _phantom(self) -> Iterator[str]:
+        phantom = self.config.get("phantom", {})
+        if phantom.get("source") == "ct" and "ct" not in phantom:
+            yield "config: phantom.source is ct, but phantom.ct is missing; give it an image and rois"
+
+    def _scans(self) -> Iterator[str]:
+        scans = {"scan": self.config["scan"]} if "scan" in self.config else {}
+        scans |= {f"scans.{name}": scan for name, scan in self.config["scans"].items()}
+        for name, scan in scans.items():
+            if scan["source_to_detector_mm"] <= scan["source_to_isocentre_mm"]:
+                yield f"config: {name}.source_to_detector_mm must be larger than source_to_isocentre_mm"
+
+    def _measured(self) -> Iterator[str]:
+        """Measured data need the printed phantom's ROIs, and components fitted on them need the data."""
+        phantom = self.config.get("phantom", {})
+        if not self.config["measured"]["overlay"]:
+            for figure, selection in self.analyses.get("pca", {}).items():
+                if selection["fit_on"] != "simulated" and not selection["recordings"]:
+                    yield (
+                        f"config: analyses.pca.{figure}.fit_on is {selection['fit_on']}, but measured.overlay is "
+                        "false; set fit_on: simulated"
+                    )
+        elif phantom.get("source") == "ct" and "ct" in phantom:
+            # Here, because they take a second to load, and every start of the workflow reads the configuration.
+            from ..phantom.rois import read_entries
+            from ..statistics.measured import TISSUE_CLASSES
+
+            settings = phantom["ct"]
+            try:
+                entries = read_entries(settings["rois"], settings.get("labels"))
+            except InputError:  # said where the phantom's files are looked at
+                return
+            names = {name for entry in entries for name in entry.names}
+            for verb, odd in (("gives", names - set(TISSUE_CLASSES)), ("lacks", set(TISSUE_CLASSES) - names)):
+                if odd:
+                    yield (
+                        f"config: measured.overlay is for the ROIs {', '.join(TISSUE_CLASSES)} alone, and "
+                        f"phantom.ct.rois {verb} {', '.join(sorted(odd)[:3])}; set measured.overlay: false"
+                    )
+                    return

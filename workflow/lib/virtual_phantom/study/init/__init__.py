@@ -1,0 +1,1 @@
+"""A first configuration for a CT and the regions drawn on it: `virtual-phantom init`."""

@@ -1,0 +1,144 @@
+"""All that is wrong with a study, from its configuration and the files that it names, before anything is computed."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from ..base.errors import InputError
+from ..base.streams import Branch, branch
+from ..diagnosis.candidates import candidates, check_accuracy, check_kinds
+from ..phantom.layout import read_layout
+from ..projectors import choose_engine
+from ..recordings.document import Document, read_document
+from ..recordings.scan import timed
+from .config import inspected
+from .outputs import Files
+from .phantom_sources import PhantomSources
+from .plan import Plan
+from .proof import Proof
+
+
+def problems(settings: Mapping, files: bool = True) -> list[str]:
+    """What is wrong with a study, a line for each mistake.
+
+    Parameters
+    ----------
+    settings : mapping
+        A configuration as `config.check` takes it.
+    files : bool, optional
+        Whether files are looked at, the CT and its regions too; False: the configuration alone.
+
+    Returns
+    -------
+    list of str
+        The file or the key, what is wrong with it, and what to do. Of a section that the schema refuses, what depends
+        on it is not looked at.
+    """
+    lines, config = inspected(settings)
+    if files and config:
+        for look in (_results, _engine, _layout, _phantom, _measured, _recordings, _proof):
+            lines += look(config)
+    return list(dict.fromkeys(lines))
+
+
+def _said(function, *arguments) -> list[str]:
+    """What an InputError of a function says."""
+    try:
+        function(*arguments)
+    except InputError as error:
+        return [str(error)]
+    return []
+
+
+def _results(config: dict) -> Iterator[str]:
+    folder = Path(config["results_dir"])
+    there = next((path for path in (folder, *folder.absolute().parents) if path.exists()), folder)
+    if not there.is_dir():
+        yield f"results_dir: {there} is a file; name a folder"
+    elif not os.access(there, os.W_OK):
+        yield f"results_dir: {there} may not be written to; change its permissions or name another folder"
+
+
+def _engine(config: dict) -> Iterator[str]:
+    yield from _said(choose_engine, config["engine"], config["reconstruction"]["sirt"]["backprojector"])
+
+
+def _layout(config: dict) -> Iterator[str]:
+    """Of the synthetic phantom."""
+    phantom = config.get("phantom", {})
+    if phantom.get("source") != "synthetic":
+        return
+    try:
+        layout = read_layout(phantom["layout"])
+    except InputError as error:
+        yield str(error)
+        return
+    if "grid" in config:
+        from ..phantom.synthetic import outlined  # heavy, for those who get here
+        from .preflight_scan import blind_spots, grid_here
+
+        grid = grid_here(config)
+        try:
+            reach, rois = outlined(layout, grid, branch(config["seed"], Branch.PHANTOM))
+        except InputError as error:
+            yield str(error)
+            return
+        # The reach is that of shapes; voxels' centres lie farther in.
+        slack = math.hypot(*grid.spacing[1:]) / 2
+        yield from blind_spots(config, grid, reach, {roi.name: roi.mask for roi in rois}, slack)
+
+
+def _phantom(config: dict) -> Iterator[str]:
+    """Of a CT and its ROIs."""
+    phantom = config.get("phantom", {})
+    if phantom.get("source") != "ct" or "ct" not in phantom:
+        return
+    classes = {roi["tissue_class"] for roi in phantom["ct"]["rois"]}
+    if len(classes) == 1 and "stability" in config["analyses"]:
+        yield (
+            f"config: phantom.ct.rois are all of tissue_class {min(classes)}; analyses.stability compares at least two "
+            "classes, so give ROIs of another, or set analyses.stability: null"
+        )
+    sources = PhantomSources(Plan(config))
+    if damaged := _said(sources.check):
+        yield from damaged
+    elif not sources.absent:  # what a rule fetches is looked at when it is here
+        from .preflight_ct import ct_problems  # heavy, for those who get here
+
+        yield from ct_problems(config)
+
+
+def _measured(config: dict) -> Iterator[str]:
+    table = config["measured"]["table"]
+    if table is not None and not Path(table).is_file():
+        yield f"measured.table: {table}: no such file; give the path of the table, or null for the group means"
+
+
+def _recordings(config: dict) -> Iterator[str]:
+    """Recordings and what is asked of the diagnosis of them."""
+    documents: dict[str, Document] = {}
+    for name, folder in config["recordings"].items():
+        try:
+            documents[name] = read_document(folder)
+        except InputError as error:
+            yield f"recordings.{name}: {error}"
+    diagnosed = config["diagnosis"]["recordings"]
+    yield from _said(check_accuracy, config["diagnosis"]["model_accuracy"])
+    for name, one in diagnosed.items():
+        where = f"diagnosis.recordings.{name}"
+        if "object" in one and not Path(one["object"]["mask"]).is_file():
+            yield f"{where}.object.mask: {one['object']['mask']}: no such file; give the path of a NIfTI image"
+        if name not in documents or one.get("physics_from", name) not in documents:
+            continue
+        if wrong := _said(check_kinds, {name: one}, documents):
+            yield from wrong
+        elif "physics_from" not in one:
+            content = documents[name].content
+            yield from (f"{where}: {line}" for line in _said(candidates, one, content["kind"], timed(content)))
+
+
+def _proof(config: dict) -> Iterator[str]:
+    yield from _said(Proof.read, Plan(config), Files(config["results_dir"]))
