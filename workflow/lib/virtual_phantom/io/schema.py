@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import difflib
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -73,7 +73,9 @@ class Mistake:
     line: str
 
 
-def mistakes(document: dict, schema: dict, source: str) -> tuple[list[Mistake], dict]:
+def mistakes(
+    document: dict, schema: dict, source: str, entries: Collection[tuple[str, ...]] = ()
+) -> tuple[list[Mistake], dict]:
     """All that a schema refuses in a document, and the document without it.
 
     Parameters
@@ -84,6 +86,8 @@ def mistakes(document: dict, schema: dict, source: str) -> tuple[list[Mistake], 
         JSON schema, draft 2020-12.
     source : str
         What lines begin with: the file or the section.
+    entries : collection of tuple of str, optional
+        Sections whose entries, like those of lists, are taken out as a whole: half of one would be another.
 
     Returns
     -------
@@ -104,7 +108,7 @@ def mistakes(document: dict, schema: dict, source: str) -> tuple[list[Mistake], 
         for mistake in _each(error, source):
             found.setdefault(mistake.path, mistake)
     for _ in range(DEEPEST):  # what is taken out may have been required a level higher
-        _without(rest, {place for error in _Validator(schema).iter_errors(rest) for place in _places(error, rest)})
+        _without(rest, {place for error in _Validator(schema).iter_errors(rest) for place in _places(error, rest, entries)})
     return list(found.values()), rest
 
 
@@ -128,7 +132,7 @@ def _each(error, source) -> Iterator[Mistake]:
         yield Mistake(path, _one_line(error, source))
 
 
-def _places(error, document) -> Iterator[tuple]:
+def _places(error, document, entries) -> Iterator[tuple]:
     """What to take out of a document because of an error; nothing if it is at the top."""
     path = tuple(error.absolute_path)
     if error.validator == "additionalProperties":
@@ -140,8 +144,7 @@ def _places(error, document) -> Iterator[tuple]:
     for place in filter(None, places):
         value = document
         for depth, key in enumerate(place):
-            # An entry of a list stands or falls as a whole: half of a region is another region.
-            if isinstance(value, list | tuple) and isinstance(value[key], dict):
+            if place[:depth] in entries or (isinstance(value, list | tuple) and isinstance(value[key], dict)):
                 place = place[: depth + 1]
                 break
             value = value.get(key) if isinstance(value, dict) else value[key]

@@ -72,7 +72,7 @@ def _check(arguments: argparse.Namespace) -> int:
     from .read_config import read_configs
 
     lines, settings = read_configs(arguments.configs)
-    lines += problems(settings) if settings is not None else []
+    lines += problems(settings, scans=True) if settings is not None else []
     if lines:
         raise InputErrors(lines)
     print(f"{', '.join(arguments.configs)}: nothing wrong was found")

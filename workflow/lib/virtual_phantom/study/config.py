@@ -10,6 +10,10 @@ from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_sch
 from ..physics.effect import acts_on_images, checked
 from .config_rules import Names, Rules
 
+# Sections of entries by names of the user's.
+NAMED = (("protocols",), ("noise", "levels"), ("scans",), ("diagnosis", "recordings"))
+NAMED += (("analyses", "pca"), ("analyses", "comparison"))
+
 
 def check(settings: Mapping) -> None:
     """Say what is wrong with a configuration, and change nothing.
@@ -93,7 +97,7 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     except InputError as error:
         return [str(error)], {}
     whole, schema = _without_nulls(settings), read_schema(SCHEMA)
-    found, rest = mistakes(whole, schema, "config")
+    found, rest = mistakes(whole, schema, "config", NAMED)
     # The named scans replace keys of the default one: their own defaults would undo it.
     scans = rest.pop("scans", {})
     fill_defaults(rest, schema)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from ..base.data import RESOURCES, SCHEMAS
-from ..base.errors import InputError
+from ..base.errors import InputError, InputErrors, report
 from ..io.files import check_unchanged
 from ..projectors import choose_engine
 from . import analyses
@@ -26,6 +26,7 @@ from .pages import Pages
 from .phantom_sources import PhantomSources
 from .plan import Plan
 from .proof import Proof
+from .read_config import doubled_keys
 from .recorded import Comparisons, Recordings
 from .selections import Selections
 
@@ -225,11 +226,17 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
 
     Raises
     ------
-    InputError
-        For what is wrong with the configuration or the files that it names.
+    InputErrors
+        For all that is wrong with the configuration and the files that it names.
     """
     for path in files:
         check_unchanged(path, "make it again")
+    if here:
+        from .preflight import problems  # which jobs have no need of
+
+        doubled = [line for path in files for line in doubled_keys(path)]
+        if lines := doubled + problems(config):
+            raise InputErrors(lines)
     plan = Plan(complete(config))
     # On a cluster, jobs that need no device may be where there is none.
     backprojector = plan.config["reconstruction"]["sirt"]["backprojector"]
@@ -237,8 +244,6 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     rates = read_rates(RESOURCES / "rates.yaml")
     outputs = Files(plan.config["results_dir"].rstrip("/"))
     sources = PhantomSources(plan)
-    if here:
-        sources.check()
     acquisitions = Acquisitions(plan, outputs)
     selections = Selections(plan, outputs, acquisitions)
     recordings = Recordings.read(plan, outputs)
@@ -284,6 +289,6 @@ def or_exit(function: Callable[P, T]) -> Callable[P, T]:
         try:
             return function(*arguments, **named)
         except InputError as error:
-            sys.exit(f"Error: {error}")
+            sys.exit(report(error))
 
     return ends

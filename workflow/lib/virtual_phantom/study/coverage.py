@@ -91,12 +91,14 @@ def worst_share(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarr
 
 
 def rows_for(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray) -> int | None:
-    """The fewest detector rows that see points from every direction of half a turn, all else as it is.
+    """The fewest further detector rows that see points from every direction of half a turn, all else as it is.
+
+    Fewer rows may do it too: a helix then has more turns.
 
     Parameters
     ----------
     scan : mapping
-        A complete `scan` section.
+        A complete `scan` section, whose rows do not do it.
     projections : int
     grid : Grid
     points_mm : ndarray, shape (points, 3)
@@ -105,7 +107,7 @@ def rows_for(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray)
     Returns
     -------
     int or None
-        None: rows alone do not do it.
+        How many rows in all; None: rows alone do not do it.
     """
 
     def enough(rows: int) -> bool:
@@ -114,12 +116,14 @@ def rows_for(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray)
         except InputError:
             return False
 
-    low, high = 0, 1
+    # From the farthest point of the orbit this many rows see the grid twice over.
+    tall = 2 * grid.extent_mm[0] * scan["source_to_detector_mm"] / (scan["source_to_isocentre_mm"] / 2)
+    most = min(MOST_PIXELS, max(2 * scan["rows"], math.ceil(2 * tall / scan["row_pitch_mm"])))
+    low, high = scan["rows"], scan["rows"] + 1
     while not enough(high):
-        low, high = high, 2 * high
-        # Beyond the cone that holds the whole grid from anywhere on the orbit, further rows see nothing new.
-        if high > min(MOST_PIXELS, 64 * grid.shape[0] * max(1, grid.spacing[0] / scan["row_pitch_mm"])):
+        if high == most:
             return None
+        low, high = high, min(2 * high, most)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (low, middle) if enough(middle) else (middle, high)

@@ -10,7 +10,6 @@ from pathlib import Path
 from ..base.errors import InputError
 from ..base.streams import Branch, branch
 from ..diagnosis.candidates import candidates, check_accuracy, check_kinds
-from ..phantom.layout import read_layout
 from ..projectors import choose_engine
 from ..recordings.document import Document, read_document
 from ..recordings.scan import timed
@@ -21,15 +20,16 @@ from .plan import Plan
 from .proof import Proof
 
 
-def problems(settings: Mapping, files: bool = True) -> list[str]:
+def problems(settings: Mapping, scans: bool = False) -> list[str]:
     """What is wrong with a study, a line for each mistake.
 
     Parameters
     ----------
     settings : mapping
         A configuration as `config.check` takes it.
-    files : bool, optional
-        Whether files are looked at, the CT and its regions too; False: the configuration alone.
+    scans : bool, optional
+        Whether to look if scans see all of a synthetic phantom too, which takes seconds; of a CT this is always looked
+        at.
 
     Returns
     -------
@@ -38,9 +38,11 @@ def problems(settings: Mapping, files: bool = True) -> list[str]:
         on it is not looked at.
     """
     lines, config = inspected(settings)
-    if files and config:
+    if config:
         for look in (_results, _engine, _layout, _phantom, _measured, _recordings, _proof):
             lines += look(config)
+        if scans:
+            lines += _scanned(config)
     return list(dict.fromkeys(lines))
 
 
@@ -69,26 +71,30 @@ def _engine(config: dict) -> Iterator[str]:
 def _layout(config: dict) -> Iterator[str]:
     """Of the synthetic phantom."""
     phantom = config.get("phantom", {})
-    if phantom.get("source") != "synthetic":
+    if phantom.get("source") == "synthetic" and phantom["layout"] is not None:  # that of the library is right
+        from ..phantom.layout import read_layout  # heavy, for those who get here
+
+        yield from _said(read_layout, phantom["layout"])
+
+
+def _scanned(config: dict) -> Iterator[str]:
+    """Whether scans see the synthetic phantom."""
+    phantom = config.get("phantom", {})
+    if phantom.get("source") != "synthetic" or "grid" not in config or list(_layout(config)):
         return
+    from ..phantom.layout import read_layout
+    from ..phantom.synthetic import outlined  # heavy, for those who get here
+    from .preflight_scan import blind_spots, grid_here
+
+    grid = grid_here(config)
     try:
-        layout = read_layout(phantom["layout"])
+        reach, rois = outlined(read_layout(phantom["layout"]), grid, branch(config["seed"], Branch.PHANTOM))
     except InputError as error:
         yield str(error)
         return
-    if "grid" in config:
-        from ..phantom.synthetic import outlined  # heavy, for those who get here
-        from .preflight_scan import blind_spots, grid_here
-
-        grid = grid_here(config)
-        try:
-            reach, rois = outlined(layout, grid, branch(config["seed"], Branch.PHANTOM))
-        except InputError as error:
-            yield str(error)
-            return
-        # The reach is that of shapes; voxels' centres lie farther in.
-        slack = math.hypot(*grid.spacing[1:]) / 2
-        yield from blind_spots(config, grid, reach, {roi.name: roi.mask for roi in rois}, slack)
+    # The reach is that of shapes; voxels' centres lie farther in.
+    slack = math.hypot(*grid.spacing[1:]) / 2
+    yield from blind_spots(config, grid, reach, {roi.name: roi.mask for roi in rois}, slack)
 
 
 def _phantom(config: dict) -> Iterator[str]:

@@ -100,7 +100,11 @@ def _unseen(
     if not hidden:
         return
     together = np.concatenate([points[name] for name in hidden])
-    rows = [rows_for(scan, projections, grid, together) for projections in views]
+    rows = [
+        rows_for(scan, projections, grid, together)
+        for projections in views
+        if worst_share(scan, projections, grid, together) < 1
+    ]
     names = f"ROI {next(iter(hidden))} is" if len(hidden) == 1 else f"ROIs {', '.join(hidden)} are"
     if None in rows:
         advice = "give a smaller pitch, more turns, or the protocols more projections"

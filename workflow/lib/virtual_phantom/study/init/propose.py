@@ -22,7 +22,7 @@ from ...phantom.rois import read_entries
 from ..config import complete
 from ..costs.rates import read_rates
 from ..costs.table import summary
-from ..coverage import points_of, reach_mm, rows_for
+from ..coverage import points_of, reach_mm, rows_for, worst_share
 from ..plan import Plan
 from .entries import Chosen, choose, largest
 from .regions import Region, read_regions
@@ -231,13 +231,15 @@ def _rows(config: dict, grid: Grid, masks: Mapping[str, np.ndarray]) -> int:
     points = np.concatenate(list(points_of(grid, masks).values()))
     rows = scan["rows"]
     for projections in sorted({one["projections"] for one in config["protocols"].values()}):
-        least = rows_for(scan, projections, grid, points)
+        if worst_share({**scan, "rows": rows}, projections, grid, points) == 1:
+            continue
+        least = rows_for({**scan, "rows": rows}, projections, grid, points)
         if least is None:
             raise InputError(
                 f"CT: no number of detector rows sees all regions, which span {grid.extent_mm[0]:.0f} mm along z, in "
                 f"{projections} projections; take fewer regions by --rois"
             )
-        rows = max(rows, least + SPARE_ROWS)
+        rows = least + SPARE_ROWS
     return rows + rows % 2
 
 

@@ -1,0 +1,321 @@
+"""`virtual-phantom check`: ten configurations with three mistakes each, and every one of them named in one run."""
+
+import copy
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import phantom_files
+import pytest
+import recording_folders
+import yaml
+from snakemake.utils import update_config
+
+from virtual_phantom.base.errors import InputError, InputErrors, report
+from virtual_phantom.base.geometry import Grid, scan_geometry
+from virtual_phantom.physics.line_integrals import check_rois_seen
+from virtual_phantom.study import command, preflight, read_config
+from virtual_phantom.study.config import complete
+from virtual_phantom.study.coverage import columns_for, points_of, rows_for, worst_share
+
+ROOT = Path(__file__).resolve().parents[2]
+DEFAULT = ROOT / "config" / "config.yaml"
+SCAN = {"columns": 100, "column_pitch_mm": 2.4, "rows": 30, "row_pitch_mm": 4.0}
+SCAN |= {"source_to_isocentre_mm": 500, "source_to_detector_mm": 1000}
+# The CT of phantom_files: 48 x 40 x 14 voxels (x, y, z) of 2 x 2 x 3 mm, a body of 80 x 64 mm (x, y).
+CT = {
+    "grid": {"shape": [14, 34, 42], "spacing_mm": [3.0, 2.0, 2.0]},
+    "scan": SCAN,
+    "phantom": {
+        "source": "ct",
+        "ct": {
+            "image": "ct.nii.gz",
+            "labels": "labels.nii.gz",
+            "rois": [
+                {"name": "bright", "tissue_class": "tumour", "label": 1},
+                {"name": "dark", "tissue_class": "fat", "label": 2},
+            ],
+        },
+    },
+    "measured": {"overlay": False},
+}
+
+
+def ct(**changes):
+    """The study of the CT with values set at dotted keys, where __ stands for a dot."""
+    return changed(CT, **changes)
+
+
+def changed(settings=None, **changes):
+    settings = copy.deepcopy(settings or {})
+    for path, value in changes.items():
+        section = settings
+        *parents, last = path.split("__")
+        for key in parents:
+            section = section.setdefault(key, {})
+        section[last] = value
+    return settings
+
+
+def with_rois(*rois, **changes):
+    return ct(phantom__ct__rois=list(rois), **changes)
+
+
+def roi(name, label, tissue_class="tumour", **more):
+    return {"name": name, "tissue_class": tissue_class, "label": label, **more}
+
+
+# What a user wrote, as settings or as text, and what each of the three lines must say.
+CASES = {
+    "misspelled keys": (
+        changed(protocols__sirt_180={"algorithm": "sirt", "projection": 180}, grid__spacing=[2, 2, 2], seeds=3),
+        [
+            "unknown key 'projection' in protocols.sirt_180; did you mean 'projections'?",
+            "unknown key 'spacing' in grid; did you mean 'spacing_mm'?",
+            "unknown key 'seeds' in config; did you mean 'seed'?",
+        ],
+    ),
+    "numbers that are none": (
+        changed(
+            noise__levels__dose10={"A": "1e-6", "repeats": 10},
+            scan__pitch=-1,
+            protocols__fbp_150={"algorithm": "fbp", "projections": 150.0, "group": 5},
+        ),
+        [
+            "noise.levels.dose10.A: '1e-6' is text to YAML; write 1.0e-6",
+            "scan.pitch: -1 is less than or equal to the minimum of 0; give more than 0",
+            "protocols.fbp_150.projections: 150.0 is not a whole number to YAML; write 150",
+        ],
+    ),
+    "names that are not there": (
+        changed(
+            analyses__optimal={"sirt": "sirt_45", "fbp": "fbp_450", "noise": "dose10"},
+            analyses__stability__noise="dose1",
+            analyses__pca__fbp__protocols=["fbp_150", "sirt_300"],
+        ),
+        [
+            "analyses.optimal.sirt names 'sirt_45', which is not there; did you mean 'sirt_450'?",
+            "analyses.stability.noise names 'dose1', which is not there; did you mean 'dose10'?",
+            "analyses.pca.fbp.protocols names 'sirt_300', whose algorithm is sirt; name a protocol of algorithm fbp",
+        ],
+    ),
+    "protocols of one's own": (
+        changed(
+            protocols__mine={"algorithm": "sitr", "projections": 90},
+            protocols__half_dose={"algorithm": "sirt", "projections": 150, "group": 2},
+            physics={"scater": {"amount": 0.05}},
+            noise__model="physical",
+        ),
+        [
+            "protocols.mine.algorithm is 'sitr'; use one of sirt, fbp",
+            "protocols.sirt_200 and protocols.half_dose have the same group number, 2; give each its own",
+            "there is no effect 'scater'; did you mean 'scatter'?",
+        ],
+    ),
+    "files that are not there": (
+        ct(
+            phantom__ct__image="patient.nii.gz",
+            phantom__ct__labels="label.nii.gz",
+            recordings={"scanner": "recordings/scanner"},
+        ),
+        [
+            "phantom.ct.image: patient.nii.gz: no such file; give the path of a NIfTI image",
+            "label.nii.gz: no such file; give the path of the ROIs",
+            "recordings.scanner: recordings/scanner/recording.yaml: no such file",
+        ],
+    ),
+    "regions that are not there": (
+        with_rois(
+            roi("bright", 1),
+            roi("liver", 7),
+            roi("dark", 2, "fat", margin_mm=30),
+            {"name": "lesion", "tissue_class": "cyst", "file": "lesion.nii.gz"},
+        ),
+        [
+            "ROI liver: labels.nii.gz: no voxel has the label 7; there are: 1, 2",
+            "ROI dark is lost by margin_mm 30; make it smaller",
+            "lesion.nii.gz: no such file",
+        ],
+    ),
+    "the order of axes": (
+        ct(
+            grid={"shape": [42, 34, 14], "spacing_mm": [2.0, 2.0, 3.0]},
+            phantom__ct__rois=[roi("bright", 1), roi("dark", 3, "fat")],
+            analyses__noise_calibration__noise=["dose10"],
+        ),
+        [
+            "grid.shape [42, 34, 14] looks like x, y, z; write z, y, x: [14, 34, 42]",
+            "ROI dark: labels.nii.gz: no voxel has the label 3",
+            "analyses.noise_calibration.noise: has 1 entries; give at least 2",
+        ],
+    ),
+    "a detector that is too small": (
+        ct(scan__columns=60, scan__rows=8, scan__trajectory="circular", measured__overlay=True),
+        [
+            "scan: the phantom reaches 40 mm from the isocentre, the field of view only 36 mm: 4 mm are missing; set "
+            "scan.columns to at least 67 (now 60), or scan.column_pitch_mm to at least 2.7",
+            "scan: ROIs bright, dark are not seen from every direction",
+            "measured.overlay is for the ROIs",
+        ],
+    ),
+    "recordings": (
+        changed(
+            recordings={"bench": "bench", "table": "nowhere"},
+            diagnosis__recordings={"benhc": {}, "bench": {"effects": ["scater"]}},
+        ),
+        [
+            "recordings.table: nowhere/recording.yaml: no such file",
+            "diagnosis.recordings names 'benhc', which is not there; did you mean 'bench'?",
+            "diagnosis.recordings.bench: diagnosis.effects: there is no effect 'scater'; did you mean 'scatter'?",
+        ],
+    ),
+    "one file, as it was typed": (
+        "seed: 1\n"
+        "protocols:\n"
+        "  sirt_100: {algorithm: sirt, projections: 100}\n"
+        "  sirt-75: {algorithm: sirt, projections: 75}\n"
+        "  sirt_100: {algorithm: sirt, projections: 110}\n"
+        "keep_images: 'no'\n",
+        [
+            "my.yaml: protocols.sirt_100 is there twice, in lines 3 and 5; YAML takes the last",
+            "protocols: 'sirt-75' must be of letters, digits and underscores only",
+            "keep_images: 'no' is not of type 'boolean'",
+        ],
+    ),
+}
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch):
+    """A folder with the default configuration, a CT, its label map and a recording, to work in."""
+    monkeypatch.chdir(tmp_path)
+    Path("config").mkdir()
+    Path("config/config.yaml").write_text(DEFAULT.read_text())
+    phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz")
+    labels = phantom_files.ball("bright") + 2 * phantom_files.ball("dark")
+    phantom_files.write_nifti_array(labels.astype(np.uint8), "labels.nii.gz")
+    recording_folders.projections_folder(Path("bench"))
+
+
+def checked(settings, capsys):
+    """Exit code and lines of the command on a configuration."""
+    text = settings if isinstance(settings, str) else yaml.safe_dump(settings)
+    Path("my.yaml").write_text(text)
+    code = command.main(["check", "my.yaml"])
+    said = capsys.readouterr()
+    return code, (said.out + said.err).splitlines()
+
+
+def test_ten_configurations_have_three_mistakes_each():
+    assert len(CASES) == 10 and all(len(lines) == 3 for _, lines in CASES.values())
+
+
+@pytest.mark.parametrize("title", CASES)
+def test_every_mistake_is_named_in_one_run_and_nothing_else(title, desk, capsys):
+    settings, expected = CASES[title]
+    code, (head, *lines) = checked(settings, capsys)
+    assert (code, head) == (1, "Error: 3 mistakes"), lines
+    for number, line in enumerate(lines, start=1):
+        assert line.startswith(f"{number:>3}. ")
+        assert sum(said in line for said in expected) == 1, line
+    assert all(any(said in line for line in lines) for said in expected), lines
+
+
+def test_without_a_mistake_it_says_so(desk, capsys):
+    assert checked(CT, capsys) == (0, ["my.yaml: nothing wrong was found"])
+    assert checked({}, capsys)[0] == 0
+
+
+def test_one_mistake_is_one_line(desk, capsys):
+    assert checked({"sed": 3}, capsys) == (1, ["Error: config: unknown key 'sed' in config; did you mean 'seed'?"])
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("seed: [1\nscan: 2\n", "my.yaml, line 2: cannot be read as YAML"),
+        ("scan:\n\trows: 2\n", "my.yaml, line 2: cannot be read as YAML"),
+        ("- 1\n", "my.yaml: is not a mapping of keys to values"),
+    ],
+)
+def test_a_file_that_is_no_configuration_is_one_line(text, message, desk, capsys):
+    code, (line,) = checked(text, capsys)
+    assert code == 1 and line.startswith(f"Error: {message}")
+
+
+def test_a_missing_file_is_one_line(desk, capsys):
+    assert command.main(["check", "nothing.yaml"]) == 1
+    assert capsys.readouterr().err.startswith("Error: nothing.yaml: cannot be read")
+
+
+def test_files_are_put_together_as_snakemake_does_it(desk):
+    Path("a.yaml").write_text("protocols: {sirt_150: null, x: {algorithm: sirt, projections: 2}}\nseed: 1\n")
+    Path("b.yaml").write_text("seed: 2\nprotocols: {x: {projections: 3}}\n")
+    lines, settings = read_config.read_configs(["a.yaml", "b.yaml"])
+    expected = yaml.safe_load(DEFAULT.read_text())
+    for name in ("a.yaml", "b.yaml"):
+        update_config(expected, yaml.safe_load(Path(name).read_text()))
+    assert (lines, settings) == ([], expected)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "config").glob("*.yaml")))
+def test_what_is_shipped_has_no_mistake_but_files_that_are_to_be_fetched(name, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    lines, settings = read_config.read_configs([f"config/{name}.yaml"])
+    assert not lines
+    assert not [line for line in preflight.problems(settings) if "no such" not in line]
+
+
+def test_what_check_finds_stops_snakemake_before_any_job(desk):
+    """The same list, and nothing made."""
+    Path("my.yaml").write_text(yaml.safe_dump(CASES["files that are not there"][0]))
+    arguments = ["-s", ROOT / "workflow" / "Snakefile", "--cores", "1", "--nolock", "--configfile", "my.yaml"]
+    run = subprocess.run([sys.executable, "-m", "snakemake", *map(str, arguments)], capture_output=True, text=True)
+    assert run.returncode == 1 and "Error: 3 mistakes" in run.stderr, run.stderr[-2000:]
+    for line in CASES["files that are not there"][1]:
+        assert line in run.stderr
+    assert not Path("results").exists() and "Traceback" not in run.stderr
+
+
+def test_several_mistakes_are_one_error_with_all_lines():
+    with pytest.raises(InputErrors) as error:
+        complete({"grid": {}, "sed": 1})
+    assert len(error.value.lines) > 2 and "\n" not in str(error.value)
+    assert report(error.value).count("\n") == len(error.value.lines)
+    assert report(InputError("one")) == "Error: one"
+
+
+# ---- how much is missing -------------------------------------------------------------------------
+
+GRID = Grid((14, 34, 42), (3.0, 2.0, 2.0))
+
+
+def whole(**changes):
+    defaults = {"trajectory": "helical", "pitch": 1.0, "turns": None, "start_angle_deg": 0.0, "rotation_time_ms": 500}
+    return defaults | {"column_offset_px": 0.0, "row_offset_px": 0.0} | SCAN | changes
+
+
+@pytest.mark.parametrize("reach", [20.0, 55.5, 120.0])
+@pytest.mark.parametrize("offset", [0.0, 1.5])
+def test_columns_are_the_fewest_that_do(reach, offset):
+    """Against the field of view that the geometry itself has."""
+    scan = whole(column_offset_px=offset)
+    columns = columns_for(reach, scan)
+    radius = {n: scan_geometry(scan | {"columns": n}, 90, GRID).field_of_view_radius_mm for n in (columns - 1, columns)}
+    assert radius[columns] >= reach > radius[columns - 1]
+    assert columns_for(600.0, scan) is None
+
+
+@pytest.mark.parametrize("changes", [{"trajectory": "circular", "rows": 4}, {"turns": 1.5, "rows": 6}])
+def test_rows_are_the_fewest_that_do(changes):
+    """Against what jobs refuse."""
+    scan = whole(**changes)
+    mask = np.zeros(GRID.shape, bool)
+    mask[1:13, 10:20, 5:30] = True
+    points = points_of(GRID, {"roi": mask})["roi"]
+    rows = rows_for(scan, 150, GRID, points)
+    assert worst_share(scan | {"rows": rows - 1}, 150, GRID, points) < 1
+    check_rois_seen(scan_geometry(scan | {"rows": rows}, 150, GRID), GRID, {"roi": mask})
+    with pytest.raises(InputError, match="ROI roi is not seen"):
+        check_rois_seen(scan_geometry(scan | {"rows": rows - 1}, 150, GRID), GRID, {"roi": mask})
