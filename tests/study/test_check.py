@@ -12,7 +12,7 @@ import recording_folders
 import yaml
 from snakemake.utils import update_config
 
-from virtual_phantom.base.errors import InputError, InputErrors, report
+from virtual_phantom.base.errors import InputError, InputErrors, printed
 from virtual_phantom.base.geometry import Grid, scan_geometry
 from virtual_phantom.physics.line_integrals import check_rois_seen
 from virtual_phantom.study import command, preflight, read_config
@@ -282,8 +282,8 @@ def test_several_mistakes_are_one_error_with_all_lines():
     with pytest.raises(InputErrors) as error:
         complete({"grid": {}, "sed": 1})
     assert len(error.value.lines) > 2 and "\n" not in str(error.value)
-    assert report(error.value).count("\n") == len(error.value.lines)
-    assert report(InputError("one")) == "Error: one"
+    assert printed(error.value).count("\n") == len(error.value.lines)
+    assert printed(InputError("one")) == "Error: one"
 
 
 # ---- how much is missing -------------------------------------------------------------------------

@@ -20,7 +20,7 @@ os.environ.update(
     PYTHONPATH=os.pathsep.join([LIBRARY, *filter(None, [os.environ.get("PYTHONPATH")])])
 )
 
-from virtual_phantom.base.errors import InputError, report
+from virtual_phantom.base.errors import InputError, printed
 from virtual_phantom.study.context import read_context
 
 try:
@@ -28,7 +28,7 @@ try:
         config, WORKFLOW, workflow.configfiles, here=workflow.is_main_process
     )
 except InputError as error:
-    sys.exit(report(error))
+    sys.exit(printed(error))
 
 
 wildcard_constraints:

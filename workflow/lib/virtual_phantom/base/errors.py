@@ -32,7 +32,7 @@ class InputErrors(InputError):
         super().__init__(self.lines[0] + (f" (and {more} more)" if more else ""))
 
 
-def report(error: InputError) -> str:
+def printed(error: InputError) -> str:
     """What is printed of an error: one line, or a numbered list."""
     lines = getattr(error, "lines", (str(error),))
     if len(lines) == 1:

@@ -11,7 +11,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from ..base.errors import InputError, InputErrors, report
+from ..base.errors import InputError, InputErrors, printed
 from ..recordings.importers import command as importers
 
 SIZES = ("quick", "normal")
@@ -26,7 +26,7 @@ def main(words: Sequence[str] | None = None) -> int:
     try:
         return {"init": _init, "check": _check}[arguments.command](arguments)
     except InputError as error:
-        print(report(error), file=sys.stderr)
+        print(printed(error), file=sys.stderr)
         return 1
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import ParamSpec, TypeVar
 
 from ..base.data import RESOURCES, SCHEMAS
-from ..base.errors import InputError, InputErrors, report
+from ..base.errors import InputError, InputErrors, printed
 from ..io.files import check_unchanged
 from ..projectors import choose_engine
 from . import analyses
@@ -289,6 +289,6 @@ def or_exit(function: Callable[P, T]) -> Callable[P, T]:
         try:
             return function(*arguments, **named)
         except InputError as error:
-            sys.exit(report(error))
+            sys.exit(printed(error))
 
     return ends

@@ -1,0 +1,226 @@
+"""`virtual-phantom init`: what it proposes for a CT, against what is known of the object in it."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import phantom_files
+import pytest
+import yaml
+from PIL import Image
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.phantom import ct
+from virtual_phantom.study import command, preflight, read_config
+from virtual_phantom.study.config import complete
+from virtual_phantom.study.init.propose import propose, sizes
+from virtual_phantom.study.init.regions import tissue_class
+
+ROOT = Path(__file__).resolve().parents[2]
+CENTRE = phantom_files.CENTRE
+REAL = ROOT / "../shared/real/abdomen_ct"
+
+
+@pytest.fixture
+def desk(tmp_path, monkeypatch):
+    """A folder with the default configuration, a CT and its regions in every form, to work in."""
+    monkeypatch.chdir(tmp_path)
+    Path("config").mkdir()
+    shutil.copy(ROOT / "config" / "config.yaml", "config")
+    slices = phantom_files.ct_slices()
+    phantom_files.write_series(slices, Path("dicom"))
+    phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz")
+    phantom_files.write_nifti_array(labelled(), "labels.nii.gz", flip_y=True)
+    phantom_files.write_seg(slices, "seg.dcm")
+    phantom_files.write_rtstruct("rtstruct.dcm")
+    Path("masks").mkdir()
+    for name in phantom_files.BALLS:
+        phantom_files.write_nifti_array(phantom_files.ball(name).astype(np.uint8), f"masks/{name}.nii.gz")
+
+
+def labelled():
+    """3: bright, 5: dark, 9: four voxels."""
+    labels = 3 * phantom_files.ball("bright") + 5 * phantom_files.ball("dark")
+    labels[7, 20:22, 20:22] = 9
+    return labels.astype(np.uint8)
+
+
+def initialised(*words):
+    """The configuration that the command writes, as Snakemake would have it."""
+    assert command.main(["init", *words]) == 0
+    lines, settings = read_config.read_configs(["my.yaml"])
+    assert not lines
+    return settings
+
+
+@pytest.mark.parametrize("image", ["dicom", "ct.nii.gz"])
+@pytest.mark.parametrize("labels", ["labels.nii.gz", "seg.dcm", "rtstruct.dcm", "masks"])
+def test_regions_of_every_form_become_rois(image, labels, desk, capsys):
+    names = ["--names", "3=bright,5=dark"] if labels == "labels.nii.gz" else []
+    settings = initialised(image, "--labels", labels, "--size", "quick", *names)
+    printed = capsys.readouterr().out
+    assert preflight.problems(settings) == []
+    phantom = ct.load(settings["phantom"]["ct"], Grid(settings["grid"]["shape"], settings["grid"]["spacing_mm"]), 1)
+    assert {roi.name for roi in phantom.rois} == {"bright", "dark"}
+    for roi in phantom.rois:
+        offset, radius, value = phantom_files.BALLS[roi.name]
+        assert np.median(phantom.image.array[roi.mask]) == pytest.approx(value, abs=1)
+        z, y, x = (axis[index] for axis, index in zip(phantom.image.grid.axes_mm(), np.nonzero(roi.mask), strict=True))
+        world = np.array([x.mean(), y.mean(), z.mean()]) + phantom.image.grid.centre_mm
+        np.testing.assert_allclose(world, np.add(CENTRE, offset), atol=1)
+        ml, hu = map(float, re.search(rf"{roi.name} +\d+ +([\d.]+) +(-?\d+) ", printed).groups())
+        assert ml == pytest.approx(4 / 3 * np.pi * radius**3 / 1000, rel=0.1) and hu == pytest.approx(value, abs=1)
+    assert Image.open("my.png").size[0] > 300
+
+
+def test_what_is_scanned_is_the_body(desk):
+    """A cylinder of 80 x 64 mm (x, y) and 42 mm along z, at CENTRE."""
+    settings = initialised("ct.nii.gz", "--labels", "labels.nii.gz")
+    phantom = settings["phantom"]["ct"]
+    np.testing.assert_allclose(phantom["centre_mm"], CENTRE, atol=1.5)
+    (x_low, x_high), (y_low, y_high) = phantom["keep_mm"]
+    assert CENTRE[0] - 50 < x_low <= CENTRE[0] - 40 and CENTRE[0] + 40 <= x_high < CENTRE[0] + 50
+    assert CENTRE[1] - 42 < y_low <= CENTRE[1] - 32 and CENTRE[1] + 32 <= y_high < CENTRE[1] + 42
+    assert settings["grid"]["spacing_mm"] == [3.0, 2.0, 2.0]  # not finer than the CT
+    assert settings["measured"] == {"overlay": False}
+
+
+def test_arms_and_a_table_are_left_out(desk):
+    hu = phantom_files.object_hu()
+    hu[:, 0] = 200
+    hu[:, 14:26, :3] = 50
+    phantom_files.write_nifti_array(hu, "arms.nii.gz")
+    plain = propose("ct.nii.gz", "labels.nii.gz").config["phantom"]["ct"]["keep_mm"]
+    kept = propose("arms.nii.gz", "labels.nii.gz").config["phantom"]["ct"]["keep_mm"]
+    np.testing.assert_allclose(kept, plain, atol=0)
+
+
+def test_a_region_that_is_too_small_is_left_out_and_told(desk):
+    initialised("ct.nii.gz", "--labels", "labels.nii.gz")
+    text = Path("my.yaml").read_text()
+    assert "# label_9: is too small: about 4 voxels of this grid, 128 are wanted" in text
+    assert [roi["name"] for roi in yaml.safe_load(text)["phantom"]["ct"]["rois"]] == ["label_3", "label_5"]
+
+
+def test_gas_and_tissue_is_no_region(desk):
+    hu = phantom_files.object_hu()
+    hu[:5][phantom_files.ball("dark")[:5]] = -900
+    phantom_files.write_nifti_array(hu, "gas.nii.gz")
+    with pytest.raises(InputError, match="only the tissue class label_3 is left"):
+        propose("gas.nii.gz", "labels.nii.gz")
+
+
+def test_a_region_in_another_piece_is_left_out_unless_it_is_asked_for(desk):
+    hu, labels = phantom_files.object_hu(), labelled()
+    hu[:, 16:24, :4], labels[:, 17:23, :4] = 50, 7
+    phantom_files.write_nifti_array(hu, "arm.nii.gz")
+    phantom_files.write_nifti_array(labels, "arm_labels.nii.gz")
+    found = propose("arm.nii.gz", "arm_labels.nii.gz")
+    assert ["trunk" in reason for region, reason in found.left if region.name == "label_7"] == [True]
+    asked = propose("arm.nii.gz", "arm_labels.nii.gz", rois=["3", "label_7"])
+    assert [one.region.label for one in asked.taken] == [3, 7]
+    assert asked.config["phantom"]["ct"]["keep_mm"][0][0] < found.config["phantom"]["ct"]["keep_mm"][0][0]
+
+
+def test_the_file_says_what_the_proposal_is_and_what_it_costs(desk):
+    settings = initialised("ct.nii.gz", "--labels", "labels.nii.gz", "--size", "quick")
+    proposed = propose("ct.nii.gz", "labels.nii.gz", size="quick", results_dir="results-my")
+    text = Path("my.yaml").read_text()
+    assert yaml.safe_load(text) == proposed.config
+    assert f"{proposed.cost['acquisitions']} scans in {proposed.cost['jobs']} jobs" in text
+    assert all(len(line) < 130 or "name:" in line for line in text.splitlines())
+    whole = complete(settings)
+    # Of the default study nothing is left that a quick one does not have.
+    assert set(whole["protocols"]) == set(sizes()["quick"]["protocols"])
+    assert set(whole["noise"]["levels"]) == set(sizes()["quick"]["levels"])
+    assert whole["analyses"]["pca"]["sirt"]["noise"] == ["dose10", "double"]
+
+
+def test_normal_is_the_default_study():
+    default, normal = yaml.safe_load((ROOT / "config" / "config.yaml").read_text()), sizes()["normal"]
+    assert normal["protocols"] == default["protocols"] and normal["levels"] == default["noise"]["levels"]
+    assert normal["analyses"] == default["analyses"]
+    sirt = complete(default)["reconstruction"]["sirt"]
+    assert normal["reconstruction"]["sirt"].items() <= sirt.items()
+
+
+def test_files_that_are_there_stay(desk, capsys):
+    words = ["init", "ct.nii.gz", "--labels", "labels.nii.gz"]
+    Path("my.yaml").write_text("mine")
+    assert command.main(words) == 1 and Path("my.yaml").read_text() == "mine"
+    assert "my.yaml: is there already; give another --out, or --force" in capsys.readouterr().err
+    assert command.main([*words, "--force"]) == 0 and Path("my.yaml").read_text() != "mine"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["nothing.nii.gz", "--labels", "labels.nii.gz"], "nothing.nii.gz: no such file"),
+        (["ct.nii.gz", "--labels", "nothing.nii.gz"], "nothing.nii.gz: no such file"),
+        (["ct.nii.gz", "--labels", "config"], "config: holds no NIfTI mask"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "4=liver"], "has no region '4'; there are: 3, 5, 9"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "liver"], "'liver' is not LABEL=NAME"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "3=a/b"], "'a/b' must be of letters"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "3=a,5=a"], "two regions would be called a"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3,liver"], "has no region 'liver'"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3,9"], "--rois: label_9 is too small"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3"], "only the tissue class label_3 is left"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "my.txt"], "my.txt must end in .yaml"),
+    ],
+)
+def test_what_cannot_be_is_one_line_and_nothing_is_written(words, message, desk, capsys):
+    before = sorted(Path().rglob("*"))
+    assert command.main(["init", *words]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("Error: ") and message in line
+    assert sorted(Path().rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("muscle_left", "muscle"), ("liver", "liver"), ("vertebrae_l1", "vertebrae"), ("label_5", "label_5"), ("1", "1")],
+)
+def test_regions_of_one_tissue_are_of_one_class(name, expected):
+    assert tissue_class(name) == expected
+
+
+def test_snakemake_takes_what_was_written(desk):
+    """From the command to the phantom and its figure, and a plan of all the rest."""
+    initialised("dicom", "--labels", "seg.dcm", "--size", "quick")
+    run = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "workflow" / "Snakefile"), "--cores", "2", "--nolock"]
+    made = subprocess.run(
+        [*run, "figure_rois", "--configfile", "my.yaml"], capture_output=True, text=True, timeout=600
+    )
+    assert made.returncode == 0, made.stderr[-3000:]
+    assert Path("results-my/figures/rois.png").exists()
+    planned = subprocess.run([*run, "-n", "--configfile", "my.yaml"], capture_output=True, text=True, timeout=600)
+    assert planned.returncode == 0, planned.stderr[-3000:]
+
+
+@pytest.mark.real
+def test_a_clinical_ct_is_proposed_as_it_was_by_hand(monkeypatch, tmp_path):
+    """Against config/abdomen.yaml, which was written by hand for the same CT."""
+    if not REAL.exists():
+        pytest.skip("needs abdomen_ct among the real measurements")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "abdomen_ct").symlink_to(REAL)
+    names = {"5": "liver", "1": "spleen", "87": "muscle_right", "86": "muscle_left", "52": "aorta"}
+    found = propose("abdomen_ct/dicom", "abdomen_ct/labels.nii.gz", names=names, rois=list(names)).config
+    hand = yaml.safe_load((ROOT / "config" / "abdomen.yaml").read_text())
+    ours, theirs = found["phantom"]["ct"], hand["phantom"]["ct"]
+    np.testing.assert_allclose(ours["keep_mm"], theirs["keep_mm"], atol=12)
+    np.testing.assert_allclose(ours["centre_mm"], theirs["centre_mm"], atol=6)
+    assert found["grid"]["shape"][0] == hand["grid"]["shape"][0]
+    np.testing.assert_allclose(found["grid"]["spacing_mm"], hand["grid"]["spacing_mm"], rtol=0.05)
+    assert found["grid"]["oversampling"] == hand["grid"]["oversampling"]
+    width = {name: one["columns"] * one["column_pitch_mm"] for name, one in (("o", found["scan"]), ("t", hand["scan"]))}
+    assert width["o"] == pytest.approx(width["t"], rel=0.05)
+    assert found["scan"]["rows"] == hand["scan"]["rows"]
+    parts = {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in theirs["rois"]}
+    assert {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in ours["rois"]} == parts
+    default = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
+    assert preflight.problems(default | found) == []
