@@ -15,7 +15,7 @@ import pytest
 import recording_folders
 import yaml
 
-from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.errors import InputError, InputErrors
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.features import tables
 from virtual_phantom.features.names import FEATURES
@@ -24,6 +24,8 @@ from virtual_phantom.phantom import ct
 from virtual_phantom.physics.line_integrals import clean_line_integrals
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.study.config import complete
+from virtual_phantom.study.preflight import problems
+from virtual_phantom.study.read_config import read_configs
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -128,6 +130,27 @@ def of_two_versions():
     )
 
 
+def study_of_the_ct(**changes):
+    """Start a study of the CT, one of whose balls is `lesion` and the other `fat`."""
+    rois = [{"name": name, "tissue_class": name, "label": label} for label, name in enumerate(("lesion", "fat"), 1)]
+    config = copy.deepcopy(DEFAULT) | {
+        "phantom": {"source": "ct", "ct": {"image": "ct.nii.gz", "labels": "labels.nii.gz", "rois": rois}},
+        "grid": {"shape": [14, 34, 42], "spacing_mm": [3.0, 2.0, 2.0]},
+        "measured": {"overlay": False},
+        "scan": DEFAULT["scan"] | {"columns": 100, "column_pitch_mm": 2.4},
+    }
+    for section, values in changes.items():
+        config[section] = config[section] | values
+    if lines := problems(config):
+        raise InputErrors(lines)
+
+
+def twice():
+    Path("my.yaml").write_text("seed: 1\nseed: 2\n")
+    lines, _ = read_configs(["my.yaml"])
+    raise InputErrors(lines)
+
+
 # What is done wrong, and the file or key that the message must name.
 MISTAKES = {
     "A misspelled key": (lambda: protocol(projection=180), "'projection'"),
@@ -167,6 +190,12 @@ MISTAKES = {
         lambda: phantom(roi={"file": written(np.zeros(GRID.shape, np.uint8), "mask.nii.gz")}),
         "mask.nii.gz",
     ),
+    "A key that is there twice": (twice, "seed"),
+    "Axes in another order": (
+        lambda: study_of_the_ct(grid={"shape": [42, 34, 14], "spacing_mm": [2.0, 2.0, 3.0]}),
+        "grid.shape",
+    ),
+    "A detector that is too small": (lambda: study_of_the_ct(scan={"columns": 60}), "scan.columns"),
     "A body wider than the field of view": (too_wide, "scan"),
     "A folder that is no recording": (lambda: load("bench"), "bench/recording.yaml"),
     "Another number of views": (lambda: bench(data=np.ones((23, 4, 40))), "bench/b.h5"),
@@ -205,6 +234,7 @@ def test_without_a_mistake_there_is_no_message(desk):
     configured()
     protocol(group=9)
     assert len(phantom().rois) == 1
+    study_of_the_ct()
     bench()
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from phantom_files import (
@@ -23,7 +24,7 @@ from scipy.spatial import cKDTree
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.phantom import ct
+from virtual_phantom.phantom import ct, save
 from virtual_phantom.phantom.rois import cut, separate, shrink
 
 GRID = Grid((14, 40, 48), (3.0, 2.0, 2.0))  # the CT's own voxels
@@ -465,6 +466,17 @@ def test_roi_that_ends_with_the_ct_is_not_cut_by_the_grid(nifti, tmp_path):
     nifti["rois"] = [roi(file=write_nifti_array(column, tmp_path / "column.nii.gz"))]
     (loaded,) = ct.load(nifti, GRID, 1).rois
     assert loaded.mask.sum() == column.sum()
+
+
+def test_labels_of_the_file_stand_beside_our_own_numbers(nifti, tmp_path):
+    labels = 7 * ball("bright").astype(np.uint8) + 4 * ball("dark").astype(np.uint8)
+    file = write_nifti_array(labels, tmp_path / "labels.nii.gz")
+    rois = [{"name": "b", "tissue_class": "x", "file": file, "label": 7, "parts": 2}]
+    rois.append({"name": "d", "tissue_class": "y", "file": file, "label": 4})
+    save(ct.load({**nifti, "rois": rois}, GRID, 1), tmp_path / "phantom")
+    table = pd.read_csv(tmp_path / "phantom" / "rois.csv")
+    assert list(table["roi"]) == ["b_1", "b_2", "d"] and list(table["label"]) == [1, 2, 3]
+    assert list(table["label_in_file"]) == [7, 7, 4]
 
 
 # ---- a clinical CT -------------------------------------------------------------------------------

@@ -274,7 +274,9 @@ def test_bad_layout_is_one_line(small, path, value, match):
 
 
 def test_body_outside_the_grid_is_refused(small):
-    message = r"needs 60 mm along y and 80 mm along x, .* spans 72 and 48 mm; set grid.shape to at least \[16, 36, 40\] "
+    message = (
+        r"needs 60 mm along y and 80 mm along x, .* spans 72 and 48 mm; set grid.shape to at least \[16, 36, 40\] "
+    )
     refuse(small, message + r"\(z, y, x\)", Grid((16, 36, 24), (2.0, 2.0, 2.0)))
 
 

@@ -210,6 +210,15 @@ def test_overlap_is_the_mean_over_draws_and_says_their_spread():
     assert repeats.share_drawn(draws) == 0.25
 
 
+def test_without_the_printed_phantom_there_are_no_columns_of_it():
+    top = ranking.top(table(np.arange(86)))
+    assert len(top) == 10 and list(top.filter(regex="published|measured")) == []
+    assert list(top) == [
+        "rank",
+        *(f"{kind}_simulated{end}" for kind in ranking.KINDS for end in ("", "_percent", "_tied")),
+    ]
+
+
 def test_published_lists_are_the_papers():
     published = measured.load_published_top()
     assert published.groupby(["kind", "source"]).size().tolist() == [10] * 4

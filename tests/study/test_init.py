@@ -192,9 +192,7 @@ def test_snakemake_takes_what_was_written(desk):
     """From the command to the phantom and its figure, and a plan of all the rest."""
     initialised("dicom", "--labels", "seg.dcm", "--size", "quick")
     run = [sys.executable, "-m", "snakemake", "-s", str(ROOT / "workflow" / "Snakefile"), "--cores", "2", "--nolock"]
-    made = subprocess.run(
-        [*run, "figure_rois", "--configfile", "my.yaml"], capture_output=True, text=True, timeout=600
-    )
+    made = subprocess.run([*run, "figure_rois", "--configfile", "my.yaml"], capture_output=True, text=True, timeout=600)
     assert made.returncode == 0, made.stderr[-3000:]
     assert Path("results-my/figures/rois.png").exists()
     planned = subprocess.run([*run, "-n", "--configfile", "my.yaml"], capture_output=True, text=True, timeout=600)

@@ -31,11 +31,14 @@ class Roi:
     name, tissue_class : str
     mask : ndarray of bool, shape (z, y, x)
         On the phantom's grid.
+    label_in_file : int, str or None
+        Which region of a user's file it was made from.
     """
 
     name: str
     tissue_class: str
     mask: np.ndarray
+    label_in_file: int | str | None = None
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,8 @@ def save_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
     """Write rois/{roi}.nii.gz (uint8, 0 or 1) and rois.csv.
 
     rois.csv holds one row per ROI: roi, tissue_class, label (1, 2, ... in the order of the configuration),
-    n_voxels and mean_hu on `image`.
+    n_voxels and mean_hu on `image`, and, where ROIs were made from regions of a file, label_in_file, their label there;
+    parts of one region share it.
 
     Parameters
     ----------
@@ -113,7 +117,10 @@ def save_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
                 "mean_hu": float(image.array[roi.mask].mean(dtype=np.float64)),
             }
         )
-    write_csv(pd.DataFrame(rows), folder / "rois.csv")
+    table = pd.DataFrame(rows)
+    if any(roi.label_in_file is not None for roi in rois):
+        table["label_in_file"] = [None if roi.label_in_file is None else str(roi.label_in_file) for roi in rois]
+    write_csv(table, folder / "rois.csv")
 
 
 def read_masks(rois_csv: str | Path, grid: Grid) -> tuple[pd.DataFrame, dict[str, np.ndarray]]:

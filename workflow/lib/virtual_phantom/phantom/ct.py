@@ -193,10 +193,12 @@ def check_fit(image: Volume, grid: Grid) -> None:
     reach_x = float(np.abs(x[columns] - cx).max()) + image.grid.spacing[2] / 2
     reach_y = float(np.abs(y[rows] - cy).max()) + image.grid.spacing[1] / 2
     if reach_x > half_x + 1e-3 or reach_y > half_y + 1e-3:
+        needed = (0.0, 2 * reach_y, 2 * reach_x)
+        advice = how_to_fit(grid, needed, (image.grid.extent_mm[0], *needed[1:]))
         raise InputError(
             f"grid: the body in the CT does not fit: around centre_mm ({cx:g}, {cy:g}, {cz:g}) (x, y, z) it needs "
             f"{2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x, and the grid spans {2 * half_y:.0f} and "
-            f"{2 * half_x:.0f} mm; {how_to_fit(grid, (0.0, 2 * reach_y, 2 * reach_x))}, or set phantom.ct.keep_mm to "
+            f"{2 * half_x:.0f} mm; {advice}, or set phantom.ct.keep_mm to "
             "leave out table and arms"
         )
 
@@ -269,7 +271,8 @@ def rois_of(entry: RoiEntry, ct_grid: Grid, grid: Grid, kept: np.ndarray, opened
     apart = separate(masks)
     for name, mask in zip(entry.names, apart, strict=True):
         _require(mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer")
-    return tuple(Roi(name, entry.tissue_class, mask) for name, mask in zip(entry.names, apart, strict=True))
+    named = zip(entry.names, apart, strict=True)
+    return tuple(Roi(name, entry.tissue_class, mask, entry.label) for name, mask in named)
 
 
 def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:

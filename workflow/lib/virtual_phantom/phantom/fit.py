@@ -18,7 +18,7 @@ def least_shape(grid: Grid, needed_mm: Sequence[float]) -> list[int]:
     ]
 
 
-def how_to_fit(grid: Grid, needed_mm: Sequence[float]) -> str:
+def how_to_fit(grid: Grid, needed_mm: Sequence[float], object_mm: Sequence[float] | None = None) -> str:
     """What to set so that the grid spans some lengths.
 
     Parameters
@@ -27,6 +27,8 @@ def how_to_fit(grid: Grid, needed_mm: Sequence[float]) -> str:
         That does not.
     needed_mm : sequence of 3 float
         Lengths (z, y, x), mm.
+    object_mm : sequence of 3 float, optional
+        How large the object is, mm (z, y, x), where it may be longer than what is needed.
 
     Returns
     -------
@@ -34,15 +36,22 @@ def how_to_fit(grid: Grid, needed_mm: Sequence[float]) -> str:
         That the order of an entry is wrong, if the other way round it would do; else the shape that is needed.
     """
     shape, spacing = list(grid.shape), list(grid.spacing)
+    right = {}
     for keys, turned in (
         (("grid.shape",), Grid(shape[::-1], spacing)),
         (("grid.spacing_mm",), Grid(shape, spacing[::-1])),
         (("grid.shape", "grid.spacing_mm"), Grid(shape[::-1], spacing[::-1])),
     ):
-        if turned == Grid(shape, spacing):
-            continue
-        if all(has >= length - ROUNDING for has, length in zip(turned.extent_mm, needed_mm, strict=True)):
-            right = {"grid.shape": list(turned.shape), "grid.spacing_mm": list(turned.spacing)}
-            said = {"grid.shape": shape, "grid.spacing_mm": spacing}
-            return " and ".join(f"{key} {said[key]} looks like x, y, z; write z, y, x: {right[key]}" for key in keys)
+        fits = all(has >= length - ROUNDING for has, length in zip(turned.extent_mm, needed_mm, strict=True))
+        if fits and turned != Grid(shape, spacing):
+            right[keys] = turned
+    if right:
+        target = object_mm or needed_mm
+        off = {
+            keys: sum(abs(math.log(has / of)) for has, of in zip(turned.extent_mm, target, strict=True))
+            for keys, turned in right.items()
+        }
+        keys = min(off, key=off.get)
+        said = {"grid.shape": (shape, shape[::-1]), "grid.spacing_mm": (spacing, spacing[::-1])}
+        return " and ".join(f"{key} {said[key][0]} looks like x, y, z; write z, y, x: {said[key][1]}" for key in keys)
     return f"set grid.shape to at least {least_shape(grid, needed_mm)} (z, y, x) at this grid.spacing_mm"

@@ -22,7 +22,7 @@ NULL_SEED = 86  # of the stream of random lists, the same in every study
 
 
 def top(
-    scores: pd.DataFrame, published: pd.DataFrame, measured: pd.DataFrame | None = None, n: int = 10
+    scores: pd.DataFrame, published: pd.DataFrame | None = None, measured: pd.DataFrame | None = None, n: int = 10
 ) -> pd.DataFrame:
     """The n most stable and most discriminative features beside the measured and published ones.
 
@@ -30,7 +30,7 @@ def top(
     ----------
     scores : DataFrame
         From `wilcoxon.scores`.
-    published : DataFrame
+    published : DataFrame, optional
         Columns kind, rank, source (simulator | phantom), feature.
     measured : DataFrame, optional
         From `repeats.draws`: the best by their means over draws.
@@ -41,8 +41,8 @@ def top(
     DataFrame
         Per rank and kind: {kind}_simulated, {kind}_simulated_percent, {kind}_simulated_tied (how many features share
         the score: where this is more than one, rank and even membership follow the order of names, not merit),
-        {kind}_measured, {kind}_measured_percent and {kind}_measured_sd (with `measured`), {kind}_published_simulator,
-        {kind}_published_phantom.
+        {kind}_measured, {kind}_measured_percent and {kind}_measured_sd (with `measured`), {kind}_published_simulator
+        and {kind}_published_phantom (with `published`).
 
     Raises
     ------
@@ -65,7 +65,7 @@ def top(
             columns[f"{kind}_measured"] = best.to_numpy()
             columns[f"{kind}_measured_percent"] = drawn[best].mean().to_numpy()
             columns[f"{kind}_measured_sd"] = spread(drawn[best].to_numpy(), share_drawn(measured))
-        for source in ("simulator", "phantom"):
+        for source in ("simulator", "phantom") if published is not None else ():
             chosen = (published["kind"] == kind) & (published["source"] == source)
             column = published[chosen].set_index("rank")
             columns[f"{kind}_published_{source}"] = column["feature"].reindex(columns["rank"]).to_numpy()

@@ -19,7 +19,7 @@ class Names:
 
     Attributes
     ----------
-    protocols, levels, scans, recordings, diagnosed, comparisons : collection of str
+    protocols, levels, scans, recordings, diagnosed, comparisons, phantom : collection of str
     """
 
     protocols: Collection[str]
@@ -28,6 +28,7 @@ class Names:
     recordings: Collection[str]
     diagnosed: Collection[str]
     comparisons: Collection[str]
+    phantom: Collection[str]
 
     @classmethod
     def of(cls, settings: Mapping) -> Names:
@@ -46,6 +47,7 @@ class Names:
             recordings=keys("recordings"),
             diagnosed=keys("diagnosis", "recordings"),
             comparisons=keys("analyses", "comparison"),
+            phantom=keys("phantom"),
         )
 
 
@@ -195,8 +197,8 @@ class Rules:
                 yield from self._known(level["meets"]["recording"], self.names.recordings, where)
                 if level["meets"]["protocol"] not in calibrated:
                     yield (
-                        f"config: noise.levels.{name}.meets.protocol is '{level['meets']['protocol']}', which the noise "
-                        "calibration does not hold; add it to analyses.noise_calibration.protocols"
+                        f"config: noise.levels.{name}.meets.protocol is '{level['meets']['protocol']}', which the "
+                        "noise calibration does not hold; add it to analyses.noise_calibration.protocols"
                     )
 
     def _comparisons(self) -> Iterator[str]:
@@ -261,7 +263,7 @@ class Rules:
 
     def _phantom(self) -> Iterator[str]:
         phantom = self.config.get("phantom", {})
-        if phantom.get("source") == "ct" and "ct" not in phantom:
+        if phantom.get("source") == "ct" and "ct" not in self.names.phantom:
             yield "config: phantom.source is ct, but phantom.ct is missing; give it an image and rois"
 
     def _scans(self) -> Iterator[str]:

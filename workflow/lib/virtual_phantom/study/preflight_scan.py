@@ -67,21 +67,19 @@ def _scans(config: Mapping) -> Iterator[tuple[str, dict, list[int]]]:
 def _too_narrow(where: str, scan: Mapping, reach_mm: float, radius_mm: float, columns: int | None) -> str:
     missing = reach_mm - radius_mm
     message = (
-        f"{where}: the phantom reaches {reach_mm:.0f} mm from the isocentre, the field of view only {radius_mm:.0f} mm: "
-        f"{missing:.0f} mm are missing"
+        f"{where}: the phantom reaches {reach_mm:.0f} mm from the isocentre, the field of view only {radius_mm:.0f} "
+        f"mm: {missing:.0f} mm are missing"
     )
     if columns is None:
         return f"{message}; move the phantom's centre, or set {where}.source_to_isocentre_mm to much more"
     pitch = math.ceil(10 * scan["column_pitch_mm"] * columns / scan["columns"]) / 10
     return (
-        f"{message}; set {where}.columns to at least {columns} (now {scan['columns']}), or {where}.column_pitch_mm to at "
-        f"least {pitch:g}, or move the phantom's centre"
+        f"{message}; set {where}.columns to at least {columns} (now {scan['columns']}), or {where}.column_pitch_mm to "
+        f"at least {pitch:g}, or move the phantom's centre"
     )
 
 
-def _unseen(
-    where: str, scan: Mapping, views: list[int], grid: Grid, points: Mapping[str, np.ndarray]
-) -> Iterator[str]:
+def _unseen(where: str, scan: Mapping, views: list[int], grid: Grid, points: Mapping[str, np.ndarray]) -> Iterator[str]:
     """A line for all ROIs that some of the protocols do not see from every direction."""
     if not points:
         return

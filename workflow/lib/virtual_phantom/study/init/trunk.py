@@ -15,8 +15,8 @@ from ...io.volumes import Volume
 from .regions import Region
 
 COARSE_MM = 4.0  # pixels at which the body is looked for: a fourth of those of a clinical CT
-# Of the radius of the largest circle in the body: what is narrower than such a circle is cut off, as where an arm lies on.
-# Arms come off a clinical abdomen (config/abdomen.yaml) from 0.3 to 0.6.
+# Of the radius of the largest circle in the body: what is narrower than such a circle is cut off, as where an arm lies
+# on. Arms come off a clinical abdomen (config/abdomen.yaml) from 0.3 to 0.6.
 BRIDGE = 0.4
 APART_MM = 1e4  # between slices, so that each is looked at alone
 AROUND_MM = 3.0  # air that is left around the body

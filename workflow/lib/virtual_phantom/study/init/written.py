@@ -83,7 +83,7 @@ def _phantom(proposal: Proposal) -> str:
     if "labels" in ct:
         lines += [f"    labels: {_scalar(ct['labels'])} # regions drawn on the CT's own voxels\n"]
     lines += [
-        f"    centre_mm: {_numbers(ct['centre_mm'])} # world point (x, y, z) at the isocentre: middle of what is scanned\n",
+        f"    centre_mm: {_numbers(ct['centre_mm'])} # world point (x, y, z) at the isocentre: the box's middle\n",
         f"    keep_mm: {_flow(ct['keep_mm'])} # [x from, to], [y from, to]; outside becomes air: arms, table\n",
         _comment("name: in files and tables. tissue_class: ROIs of one class count as the same tissue.", 4),
         _comment("label: number or name in the file. margin_mm: shrunk by so much, to lie well inside the organ.", 4),
@@ -110,7 +110,7 @@ def _grid(proposal: Proposal) -> str:
         "grid: # voxels that images are reconstructed on\n"
         f"  shape: {_flow(grid['shape'])} # z, y, x: in this order {nz:.0f}, {ny:.0f} and {nx:.0f} mm\n"
         f"  spacing_mm: {_numbers(grid['spacing_mm'])} # z, y, x\n"
-        f"  oversampling: {grid['oversampling']} # what is scanned is sampled so many times finer, near the CT's pixels\n"
+        f"  oversampling: {grid['oversampling']} # so many times finer is what is scanned: near the CT's pixels\n"
     )
 
 
@@ -135,8 +135,8 @@ NOTES = {
         "what config/config.yaml has."
     ),
     "protocols": (
-        "projections: views of the whole scan. group: the stability of features is measured between protocols that have "
-        "a group number, one each. null takes away what config/config.yaml has."
+        "projections: views of the whole scan. group: the stability of features is measured between protocols that "
+        "have a group number, one each. null takes away what config/config.yaml has."
     ),
     "analyses": "What is made of the scans; null in place of a section leaves it out.",
 }

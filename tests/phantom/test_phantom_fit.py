@@ -1,0 +1,32 @@
+"""What a grid must be is said in the order of its keys, and an order that was mistaken is named."""
+
+import pytest
+
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.phantom.fit import how_to_fit, least_shape
+
+BODY = (40.0, 270.0, 360.0)  # z, y, x
+
+
+def test_the_fewest_voxels_that_span_it():
+    grid = Grid((20, 100, 100), (2.0, 2.5, 2.5))
+    assert least_shape(grid, BODY) == [20, 108, 144]
+    assert how_to_fit(grid, BODY) == "set grid.shape to at least [20, 108, 144] (z, y, x) at this grid.spacing_mm"
+
+
+@pytest.mark.parametrize(
+    ("shape", "spacing", "said"),
+    [
+        (
+            (144, 108, 20),
+            (2.0, 2.5, 2.5),
+            "grid.shape [144, 108, 20] looks like x, y, z; write z, y, x: [20, 108, 144]",
+        ),
+        ((20, 135, 144), (2.5, 2.5, 2.0), "grid.spacing_mm [2.5, 2.5, 2.0] looks like x, y, z; write z, y, x: [2.0, 2"),
+        ((144, 108, 20), (2.5, 2.5, 2.0), "[20, 108, 144] and grid.spacing_mm [2.5, 2.5, 2.0] looks like x, y, z"),
+    ],
+)
+def test_an_order_that_was_mistaken_is_named(shape, spacing, said):
+    assert said in how_to_fit(Grid(shape, spacing), BODY)
+    # The object may reach beyond what is needed of it.
+    assert said in how_to_fit(Grid(shape, spacing), (0.0, *BODY[1:]), BODY)
