@@ -28,8 +28,8 @@ def problems(settings: Mapping, scans: bool = False) -> list[str]:
     settings : mapping
         A configuration as `config.check` takes it.
     scans : bool, optional
-        Whether to look if scans see all of a synthetic phantom too, which takes seconds; of a CT this is always looked
-        at.
+        Whether to look if scans see all of a synthetic phantom or of a published CT too, which takes seconds; at a CT
+        of the user's own this is always looked.
 
     Returns
     -------
@@ -78,8 +78,14 @@ def _layout(config: dict) -> Iterator[str]:
 
 
 def _scanned(config: dict) -> Iterator[str]:
-    """Whether scans see the synthetic phantom."""
+    """Whether scans see the synthetic phantom, or a published CT that is here already."""
     phantom = config.get("phantom", {})
+    if phantom.get("source") == "ct" and "ct" in phantom:
+        sources = PhantomSources(Plan(config))
+        if sources.published and not sources.absent and not _said(sources.check):
+            from .preflight_ct import ct_problems
+
+            yield from ct_problems(config)
     if phantom.get("source") != "synthetic" or "grid" not in config or list(_layout(config)):
         return
     from ..phantom.layout import read_layout
@@ -111,7 +117,7 @@ def _phantom(config: dict) -> Iterator[str]:
     sources = PhantomSources(Plan(config))
     if damaged := _said(sources.check):
         yield from damaged
-    elif not sources.absent:  # what a rule fetches is looked at when it is here
+    elif not sources.published:  # those have their SHA-256
         from .preflight_ct import ct_problems  # heavy, for those who get here
 
         yield from ct_problems(config)
