@@ -122,7 +122,7 @@ CASES = {
         [
             "phantom.ct.image: patient.nii.gz: no such file; give the path of a NIfTI image",
             "label.nii.gz: no such file; give the path of the ROIs",
-            "recordings.scanner: recordings/scanner/recording.yaml: no such file",
+            "recordings/scanner/recording.yaml: no such file",
         ],
     ),
     "regions that are not there": (
@@ -165,7 +165,7 @@ CASES = {
             diagnosis__recordings={"benhc": {}, "bench": {"effects": ["scater"]}},
         ),
         [
-            "recordings.table: nowhere/recording.yaml: no such file",
+            "nowhere/recording.yaml: no such file",
             "diagnosis.recordings names 'benhc', which is not there; did you mean 'bench'?",
             "diagnosis.recordings.bench: diagnosis.effects: there is no effect 'scater'; did you mean 'scatter'?",
         ],

@@ -136,7 +136,7 @@ def _recordings(config: dict) -> Iterator[str]:
         try:
             documents[name] = read_document(folder)
         except InputError as error:
-            yield f"recordings.{name}: {error}"
+            yield str(error)
     diagnosed = config["diagnosis"]["recordings"]
     yield from _said(check_accuracy, config["diagnosis"]["model_accuracy"])
     for name, one in diagnosed.items():
