@@ -29,8 +29,12 @@ class Status:
     def say(self, failed: int, ending: bool) -> None:
         """Say how far it is, if it has not just been said.
 
-        failed   failures so far
-        ending   no more jobs are started
+        Parameters
+        ----------
+        failed : int
+            Failures so far.
+        ending : bool
+            No more jobs are started.
         """
         progress, now = self.progress, self.clock()
         between = max(SECONDS_BETWEEN, SHARE_BETWEEN * (now - progress.began))
