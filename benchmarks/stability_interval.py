@@ -83,7 +83,7 @@ CASES = (
 
 
 def of_kinds(means, sds, noise, repeats, sharing, tables_of_each, rng):
-    """Truth, interval and plain interval of every table: one row each."""
+    """Truth, two standard errors of it, interval and plain interval of every table: one row each."""
     _, rois, groups = means.shape
     units = [[roi] for roi in range(rois)]
     shared = np.equal.outer(sharing, sharing)
@@ -96,18 +96,18 @@ def of_kinds(means, sds, noise, repeats, sharing, tables_of_each, rng):
         def drawn(number, mean=mean, sd=sd):
             return mean[..., None] + sd[..., None] * noise(rng, (number, rois, groups, repeats))
 
-        truth = design.stability(drawn(TRUTH)).mean()
+        truths = design.stability(drawn(TRUTH))
+        truth, error_of_truth = truths.mean(), 2 * truths.std() / np.sqrt(TRUTH)
         for one in drawn(tables_of_each):
             value = design.stability(one[None])[0]
             error = 1.96 * subsampled(one, half, rng)
             interval = stability_interval._Family(one, shared, design).interval(value)
-            rows.append((truth, *interval, value - error, value + error))
+            rows.append((truth, error_of_truth, *interval, value - error, value + error))
     return np.array(rows)
 
 
 def line(title, rows):
-    truth, low, high, plain_low, plain_high = rows.T
-    near = 0.001  # what the truth is known to
+    truth, near, low, high, plain_low, plain_high = rows.T
     held = (low - near <= truth) & (truth <= high + near)
     plain = (plain_low <= truth) & (truth <= plain_high)
     share = [

@@ -93,6 +93,16 @@ def test_a_run_that_goes_well():
     ]
 
 
+def test_the_last_line_names_the_page_to_start_with():
+    stream = io.StringIO()
+    steps = [Step(0, "extract", ("features.csv",)), Step(1, "index_page", ("results/index.html",))]
+    one = Console(logging.StreamHandler(stream), Progress(steps, 1, lambda: {}, 1000.0), "logs", clock=lambda: 1007.0)
+    for number in (0, 1):
+        one.emit(logging.makeLogRecord({"event": LogEvent.JOB_INFO, "jobid": number}))
+        one.emit(logging.makeLogRecord({"event": LogEvent.JOB_FINISHED, "job_id": number}))
+    assert stream.getvalue().splitlines()[-1].endswith("2 of 2 jobs done in 7 s. Start with results/index.html")
+
+
 def test_many_jobs_have_few_lines():
     """Two thousand jobs in ten hours: some lines for each of the first minutes, then ever fewer."""
     run = Run(2000)

@@ -3,6 +3,7 @@
 import copy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,7 @@ def beside(tmp_path):
 def test_all_that_a_configuration_asks_for():
     targets = context_of(keep_projections=True, results_dir="r/").targets()
     assert len(targets) == len(set(targets)) and all(path.startswith("r/") for path in targets)
+    assert targets[-1] == "r/index.html"
     assert {"r/figures/rois.png", "r/figures/pca_fbp.pdf", "r/tables/stability.csv", "r/features.parquet"} <= {*targets}
     assert "r/projections/views150/dose10/seed09.h5" in targets
     assert not [path for path in context_of().targets() if "projections" in path]
@@ -55,6 +57,20 @@ def test_protocols_share_noise_with_those_of_the_same_acquisitions():
     sharing = context_of().selections.sharing()
     assert sharing["sirt_150"] == sharing["fbp_150"] != sharing["sirt_200"] and len(sharing) == 8
     assert set(context_of(noise={"draws": "common"}).selections.sharing().values()) == {"common"}
+
+
+def test_the_next_commands_name_the_study_s_own_configuration():
+    files = ["config/config.yaml", str(Path("config/tiny.yaml").absolute()), "my.yaml"]
+    assert (
+        context_of(trial=True).pages.commands()["The default study, large enough to mean something"]
+        == "snakemake --cores 2"
+    )
+    pages = context_of().pages
+    assert list(pages.commands().values())[0] == "snakemake --cores 2"
+    own = list(replace(pages, configured_by=tuple(files)).commands().values())
+    assert own[0] == "snakemake --cores 2 --configfile config/tiny.yaml my.yaml"
+    assert own[-1] == "snakemake plan --cores 2 --configfile config/tiny.yaml my.yaml"
+    assert not [one for one in own if "diagnosis" in one or "recordings" in one]
 
 
 def test_memory_is_that_of_the_arrays():

@@ -1,4 +1,4 @@
-# Pages for a browser, each in one file.
+# Pages for a browser.
 from virtual_phantom.study.context import or_exit
 
 
@@ -59,3 +59,27 @@ rule report_page:
         rules.study_report.output[0],
         rules.viewer_page.output[0] if context.selections.optimal_images() else [],
     localrule: True
+
+
+rule index_page:
+    """The answer, warnings, every figure and table, and what to do next: the page to start with."""
+    input:
+        figures=context.pages.pictures(),
+        captions=context.pages.caption_files(),
+        tables=context.pages.tables(),
+        code=context.code("index_page.py"),
+    output:
+        context.file("index"),
+    log:
+        context.log("index_page"),
+    resources:
+        mem_mb=2000,
+        runtime=15,
+    params:
+        figures=lambda wildcards: context.pages.shown(),
+        tables=context.pages.table_titles(),
+        diagnoses=context.pages.diagnoses(),
+        commands=context.pages.commands(),
+        config=context.config,
+    script:
+        "../scripts/index_page.py"

@@ -102,10 +102,14 @@ def page(
         links=links,
         config=yaml.safe_dump(config, sort_keys=False, allow_unicode=True),
         version=__version__,
-        python=python_version(),
-        packages={name: metadata.version(name) for name in PACKAGES},
+        packages=packages(),
         checksums={str(path): sha256(path) for path in tables.values()},
     )
+
+
+def packages() -> dict[str, str]:
+    """What results depend on, and the version of each that is installed; Python first."""
+    return {"Python": python_version()} | {name: metadata.version(name) for name in PACKAGES}
 
 
 def caption(figure: Shown, config: Mapping) -> str:

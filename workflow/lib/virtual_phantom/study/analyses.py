@@ -76,6 +76,7 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
     yield from found
     if featured or "noise_calibration" in analyses or found:
         yield _job("parquet", table="features")
+    yield _job("index")
 
 
 def figures(plan: Plan) -> list[tuple[Output, dict[str, str]]]:

@@ -153,7 +153,7 @@ class Context:
             for suffix in output.suffixes
         ]
         tables = [path for pair in zip(self.tables(), self.parquet_tables(), strict=True) for path in pair]
-        return figures + tables + self.acquisitions.kept()
+        return figures + tables + self.acquisitions.kept() + [self.files("index")]
 
     # What jobs ask of a machine
 
@@ -229,6 +229,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     InputErrors
         For all that is wrong with the configuration and the files that it names.
     """
+    files = list(map(str, files))
     for path in files:
         check_unchanged(path, "make it again")
     if here:
@@ -250,7 +251,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     comparisons = Comparisons(plan, outputs, acquisitions, recordings)
     diagnosis = Diagnosis.read(plan, outputs, recordings, engine)
     proof = Proof.read(plan, outputs)
-    pages = Pages(plan, outputs, selections, comparisons, diagnosis, folder / "report")
+    pages = Pages(plan, outputs, selections, comparisons, diagnosis, folder / "report", tuple(files))
     _ = pages.exported  # says what is wrong with it
     return Context(
         folder=folder,

@@ -484,6 +484,11 @@ OUTPUTS = (
         Output("series", "dicom/{protocol}/{noise}/seed{seed}/series", "an image as a DICOM series"),
         Output("segments", "dicom/{protocol}/{noise}/seed{seed}/rois.dcm", "the image's ROIs as a DICOM SEG"),
     ),
+    *_made_by(
+        "index_page",
+        Output("index", "index.html", "start here: the answer, warnings, figures, tables, and the next commands"),
+        stage="tables",
+    ),
     *_made_by("viewer_page", Output("viewer", "viewer.html", "slices to flip through")),
     *_made_by("study_report", Output("report", "report.html", "figures and tables of the study in one page")),
     *_made_by(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +15,8 @@ from .outputs import BY_NAME, OUTPUTS, Files, Output, filled
 from .plan import Plan
 from .recorded import Comparisons
 from .selections import Selections
+
+DEFAULT = "config/config.yaml"  # which a study has without being told
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,8 @@ class Pages:
     diagnosis : Diagnosis
     captions : Path
         Folder of the captions, templates that Snakemake's report fills in too.
+    configured_by : tuple of str
+        Files of the configuration, the default one among them.
     """
 
     plan: Plan
@@ -37,6 +42,7 @@ class Pages:
     comparisons: Comparisons
     diagnosis: Diagnosis
     captions: Path
+    configured_by: tuple[str, ...] = ()
 
     @cached_property
     def _figures(self) -> list[tuple[Output, dict[str, str]]]:
@@ -97,6 +103,25 @@ class Pages:
     def links(self) -> dict[str, str]:
         """Pages beside the report, by what they are called."""
         return {"Slices to flip through": BY_NAME["viewer"].pattern} if self.selections.optimal_images() else {}
+
+    def commands(self) -> dict[str, str]:
+        """What may be done next: the command, the study's own first."""
+        # Jobs are given whole paths, and a page is to say what anybody can type.
+        here = [Path(os.path.relpath(path)) for path in self.configured_by if not path.endswith(DEFAULT)]
+        overlays = [str(Path(path).absolute() if ".." in path.parts else path) for path in here]
+        settings = "--cores 2" + (f" --configfile {' '.join(overlays)}" if overlays else "")
+        found = {"This study again, which makes what is missing": f"snakemake {settings}"}
+        if self.plan.config["trial"]:
+            found["The default study, large enough to mean something"] = "snakemake --cores 2"
+        if self.plan.config["recordings"]:
+            found["What your recordings hold"] = f"snakemake recordings {settings}"
+        if self.diagnosis.reports():
+            found["Which physics is missing between recordings and simulation"] = f"snakemake diagnosis {settings}"
+        found["Figures and tables that sort, in one file to send on"] = f"snakemake report_page {settings}"
+        if self.selections.optimal_images():
+            found["Slices to flip through"] = f"snakemake viewer {settings}"
+        found["What a larger study would cost"] = f"snakemake plan {settings}"
+        return found
 
     def viewed(self) -> dict[str, list[str]]:
         """Images of the viewer.

@@ -25,6 +25,8 @@ from .time_left import Progress, Step
 
 SECONDS_BETWEEN_LOOKS = 1.0  # whether it is time for a line
 
+INDEX = "index_page"  # the rule whose page is named at the end
+
 SILENT_EVENTS = {"progress", "job_started", "shellcmd", "resources_info", "run_info"}
 
 
@@ -55,7 +57,8 @@ class Console(logging.Handler):
     ):
         super().__init__()
         self.inner, self.progress, self.keep_going, self.clock = inner, progress, keep_going, clock
-        self.status = Status(inner.stream, progress, clock)
+        made = (file for step in progress.steps.values() if step.rule == INDEX for file in step.files)
+        self.status = Status(inner.stream, progress, clock, start=next(made, None))
         self.failed: dict[int, str] = {}
         self.untold: list[str] = []
         self.exited_with_1: dict[int, logging.LogRecord] = {}

@@ -20,10 +20,11 @@ class Status:
     stream    where to
     progress  the run
     clock     seconds since the epoch
+    start     the page to start with, said once all is done
     """
 
-    def __init__(self, stream: TextIO, progress: Progress, clock: Callable[[], float]):
-        self.stream, self.progress, self.clock = stream, progress, clock
+    def __init__(self, stream: TextIO, progress: Progress, clock: Callable[[], float], start: str | None = None):
+        self.stream, self.progress, self.clock, self.start = stream, progress, clock, start
         self.said: float | None = None
 
     def say(self, failed: int, ending: bool) -> None:
@@ -39,7 +40,7 @@ class Status:
         progress, now = self.progress, self.clock()
         between = max(SECONDS_BETWEEN, SHARE_BETWEEN * (now - progress.began))
         if len(progress.took) == len(progress.steps):
-            rest = f" in {duration(now - progress.began)}"
+            rest = f" in {duration(now - progress.began)}" + (f". Start with {self.start}" if self.start else "")
         elif self.said is not None and now - self.said < between:
             return
         else:

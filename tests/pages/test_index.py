@@ -1,0 +1,172 @@
+"""The first page of a study: its answer, its warnings, and addresses that lead to files that are there."""
+
+import io
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from browser import opened, outside_resources
+from PIL import Image
+from test_study import Balanced
+
+from virtual_phantom.report import index, study
+from virtual_phantom.statistics.stability_measures import CUT_OFFS
+
+CONFIG = {"seed": 2022, "results_dir": "r <1>", "trial": False, "statistics": {"threshold": 1.0}}
+FEATURES = ["original_glcm_Idn", "original_firstorder_Mean", "original_glszm_ZoneEntropy"]
+TRUST = pd.DataFrame(
+    {
+        "feature": FEATURES,
+        "stability_percent": [0.0, 61.9, 40.0],
+        "ci95_low": [0.0, 52.0, 25.0],
+        "ci95_high": [4.4, 68.5, 55.0],
+        "stable": ["no", "yes", "undecided"],
+        "cut_off_percent": 50.0,
+        "groups": 4,
+        "rois": 2,
+        "repeats": 3,
+        "comparisons": 12,
+        "if_equal_percent": 60.0,
+        "twice_repeats_percent": [0.0, 60.0, 30.0],
+        "twice_repeats_low": [0.0, 50.0, 20.0],
+        "twice_repeats_high": [3.0, 68.0, 40.0],
+        "sentence": "A sentence.",
+    }
+)
+MEASURES = pd.DataFrame({"feature": FEATURES, **{f"stable_{name}": ["yes", "no", "no"] for name in CUT_OFFS}})
+ALL = pd.DataFrame(
+    {
+        "roi": ["cyst_2", "liver", "cyst_2", "liver"],
+        "n_voxels": [24, 64, 24, 64],
+        "grey_levels": [3, 5, 2, 6],
+        "original_glcm_Idn": [0.1, 0.2, 0.3, 0.4],
+    }
+)
+DIAGNOSIS = {
+    "recording": "disc",
+    "verdict": "mismatch explained",
+    "sentence": "Scatter <explains> it.",
+    "locations": [],
+    "effects": [],
+    "ambiguous_with": {},
+    "ruled_out": {},
+    "fit": {},
+    "held_out": {},
+    "excess_removed": 0.9,
+    "unexplained": [],
+    "next_measurement": [],
+    "held_out_data": "half",
+}
+COMMANDS = {"This study again": "snakemake --cores 2", "Slices": "snakemake viewer --cores 2"}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("index") / "results"
+    for name in ("tables", "figures", "diagnosis/disc"):
+        (folder / name).mkdir(parents=True)
+    picture = io.BytesIO()
+    Image.new("RGB", (900, 600), "red").save(picture, "png")
+    (folder / "figures" / "rois.png").write_bytes(picture.getvalue())
+    (folder / "rois.rst").write_text('**Regions** of {{ snakemake.config["seed"] }}.\n')
+    for name, frame in {"tables/trust": TRUST, "tables/stable_features": MEASURES, "features": ALL}.items():
+        frame.to_csv(folder / f"{name}.csv", index=False)
+    (folder / "diagnosis" / "disc" / "diagnosis.json").write_text(json.dumps(DIAGNOSIS))
+    (folder / "diagnosis" / "disc" / "report.html").write_text("<!doctype html>")
+    return folder
+
+
+def made(results, *, config=CONFIG, names=("tables/trust", "tables/stable_features", "features"), diagnoses=True):
+    figure = study.Shown(results / "figures" / "rois.png", "Phantom", "Regions <1>", results / "rois.rst", {}, {})
+    tables = [index.Linked(name.title(), results / f"{name}.csv") for name in names]
+    reports = [results / "diagnosis" / "disc" / "report.html"] if diagnoses else []
+    return index.page(results, [figure], tables, reports, config, COMMANDS)
+
+
+@pytest.fixture(scope="module")
+def page(results):
+    return made(results)
+
+
+def text(page):
+    """The words of a page, without tags, on one line."""
+    body = re.sub(r"<(style|script).*?</\1>", "", page, flags=re.DOTALL)
+    return " ".join(re.sub(r"<[^>]+>", "", body).replace("&nbsp;", " ").split())
+
+
+def test_it_is_well_formed_and_all_it_points_to_is_there(page, results):
+    parser = Balanced()
+    parser.feed(page)
+    assert parser.open == [] and len(parser.ids) == len(set(parser.ids))
+    inside = {link[1:] for link in parser.links if link.startswith("#")}
+    assert {"answer", "warnings", "tables", "next", "made-by"} <= inside <= set(parser.ids)
+    files = {link for link in parser.links if not link.startswith("#")}
+    assert files == {"figures/rois.png", "tables/trust.csv", "tables/stable_features.csv", "features.csv"} | {
+        "diagnosis/disc/report.html"
+    }
+    assert all((results / link).exists() for link in files)
+    assert outside_resources(page) == ["figures/rois.png"]
+
+
+def test_the_answer_comes_first_and_has_its_intervals(page):
+    said = text(page)
+    assert "Of 3 features 1 is stable between the 4 protocols, 1 are not, and 1 are undecided." in said
+    assert said.index("Which features can be trusted?") < said.index("Warnings ROI") < said.index("Regions")
+    # By the lower end of the interval, best first.
+    places = [said.index(words) for words in ("62 %, 52 to 68 %", "40 %, 25 to 55 %", "0 %, 0 to 4.4 %")]
+    assert places == sorted(places)
+    assert "1 by ICC(2,1), 1 by ICC(3,1), 1 by CCC, 1 by cv, 1 by qcd." in said
+    assert "A feature that no protocol changes has 60 % on average" in said
+
+
+def test_warnings_are_read_from_the_table_of_features():
+    said = index.warnings(ALL, TRUST)
+    assert [one.partition(".")[0] for one in said] == [
+        "ROI cyst_2 has 24 voxels, fewer than the 64 that texture features need to mean anything",
+        "ROI cyst_2 has fewer than 3 grey levels in 1 of 2 images",
+        "There are 3 repeats a group",
+    ]
+    assert index.warnings(ALL[ALL["roi"] == "liver"], TRUST.assign(repeats=10)) == []
+    assert len(index.warnings(ALL, None)) == 2
+
+
+def test_a_diagnosis_says_its_verdict(page, results):
+    assert "disc: mismatch explained Scatter &lt;explains&gt; it." in text(page)
+    assert index.COLOURS["mismatch explained"] in page
+    assert "Diagnoses" not in made(results, diagnoses=False)
+
+
+def test_a_trial_says_so(page, results):
+    words = "too small to mean anything"
+    assert words not in page and words in made(results, config=CONFIG | {"trial": True})
+
+
+def test_a_study_without_groups_has_a_page_too(results):
+    page = made(results, names=("features",), diagnoses=False)
+    assert "no <code>analyses.stability</code>" in page and "cyst_2 has 24 voxels" in page
+    assert "repeats a group" not in page
+
+
+def test_one_repeat_has_no_interval(results, tmp_path):
+    nothing = TRUST.assign(**dict.fromkeys([name for name in TRUST if "low" in name or "high" in name], np.nan))
+    nothing.to_csv(tmp_path / "trust.csv", index=False)
+    page = index.page(tmp_path, [], [index.Linked("Trust", tmp_path / "trust.csv")], [], CONFIG, COMMANDS)
+    assert "nan" not in text(page).lower().replace("finance", "")
+
+
+LOOK = """
+const wider = document.documentElement.scrollWidth > innerWidth;
+for (const one of document.querySelectorAll("details")) one.open = true;
+return {wider, opened: document.documentElement.scrollWidth > innerWidth,
+        bars: [...document.querySelectorAll(".bar i")].map((bar) => bar.getBoundingClientRect().width > 0)};
+"""
+
+
+@pytest.mark.parametrize("width", [1200, 400])
+def test_a_browser_shows_it_without_scrolling_sideways(page, results, width):
+    found = opened(page, results, LOOK, width)
+    assert found == {"wider": False, "opened": False, "bars": [True] * 3}
+    (Path(results) / "opened.html").unlink()
