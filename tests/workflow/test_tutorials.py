@@ -6,6 +6,7 @@ import pytest
 from pages import copy_project, follow, run
 from workflow_runs import ROOT
 
+CT = ROOT / "../shared/real/abdomen_ct"
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 
 
@@ -24,4 +25,9 @@ def finished(study, tmp_path_factory):
 def test_what_a_tutorial_says_is_what_happens(page, finished, tmp_path):
     folder = tmp_path / "project"
     shutil.copytree(finished, folder)
+    if page.stem == "clinical-ct":
+        if not CT.exists():
+            pytest.skip("needs abdomen_ct among the real measurements")
+        (folder / "downloads").mkdir()
+        (folder / "downloads" / "abdomen_ct").symlink_to(CT.resolve())
     follow(page, folder)
