@@ -17,9 +17,10 @@ COPY . .
 RUN make setup
 
 # Any user may run it: what is compiled goes where everybody may write.
+RUN mkdir -m 1777 /cache
 ENV PATH="/opt/virtual-phantom/.venv/bin:$PATH" \
-    XDG_CACHE_HOME=/tmp/cache \
-    NUMBA_CACHE_DIR=/tmp/cache/numba
+    XDG_CACHE_HOME=/cache \
+    NUMBA_CACHE_DIR=/cache/numba
 WORKDIR /work
 ENTRYPOINT ["snakemake", "--snakefile", "/opt/virtual-phantom/workflow/Snakefile"]
 CMD ["--cores", "2"]
