@@ -17,6 +17,7 @@ COPY . .
 RUN make setup
 
 # Any user may run it: what is compiled goes where everybody may write.
+# hadolint ignore=DL3059
 RUN mkdir -m 1777 /cache
 ENV PATH="/opt/virtual-phantom/.venv/bin:$PATH" \
     XDG_CACHE_HOME=/cache \
