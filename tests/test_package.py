@@ -102,7 +102,8 @@ def test_where_nothing_may_be_written_kernels_go_to_the_user_s_cache(installed, 
 
 def test_the_importer_is_a_command(installed, tmp_path):
     scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
-    (name,) = scripts
+    assert set(scripts) == {"virtual-phantom", "virtual-phantom-import"}
+    name = "virtual-phantom-import"
     geometry = {"distanceSourceOrigin": 410.66, "distanceSourceDetector": 553.74, "distanceUnit": "mm"}
     views = {"angles": [float(angle) for angle in range(0, 361, 30)], "numDetectorsPost": 112, "pixelSizePost": 1.0}
     sinogram = [[0.5] * 112 for _ in views["angles"]]

@@ -9,7 +9,15 @@ MAY_BE_LOADED = {
     *("base", "base.data", "base.errors", "base.geometry", "base.streams", "base.units", "base.vectors"),
     *("features", "features.names"),
     *("io", "io.files", "io.hdf5", "io.schema", "io.volumes", "study", "study.config", "study.job"),
-    *("phantom", "phantom.layout", "phantom.rois", "phantom.shapes", "phantom.synthetic", "phantom.texture"),
+    *(
+        "phantom",
+        "phantom.fit",
+        "phantom.layout",
+        "phantom.rois",
+        "phantom.shapes",
+        "phantom.synthetic",
+        "phantom.texture",
+    ),
     *("physics", "physics.effect", "recordings", "recordings.document"),
     "physics.effects",  # the folder's own file, which holds nothing: each effect is a module of its own
     *("statistics", "statistics.measured"),

@@ -93,7 +93,7 @@ def test_only_what_a_change_touches_is_done_again(bench):
 
 def test_bad_settings_are_one_line(bench):
     process = diagnosis(bench, "-n", effects=["glow"])
-    assert process.returncode == 1 and "Error: diagnosis.effects: there is no effect 'glow'" in process.stderr
+    assert process.returncode == 1 and "diagnosis.effects: there is no effect 'glow'" in process.stderr
     overlay = {**STUDY, "physics": {"scatter": {"amount": 7}}}
     process = tiny(bench / "results", "-n", overlay=overlay, beside=bench / "bad")
     assert process.returncode == 1
