@@ -82,7 +82,7 @@ def trials(data: Responses, seed: int = 0) -> dict[Property, Trial]:
     total = weight(before, data.floor).sum()
     found = {}
     for (one, own), p in zip(curves.items(), chance, strict=True):
-        chosen = {fold: _best(data, fold, before, moved[one][fold]) for fold in FOLDS}
+        chosen = _chosen(data, before, moved[one])
         gains = {fold: removed(before, before + moved[one][fold][index], data.floor) for fold, index in chosen.items()}
         kept = sum(np.where((data.fold == fold)[:, None], gains[fold], 0.0) for fold in FOLDS)
         held = sum(np.where((data.fold != fold)[:, None], gains[fold], 0.0) for fold in FOLDS)
@@ -112,8 +112,8 @@ def held_out(data: Responses) -> dict[Property, np.ndarray]:
     before = shift(data, data.baseline)
     made = {}
     for one, own in _curves(data).items():
-        moved = _moved(data, before, own)
-        made[one] = _assembled(data, own, {fold: _best(data, fold, before, moved[fold]) for fold in FOLDS}, True)
+        chosen = _chosen(data, before, _moved(data, before, own))
+        made[one] = _assembled(data, own, chosen, held_out=True)
     return made
 
 
@@ -152,6 +152,11 @@ def _curves(data: Responses) -> dict[Property, dict[int, Curve]]:
 def _moved(data: Responses, before: np.ndarray, curves: Mapping[int, Curve]) -> dict[int, np.ndarray]:
     """What a property adds to standardised shifts, by fold: shape (strengths, rois, features)."""
     return {fold: shift(data, curve.values) - before for fold, curve in curves.items()}
+
+
+def _chosen(data: Responses, before: np.ndarray, moved: Mapping[int, np.ndarray]) -> dict[int, int]:
+    """Index of the strength that is fitted on each fold."""
+    return {fold: _best(data, fold, before, moved[fold]) for fold in FOLDS}
 
 
 def _best(data: Responses, fold: int, before: np.ndarray, moved: np.ndarray) -> int:
