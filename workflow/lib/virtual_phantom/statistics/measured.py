@@ -19,7 +19,7 @@ import pandas as pd
 
 from ..base.data import RESOURCES
 from ..base.errors import InputError
-from ..features.names import FEATURES
+from ..features.names import FEATURES, VARIANCE
 from ..io.files import read_csv
 
 STORED_OFFSET_HU = 1024  # of the published tables over HU: their scans store HU + 1024
@@ -164,7 +164,7 @@ def dose_variance(reconstruction: str, dose_mgy: float, roi: str = "cyst_1") -> 
         (table["reconstruction"] == reconstruction)
         & (table["dose_mgy"] == dose_mgy)
         & (table["roi"] == roi)
-        & (table["feature"] == "original_firstorder_Variance")
+        & (table["feature"] == VARIANCE)
     ]
     if len(rows) != 1:
         raise InputError(
