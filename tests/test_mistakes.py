@@ -19,6 +19,7 @@ from virtual_phantom.base.errors import InputError, InputErrors
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.features import tables
 from virtual_phantom.features.names import FEATURES
+from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct
 from virtual_phantom.physics.line_integrals import clean_line_integrals
@@ -123,6 +124,11 @@ def clinic(rois=True, **changes):
     load("clinic")
 
 
+def wrong_parameters():
+    Path("my_params.yaml").write_text("setting: {binwidth: 10}")
+    read_parameters("my_params.yaml")
+
+
 def of_two_versions():
     row = dict.fromkeys(tables.METADATA, "1") | {"protocol": "sirt_150", "noise": "dose10", "roi": "cyst_1"}
     tables.merge(
@@ -199,6 +205,7 @@ MISTAKES = {
     "A body wider than the field of view": (too_wide, "scan"),
     "A folder that is no recording": (lambda: load("bench"), "bench/recording.yaml"),
     "Another number of views": (lambda: bench(data=np.ones((23, 4, 40))), "bench/b.h5"),
+    "A parameter file that pyradiomics does not take": (wrong_parameters, "my_params.yaml"),
     "A table of pyradiomics without ROIs": (lambda: clinic(rois=False), "clinic/features.csv"),
     "A case that pyradiomics could not extract": (
         lambda: clinic(**{FEATURES[0]: [1.0, np.nan]}),

@@ -3,6 +3,7 @@ rule recording_features:
     """Features of a recording in HU, one row per image and ROI."""
     input:
         unpack(lambda wildcards: context.recordings.inputs(wildcards.recording)),
+        parameters=context.parameter_files,
         code=context.code("recording_features.py"),
     output:
         context.file("recorded_features"),
@@ -12,6 +13,7 @@ rule recording_features:
         mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
         runtime=120,
     params:
+        parameters=context.parameters,
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
     script:
         "../scripts/recording_features.py"
@@ -58,6 +60,7 @@ rule compare:
     input:
         features=rules.merge_features.output[0],
         recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
+        parameters=context.parameter_files,
         code=context.code("compare.py"),
     output:
         cells=context.file("comparison"),
@@ -71,6 +74,7 @@ rule compare:
         mem_mb=1500,
         runtime=15,
     params:
+        parameters=context.parameters,
         recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
         where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
         protocol=lambda wildcards: context.comparisons.asked(
@@ -117,6 +121,7 @@ rule change_properties:
         masks=rules.phantom.output.rois,
         recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
         effects=context.effect_code(*context.diagnosis.properties),
+        parameters=context.parameter_files,
         code=context.code("change_properties.py"),
     output:
         context.file("properties"),
@@ -128,6 +133,7 @@ rule change_properties:
         mem_mb=context.megabytes(volumes=60),
         runtime=60,
     params:
+        parameters=context.parameters,
         recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
         where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
         rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
@@ -142,6 +148,7 @@ rule attribute:
         properties=rules.change_properties.output[0],
         recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
         image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
+        parameters=context.parameter_files,
         code=context.code("attribute.py"),
     output:
         properties=context.file("attribution"),
@@ -154,6 +161,7 @@ rule attribute:
         mem_mb=1500,
         runtime=30,
     params:
+        parameters=context.parameters,
         recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
         where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
         rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),
@@ -196,6 +204,7 @@ rule recording_scores:
     """Stability and discriminative power of a recording's features."""
     input:
         files=lambda wildcards: context.recordings.sources(wildcards.recording),
+        parameters=context.parameter_files,
         code=context.code("recording_scores.py"),
     output:
         context.file("scores"),
@@ -205,6 +214,7 @@ rule recording_scores:
         mem_mb=2000,
         runtime=15,
     params:
+        parameters=context.parameters,
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
         repeats=context.selections.grouped["seeds"],
         statistics=context.config["statistics"],

@@ -5,6 +5,7 @@ rule diagnose_features:
         properties=rules.change_properties.output[0],
         recorded=lambda wildcards: context.comparisons.features(wildcards.comparison),
         image=lambda wildcards: context.comparisons.images(wildcards.comparison)[0],
+        parameters=context.parameter_files,
         code=context.code("diagnose_features.py"),
     output:
         diagnosis=context.file("feature_diagnosis"),
@@ -21,6 +22,7 @@ rule diagnose_features:
         mem_mb=1500,
         runtime=30,
     params:
+        parameters=context.parameters,
         recording=lambda wildcards: context.comparisons.recording(wildcards.comparison),
         where=lambda wildcards: context.comparisons.asked(wildcards.comparison, "where"),
         rois=lambda wildcards: context.comparisons.asked(wildcards.comparison, "rois"),

@@ -8,6 +8,7 @@ for batch, levels in context.plan.seed_batches().items():
             levels=lambda wildcards: context.acquisitions.level_files([wildcards.noise]),
             rois=rules.phantom.output.table,
             masks=rules.phantom.output.rois,
+            parameters=context.parameter_files,
             code=context.code("extract.py"),
         output:
             [context.file("image_features", seed=seed) for seed in batch],
@@ -25,6 +26,7 @@ for batch, levels in context.plan.seed_batches().items():
             runtime=lambda wildcards, attempt, batch=batch: attempt
             * context.minutes("extract", context.sizes.images(len(batch))),
         params:
+            parameters=context.parameters,
             protocol=lambda wildcards: wildcards.protocol,
             settings=lambda wildcards: {
                 key: context.config["protocols"][wildcards.protocol][key]

@@ -4,6 +4,7 @@ rule recording_summary:
     input:
         files=lambda wildcards: context.recordings.sources(wildcards.recording),
         schema=context.schema("recording.schema.yaml"),
+        parameters=context.parameter_files,
         code=context.code("recording_summary.py"),
     output:
         context.file("summary"),
@@ -13,6 +14,7 @@ rule recording_summary:
         mem_mb=lambda wildcards: context.recordings.megabytes(wildcards.recording),
         runtime=30,
     params:
+        parameters=context.parameters,
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
     script:
         "../scripts/recording_summary.py"

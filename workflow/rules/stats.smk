@@ -121,6 +121,7 @@ rule pca:
     input:
         features=rules.merge_features.output[0],
         measured=lambda wildcards: context.selections.reference_tables(wildcards.pca),
+        parameters=context.parameter_files,
         code=context.code("pca.py"),
     output:
         table=context.file("pca"),
@@ -133,6 +134,7 @@ rule pca:
         mem_mb=2000,
         runtime=15,
     params:
+        parameters=context.parameters,
         selection=lambda wildcards: context.selections.components(wildcards.pca),
         pca=lambda wildcards: context.selections.fitted(wildcards.pca),
         measured=context.config["measured"],

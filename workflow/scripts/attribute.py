@@ -2,6 +2,7 @@
 
 from virtual_phantom.diagnosis.features.choice import held_out
 from virtual_phantom.diagnosis.features.responses import compared, responses
+from virtual_phantom.features.settings import of_parameters
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.recordings.reference import where
@@ -12,7 +13,8 @@ with job(snakemake) as log:
     params, given = snakemake.params, snakemake.input
     recorded = where(files.read_csv(given.recorded), params.where, f"recording {params.recording}")
     table = files.read_csv(given.properties)
-    features, _ = compared(table, recorded, params.dimensions, params.stored_offset_hu)
+    study = of_parameters(params.parameters)
+    features, _ = compared(table, recorded, params.dimensions, params.stored_offset_hu, study)
     data = responses(table, recorded, features, read_nifti(given.image).grid, params.rois)
     variants = {BASELINE: data.table(data.baseline)}
     variants |= {one.name: data.table(values) for one, values in held_out(data).items()}

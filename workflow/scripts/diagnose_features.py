@@ -4,6 +4,7 @@ from virtual_phantom.diagnosis.core.store import write_diagnosis
 from virtual_phantom.diagnosis.features.responses import compared, responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
 from virtual_phantom.features.names import MEAN
+from virtual_phantom.features.settings import of_parameters
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.recordings.reference import where
@@ -14,7 +15,8 @@ with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
     recorded = where(files.read_csv(given.recorded), params.where, f"recording {params.recording}")
     table = files.read_csv(given.properties)
-    features, not_compared = compared(table, recorded, params.dimensions, params.stored_offset_hu)
+    study = of_parameters(params.parameters)
+    features, not_compared = compared(table, recorded, params.dimensions, params.stored_offset_hu, study)
     data = responses(table, recorded, features, read_nifti(given.image).grid, params.rois)
     found = diagnose_features(snakemake.wildcards.comparison, data, not_compared, MEAN)
     write_diagnosis(output, found.content, overlay(data, found.content), page(found), found.before.maps)

@@ -3,6 +3,7 @@
 from virtual_phantom import phantom
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features import extraction, tables
+from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files, volumes
 from virtual_phantom.study.job import job
 from virtual_phantom.study.matched_noise import resolve
@@ -11,6 +12,7 @@ with job(snakemake) as log:
     params = snakemake.params
     images = list(snakemake.input.images)
     acquisitions = resolve(params.acquisitions, snakemake.input.levels)
+    parameters = read_parameters(params.parameters)
     masks = None
     for path, one, output in zip(images, acquisitions, snakemake.output, strict=True):
         image = volumes.read_nifti(path)
@@ -26,6 +28,7 @@ with job(snakemake) as log:
             "projections": params.settings["projections"],
             **one,
         }
-        table = tables.complete(extraction.extract(image, masks, name=str(path)), classes, acquisition)
+        found = extraction.extract(image, masks, name=str(path), parameters=parameters)
+        table = tables.complete(found, classes, acquisition)
         files.write_csv(table, output)
         log.info("%s: %d ROIs", path, len(table))

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict
 
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import where
@@ -13,6 +14,10 @@ with job(snakemake) as log:
     meets = snakemake.params.meets
     source = f"recording {meets['recording']}"
     recorded = where(files.read_csv(snakemake.input.recorded), meets["where"], source)
+    if VARIANCE not in recorded:
+        raise InputError(
+            f"{source}: has no {VARIANCE}, which a noise level is matched by; extract it, or give the level an A"
+        )
     measured = recorded.pivot(index="image", columns="roi", values=VARIANCE)
     found = noise.match(files.read_csv(snakemake.input.calibration), meets["protocol"], meets["rois"], measured)
     matched_noise.write({**asdict(found), **meets}, snakemake.output[0])

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.features import tables
 from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.io import files
@@ -13,6 +14,11 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     features = tables.read(snakemake.input.features)
+    if VARIANCE not in features:
+        raise InputError(
+            f"{snakemake.input.features}: has no {VARIANCE}, by which matched noise levels are told; have firstorder "
+            "extracted of the original image"
+        )
     rows = []
     for path in snakemake.input.levels:
         level, name = matched_noise.read(path), Path(path).stem

@@ -1,7 +1,7 @@
 """Overlap of the highest-ranked simulated and measured features, both of equally many repeats."""
 
 from virtual_phantom.features import tables
-from virtual_phantom.features.names import FEATURES
+from virtual_phantom.features.names import features_of
 from virtual_phantom.io import files
 from virtual_phantom.statistics import measured, ranking, wilcoxon
 from virtual_phantom.study.job import job
@@ -13,8 +13,8 @@ with job(snakemake) as log:
     recorded = files.read_csv(scores) if params.recording else measured.load_score_draws(params.seeds)
     repeats = int(recorded["repeats"].iloc[0])
     features = tables.grouped(tables.read(source), dict(params.groups), noise=params.noise, seeds=repeats)
-    simulated = wilcoxon.scores(features, FEATURES, source=source, **params.statistics)
-    table = ranking.overlap(simulated, recorded, ranking.shared_variance(features, FEATURES))
+    simulated = wilcoxon.scores(features, features_of(features), source=source, **params.statistics)
+    table = ranking.overlap(simulated, recorded, ranking.shared_variance(features, features_of(features)))
     files.write_csv(table, snakemake.output[0])
     for kind in ranking.KINDS:
         first, ten = table.iloc[0], table.iloc[min(9, len(table) - 1)]

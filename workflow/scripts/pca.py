@@ -12,13 +12,14 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, output = snakemake.params, snakemake.output
+    study = settings.of_parameters(params.parameters)
     features = tables.read(str(snakemake.input.features))
     simulated = tables.select(features, **params.selection)
     if params.recordings:
         parts = []
         for path, name in zip(snakemake.input.measured, params.recordings, strict=True):
             table = files.read_csv(path)
-            for line in settings.said(settings.STUDY, settings.distinct(settings.of_table(table, path))):
+            for line in settings.said(study, settings.distinct(settings.of_table(table, path))):
                 log.warning("recording %s: setting: %s", name, line)
             parts.append(reference(table, params.conditions[name], "condition"))
         shown = pd.concat(parts, join="inner", ignore_index=True)

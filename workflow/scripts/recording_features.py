@@ -5,13 +5,15 @@ import pandas as pd
 from virtual_phantom import phantom
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features import extraction
+from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.reference import in_hu
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
-    recording = load(snakemake.params.folder)
+    parameters = read_parameters(snakemake.params.parameters)
+    recording = load(snakemake.params.folder, parameters.features)
     if recording.kind == "features":
         table = in_hu(recording)
     elif recording.kind == "images":
@@ -19,7 +21,7 @@ with job(snakemake) as log:
         classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
         tables = []
         for path, image in zip(recording.repeats.paths, recording.repeats, strict=True):
-            features = extraction.extract(image, masks, name=str(path))
+            features = extraction.extract(image, masks, name=str(path), parameters=parameters)
             tables.append(features.assign(image=recording.document.relative(path)))
         table = pd.concat(tables, ignore_index=True)
         table = table.assign(tissue_class=table["roi"].map(classes))

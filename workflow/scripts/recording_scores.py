@@ -2,6 +2,7 @@
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features import settings
+from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.reference import scores
@@ -10,13 +11,14 @@ from virtual_phantom.statistics.repeats import over_features
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
-    recording = load(snakemake.params.folder)
+    parameters = read_parameters(snakemake.params.parameters)
+    recording = load(snakemake.params.folder, parameters.features)
     if recording.kind != "features":
         raise InputError(
             f"recording {snakemake.wildcards.recording}: holds {recording.kind}; analyses.stability.recordings takes "
             "recordings of features only"
         )
-    for line in settings.said(settings.STUDY, recording.extractions, recording.features):
+    for line in settings.said(parameters.extraction, recording.extractions, recording.features):
         log.warning("setting: %s", line)
     table = scores(recording, snakemake.params.repeats, **snakemake.params.statistics)
     files.write_csv(table, snakemake.output[0])

@@ -1,7 +1,7 @@
 """Stability and discriminative power of every feature over the groups of protocols."""
 
 from virtual_phantom.features import tables
-from virtual_phantom.features.names import FEATURES
+from virtual_phantom.features.names import features_of
 from virtual_phantom.io import files
 from virtual_phantom.statistics import wilcoxon
 from virtual_phantom.study.job import job
@@ -10,7 +10,7 @@ with job(snakemake) as log:
     params = snakemake.params
     source = str(snakemake.input.features)
     table = tables.grouped(tables.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds)
-    scores = wilcoxon.scores(table, FEATURES, source=source, **params.statistics)
+    scores = wilcoxon.scores(table, features_of(table), source=source, **params.statistics)
     files.write_csv(scores, snakemake.output[0])
     log.info(
         "mean stability %.1f %%, mean discriminative power %.1f %%",

@@ -1,7 +1,7 @@
 """Stability of every feature by W, ICC, CCC and coefficients of variation, and which features are stable by which."""
 
 from virtual_phantom.features import tables
-from virtual_phantom.features.names import FEATURES
+from virtual_phantom.features.names import features_of
 from virtual_phantom.io import files
 from virtual_phantom.statistics import stability_measures
 from virtual_phantom.study.job import job
@@ -11,7 +11,7 @@ with job(snakemake) as log:
     source = str(snakemake.input.features)
     table = tables.grouped(tables.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds)
     scores = files.read_csv(snakemake.input.trust)
-    measured = stability_measures.measures(table, scores, FEATURES, params.cut_offs, source)
+    measured = stability_measures.measures(table, scores, features_of(table), params.cut_offs, source)
     features = stability_measures.by_feature(measured)
     files.write_csv(measured, output.measures)
     files.write_csv(features, output.features)

@@ -1,7 +1,7 @@
 """Which features can be trusted: stability with its interval, what it rests on, and a sentence for each."""
 
 from virtual_phantom.features import tables
-from virtual_phantom.features.names import FEATURES
+from virtual_phantom.features.names import features_of
 from virtual_phantom.io import files
 from virtual_phantom.statistics import trust
 from virtual_phantom.study.job import job
@@ -14,7 +14,7 @@ with job(snakemake) as log:
     sharing = {groups[protocol]: label for protocol, label in params.sharing.items()}
     found = trust.table(
         table,
-        FEATURES,
+        features_of(table),
         sharing,
         params.cut_offs["w_stability_percent"],
         threshold=params.statistics["threshold"],

@@ -1,4 +1,4 @@
-"""The paper's 86 radiomics features, computed by pyradiomics.
+"""Radiomics features, computed by pyradiomics: the paper's 86, or those that a parameter file asks for.
 
 Flouris et al. [1]_, section "Radiomics feature extraction": original image, bin width 25, no resampling, no
 normalisation, no resegmentation, distance 1, symmetrical co-occurrence, dependence cut-off 0, voxel array shift 0.
@@ -14,11 +14,9 @@ References
 from __future__ import annotations
 
 import contextlib
-import hashlib
-import json
 import logging
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 
 import numpy as np
@@ -32,7 +30,8 @@ from scipy import ndimage
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..io.volumes import Volume
-from .names import FEATURES, NAMES
+from .names import FEATURES
+from .parameters import DEFAULT, Parameters
 from .settings import SETTINGS
 
 # A block of 4 x 4 x 4 voxels has 8 whose 26 neighbours all lie in the ROI; with fewer, textures rest on the
@@ -48,13 +47,14 @@ class RadiomicsWarning(UserWarning):
 
 
 def settings_hash() -> str:
-    """First 16 hexadecimal digits of the SHA-256 of settings and feature names as canonical JSON."""
-    text = json.dumps({"features": FEATURES, "settings": SETTINGS}, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    """First 16 hexadecimal digits of the SHA-256 of the study's settings and feature names as canonical JSON."""
+    return DEFAULT.hash()
 
 
-def extract(volume: Volume, masks: dict[str, np.ndarray], name: str = "image") -> pd.DataFrame:
-    """The 86 features of every ROI of an image.
+def extract(
+    volume: Volume, masks: dict[str, np.ndarray], name: str = "image", parameters: Parameters = DEFAULT
+) -> pd.DataFrame:
+    """The 86 features of every ROI of an image, or those of a parameter file.
 
     Warns (RadiomicsWarning) of ROIs with fewer than MINIMUM_VOXELS voxels or MINIMUM_GREY_LEVELS occupied bins.
 
@@ -66,17 +66,19 @@ def extract(volume: Volume, masks: dict[str, np.ndarray], name: str = "image") -
         On the image's grid, by ROI.
     name : str, optional
         What messages call the image.
+    parameters : Parameters, optional
 
     Returns
     -------
     DataFrame
         One row per ROI, in the order of `masks`: roi, n_voxels, grey_levels (occupied bins), settings_hash, versions,
-        then FEATURES.
+        then the features.
 
     Raises
     ------
     InputError
-        For a mask on another grid, an empty mask, an ROI of one voxel, or voxels of the image that are not finite.
+        For a mask on another grid, an empty mask, an ROI of one voxel, voxels of the image that are not finite, or what
+        a parameter file asks for and cannot be had of an ROI.
     TypeError
         For a mask that is not boolean.
     """
@@ -96,35 +98,53 @@ def extract(volume: Volume, masks: dict[str, np.ndarray], name: str = "image") -
         n_voxels = int(np.count_nonzero(mask))
         if n_voxels < 2:
             raise InputError(f"{name}: ROI {roi} has {n_voxels} voxels; texture needs neighbours, so give a larger ROI")
-        image, label = _crop(volume, mask)
+        image, label = _images(volume, mask, cropped=parameters.of_the_region_alone)
         with _pyradiomics_messages(f"{name}, ROI {roi}"):
-            values = _extractor().execute(image, label)
+            values, levels = _values(image, label, parameters, f"{name}: ROI {roi}")
         rows.append(
             {
                 "roi": roi,
                 "n_voxels": n_voxels,
-                "grey_levels": _grey_levels(image, label),
-                "settings_hash": settings_hash(),
+                "grey_levels": levels,
+                "settings_hash": parameters.hash(),
                 **_versions(),
-                **{feature: float(values[feature]) for feature in FEATURES},
+                **values,
             }
         )
-        _warn_if_poor(name, rows[-1])
+        _warn_if_poor(name, rows[-1], parameters)
     return pd.DataFrame(rows)
 
 
-def extract_repeats(images: np.ndarray, grid: Grid, masks: dict[str, np.ndarray], name: str) -> pd.DataFrame:
+def extract_repeats(
+    images: np.ndarray, grid: Grid, masks: dict[str, np.ndarray], name: str, parameters: Parameters = DEFAULT
+) -> pd.DataFrame:
     """`extract` of every image of [repeat, z, y, x], one table below the other."""
     volumes = (Volume(image.astype(np.float32), grid) for image in images)
-    return pd.concat([extract(volume, masks, f"{name}, repeat {i}") for i, volume in enumerate(volumes)])
+    return pd.concat([extract(volume, masks, f"{name}, repeat {i}", parameters) for i, volume in enumerate(volumes)])
 
 
 @cache
 def _extractor() -> RadiomicsFeatureExtractor:
-    extractor = RadiomicsFeatureExtractor(**SETTINGS)
-    extractor.disableAllFeatures()
-    extractor.enableFeaturesByName(**{key: names.split() for key, names in NAMES.items()})
-    return extractor
+    return DEFAULT.extractor
+
+
+def _values(image: sitk.Image, label: sitk.Image, parameters: Parameters, source: str) -> tuple[dict[str, float], int]:
+    """Features by name, and the number of occupied bins."""
+    if parameters.source is None:
+        found = _extractor().execute(image, label)
+        return {feature: float(found[feature]) for feature in FEATURES}, _grey_levels(image, label, SETTINGS)
+    extractor = parameters.extractor
+    try:
+        found = extractor.execute(image, label)
+        prepared = extractor.loadImage(image, label, None, **extractor.settings)
+    except (ValueError, RuntimeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"{source}: pyradiomics, as {parameters.source} sets it: {reason[:300]}") from None
+    if missing := [feature for feature in parameters.features if feature not in found]:
+        raise InputError(
+            f"{source}: gives no {missing[0]} as {parameters.source} asks; the image may be too small for the filter"
+        )
+    return {one: float(found[one]) for one in parameters.features}, _grey_levels(*prepared, extractor.settings)
 
 
 @cache
@@ -136,32 +156,36 @@ def _versions() -> dict[str, str]:
     }
 
 
-def _crop(volume: Volume, mask: np.ndarray) -> tuple[sitk.Image, sitk.Image]:
-    """Image and label cut to the ROI's bounding box and one voxel around it.
+def _images(volume: Volume, mask: np.ndarray, cropped: bool) -> tuple[sitk.Image, sitk.Image]:
+    """Image and label; cropped to the ROI's bounding box and one voxel around it, or whole.
 
     Features of the original image depend on nothing outside the ROI. Looking at the box alone saves most of the time.
-    The rim keeps a background in the label, which pyradiomics asks for.
+    The rim keeps a background in the label, which pyradiomics asks for. Filters, resampling and normalisation look
+    beyond it.
 
     Returns
     -------
     image, label : SimpleITK.Image
     """
-    (box,) = ndimage.find_objects(mask.astype(np.uint8))
+    arrays = volume.array, mask.astype(np.uint8)
+    if cropped:
+        (box,) = ndimage.find_objects(arrays[1])
+        arrays = tuple(np.pad(array[box], 1) for array in arrays)
     images = []
-    for array in (volume.array[box], mask[box].astype(np.uint8)):
-        image = sitk.GetImageFromArray(np.pad(array, 1))
+    for array in arrays:
+        image = sitk.GetImageFromArray(array)
         image.SetSpacing(volume.grid.spacing[::-1])
         images.append(image)
     return images[0], images[1]
 
 
-def _grey_levels(image: sitk.Image, label: sitk.Image) -> int:
+def _grey_levels(image: sitk.Image, label: sitk.Image, settings: Mapping) -> int:
     inside = sitk.GetArrayViewFromImage(label) > 0
-    bins, _ = binImage(sitk.GetArrayFromImage(image), inside, **SETTINGS)
+    bins, _ = binImage(sitk.GetArrayFromImage(image), inside, **settings)
     return len(np.unique(bins[inside]))
 
 
-def _warn_if_poor(name: str, row: dict) -> None:
+def _warn_if_poor(name: str, row: dict, parameters: Parameters) -> None:
     if row["n_voxels"] < MINIMUM_VOXELS:
         warnings.warn(
             f"{name}: ROI {row['roi']} has {row['n_voxels']} voxels, fewer than the {MINIMUM_VOXELS} that "
@@ -171,17 +195,22 @@ def _warn_if_poor(name: str, row: dict) -> None:
         )
     if row["grey_levels"] < MINIMUM_GREY_LEVELS:
         warnings.warn(
-            f"{name}: ROI {row['roi']} fills {row['grey_levels']} grey-level bins of {SETTINGS['binWidth']} "
-            f"HU, fewer than the {MINIMUM_GREY_LEVELS} that texture features need to mean anything",
+            f"{name}: ROI {row['roi']} fills {row['grey_levels']} grey-level bins{_width(parameters)}, "
+            f"fewer than the {MINIMUM_GREY_LEVELS} that texture features need to mean anything",
             RadiomicsWarning,
             stacklevel=3,
         )
-    if bad := [feature for feature in FEATURES if not np.isfinite(row[feature])]:
+    if bad := [feature for feature in parameters.features if not np.isfinite(row[feature])]:
         warnings.warn(
             f"{name}: ROI {row['roi']} gives no finite value for {', '.join(bad)}",
             RadiomicsWarning,
             stacklevel=3,
         )
+
+
+def _width(parameters: Parameters) -> str:
+    asked = parameters.extraction.effective()
+    return f" of {asked['binWidth']} HU" if "binWidth" in asked and not asked["normalize"] else ""
 
 
 @contextlib.contextmanager

@@ -5,6 +5,8 @@ Apart from `extraction`, so that tables of features are handled without loading 
 
 import re
 
+import pandas as pd
+
 FAMILIES = {"firstorder": "first order", "glcm": "GLCM", "gldm": "GLDM", "glrlm": "GLRLM", "glszm": "GLSZM"}
 
 NAMES = {
@@ -39,9 +41,10 @@ HISTOGRAM_ONLY = tuple(
     for name in ("GrayLevelNonUniformity", "GrayLevelVariance", "HighGrayLevelEmphasis", "LowGrayLevelEmphasis")
 )
 # Classes of pyradiomics that the study's 86 features are not of.
-OTHER_CLASSES = ("ngtdm", "shape", "shape2D")
+OTHER_FAMILIES = {"ngtdm": "NGTDM", "shape": "shape", "shape2D": "shape in 2D"}
+EVERY_FAMILY = FAMILIES | OTHER_FAMILIES
 # Image type (original, wavelet-LLH, log-sigma-1-0-mm-3D, ...), class, name: as pyradiomics joins them.
-PATTERN = re.compile(rf"[^_\s]+_({'|'.join((*FAMILIES, *OTHER_CLASSES))})_[^_\s]+")
+PATTERN = re.compile(rf"[^_\s]+_({'|'.join(EVERY_FAMILY)})_[^_\s]+")
 
 
 def is_feature(name: str) -> bool:
@@ -49,6 +52,16 @@ def is_feature(name: str) -> bool:
     return PATTERN.fullmatch(str(name)) is not None
 
 
+def features_of(table: pd.DataFrame) -> list[str]:
+    """The columns of a table that are features, in its order."""
+    return [name for name in table.columns if is_feature(name)]
+
+
 def family(feature: str) -> str:
-    """Display name of a feature's family: first order, GLCM, GLDM, GLRLM or GLSZM."""
-    return FAMILIES[feature.split("_")[1]]
+    """Display name of a feature's family: first order, GLCM, GLDM, GLRLM, GLSZM, NGTDM or shape, filtered or not."""
+    return EVERY_FAMILY[feature.split("_")[1]]
+
+
+def unfiltered(feature: str) -> str:
+    """The feature of the original image that a feature of a filtered one is alike."""
+    return f"original_{feature.partition('_')[2]}"

@@ -11,9 +11,11 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 
 import pandas as pd
+import yaml
 
 from ..base.errors import InputError
-from .names import FEATURES, HISTOGRAM_ONLY
+from ..io.files import read_text
+from .names import FEATURES, HISTOGRAM_ONLY, unfiltered
 
 SETTINGS = {
     "binWidth": 25,
@@ -34,6 +36,8 @@ SETTINGS = {
     "additionalInfo": False,
 }
 
+OWN = "own-"  # begins the hash of settings that are not the study's default
+
 # Columns in which pyradiomics tells how it was set.
 SETTINGS_COLUMN = "diagnostics_Configuration_Settings"
 TYPES_COLUMN = "diagnostics_Configuration_EnabledImageTypes"
@@ -43,6 +47,9 @@ LONGEST = 20_000  # characters of a dictionary in a table; those of pyradiomics 
 
 # What pyradiomics takes for a setting that is not stated (3.0.1, "Customizing the Extraction").
 UNSTATED = {
+    "wavelet": "coif1",
+    "gradientUseSpacing": True,
+    "preCrop": False,
     "binWidth": 25,
     "binCount": None,
     "normalize": False,
@@ -100,6 +107,32 @@ CHANGES = {
 OF_NEIGHBOURS = ("distances", "gldm_a", "force2D", "force2Ddimension")
 
 
+# Image types by how names of their features begin.
+TYPES = {
+    "wavelet": "Wavelet",
+    "log-sigma": "LoG",
+    "squareroot": "SquareRoot",
+    "square": "Square",
+    "logarithm": "Logarithm",
+    "exponential": "Exponential",
+    "gradient": "Gradient",
+    "lbp-2D": "LBP2D",
+    "lbp-3D": "LBP3D",
+}
+# Settings of filters alone, which may stand among those of all images too.
+FILTER_SETTINGS = frozenset(
+    "wavelet gradientUseSpacing lbp2DRadius lbp2DSamples lbp2DMethod lbp3DLevels lbp3DIcosphereRadius "
+    "lbp3DIcosphereSubdivision preCrop".split()
+)
+# Told by the names of features already.
+IN_NAMES = ("sigma", "level", "start_level")
+
+
+def image_type(feature: str) -> str:
+    """The image type that a feature is of, as pyradiomics calls it."""
+    return next((name for start, name in TYPES.items() if feature.startswith(start)), "Original")
+
+
 @dataclass(frozen=True)
 class Extraction:
     """Settings of pyradiomics.
@@ -127,7 +160,7 @@ class Extraction:
             {setting: value}, comparable with those of another extraction.
         """
         stated = {**self.settings, **(self.image_types.get("Original") or {})}
-        values = {**UNSTATED, **{key: value for key, value in stated.items() if key not in HARMLESS}}
+        values = {key: value for key, value in {**UNSTATED, **stated}.items() if key not in HARMLESS}
         if isinstance(values["interpolator"], int):
             values["interpolator"] = INTERPOLATORS.get(values["interpolator"], values["interpolator"])
         spacing = values["resampledPixelSpacing"]
@@ -147,18 +180,24 @@ class Difference:
     setting : str
     study, table : object
         Its values; None also where it has none.
+    of : str or None
+        The image type that it is of alone; None for all.
     """
 
     setting: str
     study: object
     table: object
+    of: str | None = None
 
     def __str__(self) -> str:
-        return f"{self.setting} is {_shown(self.table)}, the study's {_shown(self.study)}"
+        where = f"{self.of}: " if self.of else ""
+        return f"{where}{self.setting} is {_shown(self.table)}, the study's {_shown(self.study)}"
 
     def changes(self, feature: str) -> bool:
         """Whether a feature's value depends on the setting."""
-        if feature in HISTOGRAM_ONLY and self.setting in OF_NEIGHBOURS:
+        if self.of is not None and image_type(feature) != self.of:
+            return False
+        if unfiltered(feature) in HISTOGRAM_ONLY and self.setting in OF_NEIGHBOURS:
             return False
         kind = feature.partition("_")[2]
         parts = CHANGES.get(self.setting)
@@ -169,7 +208,7 @@ STUDY = Extraction(SETTINGS)
 
 
 def differences(study: Extraction, table: Extraction) -> list[Difference]:
-    """Settings that make other values of features of the original image.
+    """Settings that make other values of features, of all images or of a filtered one that both have.
 
     Parameters
     ----------
@@ -181,11 +220,21 @@ def differences(study: Extraction, table: Extraction) -> list[Difference]:
         In the order of the settings' names.
     """
     ours, theirs = study.effective(), table.effective()
-    return [
+    found = [
         Difference(key, ours.get(key), theirs.get(key))
         for key in sorted(ours.keys() | theirs.keys())
         if ours.get(key) != theirs.get(key)
     ]
+    for name in sorted(study.image_types.keys() & table.image_types.keys() - {"Original"}):
+        mine, others = ({**one.settings, **(one.image_types[name] or {})} for one in (study, table))
+        own = (study.image_types[name] or {}).keys() | (table.image_types[name] or {}).keys()
+        stated = own | (FILTER_SETTINGS & (mine.keys() | others.keys()))
+        found += [
+            Difference(key, mine.get(key, UNSTATED.get(key)), others.get(key, UNSTATED.get(key)), name)
+            for key in sorted(stated - set(IN_NAMES))
+            if mine.get(key, UNSTATED.get(key)) != others.get(key, UNSTATED.get(key))
+        ]
+    return found
 
 
 def of_table(table: pd.DataFrame, source: str) -> list[Extraction | None]:
@@ -275,6 +324,15 @@ def other_settings(
     found = [one for own in distinct(of_table(table, source)) for one in differences(study, own)]
     texts = {name: "; ".join(dict.fromkeys(str(one) for one in found if one.changes(name))) for name in features}
     return {name: text for name, text in texts.items() if text}
+
+
+def of_parameters(path: str | None) -> Extraction:
+    """What a parameter file of pyradiomics that has been checked asks; the study's default for None."""
+    if path is None:
+        return STUDY
+    content = yaml.safe_load(read_text(path, "restore it"))
+    types = {name: own or {} for name, own in (content.get("imageType") or {"Original": {}}).items()}
+    return Extraction(content.get("setting") or {}, types, installed())
 
 
 def installed() -> str:

@@ -10,7 +10,8 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..io.files import read_csv
-from .names import FEATURES
+from .names import FEATURES, features_of
+from .settings import OWN
 
 PROVENANCE = ("settings_hash", "pyradiomics_version", "numpy_version", "simpleitk_version")
 ACQUISITION = ("protocol", "algorithm", "projections", "noise", "noise_level", "seed")
@@ -34,10 +35,11 @@ def complete(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisitio
     Returns
     -------
     DataFrame
-        Columns METADATA and FEATURES.
+        Columns METADATA and the features.
     """
+    features = features_of(extracted)
     table = extracted.assign(**acquisition, tissue_class=extracted["roi"].map(tissue_classes))
-    return table[[*METADATA, *FEATURES]]
+    return table[[*METADATA, *features]]
 
 
 def read(path: str | Path) -> pd.DataFrame:
@@ -53,7 +55,10 @@ def read(path: str | Path) -> pd.DataFrame:
         If it is missing or lacks a column.
     """
     table = read_csv(path, dtype=dict.fromkeys(TEXT, str))
-    if missing := [column for column in (*METADATA, *FEATURES) if column not in table]:
+    # What a parameter file asked for stands in the table alone; its extraction refuses to leave any out.
+    own = "settings_hash" in table and table["settings_hash"].astype(str).str.startswith(OWN).all()
+    features = (features_of(table) or FEATURES[:1]) if own else FEATURES
+    if missing := [column for column in (*METADATA, *features) if column not in table]:
         raise InputError(f"{path}: lacks {len(missing)} column(s) of a feature table, the first {missing[0]}")
     return table
 

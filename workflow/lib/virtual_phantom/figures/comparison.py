@@ -167,7 +167,9 @@ def _family(family: str) -> str:
 
 
 def _short(feature: str) -> str:
-    return str(feature).removeprefix("original_").partition("_")[2] or str(feature)
+    image, _, rest = str(feature).partition("_")
+    name = rest.partition("_")[2]
+    return (name if image == "original" else f"{image} {name}") if name else str(feature)
 
 
 def _fraction(value: float) -> str:

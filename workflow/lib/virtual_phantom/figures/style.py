@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 from seaborn.utils import relative_luminance
 
+from ..features.names import is_feature
 from ..io.files import replacing
 
 SINGLE_COLUMN_MM = 90.0
@@ -154,7 +155,10 @@ def family_label(family: str) -> str:
 
 
 def feature_label(feature: str) -> str:
-    """A pyradiomics feature name as it is read: `original_glcm_Idn` is GLCM Idn."""
+    """A pyradiomics feature name as it is read: `original_glcm_Idn` is GLCM Idn, a filter's has its name first."""
+    if is_feature(feature) and not str(feature).startswith("original_"):
+        image, family, name = str(feature).split("_")
+        return f"{image} {family_label(family)} {label(name)}"
     family, _, name = str(feature).removeprefix("original_").partition("_")
     return f"{family_label(family)} {label(name)}" if name else label(feature)
 

@@ -36,7 +36,7 @@ class FeaturesRecording(Recording):
         Tables with the columns image, roi, tissue_class, the conditions, whatever else the files hold, and `features`;
         values as in the files.
     features : tuple of str
-        Those of names.FEATURES that the tables have, in that order.
+        Those of the study that the tables have, in its order.
     extractions : tuple of Extraction
         How they were extracted, each way once, as the tables tell; empty where they do not.
     """
@@ -68,8 +68,14 @@ class FeaturesRecording(Recording):
         return self.repeats.groupby(list(self.conditions))["image"].nunique()
 
 
-def load(document: Document) -> FeaturesRecording:
+def load(document: Document, study: tuple[str, ...] = FEATURES) -> FeaturesRecording:
     """Read all tables.
+
+    Parameters
+    ----------
+    document : Document
+    study : tuple of str, optional
+        The study's features. A table of pyradiomics may have others, which are left out.
 
     Returns
     -------
@@ -83,8 +89,7 @@ def load(document: Document) -> FeaturesRecording:
     settings = document.content["features"]
     if unknown := [name for name in settings["absent"] if name not in FEATURES]:
         raise InputError(f"{document.path}: features.absent: {_unknown(unknown[0])}")
-    wanted = tuple(feature for feature in FEATURES if feature not in settings["absent"])
-    tables, features, notes = _tables(document, wanted)
+    tables, features, notes = _tables(document, study)
     places: dict[str, Path] = {}
     extractions: list[Extraction | None] = []
     for path, table in tables.items():
@@ -109,11 +114,11 @@ def load(document: Document) -> FeaturesRecording:
     return FeaturesRecording(document, provenance, None, tuple(notes), repeats, held_out, features, known)
 
 
-def _tables(document: Document, wanted: tuple[str, ...]) -> tuple[dict[Path, pd.DataFrame], tuple[str, ...], list[str]]:
+def _tables(document: Document, study: tuple[str, ...]) -> tuple[dict[Path, pd.DataFrame], tuple[str, ...], list[str]]:
     """All tables in our layout, the features that they have, and what is to be said of them.
 
-    Our own layout has `wanted` and no other feature. A table of pyradiomics has what it has: features that are not
-    wanted are left out, those that are missing are named.
+    Our own layout has the 86 but for those said to be absent, and no other feature but `study`. A table of pyradiomics
+    has what it has: features that are not of the study are left out, those that are missing are named.
 
     Returns
     -------
@@ -130,23 +135,27 @@ def _tables(document: Document, wanted: tuple[str, ...]) -> tuple[dict[Path, pd.
     tables = {path: _csv(path, settings) for path in (*document.repeats, *document.held_out)}
     conditions, source = settings["conditions"], str(document.path)
     foreign = any(key in settings for key in LAYOUT) or any(map(pyradiomics_table.is_one, tables.values()))
+    absent = set(settings["absent"])
     if not rois and not foreign:
+        more = [one for one in study if one not in FEATURES and all(one in table for table in tables.values())]
+        wanted = tuple(one for one in (*FEATURES, *more) if one not in absent)
         return {path: _checked(path, table, wanted, conditions) for path, table in tables.items()}, wanted, []
     left_out, notes = 0, []
     for path, table in tables.items():
         tables[path], rows = pyradiomics_table.renamed(table, settings, rois, str(path))
         left_out += rows
     names = pyradiomics_table.short_names(pd.concat([table["image"].dropna() for table in tables.values()]))
+    wanted = tuple(one for one in study if one not in absent)
     features = tuple(one for one in wanted if all(one in table for table in tables.values()))
     if not features:
-        raise InputError(f"{source}: its tables have none of the {len(FEATURES)} features of the study in common")
+        raise InputError(f"{source}: its tables have none of the {len(study)} features of the study in common")
     others = {one for table in tables.values() for one in table if is_feature(one)} - set(features)
     if left_out:
         notes.append(f"{left_out} rows of ROIs that recording.yaml does not name are left out")
     if others:
         notes.append(f"{len(others)} other features are left out (shape, filters and what else the study has not)")
-    if missing := [one for one in FEATURES if one not in features]:
-        notes.append(f"{len(missing)} of the {len(FEATURES)} features are missing: {', '.join(missing)}")
+    if missing := [one for one in study if one not in features]:
+        notes.append(f"{len(missing)} of the {len(study)} features are missing: {', '.join(missing)}")
     ours = {
         path: table.assign(image=table["image"].map(names)).drop(columns=[one for one in table if one in others])
         for path, table in tables.items()

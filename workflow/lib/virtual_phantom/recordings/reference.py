@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pandas as pd
 
 from ..base.errors import InputError
-from ..features.names import FEATURES
+from ..features.names import features_of
 from ..statistics import measured
 from ..statistics import repeats as repeats_of
 from .features import FeaturesRecording
@@ -52,7 +52,7 @@ def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image"
     Returns
     -------
     DataFrame
-        Columns group, roi, tissue_class and those of FEATURES that the table has.
+        Columns group, roi, tissue_class and the features that the table has.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image"
     if per not in PER:
         raise InputError(f"reference: {per!r} is not known; choose from {', '.join(PER)}")
     columns = ["group", "roi", "tissue_class"]
-    table = grouped(table, conditions)[[*columns, *(feature for feature in FEATURES if feature in table)]]
+    table = grouped(table, conditions)[[*columns, *features_of(table)]]
     return table if per == "image" else table.groupby(columns, sort=False).mean().reset_index()
 
 

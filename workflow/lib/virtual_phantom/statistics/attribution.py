@@ -15,7 +15,7 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..base.streams import generator
-from ..features.names import FAMILIES, family
+from ..features.names import EVERY_FAMILY, family
 from .comparison import LEVEL, MARGIN_SD, common_rois, in_sd, samples, spread
 
 BASELINE = "baseline"
@@ -136,7 +136,7 @@ def attribute(
     ]
     families = np.array([family(feature) for feature in features])
     properties = []
-    for label in ("all", *(name for name in FAMILIES.values() if name in families)):
+    for label in ("all", *(name for name in EVERY_FAMILY.values() if name in families)):
         chosen = np.broadcast_to((families == label) | (label == "all"), missed.shape)
         properties.append(_properties(label, others, chosen, missed, within, repaired, removed))
     return Attribution(pd.concat(cells, ignore_index=True), pd.concat(properties, ignore_index=True))

@@ -18,7 +18,16 @@ import pandas as pd
 from scipy import stats
 
 from ..base.errors import InputError
-from ..features.names import FAMILIES, FEATURES, HISTOGRAM_ONLY, family
+from ..features.names import (
+    EVERY_FAMILY,
+    FAMILIES,
+    HISTOGRAM_ONLY,
+    OTHER_FAMILIES,
+    family,
+    features_of,
+    is_feature,
+    unfiltered,
+)
 from ..features.settings import SETTINGS
 from ..features.tables import finite_values
 from . import COMPARED_REPEATS
@@ -61,12 +70,13 @@ SIZED = (
     "original_glszm_SizeZoneNonUniformity",
     "original_glszm_ZoneVariance",
 )
+SHAPES = (OTHER_FAMILIES["shape"], OTHER_FAMILIES["shape2D"])
 COMPARABLE = ("yes", "with care", "no")
 
 
 def common_features(simulated: pd.DataFrame, recorded: pd.DataFrame) -> list[str]:
-    """Those of names.FEATURES that both tables have, in that order."""
-    return [feature for feature in FEATURES if feature in simulated and feature in recorded]
+    """Features that both tables have, in the order of the simulated one."""
+    return [feature for feature in features_of(simulated) if feature in recorded]
 
 
 def compare(
@@ -447,7 +457,7 @@ def family_summary(table: pd.DataFrame) -> pd.DataFrame:
     """
     cells, each = _cells(table), summary(table)
     rows = []
-    for name in (*FAMILIES.values(), "all"):
+    for name in (*EVERY_FAMILY.values(), "all"):
         part = cells if name == "all" else cells[cells["family"] == name]
         own = each if name == "all" else each[each["family"] == name]
         if own.empty:
@@ -556,25 +566,29 @@ def comparable(
     """
     if recording_dimensions not in (2, 3):
         raise InputError(f"comparison: dimensions is {recording_dimensions}; features are of 2 or 3 dimensions")
-    if unknown := [feature for feature in features if feature not in FEATURES]:
-        raise InputError(f"comparison: unknown feature {unknown[0]}; none of the 86 features of the study")
+    if unknown := [feature for feature in features if not is_feature(feature)]:
+        raise InputError(f"comparison: unknown feature {unknown[0]}; it is named as none of pyradiomics is")
     rows = []
     for feature in features:
-        texture = family(feature) != FAMILIES["firstorder"]
+        alike = unfiltered(feature)
+        shape = family(feature) in SHAPES
+        texture = family(feature) != FAMILIES["firstorder"] and not shape
         binned = texture or feature.endswith(("_Entropy", "_Uniformity"))
-        neighbours = texture and feature not in HISTOGRAM_ONLY
+        neighbours = texture and alike not in HISTOGRAM_ONLY
         row = {
             "feature": feature,
             "family": family(feature),
             "needs_hu": stored_offset != 0 and feature in SHIFTED,
             "depends_on_bin_edges": binned and stored_offset % SETTINGS["binWidth"] != 0,
-            "depends_on_size": feature in SIZED,
-            "depends_on_voxel_size": neighbours or (feature in SIZED and not feature.endswith("_TotalEnergy")),
+            "depends_on_size": alike in SIZED or shape,
+            "depends_on_voxel_size": neighbours or shape or (alike in SIZED and not feature.endswith("_TotalEnergy")),
             "depends_on_dimensions": neighbours and recording_dimensions == 2,
         }
         counted = family(feature) in (FAMILIES["gldm"], FAMILIES["glszm"])
         if other := (other_settings or {}).get(feature):
             verdict = "no", f"extracted with other settings: {other}"
+        elif stored_offset != 0 and alike != feature:
+            verdict = "no", "a filtered image of another offset"
         elif row["depends_on_size"] and not (same_voxels and recording_dimensions == 3):
             verdict = "no", "grows with the ROI"
         elif row["depends_on_dimensions"] and counted:

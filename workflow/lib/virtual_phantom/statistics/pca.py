@@ -14,7 +14,7 @@ from sklearn.model_selection import LeaveOneGroupOut, cross_val_predict
 from sklearn.preprocessing import StandardScaler
 
 from ..base.errors import InputError
-from ..features.names import FEATURES
+from ..features.names import features_of
 from ..features.tables import ACQUISITION, finite_values
 
 FIT_ON = ("simulated", "measured", "pooled")
@@ -69,7 +69,7 @@ def project(
     if measured is None and fit_on != "simulated":
         raise InputError(f"pca.fit_on: {fit_on!r} needs measured features; choose simulated")
     tables = {"simulated": simulated} if measured is None else {"simulated": simulated, "measured": measured}
-    features = [feature for feature in FEATURES if all(feature in table for table in tables.values())]
+    features = [feature for feature in features_of(simulated) if all(feature in table for table in tables.values())]
     values = {source: finite_values(table, features, f"{source} features") for source, table in tables.items()}
     fitted = list(values) if fit_on == "pooled" else [fit_on]
     if standardise == "each":

@@ -120,6 +120,16 @@ class Context:
         """A JSON schema of the library, as an input."""
         return shipped(SCHEMAS / name)
 
+    @property
+    def parameters(self) -> str | None:
+        """The parameter file of pyradiomics that features are extracted by; None for the study's own settings."""
+        return self.config["features"]["parameters"]
+
+    @property
+    def parameter_files(self) -> list[str]:
+        """The same as inputs of rules."""
+        return [self.parameters] if self.parameters else []
+
     def title(self, name: str) -> str | None:
         """What a report calls an output."""
         return BY_NAME[name].title

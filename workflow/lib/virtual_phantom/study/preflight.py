@@ -39,7 +39,7 @@ def problems(settings: Mapping, scans: bool = False) -> list[str]:
     """
     lines, config = inspected(settings)
     if config:
-        for look in (_results, _engine, _layout, _phantom, _measured, _recordings, _proof):
+        for look in (_results, _engine, _layout, _phantom, _parameters, _measured, _recordings, _proof):
             lines += look(config)
         if scans:
             lines += _scanned(config)
@@ -121,6 +121,14 @@ def _phantom(config: dict) -> Iterator[str]:
         from .preflight_ct import ct_problems  # heavy, for those who get here
 
         yield from ct_problems(config)
+
+
+def _parameters(config: dict) -> Iterator[str]:
+    """The parameter file of features."""
+    if file := config.get("features", {}).get("parameters"):
+        from ..features.parameters import read_parameters  # loads pyradiomics, for those who get here
+
+        yield from _said(read_parameters, file)
 
 
 def _measured(config: dict) -> Iterator[str]:

@@ -14,6 +14,7 @@ from ...base.units import HU_AIR
 from ...features import variants
 from ...features.extraction import extract_repeats
 from ...features.names import MEAN
+from ...features.parameters import DEFAULT, Parameters
 from ...io.volumes import Volume
 from ...phantom import HALF_COVERED
 from ...phantom.ct import resample
@@ -34,6 +35,7 @@ def property_tables(
     fold_of: Mapping[str, int],
     recorded: pd.DataFrame,
     voxel_mm: Sequence[float] | None = None,
+    parameters: Parameters = DEFAULT,
 ) -> Iterator[pd.DataFrame]:
     """Features of the images as they are (BASELINE) and with every property changed.
 
@@ -50,6 +52,8 @@ def property_tables(
         Features of the recording in HU, one row per image and ROI.
     voxel_mm : sequence of 3 float, optional
         (z, y, x) of the recording, mm; None leaves `voxels` out.
+    parameters : Parameters, optional
+        Of the extraction.
 
     Yields
     ------
@@ -59,7 +63,7 @@ def property_tables(
     """
 
     def table(name, strength, fold, changed, on=grid, within=masks):
-        found = extract_repeats(changed, on, within, name)
+        found = extract_repeats(changed, on, within, name, parameters)
         front = pd.DataFrame({"property": name, "strength": strength, "fold": fold}, index=found.index)
         return pd.concat([front, found], axis=1).reset_index(drop=True)
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from ...base.errors import InputError
 from ...base.geometry import Grid
-from ...features.settings import other_settings
+from ...features.settings import STUDY, Extraction, other_settings
 from ...statistics.attribution import BASELINE
 from ...statistics.comparison import common_features, common_rois, comparable, roi_sizes, samples, spread
 from .properties import EVERY_FOLD, FOLDS, Property, folds, properties
@@ -85,7 +85,7 @@ class Responses:
 
 
 def compared(
-    table: pd.DataFrame, recorded: pd.DataFrame, dimensions: int, stored_offset_hu: float
+    table: pd.DataFrame, recorded: pd.DataFrame, dimensions: int, stored_offset_hu: float, study: Extraction = STUDY
 ) -> tuple[list[str], dict[str, str]]:
     """Features of `property_tables` and a recording that tell of the images.
 
@@ -98,6 +98,8 @@ def compared(
     dimensions : {2, 3}
     stored_offset_hu : float
         Both of the recording's features, as comparison.comparable takes them.
+    study : Extraction, optional
+        How features of `table` were extracted.
 
     Returns
     -------
@@ -115,7 +117,7 @@ def compared(
     ours, theirs = (roi_sizes(one).set_index("roi") for one in (baseline, recorded))
     ratio = (ours["n_voxels"] / theirs["n_voxels"]).dropna()
     same = bool((np.abs(ratio - 1) < SAME_VOXELS).all())
-    other = other_settings(features, recorded)
+    other = other_settings(features, recorded, study)
     verdicts = comparable(features, dimensions, stored_offset_hu, same_voxels=same, other_settings=other)
     refused = verdicts[verdicts["comparable"] == "no"].set_index("feature")
     if len(refused) == len(features):

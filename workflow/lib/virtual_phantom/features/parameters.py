@@ -1,0 +1,191 @@
+"""How features are extracted: the study's 86, or what a parameter file of pyradiomics asks.
+
+Such a file means here what it means to the command `pyradiomics`: what it leaves out is as pyradiomics has it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+import SimpleITK as sitk
+import yaml
+from pykwalify.core import Core
+from pykwalify.errors import PyKwalifyException
+from radiomics import getParameterValidationFiles
+from radiomics.featureextractor import RadiomicsFeatureExtractor
+
+from ..base.errors import InputError, refusing
+from ..io.files import read_text
+from ..io.schema import check_nesting
+from .names import FEATURES, NAMES, is_feature
+from .settings import OWN, SETTINGS, STUDY, Extraction, image_type, of_parameters
+
+SECTIONS = ("imageType", "featureClass", "setting")
+# Where the names of features are asked for, on an image of noise: whatever could refuse it or its region is off.
+PROBE_VOXELS = 32
+PROBE_SPACING_MM = 10.0  # LoG passes over images that are narrow beside its sigma
+PROBE = {
+    "resampledPixelSpacing": None,
+    "normalize": False,
+    "resegmentRange": None,
+    "minimumROISize": None,
+    "minimumROIDimensions": 1,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """Settings, image types and classes of features.
+
+    Attributes
+    ----------
+    extraction : Extraction
+        Settings, and those of every image type.
+    classes : dict of str to list of str
+        Names by class of features; an empty list for all of a class that are not outdated.
+    source : str or None
+        The file; None for the study's default.
+    """
+
+    extraction: Extraction
+    classes: dict[str, list[str]]
+    source: str | None = None
+
+    @cached_property
+    def extractor(self) -> RadiomicsFeatureExtractor:
+        """What extracts."""
+        return _extractor(self.extraction.settings, self.extraction.image_types, self.classes)
+
+    @cached_property
+    def features(self) -> tuple[str, ...]:
+        """Names of all features, in the order in which they are extracted."""
+        if self.source is None:
+            return FEATURES
+        probe = _extractor({**self.extraction.settings, **PROBE}, self.extraction.image_types, self.classes)
+        noise = np.random.default_rng(0).normal(0, 100, (PROBE_VOXELS,) * 3)
+        region = np.zeros(noise.shape, np.uint8)
+        region[12:20, 12:20, 12:20] = 1
+        images = [sitk.GetImageFromArray(array) for array in (noise, region)]
+        for image in images:
+            image.SetSpacing((PROBE_SPACING_MM,) * 3)
+        with _quiet():
+            return tuple(name for name in probe.execute(*images) if is_feature(name))
+
+    @property
+    def of_the_region_alone(self) -> bool:
+        """Whether nothing outside of a region matters to its features."""
+        asked = self.extraction.settings
+        return (
+            set(self.extraction.image_types) == {"Original"}
+            and not asked.get("normalize")
+            and asked.get("resampledPixelSpacing") is None
+        )
+
+    def hash(self) -> str:
+        """First 16 hexadecimal digits of the SHA-256 of settings and feature names as canonical JSON.
+
+        Returns
+        -------
+        str
+            Beginning with OWN where a file says how.
+        """
+        content: dict = {"features": self.features, "settings": self.extraction.settings}
+        if self.source is not None:
+            content["image_types"] = self.extraction.image_types
+        text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+        digits = hashlib.sha256(text.encode()).hexdigest()[:16]
+        return digits if self.source is None else OWN + digits
+
+
+DEFAULT = Parameters(STUDY, {key: names.split() for key, names in NAMES.items()})
+
+
+@cache
+def read_parameters(path: str | None) -> Parameters:
+    """A parameter file of pyradiomics, checked by pyradiomics' own schema.
+
+    Parameters
+    ----------
+    path : str or None
+        None for the study's 86 features.
+
+    Returns
+    -------
+    found : Parameters
+
+    Raises
+    ------
+    InputError
+        One line, for a file that is missing, not YAML, refused by the schema, or asks for no feature.
+    """
+    if path is None:
+        return DEFAULT
+    with refusing(f"{path}: cannot be read as YAML", OSError, ValueError, RecursionError, yaml.YAMLError):
+        try:
+            content = yaml.safe_load(read_text(path, "restore it"))
+        except FileNotFoundError:
+            raise InputError(f"{path}: no such file; correct features.parameters in the configuration") from None
+    if not isinstance(content, dict) or not content:
+        raise InputError(f"{path}: holds none of {', '.join(SECTIONS)}; give a parameter file of pyradiomics")
+    check_nesting(content, path)
+    _check(content, path)
+    if content.get("voxelSetting"):
+        raise InputError(f"{path}: voxelSetting is of feature maps, which are not made here; take it out")
+    extraction = of_parameters(path)
+    settings = {**extraction.settings, **{key: SETTINGS[key] for key in ("label", "additionalInfo")}}
+    settings.pop("label_channel", None)
+    classes = {name: own or [] for name, own in (content.get("featureClass") or {}).items()}
+    found = Parameters(Extraction(settings, extraction.image_types, extraction.version), classes, path)
+    for name in extraction.image_types:
+        if name != "Original" and not any(image_type(feature) == name for feature in found.features):
+            raise InputError(
+                f"{path}: imageType {name} gives no features; complete its settings (LoG needs sigma), install the "
+                "package that it needs (LBP3D), or take it out"
+            )
+    if not found.features:
+        raise InputError(f"{path}: asks for no feature that can be extracted from volumes; name a featureClass")
+    return found
+
+
+def _extractor(settings, image_types, classes) -> RadiomicsFeatureExtractor:
+    if classes:
+        content = {"imageType": dict(image_types), "featureClass": {name: own or None for name, own in classes.items()}}
+    else:
+        content = {"imageType": dict(image_types)}
+    with _quiet():
+        extractor = RadiomicsFeatureExtractor(content)
+    extractor.settings.update(settings)
+    return extractor
+
+
+def _check(content: dict, path: str) -> None:
+    schema, functions = getParameterValidationFiles()
+    try:
+        with _quiet():
+            Core(source_data=content, schema_files=[schema], extensions=[functions]).validate(raise_exception=True)
+    except (PyKwalifyException, ValueError, TypeError) as error:
+        text = " ".join(str(getattr(error, "msg", None) or error).split())
+        reason = text.partition(" - ")[2] or text
+        reason = reason.partition(": Path: ")[0][:300].rstrip(" .")
+        raise InputError(
+            f"{path}: is no parameter file of pyradiomics: {reason}; correct it "
+            "(pyradiomics.readthedocs.io, Customizing the Extraction)"
+        ) from None
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing that pyradiomics or its schema logs, which is said in one line or is of a probe."""
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logging.disable(before)
