@@ -22,6 +22,7 @@ from radiomics import getParameterValidationFiles
 from radiomics.featureextractor import RadiomicsFeatureExtractor
 
 from ..base.errors import InputError, refusing
+from ..base.streams import generator
 from ..io.files import read_text
 from ..io.schema import check_nesting
 from .names import FEATURES, NAMES, is_feature
@@ -69,7 +70,7 @@ class Parameters:
         if self.source is None:
             return FEATURES
         probe = _extractor({**self.extraction.settings, **PROBE}, self.extraction.image_types, self.classes)
-        noise = np.random.default_rng(0).normal(0, 100, (PROBE_VOXELS,) * 3)
+        noise = generator(0).normal(0, 100, (PROBE_VOXELS,) * 3)
         region = np.zeros(noise.shape, np.uint8)
         region[12:20, 12:20, 12:20] = 1
         images = [sitk.GetImageFromArray(array) for array in (noise, region)]
