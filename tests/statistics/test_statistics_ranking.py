@@ -176,6 +176,13 @@ def test_top_lists_are_ordered_and_mark_ties():
     assert top["discrimination_simulated"][0] == FEATURES[85]
 
 
+def test_fewer_features_than_ranks_give_as_many_rows_whatever_the_others_have():
+    few, draws = table(np.arange(86)).head(4), table(np.arange(86)).assign(draw=1, repeats=1, of=3)
+    top = ranking.top(few, measured.load_published_top(), draws)
+    assert list(top["rank"]) == [1, 2, 3, 4] and list(top["stability_simulated"]) == list(FEATURES[3::-1])
+    assert top["stability_measured"][0] == FEATURES[85]
+
+
 def test_measured_top_lists_are_the_best_by_their_means_over_draws():
     draws = pd.concat(
         [

@@ -26,9 +26,9 @@ def own(study, tmp_path_factory):
     folder = tmp_path_factory.mktemp("own")
     shutil.copytree(study, folder / "results")
     shutil.rmtree(folder / "results" / "features")
-    (folder / "my_params.yaml").write_text(yaml.safe_dump(PARAMETERS))
+    (folder / "my_params.yaml").write_text(yaml.safe_dump(PARAMETERS, sort_keys=False))
     overlay = {"features": {"parameters": str(folder / "my_params.yaml")}}
-    targets = [folder / "results" / "tables" / f"{name}.csv" for name in TABLES]
+    targets = [folder / "results" / "tables" / f"{name}.csv" for name in TABLES] + [folder / "results" / "index.html"]
     figure = folder / "results" / "figures" / "stability_discrimination.png"
     process = tiny(folder / "results", *targets, figure, overlay=overlay)
     assert process.returncode == 0, process.stderr[-4000:]

@@ -35,6 +35,7 @@ def top(
     measured : DataFrame, optional
         From `repeats.draws`: the best by their means over draws.
     n : int, optional
+        Fewer where fewer features were scored.
 
     Returns
     -------
@@ -52,6 +53,7 @@ def top(
     _check(scores, "scores of the simulation")
     if measured is not None:
         _check(measured, "measured scores")
+    n = min(n, len(scores))
     columns: dict[str, object] = {"rank": np.arange(1, n + 1)}
     for kind in KINDS:
         percent = scores[f"{kind}_percent"]
