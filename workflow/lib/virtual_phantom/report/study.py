@@ -18,6 +18,7 @@ from docutils.core import publish_parts
 from jinja2 import Environment, StrictUndefined
 
 from .. import __version__
+from ..features.names import is_feature
 from ..figures import style
 from ..io.files import read_csv, sha256
 from .html import data_url, number, render
@@ -127,7 +128,7 @@ def cell(value: str | float) -> dict:
     """How a value is written, what it is sorted by, and whether it is a number."""
     if isinstance(value, str):
         return {
-            "text": style.feature_label(value) if value.startswith("original_") else value,
+            "text": style.feature_label(value) if is_feature(value) else value,
             "key": value,
             "n": False,
         }
