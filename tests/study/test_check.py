@@ -244,6 +244,25 @@ def test_a_file_that_is_no_configuration_is_one_line(text, message, desk, capsys
     assert code == 1 and line.startswith(f"Error: {message}")
 
 
+@pytest.mark.parametrize(
+    ("rois", "message"),
+    [
+        ({"bright": "tumour"}, None),
+        ({"bright": "tumour", "spine": "bone"}, None),
+        ({"bright": "cyst"}, "bright is of tissue_class cyst, in the study of tumour; name one alike"),
+        ({"spine": "bone"}, "none of spine is an ROI of the study (bright, dark)"),
+    ],
+)
+def test_regions_of_a_table_are_held_against_those_of_the_study(rois, message, desk, capsys):
+    _, content = recording_folders.features_folder(Path("clinic"))
+    content["rois"] = [{"name": name, "tissue_class": kind, "label": 1} for name, kind in rois.items()]
+    recording_folders.write_yaml(Path("clinic"), content)
+    asked = {"recording": "clinic", "where": {"dose_mgy": 1}, "protocol": "fbp_150", "noise": "dose10"}
+    code, lines = checked(changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"ours": asked}), capsys)
+    assert (code, len(lines)) == (int(message is not None), 1)
+    assert (message or "nothing wrong") in lines[0]
+
+
 def test_a_missing_file_is_one_line(desk, capsys):
     assert command.main(["check", "nothing.yaml"]) == 1
     assert capsys.readouterr().err.startswith("Error: nothing.yaml: cannot be read")

@@ -17,6 +17,7 @@ from .config import inspected
 from .outputs import Files
 from .phantom_sources import PhantomSources
 from .plan import Plan
+from .preflight_rois import roi_problems
 from .proof import Proof
 
 
@@ -145,6 +146,7 @@ def _recordings(config: dict) -> Iterator[str]:
             documents[name] = read_document(folder)
         except InputError as error:
             yield str(error)
+    yield from roi_problems(config, documents)
     diagnosed = config["diagnosis"]["recordings"]
     yield from _said(check_accuracy, config["diagnosis"]["model_accuracy"])
     for name, one in diagnosed.items():

@@ -1,0 +1,64 @@
+"""Whether recordings that are compared call their regions as the study's phantom does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from ..base.errors import InputError
+from ..phantom.rois import read_entries
+from ..recordings.document import Document
+
+
+def roi_problems(config: Mapping, documents: Mapping[str, Document]) -> Iterator[str]:
+    """What would stop a comparison once everything is simulated.
+
+    Parameters
+    ----------
+    config : mapping
+        Complete.
+    documents : mapping of str to Document
+        Of the recordings that could be read, by name.
+
+    Yields
+    ------
+    str
+        For each region that recording.yaml has in another tissue class than the phantom, and each recording of which
+        no region has the name of one of the phantom's.
+    """
+    compared = {one["recording"] for one in config["analyses"].get("comparison", {}).values()}
+    ours = _classes_of_phantom(config["phantom"]) if compared & documents.keys() else {}
+    for name in sorted(compared & documents.keys()):
+        path, entries = documents[name].path, documents[name].content.get("rois", [])
+        theirs = {one: entry["tissue_class"] for entry in entries for one in _names(entry)}
+        if not ours or not theirs:
+            continue
+        common = theirs.keys() & ours.keys()
+        if not common:
+            yield (
+                f"{path}: rois: none of {', '.join(theirs)} is an ROI of the study ({', '.join(ours)}), so that nothing "
+                "could be compared; give those that are alike the study's names"
+            )
+        for roi in sorted(common):
+            if theirs[roi] != ours[roi]:
+                yield (
+                    f"{path}: rois: {roi} is of tissue_class {theirs[roi]}, in the study of {ours[roi]}; name one alike"
+                )
+
+
+def _classes_of_phantom(phantom: Mapping) -> dict[str, str]:
+    """Tissue class of every ROI; empty where the section itself is wrong, which is said elsewhere."""
+    try:
+        if phantom["source"] == "ct":
+            ct = phantom["ct"]
+            entries = read_entries(ct["rois"], ct.get("labels"))
+            return {name: entry.tissue_class for entry in entries for name in entry.names}
+        from ..phantom.layout import read_layout  # heavy, for those who get here
+
+        return {str(one["name"]): str(one["tissue_class"]) for one in read_layout(phantom["layout"])["rois"]}
+    except (InputError, KeyError, TypeError):
+        return {}
+
+
+def _names(entry: Mapping) -> tuple[str, ...]:
+    parts = entry.get("parts", 1)
+    return (entry["name"],) if parts == 1 else tuple(f"{entry['name']}_{i}" for i in range(1, parts + 1))
