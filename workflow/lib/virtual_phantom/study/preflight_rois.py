@@ -35,8 +35,8 @@ def roi_problems(config: Mapping, documents: Mapping[str, Document]) -> Iterator
         common = theirs.keys() & ours.keys()
         if not common:
             yield (
-                f"{path}: rois: none of {', '.join(theirs)} is an ROI of the study ({', '.join(ours)}), so nothing could "
-                "be compared; give those that are alike the study's names"
+                f"{path}: rois: none of {', '.join(theirs)} is an ROI of the study ({', '.join(ours)}), so nothing "
+                "could be compared; give those that are alike the study's names"
             )
         for roi in sorted(common):
             if theirs[roi] != ours[roi]:
