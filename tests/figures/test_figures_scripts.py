@@ -4,6 +4,7 @@ import runpy
 from pathlib import Path
 from types import SimpleNamespace
 
+import matplotlib.image
 import numpy as np
 import pandas
 import pytest
@@ -91,7 +92,12 @@ def test_tables(run, tmp_path, calibration, stability, overlap, make_pca, name, 
     }
     write_csv(tables[name], tmp_path / "table.csv")
     write_csv(stability[["feature"]].assign(ci95_low=1.0, ci95_high=99.0), tmp_path / "trust.csv")
-    assert written(run(name, {"table": tmp_path / "table.csv", "trust": tmp_path / "trust.csv"}, **params))
+    heights = []
+    for trial in (False, True):
+        paths = run(name, {"table": tmp_path / "table.csv", "trust": tmp_path / "trust.csv"}, trial=trial, **params)
+        assert written(paths)
+        heights.append(len(matplotlib.image.imread(paths[0])))
+    assert heights[1] > heights[0]  # by the line that says so
 
 
 def test_measured_scores_beside_simulated(run, tmp_path):
@@ -108,6 +114,7 @@ def test_measured_scores_beside_simulated(run, tmp_path):
         with_measured=True,
         seeds=10,
         settings="",
+        trial=False,
     )
     assert written(paths)
 
@@ -115,7 +122,7 @@ def test_measured_scores_beside_simulated(run, tmp_path):
 def test_bad_input_is_one_line_and_exit_code_1(run, tmp_path, capsys):
     (tmp_path / "table.csv").write_text("n_top,percent\n")
     with pytest.raises(SystemExit) as stop:
-        run("overlap", {"table": tmp_path / "table.csv"})
+        run("overlap", {"table": tmp_path / "table.csv"}, trial=False)
     assert stop.value.code == 1
     assert capsys.readouterr().err.count("\n") == 1
     assert not (tmp_path / "figures").exists()

@@ -158,6 +158,21 @@ def test_another_process_and_hash_seed_writes_the_same_and_leaves_no_state(tmp_p
         assert one.read_bytes() == other.read_bytes()
 
 
+@pytest.mark.parametrize("kind", ["overlap", "stability"])  # legends below and above
+def test_a_trial_is_called_one_above_a_figure_that_stays_as_it_is(overlap, stability, tmp_path, kind):
+    def drawn():
+        return overlap_figure.draw(overlap) if kind == "overlap" else stability_discrimination.draw(stability, 1.0)
+
+    style.save(drawn(), [tmp_path / "whole.png"])
+    style.save(drawn(), [tmp_path / "trial.png"], trial=True)
+    whole, trial = (matplotlib.image.imread(tmp_path / f"{name}.png") for name in ("whole", "trial"))
+    strip = len(trial) - len(whole)
+    assert strip == pytest.approx(style.TRIAL_MM / style.MILLIMETRES_PER_INCH * style.DOTS_PER_INCH, abs=2)
+    assert (trial[:strip] < 0.9).any()  # the words
+    # Type is set at fractions of pixels, which the strip may shift.
+    assert (np.abs(trial[strip:] - whole) > 0.5).mean() < 0.002
+
+
 def test_a_failure_leaves_nothing_and_the_old_files_as_they_were(overlap, tmp_path, monkeypatch):
     figure = overlap_figure.draw(overlap)
     (tmp_path / "a.png").write_text("old")

@@ -68,6 +68,7 @@ rule figure_noise_calibration:
     params:
         study_levels=context.selections.study_levels(),
         measured=lambda wildcards: context.selections.measured_noise,
+        trial=context.config["trial"],
     script:
         "../scripts/figures/noise_calibration.py"
 
@@ -97,6 +98,7 @@ rule figure_stability_discrimination:
         with_measured=context.config["measured"]["overlay"],
         seeds=context.selections.grouped["seeds"],
         settings=context.plan.scored_settings(),
+        trial=context.config["trial"],
     script:
         "../scripts/figures/stability_discrimination.py"
 
@@ -118,6 +120,8 @@ rule figure_overlap:
     resources:
         mem_mb=2000,
         runtime=10,
+    params:
+        trial=context.config["trial"],
     script:
         "../scripts/figures/overlap.py"
 
@@ -145,5 +149,6 @@ for name in context.selections.shown_components:
             runtime=10,
         params:
             title=context.title(f"figure_pca_{name}"),
+            trial=context.config["trial"],
         script:
             "../scripts/figures/pca.py"

@@ -6,4 +6,4 @@ from virtual_phantom.study.job import job
 
 with job(snakemake):
     table, output = files.read_csv(snakemake.input.table), snakemake.output
-    style.save(attribution.draw(table, snakemake.params.title), [output.png, output.pdf])
+    style.save(attribution.draw(table, snakemake.params.title), [output.png, output.pdf], trial=snakemake.params.trial)

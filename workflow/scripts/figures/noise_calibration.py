@@ -8,4 +8,4 @@ with job(snakemake):
     params = snakemake.params
     measured = [(line["label"], line["variance_hu2"]) for line in params.measured]
     figure = noise_calibration.draw(files.read_csv(snakemake.input.table), params.study_levels, measured)
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])
+    style.save(figure, [snakemake.output.png, snakemake.output.pdf], trial=snakemake.params.trial)

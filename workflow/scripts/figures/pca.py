@@ -6,4 +6,4 @@ from virtual_phantom.study.job import job
 
 with job(snakemake):
     figure = pca.draw(files.read_csv(snakemake.input.table), snakemake.params.title)
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])
+    style.save(figure, [snakemake.output.png, snakemake.output.pdf], trial=snakemake.params.trial)

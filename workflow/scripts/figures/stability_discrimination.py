@@ -15,4 +15,4 @@ with job(snakemake):
     figure = stability_discrimination.draw(
         table, params.threshold, scores, repeats=params.seeds, sd=sd, intervals=intervals
     )
-    style.save(figure, [snakemake.output.png, snakemake.output.pdf])
+    style.save(figure, [snakemake.output.png, snakemake.output.pdf], trial=snakemake.params.trial)

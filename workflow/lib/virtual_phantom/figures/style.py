@@ -20,6 +20,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 from seaborn.utils import relative_luminance
 
@@ -48,6 +49,7 @@ MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*", "p", "<", ">", "h", "d", "8",
 _MARKER_AREA = {"s": 0.8, "D": 0.75, "P": 1.6, "X": 1.6, "*": 2.0}  # so that all look equally large
 ACRONYMS = {"sirt", "fbp", "fdk", "ct", "hu"}
 GREY = "#666666"
+TRIAL, TRIAL_MM = "A trial run: too small to mean anything.", 5.0  # what is said above a figure, and its height
 DARK = 0.3  # relative luminance under which white letters have a contrast of 3 and more (WCAG 2.1)
 
 _RC = {
@@ -105,7 +107,7 @@ def figure(width_mm: float, height_mm: float) -> Figure:
 
 
 @styled()
-def save(figure: Figure, paths: Iterable[str | Path]) -> None:
+def save(figure: Figure, paths: Iterable[str | Path], *, trial: bool = False) -> None:
     """Write a figure to every path, its format by the suffix.
 
     All are written beside their targets before the first is moved into place.
@@ -115,6 +117,8 @@ def save(figure: Figure, paths: Iterable[str | Path]) -> None:
     figure : Figure
     paths : iterable of str or Path
         Ending in .png (200 dpi) or .pdf.
+    trial : bool, optional
+        Whether it is of a trial run: a line above it then says so.
 
     Raises
     ------
@@ -125,10 +129,23 @@ def save(figure: Figure, paths: Iterable[str | Path]) -> None:
     for path in paths:
         if path.suffix not in _METADATA:
             raise ValueError(f"{path}: figures are written as {' or '.join(_METADATA)}")
+    box = _with_trial(figure) if trial else None
     with contextlib.ExitStack() as stack:
         for path in paths:
             temporary = stack.enter_context(replacing(path, checksum=False))
-            figure.savefig(temporary, format=path.suffix[1:], metadata=_METADATA[path.suffix])
+            figure.savefig(temporary, format=path.suffix[1:], metadata=_METADATA[path.suffix], bbox_inches=box)
+
+
+def _with_trial(figure: Figure) -> Bbox:
+    """Write TRIAL above a figure, where nothing of its own moves; returns the box that holds both, inches."""
+    figure.draw_without_rendering()  # its layout, which would be another in the larger box
+    figure.set_layout_engine("none")
+    for legend in figure.legends:
+        legend.set_bbox_to_anchor((0, 0, 1, 1), figure.transFigure)
+    width, height = figure.get_size_inches()
+    strip = TRIAL_MM / MILLIMETRES_PER_INCH
+    figure.text(0.5, 1 + strip / height / 2, TRIAL, ha="center", va="center", color=VERMILLION, weight="bold")
+    return Bbox.from_bounds(0, 0, width, height + strip)
 
 
 def label(name: object) -> str:
