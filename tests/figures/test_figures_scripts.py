@@ -68,7 +68,7 @@ def test_rois(run, phantom_folder):
 def test_scans(run, phantom_folder):
     image = phantom_folder / "image.nii.gz"
     inputs = {"phantom": image, "fbp": image, "sirt": image, "rois": phantom_folder / "rois.csv"}
-    assert written(run("scans", inputs, titles={"fbp": "FBP", "sirt": "SIRT"}))
+    assert written(run("scans", inputs, titles={"fbp": "FBP", "sirt": "SIRT"}, noise={"dose10": 1e-6}))
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,10 @@ def test_scans(run, phantom_folder):
             "noise_calibration",
             {"study_levels": {"main": 1e-4}, "measured": [{"label": "1 mGy", "variance_hu2": 674.0}]},
         ),
-        ("stability_discrimination", {"threshold": 1.0, "with_measured": False, "seeds": 10, "settings": ""}),
+        (
+            "stability_discrimination",
+            {"threshold": 1.0, "with_measured": False, "seeds": 10, "settings": "", "noise": {}},
+        ),
         ("overlap", {}),
         ("pca", {"title": "SIRT"}),
     ],
@@ -115,6 +118,7 @@ def test_measured_scores_beside_simulated(run, tmp_path):
         seeds=10,
         settings="",
         trial=False,
+        noise={"met": None},
     )
     assert written(paths)
 

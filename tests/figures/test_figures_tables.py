@@ -1,5 +1,7 @@
 """Figures of tables: every row is drawn, numbers are right, names are the user's."""
 
+import itertools
+
 import matplotlib
 import numpy as np
 import pandas
@@ -21,7 +23,7 @@ def points(axes):
 def test_no_text_is_smaller_than_seven_points_or_cut_off(calibration, stability, draws, overlap, make_pca):
     for figure in (
         noise_calibration.draw(calibration, {"main": 1e-4}, [("1 mGy", 674), ("10 mGy", 228)]),
-        stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 0.35)),
+        stability_discrimination.draw(stability, 1.0, draws, repeats=10, sd=(0.25, 0.35), noise={"dose10": 1.24e-6}),
         stability_discrimination.draw(stability, 1.0),
         stability_discrimination.draw(stability, 1.0, intervals=stability.assign(ci95_low=0.0, ci95_high=99.0)),
         overlap_figure.draw(overlap),
@@ -56,11 +58,11 @@ def test_fit_and_crossings_in_closed_form():
     figure = noise_calibration.draw(table, {"study": 1e-4}, [("high", 250.0), ("low", 650.0), ("never", 40.0)])
     said = texts(figure)
     assert "fit: 200 HU² · A/10⁻⁴ + 50 HU², R² = 1.0000" in said
-    assert "high: 250 HU², crossed at A = 1 ×10⁻⁴" in said
-    assert "low: 650 HU², crossed at A = 3 ×10⁻⁴" in said
-    assert "never: 40 HU², not crossed" in said
-    assert "levels of the study: A = 1 (study) ×10⁻⁴" in said
-    assert "variance (HU²)" in said and "noise level A = 1/I₀ (10⁻⁴)" in said
+    assert "measured high: 250 HU², met at A = 1 ×10⁻⁴" in said
+    assert "measured low: 650 HU², met at A = 3 ×10⁻⁴" in said
+    assert "measured never: 40 HU², not met" in said
+    assert "level of the study: A = 1 ×10⁻⁴ (study)" in said
+    assert "variance over repeats, all ROIs (HU²)" in said and "noise level A = 1/I₀ (10⁻⁴)" in said
     assert figure.axes[0].get_xlim()[1] > 3
 
 
@@ -178,6 +180,33 @@ def test_both_panels_say_their_repeats_and_spreads(stability, draws):
         f"Measured, 85 features, 4 repeats a group\nmeans: {stable:.1f} ± 1.7 % stable, {apart:.1f} ± 1.7 % told apart"
     )
     assert "±" not in stability_discrimination.draw(stability, 1.0, draws[draws["draw"] == 1]).axes[1].get_title()
+
+
+def test_the_noise_level_is_said(stability):
+    said = " ".join(texts(stability_discrimination.draw(stability, 1.0, noise={"dose10": 1.24e-6})))
+    assert "Noise level dose10 (A = 1.24 ×10⁻⁶).\nLarger markers: several features." in said
+    assert style.noise_levels({"a": 2e-4, "met": None}) == "noise levels a (A = 2 ×10⁻⁴), met"
+
+
+def test_numbers_hide_nothing_where_there_is_room():
+    """Features lie where numbers would stand first; these are put elsewhere."""
+    table = pandas.DataFrame(
+        {
+            "feature": list("abcdefg"),
+            "family": "glcm",
+            "stability_percent": [50.0, 52, 52, 10, 10, 12, 90],
+            "discrimination_percent": [90.0, 92, 88, 20, 30, 20, 91],
+        }
+    )
+    figure = stability_discrimination.draw(table, 1.0)
+    assert_text_fits(figure)
+    (axes,) = figure.axes
+    numbers = [text for text in axes.texts if text.get_text()[0].isdigit() and "  " not in text.get_text()]
+    boxes = [text.get_window_extent() for text in numbers]
+    assert sorted(", ".join(text.get_text() for text in numbers).split(", ")) == list("12345")
+    for x, y in axes.transData.transform(table[["stability_percent", "discrimination_percent"]]):
+        assert not any(box.contains(x, y) for box in boxes)
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
 
 
 def test_near_best_features_share_a_label():

@@ -44,6 +44,7 @@ rule figure_scans:
         runtime=10,
     params:
         titles=context.selections.scan_titles(),
+        noise=context.selections.scan_noise(),
     script:
         "../scripts/figures/scans.py"
 
@@ -98,6 +99,7 @@ rule figure_stability_discrimination:
         with_measured=context.config["measured"]["overlay"],
         seeds=context.selections.grouped["seeds"],
         settings=context.plan.scored_settings(),
+        noise=context.selections.compared_noise(),
         trial=context.config["trial"],
     script:
         "../scripts/figures/stability_discrimination.py"

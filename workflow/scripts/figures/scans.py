@@ -10,5 +10,5 @@ with job(snakemake):
     phantom = volumes.read_nifti(paths.phantom)
     _, masks = read_masks(paths.rois, phantom.grid)
     reconstructions = {titles[name]: volumes.read_nifti(paths[name]) for name in ("fbp", "sirt")}
-    figure = scans.draw(phantom, reconstructions, axial.choose_slices(masks)[0])
+    figure = scans.draw(phantom, reconstructions, axial.choose_slices(masks)[0], snakemake.params.noise)
     style.save(figure, [snakemake.output.png, snakemake.output.pdf])

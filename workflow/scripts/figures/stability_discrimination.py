@@ -13,6 +13,6 @@ with job(snakemake):
     sd = further_seeds.spread(seeds) if further_seeds.made_with(seeds, params.settings) else None
     intervals = files.read_csv(snakemake.input.trust)
     figure = stability_discrimination.draw(
-        table, params.threshold, scores, repeats=params.seeds, sd=sd, intervals=intervals
+        table, params.threshold, scores, repeats=params.seeds, sd=sd, intervals=intervals, noise=params.noise
     )
     style.save(figure, [snakemake.output.png, snakemake.output.pdf], trial=snakemake.params.trial)

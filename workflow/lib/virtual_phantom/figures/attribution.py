@@ -43,7 +43,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     named = [
         f"{family}\n{row.misses} of {row.cells}" for family, row in zip(families, counts.itertuples(), strict=True)
     ]
-    figure = style.figure(style.DOUBLE_COLUMN_MM, ROW_MM * len(variants) + 38 + (5 if title else 0))
+    figure = style.figure(style.DOUBLE_COLUMN_MM, ROW_MM * len(variants) + 42 + (5 if title else 0))
     for index, (axes, (column, text, colours, least)) in enumerate(
         zip(figure.subplots(1, 2, sharey=True), PANELS, strict=True)
     ):
@@ -53,6 +53,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
         style.heat_map(axes, percent, words, cmap=colours, vmin=least, vmax=100)
         axes.set_xlabel(text)
         style.letter_panel(axes, index)
+    figure.supxlabel("below each family: how many of its cells (feature and ROI) miss the recording", fontsize="medium")
     if title:
         figure.suptitle(title)
     return figure

@@ -16,7 +16,7 @@ from ..statistics.noise import LinearFit, linear_fit
 from . import style, tables
 
 MEASURED_LINES = ("--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))
-LEGEND_CHARACTERS = 58  # a line of the legend in a single column
+LEGEND_CHARACTERS = 61  # a line of the legend in a single column
 
 
 def crossing(line: LinearFit, variance_hu2: float) -> float | None:
@@ -80,11 +80,15 @@ def draw(
         ]
     for (label, variance), levels, pattern in zip(measured, crossings, itertools.cycle(MEASURED_LINES), strict=False):
         text = _mark(axes, levels, variance, pattern, colours, unit)
-        text = textwrap.fill(f"{label}: {style.number(variance)} HU², {text}", LEGEND_CHARACTERS)
+        text = textwrap.fill(f"measured {label}: {style.number(variance)} HU², {text}", LEGEND_CHARACTERS)
         handles.append(axes.axhline(variance, color="black", linewidth=0.9, linestyle=pattern, label=text))
     if studied:
         handles.append(_study(axes, studied, unit))
-    axes.set(xlabel=f"noise level A = 1/I₀ ({unit})", ylabel="variance (HU²)", xlim=(0, 1.05 * furthest))
+    axes.set(
+        xlabel=f"noise level A = 1/I₀ ({unit})",
+        ylabel="variance over repeats, all ROIs (HU²)",
+        xlim=(0, 1.05 * furthest),
+    )
     axes.set_ylim(bottom=0)
     lines = sum(1 + handle.get_label().count("\n") for handle in handles)
     figure.set_figheight((62 + 3.8 * lines) / style.MILLIMETRES_PER_INCH)
@@ -134,11 +138,11 @@ def _mark(axes: Axes, levels: Mapping[str, float | None], variance: float, patte
             level, variance, "o", markersize=5, markerfacecolor="none", markeredgecolor=colours[protocol], zorder=4
         )
     numbers = ["–" if level is None else style.number(level) for level in levels.values()]
-    return f"crossed at A = {', '.join(numbers)} ×{unit}" if known else "not crossed"
+    return f"met at A = {', '.join(numbers)} ×{unit}" if known else "not met"
 
 
 def _study(axes: Axes, levels: Mapping[str, float], unit: str) -> Line2D:
-    names = ", ".join(f"{style.number(level)} ({style.label(label)})" for label, level in levels.items())
+    names = ", ".join(f"{style.number(level)} ×{unit} ({style.label(label)})" for label, level in levels.items())
     (handle,) = axes.plot(
         list(levels.values()),
         np.zeros(len(levels)),
@@ -149,6 +153,6 @@ def _study(axes: Axes, levels: Mapping[str, float], unit: str) -> Line2D:
         clip_on=False,
         zorder=5,
         transform=axes.get_xaxis_transform(),
-        label=textwrap.fill(f"levels of the study: A = {names} ×{unit}", LEGEND_CHARACTERS),
+        label=textwrap.fill(f"level of the study: A = {names}", LEGEND_CHARACTERS),
     )
     return handle

@@ -12,6 +12,8 @@ from ..base.geometry import Grid
 from ..io.volumes import Volume
 from . import axial, style
 
+LETTER_MM = 0.62 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT  # width of a letter, on average
+
 
 @style.styled()
 def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping[str, str]) -> Figure:
@@ -46,8 +48,11 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
 
     columns = min(len(slices), 2)
     rows = -(-len(slices) // columns)
+    spare = rows * columns > len(slices)  # a place without a slice, for the colour bar
     width_mm = style.DOUBLE_COLUMN_MM if columns == 2 else 120.0
-    names_mm, colour_bar_mm, title_mm, legend_mm = 2 * 19.0, 14.0, 7.0, 8.0
+    sides = [_sides({roi: mask[z] for roi, mask in masks.items()}, phantom.grid, np.mean(box[:2])) for z in slices]
+    names_mm = sum(max(_widest_mm(names[side]) for names in sides) for side in (True, False))
+    colour_bar_mm, title_mm, legend_mm = 0.0 if spare else 14.0, 7.0, 8.0
     panel_width_mm = (width_mm - colour_bar_mm) / columns - names_mm
     panel_height_mm = panel_width_mm * (box[3] - box[2]) / (box[1] - box[0])
     figure = style.figure(width_mm, rows * (panel_height_mm + title_mm) + legend_mm)
@@ -64,9 +69,12 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
             outline(axes, mask, phantom.grid, colours[tissue_class[roi]])
         line_mm = 1.35 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT
         name_beside(axes, shown, phantom.grid, line=line_mm / panel_height_mm)
-    for axes in panels[len(slices) :]:
-        axes.remove()
-    figure.colorbar(image, ax=panels[: len(slices)].tolist(), label="CT number (HU)", shrink=0.8, pad=0.01, aspect=25)
+    if spare:
+        panels[-1].set_axis_off()
+        place = panels[-1].inset_axes([0.1, 0.5, 0.8, 0.08])
+        figure.colorbar(image, cax=place, orientation="horizontal", label="CT number (HU)")
+    else:
+        figure.colorbar(image, ax=panels.tolist(), label="CT number (HU)", shrink=0.8, pad=0.01, aspect=25)
     handles = [Line2D([], [], color=colour, label=style.label(name)) for name, colour in colours.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
     return figure
@@ -89,6 +97,17 @@ def _ends_mm(mask: np.ndarray, grid: Grid) -> np.ndarray:
     ends = np.array([columns[rows == row].min(), columns[rows == row].max()])
     half = np.array([-0.5, 0.5]) * grid.spacing[2]
     return np.stack([x[ends] + half, np.full(2, y[row])], axis=1) + grid.centre_mm[:2]
+
+
+def _sides(masks: Mapping[str, np.ndarray], grid: Grid, middle_mm: float) -> dict[bool, list[str]]:
+    """Names that stand at the patient's right (True) and left (False) of a slice."""
+    shown = {roi: _ends_mm(mask, grid)[:, 0].mean() > middle_mm for roi, mask in masks.items() if mask.any()}
+    return {right: [roi for roi, there in shown.items() if there == right] for right in (True, False)}
+
+
+def _widest_mm(names: list[str]) -> float:
+    """Room for the longest of these names, mm."""
+    return 3.0 + LETTER_MM * max((len(style.label(name)) for name in names), default=0)
 
 
 def name_beside(axes: Axes, masks: Mapping[str, np.ndarray], grid: Grid, line: float) -> None:

@@ -11,7 +11,12 @@ from . import axial, style
 
 
 @style.styled()
-def draw(phantom: Volume, reconstructions: Mapping[str, Volume], z: int) -> Figure:
+def draw(
+    phantom: Volume,
+    reconstructions: Mapping[str, Volume],
+    z: int,
+    noise: Mapping[str, float | None] | None = None,
+) -> Figure:
     """Slice z of the phantom and of each reconstruction; below, each reconstruction minus the phantom.
 
     The root mean square difference in the titles is that of this slice, inside the body (axial.body_mask of the
@@ -25,6 +30,8 @@ def draw(phantom: Volume, reconstructions: Mapping[str, Volume], z: int) -> Figu
     reconstructions : mapping of str to Volume
         By title of the panel; HU, on the phantom's grid.
     z : int
+    noise : mapping of str to float or None, optional
+        A of their noise level, by name; to be said.
 
     Returns
     -------
@@ -66,6 +73,10 @@ def draw(phantom: Volume, reconstructions: Mapping[str, Volume], z: int) -> Figu
         panels[1, index].set_title(f"{title} − input\nRMS {root_mean_square:.1f} HU in the body")
     for index, axes in enumerate([*panels[0], *panels[1, 1:]]):
         style.letter_panel(axes, index)
+    said = f"single scans; axial slice, z = {axial.slice_z_mm(phantom.grid, z):.1f} mm".replace("-", "−")
+    if noise:
+        said += f"\n{style.noise_levels(noise)}"
+    panels[1, 0].text(0.5, 0.98, said, transform=panels[1, 0].transAxes, ha="center", va="top")
     _colour_bars(figure, panels[1, 0], (image, "CT number (HU)"), (shade, "difference from the input (HU)"))
     return figure
 
@@ -74,7 +85,7 @@ def _colour_bars(figure: Figure, axes, *bars) -> None:
     """Put labelled horizontal colour bars into an otherwise empty panel."""
     axes.set_axis_off()
     for index, (mappable, label) in enumerate(bars):
-        place = axes.inset_axes([0.1, 0.7 - 0.45 * index, 0.8, 0.08])
+        place = axes.inset_axes([0.1, 0.58 - 0.42 * index, 0.8, 0.08])
         figure.colorbar(mappable, cax=place, orientation="horizontal", label=label)
 
 

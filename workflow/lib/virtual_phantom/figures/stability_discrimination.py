@@ -1,23 +1,28 @@
 """Stability against discriminative power of every feature (figure 4 of Flouris et al., Sci. Rep. 2022)."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas
 import seaborn
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import Affine2D, Transform
 from scipy.cluster import hierarchy
 
 from ..base.errors import InputError
 from ..statistics.ranking import KINDS
 from ..statistics.repeats import over_features
 from . import style, tables
+from .labels import place_labels
 
 SCORES = [f"{kind}_percent" for kind in KINDS]
 INTERVAL = ["ci95_low", "ci95_high"]
 BEST = 5  # features named in each panel
 NEAR_PERCENT = 4.0  # best features nearer to each other than this share one label
 POINT = 4.0  # across, for one feature
+LETTER = 0.64 * style.FONT_POINTS  # width of a digit with what is beside it
 LINE = 1.45  # from line to line, of the type's size
 ROUND_PERCENT, EDGE_PERCENT = 20, 4  # axes end at multiples of the one, and the other beyond
 
@@ -31,6 +36,7 @@ def draw(
     repeats: int | None = None,
     sd: tuple[float, float] | None = None,
     intervals: pandas.DataFrame | None = None,
+    noise: Mapping[str, float | None] | None = None,
 ) -> Figure:
     """A point per feature, by family; a second panel with measured scores of the same features, if given.
 
@@ -52,6 +58,8 @@ def draw(
         SD of the mean over features of both scores of `table`, where it is known.
     intervals : DataFrame, optional
         Columns feature, ci95_low, ci95_high of the stability of `table`; drawn and said of the numbered features.
+    noise : mapping of str to float or None, optional
+        A of the noise level of `table`, by name; to be said.
 
     Returns
     -------
@@ -82,7 +90,7 @@ def draw(
     panels = np.atleast_1d(figure.subplots(1, len(shown), sharey=True))
     for index, (axes, (title, (scores, repeats, sd))) in enumerate(zip(panels, shown.items(), strict=True)):
         _scatter(axes, scores, families)
-        _number_best(axes, scores)
+        _name_best(axes, scores, noise if title == "Simulated" else None)
         stability, discrimination = scores[SCORES].mean()
         dashed = axes.axvline(stability, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
         axes.axhline(discrimination, color=style.GREY, linestyle="--", linewidth=0.9, zorder=1)
@@ -101,6 +109,9 @@ def draw(
     handles = [*handles[1 : 1 + len(families)], dashed]
     named = [*map(style.family_label, families), "mean of the features"]
     figure.legend(handles, named, loc="outside upper center", ncols=6 if double else 3, markerscale=1.4)
+    figure.draw_without_rendering()  # numbers are put where there is room, which the layout decides
+    for axes, (scores, *_) in zip(panels, shown.values(), strict=True):
+        _number_best(axes, scores)
     return figure
 
 
@@ -134,29 +145,57 @@ def best(scores: pandas.DataFrame) -> pandas.DataFrame:
 
 
 def _number_best(axes: Axes, scores: pandas.DataFrame) -> None:
-    """Number the best features at their points and name them under the panel; neighbours share a label."""
+    """Number the best features beside their points; neighbours share a label."""
     chosen = best(scores)
     places = chosen[SCORES].to_numpy(dtype=float)
     cluster = np.ones(len(chosen))
     if len(chosen) > 1:
         cluster = hierarchy.fcluster(hierarchy.linkage(places), NEAR_PERCENT, "distance")
-    for number in np.unique(cluster):
-        members = np.flatnonzero(cluster == number)
-        axes.annotate(
-            ", ".join(str(member + 1) for member in members),
-            places[members].mean(axis=0),
-            xytext=(4, -3),
-            textcoords="offset points",
-            ha="left",
-            va="top",
+    members = [np.flatnonzero(cluster == number) for number in np.unique(cluster)]
+    names = [", ".join(str(member + 1) for member in some) for some in members]
+    to_points = axes.transData + axes.get_figure().dpi_scale_trans.inverted() + Affine2D().scale(72)
+    middles = np.array([places[some].mean(axis=0) for some in members])
+    sizes = np.array([(LETTER * len(name), style.FONT_POINTS) for name in names])
+    frame = to_points.transform(np.transpose([axes.get_xlim(), axes.get_ylim()])).ravel()
+    placed = place_labels(to_points.transform(middles), sizes, _obstacles(chosen, scores, to_points, frame), frame)
+    for name, place in zip(names, to_points.inverted().transform(placed), strict=True):
+        axes.text(
+            *place,
+            name,
+            ha="center",
+            va="center",
             zorder=4,
             path_effects=[patheffects.withStroke(linewidth=1.5, foreground="white")],
         )
+
+
+def _obstacles(
+    chosen: pandas.DataFrame, scores: pandas.DataFrame, to_points: Transform, frame: np.ndarray
+) -> list[tuple[float, ...]]:
+    """Boxes, in points, of what is drawn: features, intervals of the best ones, and the lines of the means."""
+    centres = to_points.transform(scores[SCORES].to_numpy(dtype=float))
+    boxes = [(x - POINT / 2, y - POINT / 2, x + POINT / 2, y + POINT / 2) for x, y in centres]
+    x, y = to_points.transform(scores[SCORES].mean().to_numpy())
+    boxes += [(x - 0.5, frame[1], x + 0.5, frame[3]), (frame[0], y - 0.5, frame[2], y + 0.5)]
+    if set(INTERVAL) <= set(chosen):
+        for low, high, height in chosen[[*INTERVAL, SCORES[1]]].dropna().to_numpy(dtype=float):
+            (x, y), (right, _) = to_points.transform([(low, height), (high, height)])
+            boxes.append((x, y - 1.5, right, y + 1.5))
+    return boxes
+
+
+def _name_best(axes: Axes, scores: pandas.DataFrame, noise: Mapping[str, float | None] | None) -> None:
+    """Name the best features under the panel, and draw the intervals of their stability."""
+    chosen = best(scores)
+    places = chosen[SCORES].to_numpy(dtype=float)
     if set(INTERVAL) <= set(chosen):
         reach = np.abs(chosen[INTERVAL].to_numpy(dtype=float).T - places[:, 0])
         axes.errorbar(*places.T, xerr=reach, fmt="none", ecolor=style.GREY, elinewidth=0.8, capsize=1.5, zorder=1)
     interval = ", and 95 % interval\nof the stability" if set(INTERVAL) <= set(chosen) else ""
     heading = f"Larger markers: several features.\nBest by the sum of both scores{interval}:"
+    if noise:
+        words = style.noise_levels(noise)
+        heading = f"{words[0].upper()}{words[1:]}.\n{heading}"
     names = "\n".join(f"{index}  {_named(row)}" for index, (_, row) in enumerate(chosen.iterrows(), 1))
     for text, line in ((heading, 0), (names, heading.count("\n") + 1)):
         axes.annotate(

@@ -8,7 +8,7 @@ parameters use viridis.
 import contextlib
 import io
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import matplotlib
@@ -235,6 +235,15 @@ def power_of_ten(values) -> tuple[float, str]:
     """
     exponent = int(np.floor(np.log10(np.median(np.abs(values)))))
     return 10.0**exponent, "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+def noise_levels(levels: Mapping[str, float | None]) -> str:
+    """Noise levels, {name: A}, in words: "noise level dose10 (A = 1.24 ×10⁻⁶)"; without a known A the name alone."""
+    said = []
+    for name, level in levels.items():
+        factor, unit = power_of_ten([level]) if level else (1, "")
+        said.append(label(name) + (f" (A = {number(level / factor)} ×{unit})" if level else ""))
+    return f"noise level{'s' if len(said) > 1 else ''} {', '.join(said)}"
 
 
 def ordered_colours(values: Iterable[float]) -> dict[float, str]:

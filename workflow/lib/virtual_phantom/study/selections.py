@@ -73,11 +73,21 @@ class Selections:
             {"protocol": protocol, **self.acquisitions.one(noise, seed)} for protocol, noise, seed in self.calibration
         ]
 
+    def compared_noise(self) -> dict[str, float | None]:
+        """{noise level: A} of the stability analysis; None where a job finds A."""
+        return self._levels(self._analyses.get("stability", {}).get("noise"))
+
+    def scan_noise(self) -> dict[str, float | None]:
+        """The same of the figure of scans."""
+        return self._levels(self._analyses.get("optimal", {}).get("noise"))
+
+    def _levels(self, noise: str | None) -> dict[str, float | None]:
+        levels = self.plan.config["noise"]["levels"]
+        return {noise: levels[noise].get("A")} if noise in levels else {}
+
     def study_levels(self) -> dict[str, float]:
         """{noise level: A} of the stability analysis, where its A is stated."""
-        noise = self._analyses.get("stability", {}).get("noise")
-        level = self.plan.config["noise"]["levels"].get(noise, {})
-        return {noise: level["A"]} if "A" in level else {}
+        return {noise: level for noise, level in self.compared_noise().items() if level is not None}
 
     @property
     def shown_components(self) -> tuple[str, ...]:
