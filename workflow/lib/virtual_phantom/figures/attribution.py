@@ -49,7 +49,8 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     ):
         percent = 100 * table.pivot(index="variant", columns="family", values=column).loc[variants, families]
         percent = percent.set_axis(map(style.label, variants)).set_axis(named, axis="columns")
-        words = percent.fillna(0).round().clip(lower=-999).map(style.number)
+        # without + 0.0 some would be −0
+        words = (percent.fillna(0).round() + 0.0).clip(lower=-999).map(style.number)
         style.heat_map(axes, percent, words, cmap=colours, vmin=least, vmax=100)
         axes.set_xlabel(text)
         style.letter_panel(axes, index)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from ..base.errors import InputError
-from ..phantom.rois import read_entries
 from ..recordings.document import Document
 
 
@@ -49,6 +48,8 @@ def _classes_of_phantom(phantom: Mapping) -> dict[str, str]:
     """Tissue class of every ROI; empty where the section itself is wrong, which is said elsewhere."""
     try:
         if phantom["source"] == "ct":
+            from ..phantom.rois import read_entries  # loads pandas, for those who get here
+
             ct = phantom["ct"]
             entries = read_entries(ct["rois"], ct.get("labels"))
             return {name: entry.tissue_class for entry in entries for name in entry.names}
