@@ -2,18 +2,24 @@
 
 import io
 import json
+import os
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from browser import opened, outside_resources
 from PIL import Image
+from recording_folders import projections_folder
 from test_study import Balanced
 
 from virtual_phantom.report import index, study
 from virtual_phantom.statistics.stability_measures import CUT_OFFS
+from virtual_phantom.study.context import read_context
+from virtual_phantom.study.index_page import renew
 
 CONFIG = {"seed": 2022, "results_dir": "r <1>", "trial": False, "statistics": {"threshold": 1.0}}
 FEATURES = ["original_glcm_Idn", "original_firstorder_Mean", "original_glszm_ZoneEntropy"]
@@ -170,3 +176,36 @@ def test_a_browser_shows_it_without_scrolling_sideways(page, results, width):
     found = opened(page, results, LOOK, width)
     assert found == {"wider": False, "opened": False, "bars": [True] * 3}
     (Path(results) / "opened.html").unlink()
+
+
+def test_the_page_is_renewed_after_what_it_shows_and_only_then(results, tmp_path, monkeypatch):
+    """Of a study without analyses; a diagnosis, the report and the viewer are made by targets of their own."""
+    root = Path(__file__).resolve().parents[2]
+    config = yaml.safe_load((root / "config" / "config.yaml").read_text())
+    config |= {"engine": "cpu", "analyses": {}, "results_dir": str(tmp_path / "r")}
+    config |= {"recordings": {"disc": str(tmp_path / "disc")}, "diagnosis": {"recordings": {"disc": {}}}}
+    projections_folder(tmp_path / "disc")
+    monkeypatch.chdir(tmp_path)
+    known = read_context(config, root / "workflow")
+    folder, page = tmp_path / "r", tmp_path / "r" / "index.html"
+    for file in (*known.pages.pictures(), *known.pages.tables()):
+        Path(file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(results / ("figures/rois.png" if file.endswith(".png") else "features.csv"), file)
+    assert renew(known.pages, known.config) is None  # there is nothing beside the study yet
+    shutil.copytree(results / "diagnosis" / "disc", folder / "diagnosis" / "disc")
+    assert renew(known.pages, known.config) == page
+    assert "Scatter &lt;explains&gt; it." in page.read_text() and 'report.html">Figures' not in page.read_text()
+    assert renew(known.pages, known.config) is None
+    for name in ("report", "viewer"):
+        (folder / f"{name}.html").write_text("<!doctype html>")
+        later = page.stat().st_mtime + 1
+        os.utime(folder / f"{name}.html", (later, later))
+        assert renew(known.pages, known.config) == page
+        os.utime(page, (later, later))
+    for name, title in (("report", "Figures and tables that sort"), ("viewer", "Slices to flip through")):
+        assert f'<a href="{name}.html">{title}' in page.read_text()
+    assert renew(known.pages, known.config) is None
+    # Of a study that has not been run there is nothing to be said.
+    page.unlink()
+    Path(known.pages.pictures()[0]).unlink()
+    assert renew(known.pages, known.config) is None

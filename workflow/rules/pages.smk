@@ -1,5 +1,9 @@
 # Pages for a browser.
+import sys
+
+from virtual_phantom.base.errors import InputError, printed
 from virtual_phantom.study.context import or_exit
+from virtual_phantom.study.index_page import renew
 
 
 rule viewer_page:
@@ -80,6 +84,16 @@ rule index_page:
         tables=context.pages.table_titles(),
         diagnoses=context.pages.diagnoses(),
         commands=context.pages.commands(),
+        beside=context.pages.beside(),
         config=context.config,
     script:
         "../scripts/index_page.py"
+
+
+onsuccess:
+    # As a job it would be done before what it shows, or ask every study for it.
+    try:
+        if page := renew(context.pages, context.config):
+            print(f"Start with {page}", file=sys.stderr)
+    except InputError as error:
+        print(printed(error), file=sys.stderr)

@@ -8,12 +8,9 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     paths, params, target = snakemake.input, snakemake.params, Path(snakemake.output[0])
-    figures = [
-        study.Shown(Path(picture), caption=Path(caption), **one)
-        for picture, caption, one in zip(paths.figures, paths.captions, params.figures, strict=True)
-    ]
+    figures = study.shown(paths.figures, paths.captions, params.figures)
     tables = [index.Linked(title, Path(path)) for title, path in zip(params.tables, paths.tables, strict=True)]
     diagnoses = [Path(path) for path in params.diagnoses]
-    page = index.page(target.parent, figures, tables, diagnoses, params.config, params.commands)
+    page = index.page(target.parent, figures, tables, diagnoses, params.config, params.commands, params.beside)
     files.write_text(page, target)
     log.info("%d figures, %d tables, %d diagnoses", len(figures), len(tables), len(diagnoses))

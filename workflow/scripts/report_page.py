@@ -8,10 +8,7 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     paths, params = snakemake.input, snakemake.params
-    figures = [
-        study.Shown(Path(picture), caption=Path(caption), **one)
-        for picture, caption, one in zip(paths.figures, paths.captions, params.figures, strict=True)
-    ]
+    figures = study.shown(paths.figures, paths.captions, params.figures)
     tables = {title: Path(path) for title, path in zip(params.tables, paths.tables, strict=True)}
     embedded = {Path(path).parent.name: Path(path) for path in params.diagnoses}
     page = study.page(figures, tables, embedded, params.links, params.config)

@@ -48,6 +48,7 @@ def page(
     diagnoses: Sequence[Path],
     config: Mapping,
     commands: Mapping[str, str],
+    beside: Mapping[str, str] | None = None,
 ) -> str:
     """The page as HTML.
 
@@ -65,6 +66,8 @@ def page(
         The complete configuration.
     commands : mapping of str to str
         What they do: the command. The first is that of the study itself.
+    beside : mapping of str to str, optional
+        Pages in the same folder: what they are called, and their addresses.
 
     Returns
     -------
@@ -90,6 +93,7 @@ def page(
             for one, frame in zip(tables, frames.values(), strict=True)
         ],
         commands=commands,
+        beside=beside or {},
         folder=str(folder),
         config_trial=config["trial"],
         config=yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),

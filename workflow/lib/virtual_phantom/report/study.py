@@ -54,6 +54,14 @@ class Shown:
     wildcards: Mapping
 
 
+def shown(pictures: Sequence[str | Path], captions: Sequence[str | Path], params: Sequence[Mapping]) -> list[Shown]:
+    """Figures of their pictures, their captions' templates, and of each the rest that Shown has."""
+    return [
+        Shown(Path(picture), caption=Path(caption), **one)
+        for picture, caption, one in zip(pictures, captions, params, strict=True)
+    ]
+
+
 def page(
     figures: Sequence[Shown],
     tables: Mapping[str, Path],

@@ -17,6 +17,7 @@ from .recorded import Comparisons
 from .selections import Selections
 
 DEFAULT = "config/config.yaml"  # which a study has without being told
+WHOLE, SLICES = "Figures and tables that sort, in one file to send on", "Slices to flip through"  # of pages
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,12 @@ class Pages:
 
     def links(self) -> dict[str, str]:
         """Pages beside the report, by what they are called."""
-        return {"Slices to flip through": BY_NAME["viewer"].pattern} if self.selections.optimal_images() else {}
+        return {SLICES: BY_NAME["viewer"].pattern} if self.selections.optimal_images() else {}
+
+    def beside(self) -> dict[str, str]:
+        """Pages beside the index page that have been made, by what they are called. They are no inputs of it either."""
+        pages = {WHOLE: BY_NAME["report"].pattern, SLICES: BY_NAME["viewer"].pattern}
+        return {title: page for title, page in pages.items() if Path(self.files.results, page).exists()}
 
     def commands(self) -> dict[str, str]:
         """What may be done next: the command, the study's own first."""
@@ -117,9 +123,9 @@ class Pages:
             found["What your recordings hold"] = f"snakemake recordings {settings}"
         if self.diagnosis.reports():
             found["Which physics is missing between recordings and simulation"] = f"snakemake diagnosis {settings}"
-        found["Figures and tables that sort, in one file to send on"] = f"snakemake report_page {settings}"
+        found[WHOLE] = f"snakemake report_page {settings}"
         if self.selections.optimal_images():
-            found["Slices to flip through"] = f"snakemake viewer {settings}"
+            found[SLICES] = f"snakemake viewer {settings}"
         found["What a larger study would cost"] = f"snakemake plan {settings}"
         return found
 

@@ -1,0 +1,53 @@
+"""The page to start with, kept up to date after every run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from .pages import Pages
+
+
+def renew(pages: Pages, config: Mapping) -> Path | None:
+    """Write the page again, where something that it shows has been made since.
+
+    Diagnoses and the pages beside it are made by targets of their own, of which its job knows nothing: as inputs, they
+    would be made by every study.
+
+    Parameters
+    ----------
+    pages : Pages
+    config : mapping
+        The complete configuration.
+
+    Returns
+    -------
+    Path or None
+        None, where it says all already, or the study has not been run.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read or written.
+    """
+    target = Path(pages.files("index"))
+    pictures, tables = (list(map(Path, paths)) for paths in (pages.pictures(), pages.tables()))
+    shown = [*pages.diagnoses(), *(target.parent / address for address in pages.beside().values())]
+    if not shown or not all(path.exists() for path in (*pictures, *tables)):
+        return None
+    if target.exists() and max(Path(path).stat().st_mtime for path in shown) <= target.stat().st_mtime:
+        return None
+    from ..io.files import write_text
+    from ..report import index, study  # seconds, for those who get here
+
+    html = index.page(
+        target.parent,
+        study.shown(pictures, pages.caption_files(), pages.shown()),
+        [index.Linked(title, path) for title, path in zip(pages.table_titles(), tables, strict=True)],
+        list(map(Path, pages.diagnoses())),
+        config,
+        pages.commands(),
+        pages.beside(),
+    )
+    write_text(html, target)
+    return target
