@@ -1,5 +1,6 @@
 """A CT and its ROIs, in every format, end where they belong; anything doubtful is refused in one line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ from scipy.spatial import cKDTree
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.phantom import ct, save
+from virtual_phantom.phantom import ct, read_rois, save, save_rois
 from virtual_phantom.phantom.rois import cut, separate, shrink
 
 GRID = Grid((14, 40, 48), (3.0, 2.0, 2.0))  # the CT's own voxels
@@ -473,10 +474,17 @@ def test_labels_of_the_file_stand_beside_our_own_numbers(nifti, tmp_path):
     file = write_nifti_array(labels, tmp_path / "labels.nii.gz")
     rois = [{"name": "b", "tissue_class": "x", "file": file, "label": 7, "parts": 2}]
     rois.append({"name": "d", "tissue_class": "y", "file": file, "label": 4})
-    save(ct.load({**nifti, "rois": rois}, GRID, 1), tmp_path / "phantom")
+    made = ct.load({**nifti, "rois": rois}, GRID, 1)
+    save(made, tmp_path / "phantom")
     table = pd.read_csv(tmp_path / "phantom" / "rois.csv")
     assert list(table["roi"]) == ["b_1", "b_2", "d"] and list(table["label"]) == [1, 2, 3]
     assert list(table["label_in_file"]) == [7, 7, 4]
+    # A recording's ROIs are those of the phantom, and one may come from a file without labels.
+    again = read_rois(tmp_path / "phantom" / "rois.csv", made.image.grid)
+    assert [(roi.name, roi.label_in_file) for roi in again] == [("b_1", "7"), ("b_2", "7"), ("d", "4")]
+    save_rois([*again[1:], replace(again[0], name="whole", label_in_file=None)], made.image, tmp_path / "recording")
+    again = read_rois(tmp_path / "recording" / "rois.csv", made.image.grid)
+    assert [(roi.name, roi.label_in_file) for roi in again] == [("b_2", "7"), ("d", "4"), ("whole", None)]
 
 
 # ---- a clinical CT -------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io import files, volumes
-from virtual_phantom.phantom import Roi, read_masks, save_rois
+from virtual_phantom.phantom import read_rois, save_rois
 from virtual_phantom.recordings import alignment, registration
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.study.job import job
@@ -18,8 +18,7 @@ with job(snakemake) as log:
         raise InputError(f"recording {name}: holds {recording.kind}; only images can be aligned")
     alignment.check_same_phantom(recording, study["source"], study.get("ct", {}).get("image"))
     phantom = volumes.read_nifti(snakemake.input.phantom)
-    table, masks = read_masks(snakemake.input.rois, phantom.grid)
-    rois = [Roi(row.roi, row.tissue_class, masks[row.roi]) for row in table.itertuples()]
+    rois = read_rois(snakemake.input.rois, phantom.grid)
 
     found, image, shifts = alignment.align_recording(recording, phantom)
     own = recording.rois()

@@ -146,7 +146,7 @@ def read_masks(rois_csv: str | Path, grid: Grid) -> tuple[pd.DataFrame, dict[str
         If the table lacks a column, or a mask is missing or on another grid than `grid`.
     """
     rois_csv = Path(rois_csv)
-    table = read_csv(rois_csv)
+    table = read_csv(rois_csv, dtype={"label_in_file": str})  # 5 is no 5.0 where another ROI has none
     if missing := {"roi", "tissue_class"} - set(table.columns):
         raise InputError(f"{rois_csv}: lacks the column(s) {', '.join(sorted(missing))}")
     masks = {}
@@ -157,3 +157,29 @@ def read_masks(rois_csv: str | Path, grid: Grid) -> tuple[pd.DataFrame, dict[str
             raise InputError(f"{path}: is on another grid ({mask.grid}) than the images ({grid})")
         masks[roi] = mask.array > 0
     return table, masks
+
+
+def read_rois(rois_csv: str | Path, grid: Grid) -> tuple[Roi, ...]:
+    """The same as `Roi`s, in the table's order.
+
+    Parameters
+    ----------
+    rois_csv : str or Path
+    grid : Grid
+        Where the masks must be.
+
+    Returns
+    -------
+    tuple of Roi
+
+    Raises
+    ------
+    InputError
+        As `read_masks`.
+    """
+    table, masks = read_masks(rois_csv, grid)
+    labels = table["label_in_file"] if "label_in_file" in table else [None] * len(table)
+    return tuple(
+        Roi(name, tissue_class, masks[name], None if pd.isna(label) else label)
+        for name, tissue_class, label in zip(table["roi"], table["tissue_class"], labels, strict=True)
+    )

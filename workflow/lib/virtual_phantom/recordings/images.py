@@ -148,5 +148,5 @@ def _rois(document: Document, grid: Grid) -> tuple[Roi, ...]:
         for name, mask in zip(entry.names, draw(located, grid, open_files), strict=True):
             if not mask.any():
                 raise InputError(f"{document.path}: ROI {name} is empty; give fewer parts")
-            rois.append(Roi(name, entry.tissue_class, mask))
+            rois.append(Roi(name, entry.tissue_class, mask, entry.label))
     return tuple(rois)
