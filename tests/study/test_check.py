@@ -15,7 +15,7 @@ from snakemake.utils import update_config
 from virtual_phantom.base.errors import InputError, InputErrors, printed
 from virtual_phantom.base.geometry import Grid, scan_geometry
 from virtual_phantom.physics.line_integrals import check_rois_seen
-from virtual_phantom.study import command, preflight, read_config
+from virtual_phantom.study import command, preflight, preflight_ct, read_config
 from virtual_phantom.study.config import complete
 from virtual_phantom.study.coverage import columns_for, points_of, rows_for, worst_share
 
@@ -276,6 +276,50 @@ def test_files_are_put_together_as_snakemake_does_it(desk):
     for name in ("a.yaml", "b.yaml"):
         update_config(expected, yaml.safe_load(Path(name).read_text()))
     assert (lines, settings) == ([], expected)
+
+
+def test_a_folder_without_a_configuration_takes_the_default_study(desk, capsys):
+    Path("config/config.yaml").unlink()
+    assert read_config.read_configs([]) == ([], yaml.safe_load(DEFAULT.read_text()))
+    assert checked(CT, capsys) == (0, ["my.yaml: nothing wrong was found"])
+    code, lines = checked(changed(CT, protocols__sirt_150={"projection": 3}), capsys)
+    assert code == 1 and "unknown key 'projection' in protocols.sirt_150" in lines[0]
+
+
+@pytest.fixture
+def looks(monkeypatch):
+    """Every look at a CT, as it is made."""
+    made, look = [], preflight_ct.ct_problems
+    monkeypatch.setattr(preflight_ct, "ct_problems", lambda config: made.append(config["seed"]) or look(config))
+    return made
+
+
+def test_a_ct_that_was_right_is_looked_at_once(desk, looks):
+    _, settings = read_config.read_configs([])
+    settings |= CT
+    assert [preflight.problems(settings, keep=True) for _ in range(3)] == [[], [], []] and len(looks) == 1
+    (kept,) = Path(".snakemake/virtual_phantom").iterdir()
+    assert len(kept.name) == 64 and kept.read_bytes() == b""  # nothing of the user's
+    assert preflight.problems(settings | {"seed": 7}, keep=True) == [] and looks[1:] == [7]
+
+
+@pytest.mark.parametrize("file", ["ct.nii.gz", "labels.nii.gz"])
+def test_a_changed_file_is_looked_at_again(desk, looks, file):
+    _, settings = read_config.read_configs([])
+    settings |= CT
+    assert preflight.problems(settings, keep=True) == []
+    whole = Path(file).read_bytes()
+    Path(file).write_bytes(whole[:-200] + bytes(200))  # as long as it was
+    lines = preflight.problems(settings, keep=True)
+    assert len(looks) == 2 and len(lines) == 1 and file in lines[0]
+    # What is wrong is told at every start.
+    assert preflight.problems(settings, keep=True) == lines and len(looks) == 3
+    Path(file).unlink()
+    assert "no such file" in preflight.problems(settings, keep=True)[0]
+
+
+def test_nothing_is_kept_where_snakemake_has_not_been(desk, capsys):
+    assert checked(CT, capsys)[0] == 0 and not Path(".snakemake").exists()
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "config").glob("*.yaml")))

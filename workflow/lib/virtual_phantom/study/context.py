@@ -246,7 +246,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
         from .preflight import problems  # which jobs have no need of
 
         doubled = [line for path in files for line in doubled_keys(path)]
-        if lines := doubled + problems(config):
+        if lines := doubled + problems(config, keep=True):
             raise InputErrors(lines)
     plan = Plan(complete(config))
     # On a cluster, jobs that need no device may be where there is none.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 from ..base.errors import InputError
@@ -14,6 +15,7 @@ from ..projectors import choose_engine
 from ..recordings.document import Document, read_document
 from ..recordings.scan import timed
 from .config import inspected
+from .kept_checks import lines_of
 from .outputs import Files
 from .phantom_sources import PhantomSources
 from .plan import Plan
@@ -21,7 +23,7 @@ from .preflight_rois import roi_problems
 from .proof import Proof
 
 
-def problems(settings: Mapping, scans: bool = False) -> list[str]:
+def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list[str]:
     """What is wrong with a study, a line for each mistake.
 
     Parameters
@@ -31,6 +33,8 @@ def problems(settings: Mapping, scans: bool = False) -> list[str]:
     scans : bool, optional
         Whether to look if scans see all of a synthetic phantom or of a published CT too, which takes seconds; at a CT
         of the user's own this is always looked.
+    keep : bool, optional
+        Whether to remember what was right, so that the next look is fast (kept_checks).
 
     Returns
     -------
@@ -40,7 +44,8 @@ def problems(settings: Mapping, scans: bool = False) -> list[str]:
     """
     lines, config = inspected(settings)
     if config:
-        for look in (_results, _engine, _layout, _phantom, _parameters, _measured, _recordings, _proof):
+        phantom = partial(_phantom, keep=keep)
+        for look in (_results, _engine, _layout, phantom, _parameters, _measured, _recordings, _proof):
             lines += look(config)
         if scans:
             lines += _scanned(config)
@@ -104,7 +109,7 @@ def _scanned(config: dict) -> Iterator[str]:
     yield from blind_spots(config, grid, reach, {roi.name: roi.mask for roi in rois}, slack)
 
 
-def _phantom(config: dict) -> Iterator[str]:
+def _phantom(config: dict, keep: bool) -> Iterator[str]:
     """Of a CT and its ROIs."""
     phantom = config.get("phantom", {})
     if phantom.get("source") != "ct" or "ct" not in phantom:
@@ -119,9 +124,13 @@ def _phantom(config: dict) -> Iterator[str]:
     if damaged := _said(sources.check):
         yield from damaged
     elif not sources.published:  # those have their SHA-256
-        from .preflight_ct import ct_problems  # heavy, for those who get here
+        yield from lines_of(config, sources.paths, lambda: _ct(config), keep)
 
-        yield from ct_problems(config)
+
+def _ct(config: dict) -> Iterator[str]:
+    from .preflight_ct import ct_problems  # heavy, for those who get here
+
+    yield from ct_problems(config)
 
 
 def _parameters(config: dict) -> Iterator[str]:

@@ -8,22 +8,22 @@ from pathlib import Path
 
 import yaml
 
+from ..base.data import DEFAULT_STUDY
 from ..base.errors import InputError
 from ..io.files import check_unchanged
 from ..io.schema import check_nesting
 
-DEFAULT = "config/config.yaml"  # what the Snakefile begins with, where it is called
+DEFAULT = "config/config.yaml"  # what the Snakefile begins with
 
 
-def read_configs(paths: Sequence[str | Path], default: str | Path = DEFAULT) -> tuple[list[str], dict | None]:
+def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
     """The configuration that `snakemake --configfile` makes of files.
 
     Parameters
     ----------
     paths : sequence of str or Path
-        A later one changes keys of those before it.
-    default : str or Path, optional
-        What all of them change, where it is there.
+        A later one changes keys of those before it, the first one those of the default study: config/config.yaml
+        where it is called, or the clone's.
 
     Returns
     -------
@@ -35,8 +35,8 @@ def read_configs(paths: Sequence[str | Path], default: str | Path = DEFAULT) -> 
     lines: list[str] = []
     settings: dict = {}
     readable = True
-    default = [default] if Path(default).is_file() else []
-    for path in [*default, *paths]:
+    default = next((path for path in (Path(DEFAULT), DEFAULT_STUDY) if path.exists()), None)
+    for path in [*([default] if default else []), *paths]:
         try:
             own, doubled = _read(path)
         except InputError as error:
