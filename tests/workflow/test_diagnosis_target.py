@@ -1,7 +1,10 @@
 """A tiny study with effects switched on, its acquisitions handed back as a recording, and what the diagnosis says."""
 
 import json
+import re
+import shutil
 
+import h5py
 import numpy as np
 import pytest
 import yaml
@@ -100,3 +103,31 @@ def test_bad_settings_are_one_line(bench):
     assert (
         "Error: config: protocols." in process.stderr and "amount: 7 1 is out of the plausible range" in process.stderr
     )
+
+
+def test_a_scan_described_wrong_ends_in_the_line_to_change(bench):
+    """No effect is fitted, its physics.yaml holds none and says why, and physics_from that stops in one line."""
+    wrong = bench / "wrong"
+    shutil.copytree(bench / "bench", wrong, ignore=shutil.ignore_patterns(".*"))
+    for path in wrong.glob("*.h5"):
+        with h5py.File(path, "a") as file:  # with angles in the file, reading it says the mistake
+            del file["exchange/theta"]
+    text = (wrong / "recording.yaml").read_text()
+    turned = -yaml.safe_load(text)["scan"]["direction"]
+    (wrong / "recording.yaml").write_text(re.sub(r"direction: -?1", f"direction: {turned}", text))
+    overlay = {**STUDY, "recordings": {"wrong": str(wrong), "bench": str(bench / "bench")}}
+    overlay["diagnosis"] = {"recordings": {"wrong": {"samples": 1}}}
+    process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "wrong_overlay")
+    assert process.returncode == 0, process.stderr[-4000:]
+    folder = bench / "results" / "diagnosis" / "wrong"
+    found = json.loads((folder / "diagnosis.json").read_text())
+    assert (found["verdict"], found["effects"]) == ("description wrong", [])
+    assert found["setup"]["mistakes"] == {"direction": f"scan.direction: {-turned}"}
+    assert f"Change: scan.direction: {-turned}." in found["sentence"] and found["sentence"] in process.stdout
+    physics = (folder / "physics.yaml").read_text()
+    assert yaml.safe_load(physics) == {} and found["sentence"] in physics
+    page = (folder / "report.html").read_text()
+    assert found["sentence"] in page and "check_setup: false" in page
+    overlay["diagnosis"]["recordings"]["bench"] = {"samples": 1, "physics_from": "wrong"}
+    process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "wrong_overlay")
+    assert process.returncode == 1 and "Physics cannot be taken from it" in process.stdout + process.stderr

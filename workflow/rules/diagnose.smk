@@ -1,8 +1,27 @@
 # Where recordings and the simulator differ, and which physics explains it: one job per recording and candidate effect.
+rule diagnosis_setup:
+    """Whether the scan is described right: what is wrong there would pass for physics."""
+    input:
+        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
+        code=context.code("diagnose_setup.py"),
+    output:
+        context.file("setup"),
+    log:
+        context.log("diagnosis/{recording}/setup"),
+    resources:
+        mem_mb=lambda wildcards: context.diagnosis.megabytes(wildcards.recording),
+        runtime=60,
+    params:
+        model=lambda wildcards: context.diagnosis.model(wildcards.recording),
+    script:
+        "../scripts/diagnose_setup.py"
+
+
 rule diagnosis_alignment:
     """The simulator with nothing but alignment: what every effect is held against."""
     input:
         unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
+        setup=rules.diagnosis_setup.output[0],
         code=context.code("diagnose_candidate.py"),
     output:
         context.file("baseline"),
@@ -22,6 +41,7 @@ rule diagnosis_alignment:
 use rule diagnosis_alignment as diagnosis_effect with:
     input:
         unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
+        setup=rules.diagnosis_setup.output[0],
         baseline=rules.diagnosis_alignment.output[0],
         effect=lambda wildcards: context.effect_code(wildcards.effect),
         code=context.code("diagnose_candidate.py"),
@@ -40,6 +60,7 @@ rule diagnose:
         unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
         unpack(lambda wildcards: context.diagnosis.regions(wildcards.recording)),
         unpack(lambda wildcards: context.diagnosis.physics(wildcards.recording)),
+        setup=rules.diagnosis_setup.output[0],
         baseline=rules.diagnosis_alignment.output[0],
         candidates=lambda wildcards: context.diagnosis.candidate_files(
             wildcards.recording

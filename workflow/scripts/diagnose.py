@@ -11,37 +11,55 @@ from virtual_phantom.diagnosis.course import Fitted, explain, hold_against
 from virtual_phantom.diagnosis.described import described
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
 from virtual_phantom.diagnosis.ready import agreement, ready
+from virtual_phantom.diagnosis.setup.recorded import set_up
+from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, VERDICTS, doubted, read_setup, verdict
+from virtual_phantom.recordings.reading import load
 from virtual_phantom.report.diagnosis import page, residual_maps
+from virtual_phantom.report.setup import setup_page
 from virtual_phantom.statistics.proof_record import read, with_coverage
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
     asked = Asked.of(params.model, given.get("phantom"), snakemake.threads)
-    recording, prepared = ready(asked)
-    fitted = None
-    if "baseline" in given.keys():
-        singles = {name: read_trial(path) for name, path in zip(params.effects, given.candidates, strict=True)}
-        fitted = Fitted(read_trial(given.baseline), singles)
-    if "physics" in given.keys():
-        physics = Physics.read(given.physics)
-        prepared, found = hold_against(recording.name, prepared, physics, params.same_material, fitted)
+    setup = read_setup(given.setup) if "setup" in given.keys() else NOT_LOOKED
+    if setup["kind"] in VERDICTS:
+        recording = load(asked.folder)
+        doubt = set_up(recording, asked)
+        content, shown = verdict(doubt, recording, asked), doubt.maps()
+        write_diagnosis(output, content, {}, setup_page(content, *shown), dict(zip(RESIDUAL_MAPS, shown, strict=True)))
     else:
-        prepared, found = explain(recording.name, prepared, params.effects, params.accuracy, snakemake.threads, fitted)
-    if "record" in given.keys():
-        found = replace(found, content=with_coverage(found.content, read(given.record)))
-    tried = [] if "physics" in given.keys() else params.effects
-    found.content["modelled"] = described(asked, recording, prepared, tried)
-    scanned = None
-    if "phantom" in given.keys():
-        scanned = Scanned.read(given.phantom, given.image, given.rois)
-    elif "mask" in given.keys():
-        scanned = Scanned.of_mask(given.mask)
-    found.content["agreement"] = agreement(recording, prepared, found.choice, asked, Branch.AGREEMENT, scanned)
-    fit = found.choice.chosen.fit
-    overlay = {"physics": prepared.fitter.model.of_study(fit.physics, fit.nuisance), "noise": {"model": "physical"}}
-    shown = residual_maps(found, prepared)
-    maps = {place.domain: place.map for place in found.before} | dict(zip(RESIDUAL_MAPS, shown, strict=True))
-    write_diagnosis(output, found.content, overlay, page(found, prepared, ALPHA, shown, scanned and scanned.fine), maps)
-    log.info("%s", found.content["sentence"])
-    print(found.content["sentence"])
+        recording, prepared = ready(asked)
+        fitted = None
+        if "baseline" in given.keys():
+            singles = {name: read_trial(path) for name, path in zip(params.effects, given.candidates, strict=True)}
+            fitted = Fitted(read_trial(given.baseline), singles)
+        if "physics" in given.keys():
+            physics = Physics.read(given.physics)
+            prepared, found = hold_against(recording.name, prepared, physics, params.same_material, fitted)
+        else:
+            prepared, found = explain(
+                recording.name, prepared, params.effects, params.accuracy, snakemake.threads, fitted
+            )
+        if "record" in given.keys():
+            found = replace(found, content=with_coverage(found.content, read(given.record)))
+        tried = [] if "physics" in given.keys() else params.effects
+        found.content["modelled"] = described(asked, recording, prepared, tried)
+        if setup is not NOT_LOOKED and doubted(recording, asked):
+            found.content["setup"] = setup
+        scanned = None
+        if "phantom" in given.keys():
+            scanned = Scanned.read(given.phantom, given.image, given.rois)
+        elif "mask" in given.keys():
+            scanned = Scanned.of_mask(given.mask)
+        found.content["agreement"] = agreement(recording, prepared, found.choice, asked, Branch.AGREEMENT, scanned)
+        fit = found.choice.chosen.fit
+        overlay = {"physics": prepared.fitter.model.of_study(fit.physics, fit.nuisance), "noise": {"model": "physical"}}
+        shown = residual_maps(found, prepared)
+        maps = {place.domain: place.map for place in found.before} | dict(zip(RESIDUAL_MAPS, shown, strict=True))
+        write_diagnosis(
+            output, found.content, overlay, page(found, prepared, ALPHA, shown, scanned and scanned.fine), maps
+        )
+        content = found.content
+    log.info("%s", content["sentence"])
+    print(content["sentence"])

@@ -33,8 +33,8 @@ def described(asked: Asked, recording: Recording, prepared: Prepared, effects: S
     known = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
     photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
     return {
-        "object": _object(asked),
-        "scan": _scan(asked, recording),
+        "object": object_of(asked),
+        "scan": scan_of(asked, recording),
         "beam before any effect": f"one energy, at which water attenuates {asked.mu_water_per_mm:g} per mm",
         "tube": f"anode of {labels.anode.target} at {labels.anode.angle_deg:g} degrees, {tube}",
         "sensor": f"{sensor.material.replace('_', ' ')}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
@@ -45,7 +45,8 @@ def described(asked: Asked, recording: Recording, prepared: Prepared, effects: S
     }
 
 
-def _object(asked: Asked) -> str:
+def object_of(asked: Asked) -> str:
+    """What was scanned, in words."""
     disc, masked = asked.settings.disc, asked.settings.object
     if disc is not None:
         return f"a cylinder along z, {disc.diameter_mm:g} mm across, of {disc.material}"
@@ -58,7 +59,8 @@ def _object(asked: Asked) -> str:
     )
 
 
-def _scan(asked: Asked, recording: Recording) -> str:
+def scan_of(asked: Asked, recording: Recording) -> str:
+    """How it was scanned, in words."""
     if asked.protocol is not None:
         scan, views, made = asked.protocol.scan, asked.protocol.projections, f", {asked.protocol.algorithm.upper()}"
     else:

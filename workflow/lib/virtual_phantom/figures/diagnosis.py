@@ -40,6 +40,35 @@ def bars(axes: Axes, values: Mapping[str, float], chosen: tuple[str, ...]) -> No
 
 
 @style.styled()
+def draw_setup(stated: np.ndarray, best: np.ndarray, title: str) -> Figure:
+    """What two descriptions of a scan leave of its line integrals, each on a scale of its own.
+
+    Parameters
+    ----------
+    stated, best : ndarray, shape (views, columns)
+        Recorded less simulated line integrals.
+    title : str
+
+    Returns
+    -------
+    Figure
+    """
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
+    axes = figure.subplots(1, 2)
+    for index, (place, values, name) in enumerate(
+        zip(axes, (stated, best), ("as described", "as it fits best"), strict=True)
+    ):
+        limit = max(float(np.quantile(np.abs(values), 0.995)), 1e-6)
+        shown = place.imshow(values, aspect="auto", cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
+        place.set(xlabel="detector column, of those compared", title=name)
+        figure.colorbar(shown, ax=place, label="line integral", extend="both", shrink=0.9)
+        style.letter_panel(place, index)
+    axes[0].set_ylabel("view, of those compared")
+    figure.suptitle(title)
+    return figure
+
+
+@style.styled()
 def draw_maps(before: np.ndarray, after: np.ndarray, title: str, across: str, down: str) -> Figure:
     """Standardised residuals, before and after, on one scale.
 

@@ -383,6 +383,10 @@ OUTPUTS = (
     ),
     # The diagnosis.
     *_made_by(
+        "diagnosis_setup",
+        Output("setup", "diagnosis/{recording}/setup.json", "whether the scan is described right"),
+    ),
+    *_made_by(
         "diagnosis_alignment",
         Output("baseline", "diagnosis/{recording}/alignment.json", "the simulation without any effect, fitted"),
     ),

@@ -60,6 +60,8 @@ class Settings:
         What was scanned; without both of them, the study's phantom.
     protocol : str or None
         Name of the protocol that simulates a recording of images.
+    check_setup : bool
+        Whether the description of the scan is doubted first.
     """
 
     samples: int
@@ -69,6 +71,7 @@ class Settings:
     disc: Disc | None = None
     object: MaskedObject | None = None
     protocol: str | None = None
+    check_setup: bool = False
 
     @classmethod
     def of(cls, section: Mapping) -> Settings:

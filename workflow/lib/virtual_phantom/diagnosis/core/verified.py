@@ -60,6 +60,8 @@ class Physics:
         kinds = (OSError, ValueError, KeyError, TypeError)
         with refusing(f"{path}: is no diagnosis", *kinds, advice="make it again"):
             content = read_document(path, DIAGNOSIS)
+            if "alignment" not in content:  # nothing was fitted
+                raise InputError(f"{path}: {content['sentence']} Physics cannot be taken from it; mend that first")
             found = {one["name"]: one["parameters"] for one in content["effects"]}
             recording, scale = content["recording"], content["alignment"]["scale"]
             taken = {name: values for name, values in found.items() if not load(name).pattern}

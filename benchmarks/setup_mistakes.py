@@ -1,0 +1,181 @@
+"""How often mistakes in the description of a scan are named, and right descriptions let be.
+
+    python benchmarks/setup_mistakes.py --draws 5 --first 100
+
+Every draw has a scanner and an object of its own: an elliptic body, the quality-assurance phantom or a disc off the
+axis, at a place of its own, scanned by the library's chain with twice as many rays per pixel and direction as are
+compared, with physics that the comparison does not know, and 1e5 photons. Each kind of mistake is then made in its
+description, or in its data. Kind `none` makes no mistake, `object` holds the scan against another object, and
+`hidden` makes a mistake that a centred disc cannot tell.
+"""
+
+import argparse
+import csv
+import sys
+import time
+
+import numpy as np
+from scipy import ndimage
+
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.streams import Stream, generator
+from virtual_phantom.diagnosis.setup.finding import MOST, find
+from virtual_phantom.diagnosis.setup.unlike import Comparison
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.recordings.scan import scan_geometry
+
+PHOTONS, REPEATS = 1e5, 4
+REACH = {"x_mm": 5.0, "y_mm": 5.0, "z_mm": 5.0, "turn_deg": 2.5}
+LN_10 = np.log(10)
+# Physics that the comparison does not know, one or two of them in each draw.
+PHYSICS = (
+    {"spectrum": {"kvp": 120.0, "filtration_mm": 6.0, "sensor_mm": 0.6}},
+    {"scatter": {"amount": 0.1, "width_mm": 40.0}},
+    {"focal_spot": {"width_mm": 1.2, "length_mm": 1.2}},
+    {"detector_offset": {"columns_px": 0.3}},
+    {"veiling_glare": {"share": 0.05, "width_mm": 60.0}},
+    {"optical_crosstalk": {"column": 0.05, "row": 0.05}},
+    {"afterglow": {"share": 0.05, "time_constant_ms": 15.0, "before": 0.0}},
+    {"centre_of_rotation": {"shift_mm": 0.4}},
+)
+KINDS = (
+    *("none", "direction", "start angle", "mirrored columns", "mirrored rows", "swapped rows and columns"),
+    *("pitch at the isocentre", "swapped distances", "distance from the isocentre", "last view at the first"),
+    *("sign of the columns' offset", "transmissions", "decadic logarithm"),
+)
+
+
+def scene(kind, random):
+    """An object and, of that kind, another."""
+    if kind == "disc":
+        return DiscScene(float(random.uniform(60, 220)), "pmma")
+    grid = Grid((40, 160, 160), (2.0, 1.8, 1.8))
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    long, short = random.uniform(90, 130), random.uniform(65, 95)
+    hu = np.where((x / long) ** 2 + (y / short) ** 2 < 1, 20.0, -1000.0)
+    if kind == "cylinder":
+        hu = np.where(x**2 + y**2 < long**2, 0.0, -1000.0)
+    for value in random.permutation([800.0, -80.0, 300.0, 120.0, -900.0]):
+        size, angle, away = random.uniform(10, 20), random.uniform(0, 2 * np.pi), random.uniform(0.2, 0.65) * short
+        height, tall = random.uniform(-12, 12), random.uniform(8, 40)
+        inside = (x - away * np.cos(angle)) ** 2 + (y - away * np.sin(angle)) ** 2 < size**2
+        hu = np.where(inside & (np.abs(z - height) < tall), value, hu)
+    hu = ndimage.gaussian_filter(hu, 0.5, mode="nearest")
+    return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193, 2)
+
+
+def scanner(random):
+    """A scan section of recording.yaml."""
+    columns, rows = int(random.integers(60, 160)), int(random.integers(4, 20))
+    isocentre = float(random.uniform(400, 700))
+    detector = isocentre * float(random.choice([random.uniform(1.5, 1.95), random.uniform(2.1, 2.5)]))
+    width = 300.0 * detector / isocentre
+    views = int(random.integers(80, 240))
+    return {
+        "trajectory": "circular",
+        "source_to_isocentre_mm": round(isocentre, 1),
+        "source_to_detector_mm": round(detector, 1),
+        "columns": columns,
+        "rows": rows,
+        "column_pitch_mm": round(width / columns, 3),
+        "row_pitch_mm": round(width / columns * float(random.uniform(0.6, 1.5)), 3),
+        "column_offset_px": round(float(random.choice([0.25, 1.5, -2.0, 4.0])), 2),
+        "views": views,
+        "views_per_rotation": views,
+        "start_angle_deg": round(float(random.uniform(-180, 180)), 1),
+        "direction": int(random.choice([-1, 1])),
+        "view_interval_ms": 5.0,
+    }
+
+
+def scanned(scene, scan, physics, random, pose):
+    """Line integrals of repeats."""
+    chain = Chain(scene, scan_geometry(scan, "scan"), samples=2)
+    state = chain.state(physics, photons=PHOTONS, pose=pose)
+    air = state.measured_air
+    made = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(REPEATS)]
+    return np.stack(made).astype(np.float32)
+
+
+def mistaken(kind, scan, lines, random):
+    """The description and the data with a mistake of that kind."""
+    isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]
+    if kind == "direction":
+        return {**scan, "direction": -scan["direction"]}, lines
+    if kind == "start angle":
+        return {**scan, "start_angle_deg": scan["start_angle_deg"] + float(random.choice([90, 180, -90, 37]))}, lines
+    if kind == "mirrored columns":
+        return scan, lines[..., ::-1]
+    if kind == "mirrored rows":
+        return scan, lines[..., ::-1, :]
+    if kind == "swapped rows and columns":
+        return {**scan, "rows": scan["columns"], "columns": scan["rows"]}, np.swapaxes(lines, -1, -2)
+    if kind == "pitch at the isocentre":
+        shrunk = {key: scan[key] * isocentre / detector for key in ("column_pitch_mm", "row_pitch_mm")}
+        return {**scan, **shrunk}, lines
+    if kind == "swapped distances":
+        return {**scan, "source_to_isocentre_mm": detector - isocentre}, lines
+    if kind == "distance from the isocentre":
+        return {**scan, "source_to_detector_mm": detector - isocentre}, lines
+    if kind == "last view at the first":
+        return {**scan, "views_per_rotation": scan["views"]}, lines
+    if kind == "sign of the columns' offset":
+        return {**scan, "column_offset_px": -scan["column_offset_px"]}, lines
+    if kind == "transmissions":
+        return scan, np.exp(-lines)
+    if kind == "decadic logarithm":
+        return scan, lines / LN_10
+    return scan, lines
+
+
+def found(scene, scan, lines):
+    comparison = Comparison(scene, lines, np.isfinite(lines).all(axis=0), MOST, REACH)
+    return find(comparison, scan, True, float(lines.max()))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=5)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--kinds", nargs="*", default=[*KINDS, "object", "hidden"])
+    options = parser.parse_args()
+    writer = csv.writer(sys.stdout)
+    writer.writerow(
+        ("draw", "kind", "physics", "said", "named", "share_stated", "share_best", "share", "alike", "seconds")
+    )
+    for draw in range(options.first, options.first + options.draws):
+        for kind in options.kinds:
+            random = generator(Stream(draw))
+            objects = [scene(str(random.choice(["body", "body", "cylinder"])), random) for _ in range(2)]
+            scan = scanner(random)
+            pose = Pose(*random.normal(0, (1, 1, 1, 0.3)))
+            physics = {}
+            for which in random.choice(len(PHYSICS), 2, replace=False):
+                physics |= PHYSICS[which]
+            if kind == "hidden":
+                objects[0] = scene("disc", random)
+                pose = Pose()
+            if kind == "last view at the first":
+                scan["views_per_rotation"] -= 1
+            lines = scanned(objects[0], scan, physics, random, pose)
+            made = str(random.choice(["direction", "start angle"])) if kind == "hidden" else kind
+            described, data = mistaken(made, scan, lines, random)
+            began = time.process_time()
+            try:
+                one = found(objects[1] if kind == "object" else objects[0], described, data)
+            except Exception as error:  # what the description itself cannot be
+                writer.writerow((draw, kind, "+".join(physics), "refused", str(error)[:60], "", "", "", "", ""))
+                continue
+            seconds = time.process_time() - began
+            alike = " | ".join(other.name for other in one.alike)
+            row = (draw, made if kind == "hidden" else kind, "+".join(physics), one.kind, one.best.name)
+            shares = (f"{value:.2g}" for value in (one.stated.share, one.best.share, one.share))
+            writer.writerow((*row, *shares, alike, f"{seconds:.1f}"))
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,162 @@
+"""Mistakes that are made in describing a scan, each with what undoes it and the line that mends it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+STATED = "as stated"
+LN_10 = math.log(10)
+# Of line integrals: what is larger is no transmission, even of a ray with much noise in air.
+LARGEST_TRANSMISSION = 1.5
+LEAST_TRANSMISSION = 1e-5  # what smaller ones are read as
+
+
+@dataclass(frozen=True)
+class Description:
+    """A scan as recording.yaml has it, or with one mistake undone.
+
+    Attributes
+    ----------
+    name : str
+        Of the mistake; STATED for none.
+    line : str
+        What to change, for users.
+    scan : mapping
+        The scan section with that change.
+    axes : callable
+        What undoes the mistake in the order of rays, shape (..., views, rows, columns).
+    values : callable
+        What undoes it in line integrals.
+    oriented : bool
+        Whether start angles are looked for beside it: a mistake of direction or of axes often brings another.
+    scaled : float or None
+        By what line integrals would have to be multiplied, where nothing else differs.
+    """
+
+    name: str
+    line: str
+    scan: Mapping
+    axes: Callable[[np.ndarray], np.ndarray] = field(default=lambda rays: rays)
+    values: Callable[[np.ndarray], np.ndarray] = field(default=lambda lines: lines)
+    oriented: bool = False
+    scaled: float | None = None
+
+
+def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Description]:
+    """The scan as it is stated, then with every mistake undone that it could hold.
+
+    Parameters
+    ----------
+    scan : mapping
+        The scan section of recording.yaml.
+    log : bool
+        Whether line integrals were recorded, not counts with their fields.
+    largest : float
+        Of the line integrals.
+
+    Yields
+    ------
+    Description
+    """
+    yield Description(STATED, "", scan, oriented=True)
+    other = -scan["direction"]
+    yield Description("direction", f"scan.direction: {other}", {**scan, "direction": other}, oriented=True)
+    yield Description(
+        "mirrored columns", "mirror /exchange/data along its columns", scan, lambda rays: rays[..., ::-1], oriented=True
+    )
+    if scan["rows"] > 1:
+        yield Description(
+            "mirrored rows", "mirror /exchange/data along its rows", scan, lambda rays: rays[..., ::-1, :]
+        )
+        yield from _swapped(scan)
+    yield from _distances(scan)
+    yield from _views(scan)
+    yield from _offsets(scan)
+    if log:
+        yield from _line_integrals(scan, largest)
+
+
+def _swapped(scan: Mapping) -> Iterator[Description]:
+    words = "swap rows and columns of /exchange/data, and scan.rows and scan.columns"
+    counts = {"rows": scan["columns"], "columns": scan["rows"]}
+    swap = dict(axes=lambda rays: np.swapaxes(rays, -1, -2), oriented=True)
+    yield Description("swapped rows and columns", words, {**scan, **counts}, **swap)
+    if scan["row_pitch_mm"] != scan["column_pitch_mm"]:
+        pitches = {"row_pitch_mm": scan["column_pitch_mm"], "column_pitch_mm": scan["row_pitch_mm"]}
+        words += ", and scan.row_pitch_mm and scan.column_pitch_mm"
+        yield Description("swapped rows, columns and pitches", words, {**scan, **counts, **pitches}, **swap)
+
+
+def _distances(scan: Mapping) -> Iterator[Description]:
+    isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]
+    magnification = detector / isocentre
+    pitches = {key: scan[key] * magnification for key in ("column_pitch_mm", "row_pitch_mm")}
+    words = ", ".join(f"scan.{key}: {value:.6g}" for key, value in pitches.items())
+    yield Description("pitch at the isocentre", f"{words} (at the detector)", {**scan, **pitches})
+    pitches = {key: scan[key] / magnification for key in ("column_pitch_mm", "row_pitch_mm")}
+    words = ", ".join(f"scan.{key}: {value:.6g}" for key, value in pitches.items())
+    yield Description("pitch magnified twice", f"{words} (at the detector)", {**scan, **pitches})
+    swapped = detector - isocentre
+    yield Description(
+        "swapped distances",
+        f"scan.source_to_isocentre_mm: {swapped:.6g} (now the distance from isocentre to detector)",
+        {**scan, "source_to_isocentre_mm": swapped},
+    )
+    whole = detector + isocentre
+    yield Description(
+        "distance from the isocentre",
+        f"scan.source_to_detector_mm: {whole:.6g} (now the distance from isocentre to detector)",
+        {**scan, "source_to_detector_mm": whole},
+    )
+
+
+def _views(scan: Mapping) -> Iterator[Description]:
+    turn = scan["views_per_rotation"]
+    if scan["views"] == turn:
+        yield Description(
+            "last view at the first",
+            f"scan.views_per_rotation: {turn - 1:g} (the last view looks where the first did)",
+            {**scan, "views_per_rotation": turn - 1},
+        )
+    elif scan["views"] == turn + 1:
+        yield Description(
+            "last view before the first",
+            f"scan.views_per_rotation: {turn + 1:g} (no two views look along one direction)",
+            {**scan, "views_per_rotation": turn + 1},
+        )
+    for factor, words in ((2, "half a turn"), (0.5, "two turns")):
+        if turn * factor >= 8:
+            line = f"scan.views_per_rotation: {turn * factor:g} (the views cover {words} where one is stated)"
+            yield Description(f"{words} for one", line, {**scan, "views_per_rotation": turn * factor})
+    if scan["trajectory"] == "helical":
+        feed = -scan["table_feed_mm"]
+        turned = {"table_feed_mm": feed, "start_z_mm": -scan["start_z_mm"]}
+        words = f"scan.table_feed_mm: {feed:g}, scan.start_z_mm: {-scan['start_z_mm']:g}"
+        yield Description("direction of the table", words, {**scan, **turned})
+
+
+def _offsets(scan: Mapping) -> Iterator[Description]:
+    for key, name in (("column_offset_px", "columns"), ("row_offset_px", "rows")):
+        if offset := scan.get(key, 0.0):
+            yield Description(f"sign of the {name}' offset", f"scan.{key}: {-offset:g}", {**scan, key: -offset})
+
+
+def _line_integrals(scan: Mapping, largest: float) -> Iterator[Description]:
+    if largest < LARGEST_TRANSMISSION:
+        yield Description(
+            "transmissions",
+            "store -ln(data), not the transmission itself, in /exchange/data",
+            scan,
+            values=lambda lines: -np.log(np.maximum(lines, LEAST_TRANSMISSION)),
+        )
+    yield Description(
+        "decadic logarithm",
+        "multiply /exchange/data by ln 10 = 2.3026 (it holds the decadic logarithm)",
+        scan,
+        values=lambda lines: lines * LN_10,
+        scaled=LN_10,
+    )

@@ -1,0 +1,315 @@
+"""How unlike a recording is to a simulation of a description of it, whatever physics was left out.
+
+Physics bends and shifts line integrals: hardening, scatter, a dark signal, glare. What it does depends mostly on the
+line integral itself, so that a cubic polynomial of the simulated one takes it up, while a wrong angle, distance, axis
+or object leaves other rays where there should be none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.geometry import OrbitGeometry
+from ...physics.scene import Pose
+from ...recordings.scan import scan_geometry
+from ..core.alignment import PLACE, POSES
+from .descriptions import STATED, Description
+
+ORDER = 3  # of the polynomial
+STEPS = 6  # of Gauss and Newton, at most
+SETTLED = 1e-3  # relative change of the sum of squares that ends them
+# What is fitted of a geometry that effects of the library may change: pixels, size of the object, mm over the scan.
+GEOMETRY = ("columns_px", "rows_px", "size", "drift_x_mm", "drift_y_mm", "drift_z_mm")
+# Differences that slopes are taken from.
+STEP = {"x_mm": 0.5, "y_mm": 0.5, "z_mm": 0.5, "turn_deg": 0.25, "columns_px": 0.25, "rows_px": 0.25, "size": 0.002}
+STEP |= {"drift_x_mm": 0.5, "drift_y_mm": 0.5, "drift_z_mm": 0.5}
+START = {"size": 1.0}  # of the others 0
+# How far off a geometry may be that effects of the library mend; more is another object or another description.
+REACH = {"columns_px": 6.0, "rows_px": 6.0, "size": 0.08, "drift_x_mm": 20.0, "drift_y_mm": 20.0, "drift_z_mm": 20.0}
+MOST_ATTENUATED = 6.0  # line integral beyond which rays weigh no less: noise of a few photons is no longer exp(-l)
+QUARTER_DEG, ROUNDED_DEG = 90.0, 1.0  # start angles as near as this to a multiple of a quarter turn are meant to be it
+HALVINGS = 4  # of a step that makes it worse
+UNSEEN = 1e-6  # of the largest slope: of what the object does not show
+SAMPLES = 2  # rays of a pixel along its columns and rows
+HOPELESS = 4.0  # times as much left as of the best so far after a first step: no further step makes up for that
+
+
+@dataclass(frozen=True)
+class Unlike:
+    """How unlike a recording is to one description.
+
+    Attributes
+    ----------
+    description : Description
+    place : dict of str to float
+        Of the object, by name of PLACE, and what of GEOMETRY was fitted, where it fits best.
+    squares, noise, total : float
+        Weighted sums of squares: what is left beside the polynomial, what of it is noise (0: not known), and of the
+        line integrals themselves about their mean.
+    scale : float
+        Recorded over simulated line integrals.
+    rays : int
+        That were compared.
+    turned : bool
+        Whether the start angle was looked for.
+    """
+
+    description: Description
+    place: dict[str, float]
+    squares: float
+    noise: float
+    total: float
+    scale: float
+    rays: int
+    turned: bool = False
+
+    @property
+    def name(self) -> str:
+        """Of the mistake that is undone."""
+        if not self.turned:
+            return self.description.name
+        return "start angle" if self.description.name == STATED else f"{self.description.name}, start angle"
+
+    @property
+    def line(self) -> str:
+        """What to change in recording.yaml or in the data."""
+        if not self.turned:
+            return self.description.line
+        # An object turned by t and seen at angle b is the object seen at b - t.
+        angle = (self.description.scan["start_angle_deg"] - self.place["turn_deg"] + 180) % 360 - 180
+        nearest = QUARTER_DEG * round(angle / QUARTER_DEG)
+        angle = nearest if abs(angle - nearest) < ROUNDED_DEG else angle
+        return "; ".join(filter(None, (self.description.line, f"scan.start_angle_deg: {angle:.4g}")))
+
+    @property
+    def share(self) -> float:
+        """Of the variance of the line integrals, what is left of it beyond noise."""
+        return max(self.squares - self.noise, 0.0) / self.total if self.total > 0 else 1.0
+
+    def worse_than(self, other: Unlike) -> float:
+        """By how much its log likelihood falls behind, for normal errors whose size is not known."""
+        return self.rays / 2 * float(np.log(max(self.squares, 1e-300) / max(other.squares, 1e-300)))
+
+
+class Comparison:
+    """A recording and what was scanned, for any description.
+
+    Parameters
+    ----------
+    scene : VoxelScene
+        Or what has its methods.
+    lines : ndarray, shape (repeats, views, rows, columns)
+        Line integrals.
+    usable : ndarray of bool, shape (views, rows, columns)
+        Rays that count.
+    most : sequence of 3 int
+        Views, rows and columns that are compared at most.
+    reach : mapping of str to float
+        How far the object may lie off its place, by name of PLACE (mm, degrees). What is not in it may be anything.
+    """
+
+    def __init__(self, scene, lines: np.ndarray, usable: np.ndarray, most: Sequence[int], reach: Mapping[str, float]):
+        self._scene, self._lines, self._usable, self._most, self._reach = scene, lines, usable, tuple(most), reach
+        self._mu = scene.attenuation_per_mm
+
+    def coarser(self, most: Sequence[int]) -> Comparison:
+        """The same of fewer rays."""
+        return Comparison(self._scene, self._lines, self._usable, most, self._reach)
+
+    def geometry(self, description: Description) -> OrbitGeometry:
+        """Of the rays that are compared.
+
+        Parameters
+        ----------
+        description : Description
+
+        Returns
+        -------
+        OrbitGeometry
+
+        Raises
+        ------
+        InputError
+            For lengths that cannot be.
+        """
+        whole = scan_geometry(dict(description.scan), "scan")
+        views, rows, columns = self._steps((whole.views, whole.rows, whole.columns))
+        thinned = {}
+        for axis, step in (("row", rows), ("column", columns)):
+            length, offset = getattr(whole, f"{axis}s"), getattr(whole, f"{axis}_offset_px")
+            count = len(range(_first(length, step), length, step))
+            thinned |= {
+                f"{axis}s": count,
+                f"{axis}_pitch_mm": getattr(whole, f"{axis}_pitch_mm") * step,
+                f"{axis}_offset_px": (_first(length, step) - (length - 1) / 2 + offset) / step + (count - 1) / 2,
+            }
+        return replace(whole.every(views), **thinned)
+
+    def data(self, description: Description) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mean over repeats, variance of that mean (0: not known) and weight of the rays that are compared."""
+        lines, usable = description.axes(self._lines), description.axes(self._usable)
+        views, rows, columns = self._steps(usable.shape)
+        chosen = (
+            slice(None, None, views),
+            slice(_first(usable.shape[1], rows), None, rows),
+            slice(_first(usable.shape[2], columns), None, columns),
+        )
+        lines, usable = description.values(lines[:, *chosen].astype(np.float64)), usable[chosen]
+        mean, n = lines.mean(axis=0), len(lines)
+        variance = lines.var(axis=0, ddof=1) / n if n > 1 else np.zeros_like(mean)
+        return mean, variance, np.where(usable, np.exp(-np.clip(mean, 0, MOST_ATTENUATED)), 0.0)
+
+    def unlike(
+        self,
+        description: Description,
+        turn_deg: float = 0.0,
+        best: Unlike | None = None,
+        also: Sequence[str] = (),
+    ) -> Unlike:
+        """Fit the object's place and say what is left.
+
+        Parameters
+        ----------
+        description : Description
+        turn_deg : float, optional
+            From where the object's turn is looked for.
+        best : Unlike, optional
+            Of another description: what is hopelessly worse is not fitted to its end.
+        also : sequence of str, optional
+            Of GEOMETRY, fitted too.
+
+        Returns
+        -------
+        Unlike
+
+        Raises
+        ------
+        InputError
+            For lengths that cannot be.
+        """
+        geometry = self.geometry(description)
+        mean, variance, weight = self.data(description)
+        root = np.sqrt(weight).ravel()
+        names = (*PLACE, *also)
+        start = np.array([{**START, "turn_deg": turn_deg}.get(name, 0.0) for name in names])
+        reach = np.array([{**REACH, **self._reach}.get(name, np.inf) for name in names])
+        place, found = start, self._left(geometry, mean, weight, dict(zip(names, start, strict=True)))
+        for _ in range(STEPS):
+            slopes = []
+            for axis, name in enumerate(names):
+                moved = dict(zip(names, place + STEP[name] * np.eye(len(names))[axis], strict=True))
+                slopes.append((self._simulated(geometry, moved) - found.simulated).ravel() / STEP[name])
+            down = found.slope.ravel() * np.array(slopes) * root
+            sizes = np.sqrt((down**2).sum(axis=1))
+            seen = sizes > UNSEEN * max(sizes.max(), 1e-30)  # a disc has no turn
+            basis = np.vstack([down[seen] / sizes[seen, None], _powers(found.simulated) * root])
+            solved = np.linalg.lstsq(basis.T, root * found.residual.ravel(), rcond=1e-6)[0][: seen.sum()]
+            change = np.zeros(len(names))
+            change[seen] = solved / sizes[seen]
+            tried = np.clip(place + change, start - reach, start + reach)
+            after = self._left(geometry, mean, weight, dict(zip(names, tried, strict=True)))
+            for _ in range(HALVINGS):
+                if after.squares <= found.squares:
+                    break
+                tried = (place + tried) / 2
+                after = self._left(geometry, mean, weight, dict(zip(names, tried, strict=True)))
+            if after.squares >= found.squares:
+                break
+            settled = found.squares - after.squares < SETTLED * found.squares
+            place, found = tried, after
+            if settled or (best is not None and found.squares * best.total > HOPELESS * best.squares * found.total):
+                break
+        return Unlike(
+            description,
+            {name: float(value) for name, value in zip(names, place, strict=True)},
+            found.squares,
+            float((weight * variance).sum()),
+            found.total,
+            found.scale,
+            int((weight > 0).sum()),
+            turn_deg != 0,
+        )
+
+    def residual(self, found: Unlike) -> np.ndarray:
+        """What a description leaves of line integrals, as means over rows, shape (views, columns)."""
+        geometry = self.geometry(found.description)
+        mean, _, weight = self.data(found.description)
+        left = self._left(geometry, mean, weight, found.place).residual * weight
+        whole = weight.sum(axis=1)
+        return left.sum(axis=1) / np.where(whole > 0, whole, np.inf)
+
+    def at_turns(self, description: Description, turns_deg: Sequence[float]) -> np.ndarray:
+        """Share of the squares that is left with the object in its place, turned by each angle."""
+        geometry = self.geometry(description)
+        mean, _, weight = self.data(description)
+        left = [self._left(geometry, mean, weight, {"turn_deg": turn}) for turn in turns_deg]
+        return np.array([one.squares / one.total for one in left])
+
+    def _steps(self, shape: Sequence[int]) -> tuple[int, ...]:
+        return tuple(-(-length // most) for length, most in zip(shape, self._most, strict=True))
+
+    def _simulated(self, geometry: OrbitGeometry, place: Mapping[str, float]) -> np.ndarray:
+        """Line integrals of pixels, each the mean of the transmissions of its rays."""
+        down, across = SAMPLES if geometry.rows > 1 else 1, SAMPLES
+        moved = {
+            f"{axis}_offset_px": getattr(geometry, f"{axis}_offset_px") + place.get(f"{axis}s_px", 0.0)
+            for axis in ("row", "column")
+        }
+        geometry = replace(geometry, **moved)
+        rays = replace(geometry, **_finer(geometry, "row", down), **_finer(geometry, "column", across))
+        pose = Pose(**{name: place[name] for name in POSES if name in place})
+        drift = [place.get(f"drift_{axis}_mm", 0.0) for axis in "xyz"]
+        motion = np.outer(geometry.view_times / geometry.views, drift) if any(drift) else None
+        paths = self._scene.path_lengths(rays, pose, motion)
+        lines = np.tensordot(self._mu, paths.astype(np.float64), 1)
+        views, rows, columns = geometry.shape
+        return -np.log(np.exp(-lines).reshape(views, rows, down, columns, across).mean(axis=(2, 4)))
+
+    def _left(self, geometry: OrbitGeometry, mean: np.ndarray, weight: np.ndarray, place: Mapping[str, float]) -> _Left:
+        simulated = self._simulated(geometry, place)
+        total = float((weight * (mean - np.average(mean, weights=weight)) ** 2).sum())
+        apart = simulated - np.average(simulated, weights=weight)
+        if not (weight * apart * mean).sum() > 0:  # falls where it should rise
+            residual = mean - np.average(mean, weights=weight)
+            return _Left(simulated, residual, np.zeros_like(mean), total, total, 0.0)
+        root = np.sqrt(weight).ravel()
+        powers = _powers(simulated)
+        found = np.linalg.lstsq((powers * root).T, root * mean.ravel(), rcond=None)[0]
+        residual = mean - (found @ powers).reshape(mean.shape)
+        rising = sum(k * found[k] * powers[k - 1] for k in range(1, ORDER + 1)).reshape(mean.shape)
+        squares = float((weight * residual**2).sum())
+        scale = float((weight * simulated * mean).sum() / (weight * simulated**2).sum())
+        return _Left(simulated, residual, rising, squares, total, scale)
+
+
+@dataclass(frozen=True)
+class _Left:
+    """Simulated line integrals, what is left of the recorded ones beside their polynomial, and its slope."""
+
+    simulated: np.ndarray
+    residual: np.ndarray
+    slope: np.ndarray
+    squares: float
+    total: float
+    scale: float
+
+
+def _finer(geometry: OrbitGeometry, axis: str, times: int) -> dict[str, float]:
+    """So many rays instead of one along an axis of the detector, at the middles of equal parts of a pixel."""
+    return {
+        f"{axis}s": getattr(geometry, f"{axis}s") * times,
+        f"{axis}_pitch_mm": getattr(geometry, f"{axis}_pitch_mm") / times,
+        f"{axis}_offset_px": getattr(geometry, f"{axis}_offset_px") * times,
+    }
+
+
+def _powers(simulated: np.ndarray) -> np.ndarray:
+    return simulated.ravel() ** np.arange(ORDER + 1)[:, None]
+
+
+def _first(length: int, step: int) -> int:
+    """The first of every so many, so that those taken lie about the middle."""
+    return (length - 1) % step // 2

@@ -1,0 +1,110 @@
+"""What is said of a recording whose description is wrong, or that is of another object."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+from ...base.errors import refusing
+from ...io.files import read_text
+from ...recordings.projections import ProjectionsRecording
+from ...recordings.recording import Recording
+from ..core.asked import Asked
+from ..described import object_of, scan_of
+from .recorded import AS_STATED, DESCRIPTION, EMPTY, OBJECT, SetUp
+
+VERDICTS = {DESCRIPTION: "description wrong", OBJECT: "another object", EMPTY: "nothing in the beam"}
+# Of recordings that are not looked at.
+NOT_LOOKED = {"kind": AS_STATED, "mistakes": {}, "alike": [], "share_stated": 0.0, "share": 0.0}
+NOT_FITTED = "{}\n"  # in the place of a fit
+
+
+def doubted(recording: Recording, asked: Asked) -> bool:
+    """Whether the description of a recording is looked at."""
+    return asked.settings.check_setup and isinstance(recording, ProjectionsRecording)
+
+
+def read_setup(path: str | Path) -> dict:
+    """SetUp.content of a file.
+
+    Returns
+    -------
+    dict
+
+    Raises
+    ------
+    InputError
+        If it is missing or something else.
+    """
+    with refusing(f"{path}: says nothing of a description", OSError, ValueError, KeyError, advice="make it again"):
+        content = json.loads(read_text(path))
+        return {key: content[key] for key in NOT_LOOKED}
+
+
+def verdict(found: SetUp, recording: Recording, asked: Asked) -> dict:
+    """What diagnosis.json holds.
+
+    Parameters
+    ----------
+    found : SetUp
+        With a kind of VERDICTS.
+    recording : Recording
+    asked : Asked
+
+    Returns
+    -------
+    dict
+    """
+    return {
+        "recording": recording.name,
+        "verdict": VERDICTS[found.kind],
+        "sentence": sentence(recording.name, found.content, object_of(asked)),
+        "locations": [],
+        "effects": [],
+        "ambiguous_with": {},
+        "ruled_out": {},
+        "fit": {},
+        "held_out": {},
+        "excess_removed": None,
+        "unexplained": [],
+        "next_measurement": [],
+        "held_out_data": "none",
+        "modelled": {"object": object_of(asked), "scan": scan_of(asked, recording)},
+        "setup": found.content,
+    }
+
+
+def sentence(name: str, content: Mapping, scanned: str) -> str:
+    """The verdict in words.
+
+    Parameters
+    ----------
+    name : str
+        Of the recording.
+    content : mapping
+        SetUp.content.
+    scanned : str
+        What was simulated, in words.
+
+    Returns
+    -------
+    str
+    """
+    stated, share = (f"{100 * content[key]:.2g} %" for key in ("share_stated", "share"))
+    if content["kind"] == EMPTY:
+        return (
+            f"{name}: nothing stood in the beam, or the files are of the air scan: line integrals do not follow those "
+            f"of {scanned}. No effect was tried."
+        )
+    if content["kind"] == OBJECT:
+        return (
+            f"{name}: what was scanned is not {scanned}: {share} of the variance of its line integrals fits no place, "
+            "turn, size or geometry of it. Name the right object in the configuration. No effect was tried."
+        )
+    lines = "; ".join(content["mistakes"].values())
+    left = f" Of the variance of line integrals {stated} fits no ray as described, {share} so changed."
+    return (
+        f"{name}: the description of the scan is wrong. Change: {lines}.{'' if stated == share else left} "
+        "No effect was tried."
+    )
