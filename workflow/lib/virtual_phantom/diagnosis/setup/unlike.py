@@ -30,7 +30,7 @@ START = {"size": 1.0}  # of the others 0
 # How far off a geometry may be that effects of the library mend; more is another object or another description.
 REACH = {"columns_px": 6.0, "rows_px": 6.0, "size": 0.08, "drift_x_mm": 20.0, "drift_y_mm": 20.0, "drift_z_mm": 20.0}
 MOST_ATTENUATED = 6.0  # line integral beyond which rays weigh no less: noise of a few photons is no longer exp(-l)
-QUARTER_DEG, ROUNDED_DEG = 90.0, 1.0  # start angles as near as this to a multiple of a quarter turn are meant to be it
+QUARTER_DEG, ROUNDED_DEG = 90.0, 1.0  # start angles that are off by nearly quarter turns are off by just these
 HALVINGS = 4  # of a step that makes it worse
 UNSEEN = 1e-6  # of the largest slope: of what the object does not show
 SAMPLES = 2  # rays of a pixel along its columns and rows
@@ -79,9 +79,10 @@ class Unlike:
         if not self.turned:
             return self.description.line
         # An object turned by t and seen at angle b is the object seen at b - t.
-        angle = (self.description.scan["start_angle_deg"] - self.place["turn_deg"] + 180) % 360 - 180
-        nearest = QUARTER_DEG * round(angle / QUARTER_DEG)
-        angle = nearest if abs(angle - nearest) < ROUNDED_DEG else angle
+        change = -self.place["turn_deg"]
+        quarters = QUARTER_DEG * round(change / QUARTER_DEG)
+        change = quarters if abs(change - quarters) < ROUNDED_DEG else change
+        angle = (self.description.scan["start_angle_deg"] + change + 180) % 360 - 180
         return "; ".join(filter(None, (self.description.line, f"scan.start_angle_deg: {angle:.4g}")))
 
     @property

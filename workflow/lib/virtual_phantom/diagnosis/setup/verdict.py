@@ -56,10 +56,11 @@ def verdict(found: SetUp, recording: Recording, asked: Asked) -> dict:
     -------
     dict
     """
+    scanned = "the study's phantom" if asked.settings.of_phantom else object_of(asked)
     return {
         "recording": recording.name,
         "verdict": VERDICTS[found.kind],
-        "sentence": sentence(recording.name, found.content, object_of(asked)),
+        "sentence": sentence(recording.name, found.content, scanned),
         "locations": [],
         "effects": [],
         "ambiguous_with": {},

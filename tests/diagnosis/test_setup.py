@@ -1,0 +1,157 @@
+"""The description of a scan is doubted before physics is: mistakes are named, and right ones let be."""
+
+import numpy as np
+import pytest
+
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.streams import Stream, generator
+from virtual_phantom.diagnosis.setup.finding import MOST, find
+from virtual_phantom.diagnosis.setup.repeats import copies, odd_ones
+from virtual_phantom.diagnosis.setup.unlike import Comparison
+from virtual_phantom.diagnosis.setup.white import wrong_illumination
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.recordings.scan import scan_geometry
+
+SCAN = {
+    "trajectory": "circular",
+    "source_to_isocentre_mm": 500.0,
+    "source_to_detector_mm": 1100.0,
+    "columns": 48,
+    "rows": 6,
+    "column_pitch_mm": 11.0,
+    "row_pitch_mm": 14.0,
+    "column_offset_px": 1.5,
+    "views": 60,
+    "views_per_rotation": 60,
+    "start_angle_deg": 20.0,
+    "direction": 1,
+    "view_interval_ms": 8.0,
+}
+PHYSICS = {"scatter": {"amount": 0.1, "width_mm": 40.0}, "focal_spot": {"width_mm": 1.2, "length_mm": 1.2}}
+REACH = {"x_mm": 5.0, "y_mm": 5.0, "z_mm": 5.0, "turn_deg": 2.5}
+REPEATS, PHOTONS = 2, 1e5
+POSE = Pose(0.6, -0.4, 0.5, 0.2)
+
+
+def body(inserts, half_axes_mm=(85, 60)):
+    """An elliptic body of water with balls at (x, y, z, radius, HU), mm."""
+    grid = Grid((26, 76, 76), (3.0, 2.5, 2.5))
+    z, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    hu = np.where((x / half_axes_mm[0]) ** 2 + (y / half_axes_mm[1]) ** 2 < 1, 0.0, -1000.0)
+    for at_x, at_y, at_z, radius, value in inserts:
+        hu = np.where((x - at_x) ** 2 + (y - at_y) ** 2 + (z - at_z) ** 2 < radius**2, value, hu)
+    return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193, 1)
+
+
+OBJECT = body([(45, 10, 10, 18, 700.0), (-30, 25, -12, 16, -900.0), (5, -30, 5, 14, 300.0)])
+OTHER = body([(-45, -10, -10, 18, 700.0), (30, -25, 12, 16, 300.0), (-10, 35, 0, 12, -700.0)], (75, 68))
+
+
+def scanned(scene=OBJECT, physics=PHYSICS, scan=SCAN, pose=POSE):
+    """Line integrals of repeats, by twice as many rays as are compared."""
+    state = Chain(scene, scan_geometry(scan, "scan"), samples=3).state(physics, photons=PHOTONS, pose=pose)
+    random, air = generator(Stream(7)), state.measured_air
+    repeats = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(REPEATS)]
+    return np.stack(repeats).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def lines():
+    return scanned()
+
+
+def finding(lines, scan=SCAN, scene=OBJECT):
+    comparison = Comparison(scene, lines, np.isfinite(lines).all(axis=0), MOST, REACH)
+    return find(comparison, scan, log=True, largest=float(lines.max()))
+
+
+def test_a_right_description_is_let_be_though_physics_was_left_out(lines):
+    found = finding(lines)
+    assert found.kind == "as stated" and not found.alike, found
+    assert finding(scanned(physics={"detector_offset": {"columns_px": 0.5}})).kind == "as stated"
+
+
+PITCHES = {"column_pitch_mm": 5.0, "row_pitch_mm": 14.0 / 2.2}
+MISTAKES = {
+    "direction": ({"direction": -1}, None, "scan.direction: 1"),
+    "start angle": ({"start_angle_deg": 110.0}, None, "scan.start_angle_deg: 20"),
+    "mirrored columns": ({}, lambda data: data[..., ::-1], "along its columns"),
+    "mirrored rows": ({}, lambda data: data[..., ::-1, :], "along its rows"),
+    "pitch at the isocentre": (PITCHES, None, "scan.column_pitch_mm: 11, scan.row_pitch_mm: 14 (at the detector)"),
+    "swapped distances": ({"source_to_isocentre_mm": 600.0}, None, "scan.source_to_isocentre_mm: 500"),
+    "distance from the isocentre": ({"source_to_detector_mm": 600.0}, None, "scan.source_to_detector_mm: 1100"),
+    "sign of the columns' offset": ({"column_offset_px": -1.5}, None, "scan.column_offset_px: 1.5"),
+    "transmissions": ({}, lambda data: np.exp(-data), "store -ln(data)"),
+    "decadic logarithm": ({}, lambda data: data / np.log(10), "ln 10"),
+    "half a turn for one": ({"views_per_rotation": 30}, None, "scan.views_per_rotation: 60"),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_mistake_is_named_with_the_line_that_mends_it(mistake, lines):
+    changed, spoiled, line = MISTAKES[mistake]
+    found = finding(lines if spoiled is None else spoiled(lines), {**SCAN, **changed})
+    assert (found.kind, found.best.name) == ("description", mistake)
+    assert line in found.best.line
+
+
+def test_swapped_rows_and_columns_are_named():
+    square = {**SCAN, "rows": 24, "columns": 24, "column_pitch_mm": 22.0, "row_pitch_mm": 8.0}
+    data = np.swapaxes(scanned(scan=square), -1, -2)
+    found = finding(data, square)
+    assert (found.kind, found.best.name) == ("description", "swapped rows and columns")
+
+
+def test_views_that_end_where_they_began_are_named():
+    """The commonest mistake of all: angles from 0 to 360 degrees, both included."""
+    found = finding(scanned(scan={**SCAN, "views_per_rotation": 59}))
+    assert (found.kind, found.best.name) == ("description", "last view at the first")
+
+
+def test_a_centred_disc_has_no_start_angle():
+    found = finding(scanned(DiscScene(150.0, "pmma"), pose=Pose()), scene=DiscScene(150.0, "pmma"))
+    assert found.kind == "as stated"
+    assert {"start angle", "direction", "mirrored rows"} <= {one.name for one in found.alike}
+
+
+def test_another_object_is_told_from_a_wrong_description_of_it(lines):
+    assert finding(lines, scene=OTHER).kind == "object"
+    assert finding(lines, scene=DiscScene(70.0, "pmma")).kind == "object"
+
+
+def test_an_air_scan_holds_no_object():
+    noise = generator(Stream(3)).normal(0, 0.003, (REPEATS, 60, 6, 48)).astype(np.float32)
+    assert finding(noise).kind in ("empty", "object")
+    assert abs(finding(noise).best.scale) < 0.02
+
+
+def test_repeats_that_are_none_are_named(lines):
+    usable = np.ones(lines.shape[1:], bool)
+    noise = generator(Stream(5)).normal(0, 0.01, (4, *usable.shape)).astype(np.float32)
+    repeats = lines.mean(axis=0) + noise
+    assert odd_ones(repeats, usable) == [] and copies(repeats) == []
+    drifted = repeats * np.linspace(0.99, 1.01, 4, dtype=np.float32)[:, None, None, None]
+    assert odd_ones(drifted, usable) == []  # the tube's output drifts
+    repeats[2] = np.roll(repeats[2], 2, axis=-1)
+    assert [which for which, _ in odd_ones(repeats, usable)] == [2]
+    repeats[3] = repeats[0]
+    assert copies(repeats) == [(0, 3)]
+
+
+@pytest.mark.parametrize(
+    ("stated", "exponent", "expected"),
+    [("even", 1.0, "solid_angle"), ("even", 0.0, None), ("solid_angle", 1.0, None), ("solid_angle", 0.0, "even")],
+)
+def test_a_white_field_shows_how_the_detector_is_lit(stated, exponent, expected):
+    wide = {**SCAN, "rows": 20, "row_pitch_mm": 20.0, "illumination": stated}
+    geometry = scan_geometry(wide, "scan")
+    angles = geometry.solid_angles()[0]
+    gains = 1 + 0.002 * generator(Stream(1)).standard_normal(angles.shape)
+    found = wrong_illumination(1e5 * gains * angles**exponent, geometry, wide)
+    assert (found and found[0]) == expected
+    bowtie = np.exp(-3 * np.linspace(-1, 1, SCAN["columns"]) ** 2)  # shapes the field too, and is no mistake
+    if stated == "even" and not exponent:
+        assert wrong_illumination(1e5 * gains * bowtie, geometry, wide) is None
