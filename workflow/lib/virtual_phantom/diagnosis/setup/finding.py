@@ -13,8 +13,8 @@ from .unlike import GEOMETRY, Comparison, Unlike
 
 MOST = (36, 8, 96)  # views, rows and columns that are compared
 COARSE = (24, 6, 48)  # the same, of start angles
-TURNS_DEG = np.arange(0.0, 360.0, 5.0)
-QUARTERS_DEG = (90.0, 180.0, 270.0)
+TURNS_DEG = np.arange(0.0, 360.0, 5.0)  # where the others are looked for
+QUARTERS_DEG = (90.0, 180.0, 270.0)  # start angles that are looked at where the stated one fits
 MOST_TURNS = 3  # minima over turns that are fitted
 # Shares of the variance of line integrals (benchmarks/setup_mistakes.py says what mistakes, physics and other objects
 # leave): below the first no description is doubted; of what the stated one leaves, another must explain so much.
