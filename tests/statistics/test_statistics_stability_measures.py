@@ -88,7 +88,10 @@ def test_the_cube_holds_each_value_at_its_place():
         (lambda t: t[t["roi"] == "cyst"], "features: 1 ROI; measures of agreement compare at least two"),
         (lambda t: t[t["group"] == 1], "features: 1 group; measures of agreement compare at least two"),
         (lambda t: t.drop(index=7), "features: no row for ROI cyst, group 2, seed 1; every group needs every one"),
-        (lambda t: pd.concat([t, t.iloc[[7]]]), "features: two rows for ROI cyst, group 2, seed 1; make"),
+        (
+            lambda t: pd.concat([t, t.iloc[[7]]]),
+            "features: two rows for ROI cyst, group 2, seed 1; give every",
+        ),
     ],
 )
 def test_bad_input_is_one_clear_line(change, message):

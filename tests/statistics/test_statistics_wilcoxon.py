@@ -117,6 +117,12 @@ def test_monotone_transforms_and_the_order_of_repeats_change_nothing(values, see
         (lambda t: t[t["group"] == 1], {}, "features: 1 group; stability"),
         (lambda t: t[t["tissue_class"] == "cyst"], {}, "features: 1 tissue class; stability"),
         (lambda t: t[(t["group"] != 2) | (t["roi"] != "cyst_2")], {}, "features: group 2 has no roi cyst_2"),
+        # Two protocols with the number 1
+        (
+            lambda t: t.assign(seed=[*range(6)] * 9, group=t["group"].replace(2, 1)),
+            {},
+            "features: two rows for ROI cyst_1, group 1, seed 0; give every protocol a group of its own",
+        ),
         (
             lambda t: t.assign(**{FEATURE: t[FEATURE].mask(t.index == 20)}),
             {},

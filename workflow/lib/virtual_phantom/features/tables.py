@@ -165,6 +165,31 @@ def grouped(table: pd.DataFrame, groups: Mapping[str, int], *, noise: str, seeds
     return chosen.assign(group=chosen["protocol"].map(groups))
 
 
+def refuse_doubles(table: pd.DataFrame, source: str) -> None:
+    """Refuse a table in which a group has a seed of an ROI twice: two protocols of one group are no repeats.
+
+    Parameters
+    ----------
+    table : DataFrame
+        With columns roi, group and seed.
+    source : str
+        What the message begins with.
+
+    Raises
+    ------
+    InputError
+        Naming the first such row.
+    """
+    keys = ["roi", "group", "seed"]
+    double = table.duplicated(keys).to_numpy()
+    if double.any():
+        roi, group, seed = table.loc[double, keys].iloc[0]
+        raise InputError(
+            f"{source}: two rows for ROI {roi}, group {group}, seed {seed}; give every protocol a group of its own, or "
+            "make the table again"
+        )
+
+
 def finite_values(table: pd.DataFrame, features: Sequence[str], source: str) -> np.ndarray:
     """The features of a table as numbers.
 

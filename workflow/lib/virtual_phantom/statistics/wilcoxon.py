@@ -26,7 +26,7 @@ from scipy.stats import rankdata
 
 from ..base.errors import InputError
 from ..features.names import family
-from ..features.tables import finite_values
+from ..features.tables import finite_values, refuse_doubles
 
 
 def ranksum_z(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -73,7 +73,7 @@ def scores(
     Parameters
     ----------
     table : DataFrame
-        One row per image and ROI, with columns group, roi, tissue_class and `features`.
+        One row per image and ROI, with columns group, roi, tissue_class and `features`; and seed, where there is one.
     features : sequence of str
     test : {"ranksum_z"}, optional
         One of TESTS.
@@ -92,8 +92,8 @@ def scores(
     Raises
     ------
     InputError
-        For an unknown test or `compare`, fewer than two groups or classes, a group that lacks an ROI, or values that
-        are not finite.
+        For an unknown test or `compare`, fewer than two groups or classes, a group that lacks an ROI or has a
+        seed of it twice, or values that are not finite.
     """
     if test not in TESTS:
         raise InputError(f"statistics.test: {test!r} is not known; choose from {', '.join(TESTS)}")
@@ -101,6 +101,8 @@ def scores(
         raise InputError(f"statistics.compare: {compare!r} is not known; choose from {', '.join(COMPARE)}")
     if not threshold > 0:
         raise InputError(f"statistics.threshold: {threshold} must be positive")
+    if "seed" in table:
+        refuse_doubles(table, source)
     values = finite_values(table, features, source)
     samples = {key: values[rows] for key, rows in table.groupby(["group", compare]).indices.items()}
     class_of = dict(zip(table[compare], table["tissue_class"], strict=True))  # in order of appearance
