@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from recording_folders import SCAN, changed, features_folder, projections_folder, refused, write_yaml
 
-from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.errors import InputError, InputErrors
 from virtual_phantom.recordings.document import read_document
 from virtual_phantom.recordings.scan import assumed, scan_geometry, timed
 
@@ -53,6 +53,36 @@ def test_defaults_and_files(bench):
 def test_mistakes_are_told_in_one_line(bench, path, value, message):
     folder, content = bench
     refused(write_yaml(folder, changed(content, path, value)), message)
+
+
+def test_all_mistakes_are_told_at_once(bench):
+    folder, content = bench
+    wrong = {
+        "scna": {},
+        "scan.views": 24.5,
+        "nominal.tube_kvp": 120000,
+        "rois": [{"name": "a", "tissue_class": "b", "file": "a.h5"}],
+        "scan.column_offset_px": float("nan"),
+        "repeats": ["a.h5", "none.h5", "gone.h5"],
+        "held_out": ["a.h5"],
+    }
+    for path, value in wrong.items():
+        content = changed(content, path, value)
+    with pytest.raises(InputErrors) as error:
+        read_document(write_yaml(folder, content))
+    said = (
+        "not finite",
+        "unknown key 'scna'",
+        "scan.views: 24.5 is not of type 'integer'",
+        "tube_kvp: 120000 is greater",
+        "'rois' has no meaning",
+        "'none.h5' is not there",
+        "'gone.h5' is not there",
+        "'a.h5' is among the repeats and held out",
+    )
+    for one in said:
+        assert sum(one in line for line in error.value.lines) == 1, (one, error.value.lines)
+    assert len(error.value.lines) == len(said)
 
 
 @pytest.mark.parametrize(

@@ -278,6 +278,16 @@ def test_files_are_put_together_as_snakemake_does_it(desk):
     assert (lines, settings) == ([], expected)
 
 
+def test_every_mistake_of_a_recording_is_named_in_one_run(desk, capsys):
+    document = Path("bench/recording.yaml")
+    content = yaml.safe_load(document.read_text())
+    document.write_text(yaml.safe_dump(content | {"kind": "sinograms", "origni": {}, "held_out": ["gone.h5"]}))
+    code, (head, *lines) = checked(changed(recordings={"bench": "bench"}), capsys)
+    assert (code, head, len(lines)) == (1, "Error: 3 mistakes", 3)
+    for said in ("kind is 'sinograms'", "unknown key 'origni'", "'gone.h5' is not there"):
+        assert sum(said in line for line in lines) == 1, lines
+
+
 def test_a_folder_without_a_configuration_takes_the_default_study(desk, capsys):
     Path("config/config.yaml").unlink()
     assert read_config.read_configs([]) == ([], yaml.safe_load(DEFAULT.read_text()))

@@ -32,9 +32,14 @@ class InputErrors(InputError):
         super().__init__(self.lines[0] + (f" (and {more} more)" if more else ""))
 
 
+def lines_of(error: InputError) -> tuple[str, ...]:
+    """All that an error says, a line for each mistake."""
+    return getattr(error, "lines", (str(error),))
+
+
 def printed(error: InputError) -> str:
     """What is printed of an error: one line, or a numbered list."""
-    lines = getattr(error, "lines", (str(error),))
+    lines = lines_of(error)
     if len(lines) == 1:
         return f"Error: {lines[0]}"
     return "\n".join(

@@ -11,9 +11,9 @@ from pathlib import Path, PureWindowsPath
 import yaml
 
 from ..base.data import SCHEMAS
-from ..base.errors import InputError, refusing
+from ..base.errors import InputError, InputErrors, refusing
 from ..io.files import files_of, read_text
-from ..io.schema import check_nesting, fill_defaults, validate
+from ..io.schema import check_nesting, fill_defaults, mistakes
 
 FILE_NAME = "recording.yaml"
 SCHEMA = SCHEMAS / "recording.schema.yaml"
@@ -65,32 +65,43 @@ def read_document(folder: str | Path) -> Document:
 
     Raises
     ------
-    InputError
-        One line, if it is missing, not YAML, refused by schemas/recording.schema.yaml, holds a number that is not
-        finite or a section of another kind of recording, names a file twice, or names a path that is not there or leads
-        out of the folder.
+    InputErrors
+        A line for each mistake: if it is missing, not YAML, refused by schemas/recording.schema.yaml, holds a number
+        that is not finite or a section of another kind of recording, names a file twice, or names a path that is not
+        there or leads out of the folder.
     """
     folder = Path(folder)
     path = folder / FILE_NAME
     content = _parse(path)
     check_nesting(content, str(path))
-    for number in _numbers(content):
-        if not math.isfinite(number):
-            raise InputError(f"{path}: holds a number that is not finite ({number}); correct it or leave the key out")
-    validate(content, _schema(), str(path))
-    foreign = set().union(*SECTIONS.values()) - SECTIONS[content["kind"]]
-    if wrong := sorted(foreign & content.keys()):
-        raise InputError(f"{path}: '{wrong[0]}' has no meaning in a recording of {content['kind']}; take it out")
-    if content["kind"] == "features":
-        for roi in content.get("rois", []):
-            if cut := sorted({"margin_mm", "parts"} & roi.keys()):
-                raise InputError(
-                    f"{path}: rois: {cut[0]} of {roi['name']} has no meaning in a recording of features, whose ROIs "
-                    "are as they were extracted; take it out"
-                )
+    lines = [
+        f"{path}: holds a number that is not finite ({number}); correct it or leave the key out"
+        for number in _numbers(content)
+        if not math.isfinite(number)
+    ]
+    found, rest = mistakes(content, _schema(), str(path))
+    lines += [mistake.line for mistake in found]
+    lines += _misplaced(path, rest)
+    lines += _check_files(path, rest)
+    if lines:
+        raise InputErrors(dict.fromkeys(lines))
     fill_defaults(content, _schema())
-    _check_files(path, content)
     return Document(folder, content)
+
+
+def _misplaced(path: Path, content: dict) -> Iterator[str]:
+    """What has no meaning in this kind of recording."""
+    if "kind" not in content:
+        return
+    foreign = set().union(*SECTIONS.values()) - SECTIONS[content["kind"]]
+    for wrong in sorted(foreign & content.keys()):
+        yield f"{path}: '{wrong}' has no meaning in a recording of {content['kind']}; take it out"
+    for roi in content.get("rois", []) if content["kind"] == "features" else []:
+        for cut in sorted({"margin_mm", "parts"} & roi.keys()):
+            yield (
+                f"{path}: rois: {cut} of {roi['name']} has no meaning in a recording of features, whose ROIs are as "
+                "they were extracted; take it out"
+            )
 
 
 def _parse(path: Path) -> dict:
@@ -121,21 +132,26 @@ def _numbers(value) -> Iterator[float]:
 
 
 def _region_files(content: dict) -> list[str]:
-    if content["kind"] == "features":  # they name masks that features were extracted with, wherever these are
+    if content.get("kind") == "features":  # they name masks that features were extracted with, wherever these are
         return []
     own = [roi["file"] for roi in content.get("rois", []) if "file" in roi]
     return [content["labels"], *own] if "labels" in content else own
 
 
-def _check_files(path: Path, content: dict) -> None:
-    repeats = [*content["repeats"], *content["held_out"]]
+def _check_files(path: Path, content: dict) -> Iterator[str]:
+    """What is wrong with the files that are named."""
+    kept, held_out = content.get("repeats", []), content.get("held_out", [])
     places: dict[Path, str] = {}
-    for name in [*repeats, *_region_files(content)]:
-        place = _inside(path, name)
-        if name in repeats and places.setdefault(place, name) != name:
-            raise InputError(f"{path}: '{places[place]}' and '{name}' are the same file; every repeat needs its own")
-    if twice := sorted(set(content["repeats"]) & set(content["held_out"])):
-        raise InputError(f"{path}: '{twice[0]}' is among the repeats and held out; it can only be one of the two")
+    for name in dict.fromkeys([*kept, *held_out, *_region_files(content)]):
+        try:
+            place = _inside(path, name)
+        except InputError as error:
+            yield str(error)
+            continue
+        if name in (*kept, *held_out) and places.setdefault(place, name) != name:
+            yield f"{path}: '{places[place]}' and '{name}' are the same file; every repeat needs its own"
+    for twice in sorted(set(kept) & set(held_out)):
+        yield f"{path}: '{twice}' is among the repeats and held out; it can only be one of the two"
 
 
 def _inside(path: Path, name: str) -> Path:

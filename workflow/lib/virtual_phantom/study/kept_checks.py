@@ -20,7 +20,7 @@ FOLDER = SNAKEMAKE / "virtual_phantom"
 MOST = 100  # that are kept, the newest
 
 
-def lines_of(
+def look_once(
     settings: Mapping, paths: Iterable[str | Path], look: Callable[[], Iterable[str]], keep: bool = False
 ) -> list[str]:
     """What a check finds; nothing at once, where it has found nothing before.

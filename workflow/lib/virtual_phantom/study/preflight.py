@@ -8,14 +8,14 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
 
-from ..base.errors import InputError
+from ..base.errors import InputError, lines_of
 from ..base.streams import Branch, branch
 from ..diagnosis.candidates import candidates, check_accuracy, check_kinds
 from ..projectors import choose_engine
 from ..recordings.document import Document, read_document
 from ..recordings.scan import timed
 from .config import inspected
-from .kept_checks import lines_of
+from .kept_checks import look_once
 from .outputs import Files
 from .phantom_sources import PhantomSources
 from .plan import Plan
@@ -124,7 +124,7 @@ def _phantom(config: dict, keep: bool) -> Iterator[str]:
     if damaged := _said(sources.check):
         yield from damaged
     elif not sources.published:  # those have their SHA-256
-        yield from lines_of(config, sources.paths, lambda: _ct(config), keep)
+        yield from look_once(config, sources.paths, lambda: _ct(config), keep)
 
 
 def _ct(config: dict) -> Iterator[str]:
@@ -154,7 +154,7 @@ def _recordings(config: dict) -> Iterator[str]:
         try:
             documents[name] = read_document(folder)
         except InputError as error:
-            yield str(error)
+            yield from lines_of(error)
     yield from roi_problems(config, documents)
     diagnosed = config["diagnosis"]["recordings"]
     yield from _said(check_accuracy, config["diagnosis"]["model_accuracy"])
