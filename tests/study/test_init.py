@@ -144,6 +144,7 @@ def test_normal_is_the_default_study():
     default, normal = yaml.safe_load((ROOT / "config" / "config.yaml").read_text()), sizes()["normal"]
     assert normal["protocols"] == default["protocols"] and normal["levels"] == default["noise"]["levels"]
     assert normal["analyses"] == default["analyses"]
+    assert normal["grid"] == default["grid"] and normal["scan"] == default["scan"]
     sirt = complete(default)["reconstruction"]["sirt"]
     assert normal["reconstruction"]["sirt"].items() <= sirt.items()
 

@@ -92,11 +92,11 @@ def test_a_recording_is_diagnosed(tmp_path):
 @pytest.mark.parametrize(
     "call, message",
     [
-        (lambda one: vp.scan(one, column=7), "scan: unknown key 'column'; did you mean"),
+        (lambda one: vp.scan(one, column=7), "scan: unknown key 'column' in scan; did you mean"),
         (lambda one: vp.scan(one, physics={"scater": {}}), "scater"),
         (lambda one: vp.scan(one, projections=20, columns=20), "ROI normal_1"),
         (lambda one: vp.reconstruct(None, "sirrt"), "algorithm 'sirrt' is unknown; did you mean"),
-        (lambda one: vp.reconstruct(None, "sirt", iteration=3), "sirt: unknown setting 'iteration'; did you mean"),
+        (lambda one: vp.reconstruct(None, "sirt", iteration=3), "sirt: unknown key 'iteration' in sirt; did you mean"),
         (lambda one: vp.extract(vp.draw_phantom((12, 40, 40), (8.0, 7.5, 7.5)).image, one), "is on another grid"),
         (lambda one: vp.diagnose("nowhere"), "0 of disc, mask and phantom are given"),
         (lambda one: vp.diagnose("nowhere", disc=(70.0, "water")), "nowhere"),

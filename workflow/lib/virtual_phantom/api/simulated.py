@@ -13,7 +13,8 @@ from ..base.errors import InputError, meant
 from ..base.geometry import Grid, ScanGeometry, scan_geometry
 from ..base.streams import Branch, branch
 from ..features import extraction
-from ..io.schema import defaults_of
+from ..io.default_study import default_study
+from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import Volume
 from ..phantom import Phantom, ct, layout, synthetic
 from ..physics import image as images_of
@@ -23,18 +24,11 @@ from ..physics.noise import acquire
 from ..physics.projected import projected
 from ..projectors import choose_engine
 
-# The default study's (config/config.yaml): a drawn abdomen at a scale that two CPU cores finish.
-SHAPE, SPACING_MM = (48, 128, 128), (2.0, 2.35, 2.35)
-SCANNER = {
-    "source_to_isocentre_mm": 500,
-    "source_to_detector_mm": 1000,
-    "columns": 160,
-    "rows": 48,
-    "column_pitch_mm": 4.0,
-    "row_pitch_mm": 4.0,
-}
+_STUDY = default_study()
+SHAPE, SPACING_MM = (tuple(_STUDY["grid"][key]) for key in ("shape", "spacing_mm"))
+LEVEL = _STUDY["analyses"]["stability"]["noise"]
+NOISE_LEVEL = _STUDY["levels"][LEVEL]["A"]  # the variance of 10 mGy on the printed phantom
 PROJECTIONS = 300
-NOISE_LEVEL = 1.24e-6  # the variance of 10 mGy on the printed phantom
 
 
 @dataclass(frozen=True)
@@ -184,13 +178,13 @@ def scan(
     Raises
     ------
     InputError
-        For unknown keys and effects, a phantom that the scan truncates, and regions that it does not see whole.
+        For keys and values that the configuration does not take, unknown effects, a phantom that the scan truncates,
+        and regions that it does not see whole.
     """
-    section = defaults_of("scan") | SCANNER
-    for key in scanner:
-        if key not in section:
-            raise InputError(f"scan: unknown key '{key}'; {meant(key, section)}")
-    geometry = scan_geometry(section | scanner, projections, phantom.image.grid)
+    section = _STUDY["scan"] | scanner
+    validate(section, schema_of("scan"), "scan")
+    fill_defaults(section, schema_of("scan"))
+    geometry = scan_geometry(section, projections, phantom.image.grid)
     check_rois_seen(geometry, phantom.image.grid, {roi.name: roi.mask for roi in phantom.rois})
     effects = checked(physics or {})
     before = {name: values for name, values in effects.items() if not acts_on_images(name)}
@@ -205,7 +199,7 @@ def scan(
         threads=threads,
     )
     noise = defaults_of("noise")
-    where, level = stream or (f"views{projections}", "dose10")
+    where, level = stream or (f"views{projections}", LEVEL)
     noisy = [
         acquire(
             clean,
@@ -247,14 +241,12 @@ def reconstruct(
     Raises
     ------
     InputError
-        For an unknown algorithm or setting.
+        For an unknown algorithm, and settings that the configuration does not take.
     """
     known = defaults_of("reconstruction")
     if algorithm not in known:
         raise InputError(f"algorithm '{algorithm}' is unknown; {meant(algorithm, known)}")
-    for key in settings:
-        if key not in known[algorithm]:
-            raise InputError(f"{algorithm}: unknown setting '{key}'; {meant(key, known[algorithm])}")
+    validate(settings, schema_of("reconstruction", algorithm), algorithm)
     return images_of.reconstruct(
         scan.line_integrals,
         scan.geometry,

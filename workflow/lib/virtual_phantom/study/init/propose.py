@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from ...base.data import RESOURCES
 from ...base.errors import InputError, meant
 from ...base.geometry import Grid
 from ...base.units import HU_AIR
 from ...features.extraction import MINIMUM_VOXELS
+from ...io.default_study import sizes
 from ...io.schema import defaults_of
 from ...io.volumes import Volume
 from ...phantom.ct import kept_columns, read_hu, rois_of, trimmed
@@ -67,11 +67,6 @@ class Proposal:
     reach_mm: float
     config: dict
     cost: dict
-
-
-def sizes() -> dict:
-    """What each size of a study asks for: study_sizes.yaml of the library's resources."""
-    return yaml.safe_load((RESOURCES / "study_sizes.yaml").read_text(encoding="utf-8"))
 
 
 def propose(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from ...base.errors import InputError
 from ...base.geometry import Grid
+from ...io.default_study import default_study
 from .regions import Region
 
 STEP_MM = 0.05  # voxel sizes are multiples of it
@@ -14,7 +15,9 @@ PITCH_STEP_MM = 0.5  # as are pitches of the detector
 SLICE_SHARE = 0.85  # of a voxel's width that a slice is thick at least, as in config/config.yaml (2 of 2.35 mm)
 END_MM = 10.0  # of the CT beyond the regions that is scanned too: ends of an object suffer from the cone angle
 FINEST_OVERSAMPLING, COARSEST_OVERSAMPLING = 2, 4
-RADIUS_MM, MAGNIFICATION = 500, 2  # of config/config.yaml: source to isocentre, detector over that
+_SCAN = default_study()["scan"]
+RADIUS_MM = _SCAN["source_to_isocentre_mm"]
+MAGNIFICATION = _SCAN["source_to_detector_mm"] / RADIUS_MM
 LARGEST_REACH = 0.6  # of a body, of the source's radius: a fan of 74 degrees
 SPARE = 1.03  # of the field of view over the body
 SPARE_ROWS = 4
@@ -95,7 +98,7 @@ def propose_scan(grid: Grid, reach_mm: float) -> dict:
     rows = math.ceil(grid.extent_mm[0] * MAGNIFICATION / row_pitch) + SPARE_ROWS
     return {
         "source_to_isocentre_mm": radius,
-        "source_to_detector_mm": MAGNIFICATION * radius,
+        "source_to_detector_mm": round(MAGNIFICATION * radius),
         "columns": columns,
         "column_pitch_mm": column_pitch,
         "rows": rows + rows % 2,

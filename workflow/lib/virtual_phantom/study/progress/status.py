@@ -17,10 +17,16 @@ SHARE_BETWEEN = 1 / 30
 class Status:
     """Writes lines that begin with the time.
 
-    stream    where to
-    progress  the run
-    clock     seconds since the epoch
-    start     the page to start with, said once all is done
+    Parameters
+    ----------
+    stream : TextIO
+        Where to.
+    progress : Progress
+        The run.
+    clock : callable
+        Gives seconds since the epoch.
+    start : str, optional
+        The page to start with, said once all is done.
     """
 
     def __init__(self, stream: TextIO, progress: Progress, clock: Callable[[], float], start: str | None = None):
