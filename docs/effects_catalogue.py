@@ -3,6 +3,7 @@
 import math
 from pathlib import Path
 
+from virtual_phantom.figures.style import label
 from virtual_phantom.physics.effect import OF_AIR, OF_AIR_PER_SCAN, PER_SCAN, PER_VIEW, STAGES, load, names
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -60,9 +61,15 @@ WORDS = {
 }
 
 
+def heading(name: str) -> str:
+    """An effect's name as a heading: hu_calibration is HU calibration."""
+    words = label(name)
+    return words[:1].upper() + words[1:]
+
+
 def section(name: str) -> str:
     effect = load(name)
-    lines = [f"## {name.replace('_', ' ').capitalize()}", "", effect.physics, ""]
+    lines = [f"## {heading(name)}", "", effect.physics, ""]
     lines += [f"* key: `{name}`, stage: {effect.stage.replace('_', ' ')}"]
     lines += [f"* equation: {effect.equation}", f"* source: {effect.source}"]
     lines += [f"* told apart by: {effect.signature}", f"* settled by: {effect.settled_by}", ""]

@@ -15,7 +15,7 @@ from PIL import Image
 from virtual_phantom.report import study
 
 VOID = {"meta", "img", "input", "br", "link"}
-CONFIG = {"seed": 2022, "results_dir": "r <1>", "statistics": {"threshold": 1.5}}
+CONFIG = {"trial": False, "seed": 2022, "results_dir": "r <1>", "statistics": {"threshold": 1.5}}
 STABLE = pd.DataFrame(
     {
         "feature": ["original_glcm_Idn", "original_firstorder_Mean", "original_glszm_ZoneEntropy"],
@@ -149,3 +149,8 @@ def test_a_browser_sorts_and_filters(page, tmp_path, width):
     assert found["glcm"] == [idn] and found["words"] == [zone] and found["raw"] == [mean] and found["none"] == []
     assert found["count"] == "0 of 3 rows"
     assert found["picture"] == 40 and found["wider"] is False
+
+
+def test_a_trial_says_so(page):
+    words = "too small to mean anything"
+    assert words in study.page([], {}, {}, {}, CONFIG | {"trial": True}) and words not in page

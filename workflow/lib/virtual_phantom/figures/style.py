@@ -47,7 +47,7 @@ ON_WHITE = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY_BLUE, "#000000", "#6666
 ON_GREY_IMAGE = (ORANGE, SKY_BLUE, GREEN, YELLOW, VERMILLION, PURPLE, BLUE)
 MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*", "p", "<", ">", "h", "d", "8", "H")
 _MARKER_AREA = {"s": 0.8, "D": 0.75, "P": 1.6, "X": 1.6, "*": 2.0}  # so that all look equally large
-ACRONYMS = {"sirt", "fbp", "fdk", "ct", "hu"}
+WRITTEN = {"sirt": "SIRT", "fbp": "FBP", "fdk": "FDK", "ct": "CT", "hu": "HU", "xray": "X-ray"}
 GREY = "#666666"
 TRIAL, TRIAL_MM = "A trial run: too small to mean anything.", 5.0  # what is said above a figure, and its height
 DARK = 0.3  # relative luminance under which white letters have a contrast of 3 and more (WCAG 2.1)
@@ -149,9 +149,9 @@ def _with_trial(figure: Figure) -> Bbox:
 
 
 def label(name: object) -> str:
-    """A name as it is read: underscores are spaces, acronyms are capitals."""
+    """A name as it is read: underscores are spaces, words of WRITTEN are as there."""
     words = str(name).replace("_", " ").split()
-    return " ".join(word.upper() if word in ACRONYMS else word for word in words)
+    return " ".join(WRITTEN.get(word, word) for word in words)
 
 
 def number(value: float) -> str:

@@ -14,6 +14,7 @@ import yaml
 
 from .. import __version__
 from ..features.extraction import MINIMUM_GREY_LEVELS, MINIMUM_VOXELS
+from ..figures.style import TRIAL
 from ..io.documents import DIAGNOSIS, read_document
 from ..io.files import read_csv
 from ..statistics.stability_measures import CUT_OFFS
@@ -96,6 +97,7 @@ def page(
         beside=beside or {},
         folder=str(folder),
         config_trial=config["trial"],
+        TRIAL=TRIAL,
         config=yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
         version=__version__,
         packages=packages(),
