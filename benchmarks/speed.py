@@ -3,9 +3,9 @@
     pip install -r benchmarks/requirements.txt
     python benchmarks/speed.py --out results/benchmarks
 
-Writes projectors.csv, bandwidth.csv, sirt.csv, growth.csv and speed.png, and prints them. Everything runs in one
-thread; times are processor time, medians of repeats in which the engines take turns, so that a busy machine weighs on
-all alike.
+Writes projectors.csv, kinds.csv, bandwidth.csv, sirt.csv, growth.csv and speed.png, and prints them. Everything runs in
+one thread; times are processor time, medians of repeats in which the engines take turns, so that a busy machine weighs
+on all alike.
 """
 
 import argparse
@@ -20,6 +20,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import engines  # noqa: E402
 import growth  # noqa: E402
 import iterations  # noqa: E402
+import kinds  # noqa: E402
 import matplotlib  # noqa: E402
 import numpy as np  # noqa: E402
 
@@ -147,6 +148,7 @@ def main():
     print(f"{engines.machine()}; load of the last minute {os.getloadavg()[0]:.1f}")
     compared = projectors(options.repeats)
     write(options.out / "projectors.csv", compared)
+    write(options.out / "kinds.csv", kinds.measured(options.repeats))
     write(options.out / "bandwidth.csv", bound())
     write(options.out / "sirt.csv", iterations.compared(medians))
     grown = growth.measured(medians, options.repeats)

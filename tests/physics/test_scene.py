@@ -6,13 +6,10 @@ from scanner import SCANNER
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.physics import scene
-from virtual_phantom.projectors.columns import WIDE
 from virtual_phantom.projectors.cpu import lanes_at_once
 
-wide = pytest.mark.skipif(not WIDE, reason="no AVX-512 here: materials are never projected one by one")
 
-
-@pytest.mark.parametrize("rows, expected", [pytest.param(20, 1, marks=wide), (4, 2)])
+@pytest.mark.parametrize("rows, expected", [(20, 1), (4, 2)])
 def test_materials_have_the_same_paths_together_and_one_by_one(rows, expected, monkeypatch):
     geometry = circular(views=6, columns=30, rows=rows, column_pitch_mm=8.0, row_pitch_mm=8.0, **SCANNER)
     grid = Grid((20, 24, 24), (4.0, 5.0, 5.0))

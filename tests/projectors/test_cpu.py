@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from one_alone import CASES, projected
 from scanner import SCANNER
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical
-from virtual_phantom.base.parallel_rays import ParallelRays
-from virtual_phantom.projectors.columns import WIDE
 from virtual_phantom.projectors.cpu import CpuProjector
 
 
@@ -132,44 +131,10 @@ def test_lanes_are_independent_of_each_other_and_of_their_number():
         np.testing.assert_allclose(back[lane], one.unpack_volume(one.back(alone))[0], rtol=2e-6)
 
 
-@pytest.mark.skipif(not WIDE, reason="without AVX-512 one realisation and many go through the same kernels")
-@pytest.mark.parametrize(
-    "row_pitch_mm, rows, slices, slice_mm",
-    [
-        (4.0, 48, 48, 2.0),
-        (2.0, 96, 40, 2.0),
-        (9.0, 24, 48, 2.0),
-        (4.0, 1, 3, 2.0),
-        (4.0, 48, 37, 1.1),
-        (3.0, 7, 5, 4.0),
-    ],
-)
-def test_one_lane_does_what_many_do(row_pitch_mm, rows, slices, slice_mm):
-    """It has kernels of its own where rows and slices lie about as dense, sixteen neighbours of a line at a time; in
-    helices lines are cut anywhere."""
-    detector = dict(SCANNER, columns=40, rows=rows, column_pitch_mm=16.0, row_pitch_mm=row_pitch_mm)
-    grid = Grid((slices, 32, 30), (slice_mm, 9.0, 9.0))
-    geometry = helical(views=30, volume_height_mm=grid.extent_mm[0], pitch=0.7, column_offset_px=0.3, **detector)
-    random = np.random.default_rng(3)
-    volume = random.random((1, *grid.shape), dtype=np.float32)
-    taken = random.random((1, 30, rows, 40), dtype=np.float32)
-    rays = ParallelRays(geometry)
-    filtered = random.random((len(rays.angles_rad), 40, rows, 1), dtype=np.float32)
-    results = []
-    for lanes in (1, 2):
-        projector = CpuProjector(geometry, grid, lanes)
-        projections = projector.pack_projections(np.repeat(taken, lanes, 0))
-        rebinned = projector.back_parallel_stack(rays)
-        rebinned[:, 1:-1, 1:-1] = filtered
-        results.append(
-            [
-                projector.unpack_projections(projector.forward(projector.pack_volume(np.repeat(volume, lanes, 0))))[-1],
-                projector.unpack_volume(projector.back(projections))[-1],
-                projector.unpack_volume(projector.adjoint(projections))[-1],
-                projector.unpack_volume(projector.back_parallel(rebinned, rays, 0.6))[-1],
-            ]
-        )
-    for alone, together in zip(*results, strict=True):
+@pytest.mark.parametrize("case", CASES)
+def test_one_lane_does_what_many_do(case):
+    """It has kernels of its own, where rows and slices lie about as dense by hand on some processors."""
+    for alone, together in zip(projected(case, 1), projected(case, 2), strict=True):
         assert together.any()
         np.testing.assert_allclose(alone, together, atol=3e-6 * together.max())
 

@@ -1,201 +1,38 @@
 """Interpolation along z or the detector rows, of one line of voxels or pixels after another.
 
-Realisations fill vector registers where there are many (lanes.py). One alone fills them with sixteen neighbours along
-the line instead, on processors with AVX-512: a register pair holds 32 values of the line that is read, and one
-instruction looks sixteen of them up. Elsewhere, and where more than 32 are needed, values are taken one by one.
+Realisations fill vector registers where there are many (lanes.py). For one alone, both lines are made one first, and
+neighbours along it fill them: by instructions of x86 processors (x86.py) where these have them and slices and rows lie
+about as dense, otherwise by loops that the compiler makes vectors of, on any processor.
 """
 
+from collections import namedtuple
+
 import numpy as np
-from llvmlite import ir
-from numba import config, njit
-from numba.core import types
-from numba.core.codegen import get_host_cpu_features
-from numba.extending import intrinsic
+from numba import njit, uintp
 
 from .lanes import OPTIONS, gather_bilinear, scatter_bilinear
+from .processors import ANY, PROCESSOR
+from .x86 import FLATTEST, STEEPEST, WIDTH, gather_neighbours, scatter_neighbours
 
-WIDTH = 16
-FEATURES = get_host_cpu_features() if config.CPU_FEATURES is None else config.CPU_FEATURES
-WIDE = "+avx512f" in FEATURES.split(",")
-# Steps along the line that is read, from one value to the next, so that sixteen read from no more than 32.
-STEEPEST = np.float32(30 / WIDTH)
+BY_HAND = PROCESSOR != ANY
 # At a step of s cells from row to row, at most 2 / s rows, rounded up, lie less than a cell away from one: two from
-# ONE_CELL on, three from TWO_THIRDS, four from FLATTEST, as many as the tuples are long. On flatter lines sixteen
-# cells would read more than 32 rows: there rows are added one by one.
-ONE_CELL, TWO_THIRDS, FLATTEST = np.float32(1.0), np.float32(2 / 3), np.float32(0.6)
+# ONE_CELL on, three from TWO_THIRDS, four from FLATTEST, as many as the tuples are long.
+ONE_CELL, TWO_THIRDS = np.float32(1.0), np.float32(2 / 3)
 TWO, THREE, FOUR = (0,) * 2, (0,) * 3, (0,) * 4
 
-FLOAT, INT = ir.FloatType(), ir.IntType(32)
-FLOATS, INTS, FLAGS = (ir.VectorType(one, WIDTH) for one in (FLOAT, INT, ir.IntType(1)))
-FAST = ("fast",)
+# Room for one line, for each thread its own: its cells' values, and of each position along it, in cells, the whole and
+# the remaining part.
+Line = namedtuple("Line", "values whole part")
 
 
-class _Sixteen:
-    """Emits operations on sixteen float32 or int32."""
-
-    def __init__(self, context, builder):
-        self.context, self.builder = context, builder
-
-    def everywhere(self, scalar):
-        undefined = ir.Constant(ir.VectorType(scalar.type, WIDTH), ir.Undefined)
-        first = self.builder.insert_element(undefined, scalar, INT(0))
-        return self.builder.shuffle_vector(first, undefined, ir.Constant(INTS, [0] * WIDTH))
-
-    def counted(self, start):
-        """start, start + 1, ..."""
-        return self.builder.add(self.everywhere(self.narrow(start)), ir.Constant(INTS, list(range(WIDTH))))
-
-    def apart(self, start, step):
-        """start, start + step, ..."""
-        steps = self.multiply(self.everywhere(step), ir.Constant(FLOATS, [float(i) for i in range(WIDTH)]))
-        return self.add(self.everywhere(start), steps)
-
-    def narrow(self, integer):
-        return self.builder.trunc(integer, INT)
-
-    def below(self, count):
-        """The first `count` of sixteen, (int32)."""
-        return self.builder.icmp_signed("<", ir.Constant(INTS, list(range(WIDTH))), self.everywhere(count))
-
-    def pointer(self, array_type, array, offset):
-        data = self.context.make_array(array_type)(self.context, self.builder, array).data
-        return self.builder.bitcast(self.builder.gep(data, [offset]), FLOATS.as_pointer())
-
-    def load(self, pointer, mask=None):
-        """Zero where the mask is not set: nothing is read there. Without one: all, which is much faster."""
-        if mask is None:
-            value = self.builder.load(pointer)
-            value.align = 4
-            return value
-        function = self._declared("llvm.masked.load.v16f32.p0", FLOATS, [FLOATS.as_pointer(), INT, FLAGS, FLOATS])
-        return self.builder.call(function, [pointer, INT(4), mask, ir.Constant(FLOATS, [0.0] * WIDTH)])
-
-    def store(self, values, pointer, mask):
-        if mask is None:
-            self.builder.store(values, pointer).align = 4
-            return
-        arguments = [FLOATS, FLOATS.as_pointer(), INT, FLAGS]
-        function = self._declared("llvm.masked.store.v16f32.p0", ir.VoidType(), arguments)
-        self.builder.call(function, [values, pointer, INT(4), mask])
-
-    def accumulate(self, values, pointer, mask):
-        """Add to what stands there."""
-        self.store(self.add(self.load(pointer, mask), values), pointer, mask)
-
-    def look_up(self, low, high, index):
-        """Of 32 values in two registers those at sixteen indices."""
-        function = self._declared("llvm.x86.avx512.vpermi2var.ps.512", FLOATS, [FLOATS, INTS, FLOATS])
-        return self.builder.call(function, [low, index, high])
-
-    def floor(self, values):
-        return self.builder.call(self._declared("llvm.floor.v16f32", FLOATS, [FLOATS]), [values])
-
-    def larger(self, one, other):
-        return self.builder.select(self.builder.fcmp_ordered(">", one, other), one, other)
-
-    def absolute(self, values):
-        return self.builder.call(self._declared("llvm.fabs.v16f32", FLOATS, [FLOATS]), [values])
-
-    def add(self, one, other):
-        return self.builder.fadd(one, other, flags=FAST)
-
-    def subtract(self, one, other):
-        return self.builder.fsub(one, other, flags=FAST)
-
-    def multiply(self, one, other):
-        return self.builder.fmul(one, other, flags=FAST)
-
-    def _declared(self, name, result, arguments):
-        function = self.builder.module.globals.get(name)
-        return function or ir.Function(self.builder.module, ir.FunctionType(result, arguments), name)
-
-
-@intrinsic
-def _gather_sixteen(typingctx, out, at, source, first, second, near, weight, height, slope, index, count, shares):
-    """Of gather_line the `count` values, at most sixteen (None: sixteen), from `index` on. Reads 32 of both lines."""
-    whole, real = types.intp, types.float32
-    signature = types.void(out, whole, source, *[whole] * 2, *[real] * 4, whole, count, shares)
-
-    def generate(context, builder, signature, arguments):
-        out, at, source, first, second, near, weight, height, slope, index, count, given = arguments
-        emit, of_all = _Sixteen(context, builder), signature.args[-2] == types.none
-        start = emit.add(height, emit.multiply(slope, builder.sitofp(index, FLOAT)))
-        lowest = builder.fptosi(start, INT)
-        # From the lowest cell that is read.
-        heights = emit.apart(emit.subtract(start, builder.sitofp(lowest, FLOAT)), slope)
-        cells = builder.fptosi(heights, INTS)
-        up = emit.subtract(heights, builder.sitofp(cells, FLOATS))
-        offset = builder.sext(lowest, first.type)
-        halves = []
-        for half in (0, WIDTH):
-            parts = []
-            for line, factor in ((first, near), (second, weight)):
-                place = builder.add(builder.add(line, offset), first.type(half))
-                values = emit.load(emit.pointer(signature.args[2], source, place))
-                parts.append(emit.multiply(emit.everywhere(factor), values))
-            halves.append(emit.add(*parts))
-        below = emit.look_up(*halves, cells)
-        above = emit.look_up(*halves, builder.add(cells, ir.Constant(INTS, [1] * WIDTH)))
-        found = emit.add(below, emit.multiply(up, emit.subtract(above, below)))
-        wanted = None if of_all else emit.below(emit.narrow(count))
-        if shares != types.none:
-            found = emit.multiply(found, emit.load(emit.pointer(shares, given, index), wanted))
-        emit.accumulate(found, emit.pointer(signature.args[0], out, builder.add(at, index)), wanted)
-        return context.get_dummy_value()
-
-    return signature, generate
-
-
-@intrinsic
-def _scatter_sixteen(
-    typingctx, out, first, second, source, at, start, stop, near, weight, height, slope, index, count, rows
-):
-    """Of scatter_line what `count` cells, at most sixteen (None: sixteen), from `index` on receive.
-
-    Reads 32 values, from three before `start` on. Each cell gathers from the values that may lie less than a cell away,
-    so that no two are added to one place at once; as many as `rows` is long.
-    """
-    whole, real = types.intp, types.float32
-    signature = types.void(out, *[whole] * 2, source, *[whole] * 3, *[real] * 4, whole, count, rows)
-
-    def generate(context, builder, signature, arguments):
-        out, first, second, source, at, start, stop, near, weight, height, slope, index, count, _ = arguments
-        emit, of_all = _Sixteen(context, builder), signature.args[-2] == types.none
-        cells = builder.sitofp(emit.counted(index), FLOATS)
-        one, zero = (ir.Constant(FLOATS, [value] * WIDTH) for value in (1.0, 0.0))
-        # The first row less than a cell away.
-        before = emit.subtract(emit.subtract(cells, one), emit.everywhere(height))
-        inverse = builder.fdiv(FLOAT(1.0), slope)
-        row = emit.add(emit.floor(emit.multiply(before, emit.everywhere(inverse))), one)
-        whole_row = builder.fptosi(row, INTS)
-        earliest = builder.extract_element(whole_row, INT(0))
-        halves = []
-        for half in (0, WIDTH):
-            numbers = builder.add(emit.everywhere(earliest), ir.Constant(INTS, list(range(half, half + WIDTH))))
-            there = builder.and_(
-                builder.icmp_signed(">=", numbers, emit.everywhere(emit.narrow(start))),
-                builder.icmp_signed("<", numbers, emit.everywhere(emit.narrow(stop))),
-            )
-            place = builder.add(builder.add(at, builder.sext(earliest, at.type)), at.type(half))
-            halves.append(builder.select(there, emit.load(emit.pointer(signature.args[3], source, place)), zero))
-        off = emit.subtract(emit.add(emit.multiply(emit.everywhere(slope), row), emit.everywhere(height)), cells)
-        place, total = builder.sub(whole_row, emit.everywhere(earliest)), zero
-        for _ in range(len(rows)):
-            share = emit.larger(emit.subtract(one, emit.absolute(off)), zero)
-            total = emit.add(total, emit.multiply(share, emit.look_up(*halves, place)))
-            off = emit.add(off, emit.everywhere(slope))
-            place = builder.add(place, ir.Constant(INTS, [1] * WIDTH))
-        wanted = None if of_all else emit.below(emit.narrow(count))
-        for line, factor in ((first, near), (second, weight)):
-            target = emit.pointer(signature.args[0], out, builder.add(line, index))
-            emit.accumulate(emit.multiply(emit.everywhere(factor), total), target, wanted)
-        return context.get_dummy_value()
-
-    return signature, generate
+def empty_line(cells: int) -> Line:
+    """Room for lines of at most so many cells or positions, their borders not counted."""
+    size = cells + 5  # two of the border, and what positions at its end may round up to
+    return Line(np.zeros(size, np.float32), np.empty(size, np.int32), np.empty(size, np.float32))
 
 
 @njit(inline="always", **OPTIONS)
-def gather_line(out, at, source, first, second, length, near, weight, height, slope, start, stop, shares, lanes):
+def gather_line(out, at, source, first, second, length, near, weight, height, slope, start, stop, shares, line, lanes):
     """Add to out[at + i lanes], i from start to stop - 1, what two lines hold at the cell height + slope i.
 
     Heights must lie from 0 to under length - 1.
@@ -218,17 +55,17 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
         Which values.
     shares : ndarray of float32 or None
         By which each value i is multiplied.
+    line : Line
+        Room, of `empty_line`.
     lanes : tuple
         As long as there are realisations.
     """
     count = len(lanes)
-    # Sixteen at once read beyond the line, but must not read beyond the array.
-    if WIDE and count == 1 and slope <= STEEPEST and max(first, second) + length + 2 * WIDTH <= source.size:
-        last = start + (stop - start) // WIDTH * WIDTH
-        for i in range(start, last, WIDTH):
-            _gather_sixteen(out, at, source, first, second, near, weight, height, slope, i, None, shares)
-        if last < stop:
-            _gather_sixteen(out, at, source, first, second, near, weight, height, slope, last, stop - last, shares)
+    # What is written by hand reads beyond the line, but must not read beyond the array.
+    if BY_HAND and count == 1 and slope <= STEEPEST and max(first, second) + length + 2 * WIDTH <= source.size:
+        gather_neighbours(out, at, source, first, second, near, weight, height, slope, start, stop, shares)
+    elif count == 1:
+        _gather_by_loops(out, at, source, first, second, near, weight, height, slope, start, stop, shares, line)
     else:
         for i in range(start, stop):
             h = height + slope * np.float32(i)
@@ -246,20 +83,54 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
 
 
 @njit(inline="always", **OPTIONS)
-def scatter_line(out, first, second, source, at, length, near, weight, height, slope, start, stop, lanes):
+def _gather_by_loops(out, at, source, first, second, near, weight, height, slope, start, stop, shares, line):
+    """Of gather_line what one realisation needs.
+
+    Indices are unsigned, as numba takes negative ones from the end, and what asks for that is not made a vector.
+    """
+    if start >= stop:
+        return
+    begin = height + slope * np.float32(start)
+    lowest = np.int64(begin)
+    cells = uintp(np.int64(height + slope * np.float32(stop - 1)) + 2 - lowest)
+    one, other = uintp(first + lowest), uintp(second + lowest)
+    for k in range(cells):
+        line.values[k] = near * source[one + k] + weight * source[other + k]
+    # Rounded up, the last value may lie beyond the last cell by as much as that.
+    line.values[cells] = np.float32(0.0)
+    begin -= np.float32(lowest)
+    count, to, given = uintp(stop - start), uintp(at + start), uintp(start)
+    for i in range(count):
+        h = begin + slope * np.float32(np.int32(i))
+        k = np.int32(h)
+        line.whole[i] = k
+        line.part[i] = h - np.float32(k)
+    for i in range(count):
+        k = uintp(np.uint32(line.whole[i]))
+        low = line.values[k]
+        found = low + line.part[i] * (line.values[k + uintp(1)] - low)
+        if shares is not None:
+            found *= shares[given + i]
+        out[to + i] += found
+
+
+@njit(inline="always", **OPTIONS)
+def scatter_line(out, first, second, source, at, length, near, weight, height, slope, start, stop, line, lanes):
     """The transpose of gather_line: add what source[at + i lanes] holds to two lines at the cell height + slope i.
 
     The first and the last of the `length` cells are the border, of which a caller makes zeros: they may be left out.
     """
     count = len(lanes)
-    # Sixteen at once read beyond the values, but must not read beyond the array.
-    if WIDE and count == 1 and FLATTEST <= slope and at + stop + 2 * WIDTH <= source.size:
+    # What is written by hand reads beyond the values, but must not read beyond the array.
+    if BY_HAND and count == 1 and FLATTEST <= slope and at + stop + 2 * WIDTH <= source.size:
         if slope >= ONE_CELL:
             _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, TWO)
         elif slope >= TWO_THIRDS:
             _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, THREE)
         else:
             _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, FOUR)
+    elif count == 1:
+        _scatter_by_loops(out, first, second, source, at, near, weight, height, slope, start, stop, line)
     else:
         for i in range(start, stop):
             h = height + slope * np.float32(i)
@@ -274,17 +145,40 @@ def scatter_line(out, first, second, source, at, length, near, weight, height, s
 
 
 @njit(inline="always", **OPTIONS)
+def _scatter_by_loops(out, first, second, source, at, near, weight, height, slope, start, stop, line):
+    """Of scatter_line what one realisation needs."""
+    if start >= stop:
+        return
+    begin = height + slope * np.float32(start)
+    lowest = np.int64(begin)
+    cells = uintp(np.int64(height + slope * np.float32(stop - 1)) + 2 - lowest)
+    for k in range(cells + uintp(1)):
+        line.values[k] = np.float32(0.0)
+    begin -= np.float32(lowest)
+    count, taken = uintp(stop - start), uintp(at + start)
+    for i in range(count):
+        h = begin + slope * np.float32(np.int32(i))
+        k = np.int32(h)
+        line.whole[i] = k
+        line.part[i] = h - np.float32(k)
+    for i in range(count):
+        k, value = uintp(np.uint32(line.whole[i])), source[taken + i]
+        up = line.part[i] * value
+        line.values[k] += value - up
+        line.values[k + uintp(1)] += up
+    one, other = uintp(first + lowest), uintp(second + lowest)
+    for k in range(cells):
+        out[one + k] += near * line.values[k]
+    for k in range(cells):
+        out[other + k] += weight * line.values[k]
+
+
+@njit(inline="always", **OPTIONS)
 def _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, rows):
-    """Of scatter_line, sixteen cells at a time."""
+    """Of scatter_line, WIDTH cells at a time."""
     if start < stop:
         lowest = max(np.int64(height + slope * np.float32(start)), 1)
         end = min(np.int64(height + slope * np.float32(stop - 1)) + 2, length - 1)
-        last = lowest + (end - lowest) // WIDTH * WIDTH
-        for k in range(lowest, last, WIDTH):
-            _scatter_sixteen(
-                out, first, second, source, at, start, stop, near, weight, height, slope, k, None, rows
-            )  # fmt: skip
-        if last < end:
-            _scatter_sixteen(
-                out, first, second, source, at, start, stop, near, weight, height, slope, last, end - last, rows
-            )  # fmt: skip
+        scatter_neighbours(
+            out, first, second, source, at, start, stop, near, weight, height, slope, lowest, end, rows
+        )  # fmt: skip

@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike
 from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry
 from . import kernels, parallel
-from .columns import STEEPEST, WIDE, WIDTH
 from .lanes import aligned_zeros
+from .processors import ANY, AVX2, AVX512, PROCESSOR
+from .x86 import STEEPEST
 
 VIEWS_PER_BLOCK = 16
-# Where lines have half a register's values, so many volumes are projected sooner one by one than together.
-ONE_BY_ONE_UP_TO = 7
+# So many volumes are projected sooner one by one than together, where lines have so many values.
+ONE_BY_ONE_UP_TO, LEAST_VALUES = {AVX512: 7, AVX2: 4, ANY: 3}[PROCESSOR], 8
 
 
 class CpuProjector:
@@ -174,7 +175,7 @@ class CpuProjector:
                 first,
                 last,
                 self._scan,
-                kernels.empty_lines(),
+                kernels.empty_lines(self._scan),
                 self._lanes,
             )
 
@@ -273,7 +274,7 @@ class CpuProjector:
                 first,
                 last,
                 scan,
-                parallel.empty_room(nz, views),
+                parallel.empty_room(nz, views, orbit.rows),
                 self._lanes,
             )
 
@@ -286,7 +287,8 @@ class CpuProjector:
 
     def _trace(self, volume, projections, first_view, transpose):
         flat, pixels, views = volume.reshape(-1), projections.reshape(-1), len(projections)
-        kernels.trace(flat, pixels, first_view, views, self._scan, transpose, kernels.empty_lines(), self._lanes)
+        room = kernels.empty_lines(self._scan)
+        kernels.trace(flat, pixels, first_view, views, self._scan, transpose, room, self._lanes)
 
     def _scale(self, projections, first_view):
         kernels.path_lengths(projections.reshape(-1), first_view, len(projections), self._scan, self._lanes)
@@ -298,14 +300,15 @@ class CpuProjector:
 def lanes_at_once(geometry: ScanGeometry, grid: Grid, lanes: int) -> int:
     """How many of so many volumes are projected forward soonest together.
 
-    All, or 1 if one by one, where these fill no register and sixteen values of a line do (columns.py).
+    All, or 1 if one by one, where these fill no register and neighbours along a line do (columns.py).
 
     Returns
     -------
     int
     """
     step = geometry.row_pitch_mm / geometry.magnification / grid.spacing[0]
-    one_by_one = WIDE and step <= STEEPEST and min(geometry.rows, grid.shape[0]) >= WIDTH // 2
+    long_enough = min(geometry.rows, grid.shape[0]) >= LEAST_VALUES
+    one_by_one = long_enough and (PROCESSOR == ANY or step <= STEEPEST)
     return 1 if one_by_one and lanes <= ONE_BY_ONE_UP_TO else lanes
 
 

@@ -26,7 +26,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .columns import gather_line, scatter_line
+from .columns import empty_line, gather_line, scatter_line
 from .lanes import OPTIONS
 
 # The volume is walked through in tiles of this many voxel columns along x and y, all views of a call for each: at 16
@@ -36,7 +36,8 @@ TILE, FEW, WIDER = 16, 4, 64
 
 # How a kernel takes one line of voxels or pixels after another (columns.py), entry by entry: which pair of lines, and
 # the shares of both; the first value's cell along them, and what is added from value to value; the values to take.
-Lines = namedtuple("Lines", "pair near weight height slope start stop")
+# Last, room for one.
+Lines = namedtuple("Lines", "pair near weight height slope start stop one")
 
 
 class Scan(NamedTuple):
@@ -77,10 +78,10 @@ class Scan(NamedTuple):
     first_row: np.ndarray
 
 
-def empty_lines() -> Lines:
+def empty_lines(scan: Scan) -> Lines:
     """Room for what a kernel works out at once, for each thread its own."""
-    pair, start, stop = np.empty((3, WIDER), np.intp)
-    return Lines(pair, *np.empty((4, WIDER), np.float32), start, stop)
+    pair, start, stop = np.empty((3, WIDER), np.int32)
+    return Lines(pair, *np.empty((4, WIDER), np.float32), start, stop, empty_line(max(scan.rows, scan.shape[0])))
 
 
 @njit(**OPTIONS)
@@ -121,12 +122,26 @@ def _crossings(start, direction, start_other, direction_other, n, spacing, n_oth
 
 
 @njit(inline="always", **OPTIONS)
+def _from_zero(position, n):
+    """The first of the whole numbers from 0 to n that is not below a position; n beyond.
+
+    Of 32 bits and without `ceil`, as some processors have no vectors of either 64 bits or `ceil`.
+
+    Returns
+    -------
+    int32
+    """
+    within = min(max(position, 0.0), np.float64(n))
+    below = np.int32(within)
+    return np.int32(below + np.int32(within > np.float64(below)))
+
+
+@njit(inline="always", **OPTIONS)
 def span(first, slope, cells, n):
     """Indices i in [0, n) whose position first + slope i lies in [0, cells + 1): those that interpolation can reach."""
     inverse = 1.0 / slope
-    start = max(0, int(math.ceil(-first * inverse)))
-    stop = min(n, int(math.ceil((cells + 1.0 - first) * inverse)))
-    return start, max(start, stop)
+    start = _from_zero(-first * inverse, n)
+    return start, max(start, _from_zero((cells + 1.0 - first) * inverse, n))
 
 
 @njit(inline="always", **OPTIONS)
@@ -135,9 +150,10 @@ def _set_line(lines, k, position, scale, height, slope, cells, n):
 
     They come from cells of which `cells` are not border. Without branches, so that many are worked out at once.
     """
-    below = math.floor(position)
-    weight = position - below
-    lines.pair[k] = int(below)
+    below = np.int32(position)
+    below = np.int32(below - np.int32(np.float64(below) > position))
+    weight = position - np.float64(below)
+    lines.pair[k] = below
     lines.near[k] = np.float32((1.0 - weight) * scale)
     lines.weight[k] = np.float32(weight * scale)
     lines.height[k] = np.float32(height)
@@ -227,7 +243,7 @@ def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, line
         first_plane = max(first_plane, int(math.floor(min(one, another))))
         last_plane = min(last_plane, int(math.ceil(max(one, another))) + 1)
     for k in range(last_plane - first_plane):
-        plane = np.float64(first_plane + k)
+        plane = np.float64(np.int32(first_plane + k))
         share = share0 + share_step * plane
         _set_line(
             lines, k, other0 + other_step * plane, 1.0, middle + share * first_row, share * row_pitch, nz, rows
@@ -239,12 +255,12 @@ def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, line
         if transpose:
             scatter_line(
                 volume, base, base + step_other, projections, pixel, nz + 2, lines.near[k], lines.weight[k],
-                lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], lanes,
+                lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], lines.one, lanes,
             )  # fmt: skip
         else:
             gather_line(
                 projections, pixel, volume, base, base + step_other, nz + 2, lines.near[k], lines.weight[k],
-                lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, lanes,
+                lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, lines.one, lanes,
             )  # fmt: skip
 
 
@@ -295,7 +311,7 @@ def back_project(volume, projections, first_view, views, first_y, last_y, scan, 
                 for y in range(y0, min(y0 + width, last_y)):
                     position_y = (y - (ny - 1) * 0.5) * dy
                     for k in range(min(width, nx - x0)):
-                        position_x = (x0 + k - (nx - 1) * 0.5) * dx
+                        position_x = (np.float64(np.int32(x0 + k)) - (nx - 1) * 0.5) * dx
                         closer = 1.0 / (depth + position_x * s - position_y * c)
                         _set_line(
                             lines,
@@ -314,5 +330,5 @@ def back_project(volume, projections, first_view, views, first_y, last_y, scan, 
                         base = (i * (columns + 2) + lines.pair[k]) * step
                         gather_line(
                             volume, voxel, projections, base, base + step, rows + 2, lines.near[k], lines.weight[k],
-                            lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, lanes,
+                            lines.height[k], lines.slope[k], lines.start[k], lines.stop[k], None, lines.one, lanes,
                         )  # fmt: skip

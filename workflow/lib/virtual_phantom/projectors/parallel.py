@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .columns import gather_line
+from .columns import empty_line, gather_line
 from .kernels import span, tile_width
 from .lanes import OPTIONS
 
@@ -83,15 +83,16 @@ class ParallelScan(NamedTuple):
     full: float
 
 
-# Room for sums, for as many views as have one direction: total (z,), shares (view, z) and four times (view,).
-Room = namedtuple("Room", "total shares near at height slope")
+# Room for sums, for as many views as have one direction: total (z,), shares (view, z), four times (view,); one line's.
+Room = namedtuple("Room", "total shares near at height slope line")
 
 
-def empty_room(slices: int, views: int) -> Room:
+def empty_room(slices: int, views: int, rows: int) -> Room:
     """Room for sums, for each thread its own."""
     near, height, slope = np.empty((3, views), np.float32)
     shares = np.empty((views, slices), np.float32)
-    return Room(np.empty(slices, np.float32), shares, near, np.empty(views, np.intp), height, slope)
+    at, line = np.empty(views, np.intp), empty_line(max(rows, slices))
+    return Room(np.empty(slices, np.float32), shares, near, at, height, slope, line)
 
 
 @njit(**OPTIONS)
@@ -123,7 +124,7 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
     columns, rows, half_turn, full = scan.columns, scan.rows, scan.half_turn, scan.full
     sine, cosine, view_of_angle, view_step = scan.sine, scan.cosine, scan.view_of_angle, scan.view_step
     first_t, t_pitch, source_z0, source_step = scan.first_t, scan.t_pitch, scan.source_z, scan.source_step
-    total, shares, near, at, height, slope = room
+    total, shares, near, at, height, slope, line = room
     angles = len(sine)
     step = (rows + 2) * count
     width = tile_width(lanes)
@@ -184,5 +185,6 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
                                 start,
                                 stop,
                                 shares[i],
+                                line,
                                 lanes,
                             )

@@ -1,0 +1,60 @@
+"""The kernels of every kind of processor whose instructions this machine has, against each other and known truths."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from one_alone import CASES, projected
+
+from virtual_phantom.projectors.processors import ANY, AVX2, AVX512, KINDS, available, environment, kind_of
+
+HERE = Path(__file__).resolve().parent
+# Tests of one realisation alone against truths that know no kernels, its transpose, many realisations and guard pages.
+TRUTHS = "ellipsoid or test_adjoint or one_lane or beyond_arrays or astra"
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def variables(request, tmp_path_factory):
+    """Of a process for one kind, with kernels compiled for it alone."""
+    if request.param not in available():
+        pytest.skip(f"this processor has no {request.param}")
+    made = os.environ | environment(request.param, tmp_path_factory.mktemp("kernels"))
+    return made | {"PYTHONPATH": os.pathsep.join(sys.path)}
+
+
+def run(command, variables):
+    done = subprocess.run([sys.executable, *map(str, command)], env=variables, capture_output=True, text=True)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-3000:]
+    return done.stdout
+
+
+def test_all_kinds_project_alike(variables, tmp_path):
+    run([HERE / "one_alone.py", tmp_path / "made.npz"], variables)
+    there = np.load(tmp_path / "made.npz")
+    for i, case in enumerate(CASES):
+        for j, here in enumerate(projected(case, 2)):
+            assert here.any()
+            np.testing.assert_allclose(there[f"{i}-{j}"], here, atol=3e-6 * here.max(), err_msg=f"{case}, {j}")
+
+
+def test_truths_hold_on_all_kinds(variables):
+    if variables.get("NUMBA_CPU_NAME") is None:
+        pytest.skip("this processor's own kind: test_cpu.py itself")
+    said = run(["-m", "pytest", "-q", "-x", "-p", "no:xdist", HERE / "test_cpu.py", "-k", TRUTHS], variables)
+    assert " passed" in said and "skipped" not in said
+
+
+def test_a_process_is_of_the_kind_that_is_asked_for(variables, request):
+    asked = request.node.callspec.params["variables"]
+    script = "from virtual_phantom.projectors.processors import PROCESSOR; print(PROCESSOR)"
+    assert run(["-c", script], variables).strip() == asked
+
+
+@pytest.mark.parametrize(
+    "features, kind", [("+sse2,+avx2,+avx512f", AVX512), ("+avx2,-avx512f", AVX2), ("+neon", ANY), ("", ANY)]
+)
+def test_kind_of_features(features, kind):
+    assert kind_of(features) == kind
