@@ -1,6 +1,7 @@
 """The kernels of every kind of processor whose instructions this machine has, against each other and known truths."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -43,8 +44,8 @@ def test_all_kinds_project_alike(variables, tmp_path):
 def test_truths_hold_on_all_kinds(variables):
     if variables.get("NUMBA_CPU_NAME") is None:
         pytest.skip("this processor's own kind: test_cpu.py itself")
-    said = run(["-m", "pytest", "-q", "-x", "-p", "no:xdist", HERE / "test_cpu.py", "-k", TRUTHS], variables)
-    assert " passed" in said and "skipped" not in said
+    said = run(["-m", "pytest", "-x", "-p", "no:xdist", HERE / "test_cpu.py", "-k", TRUTHS], variables)
+    assert int(re.search(r"(\d+) passed", said)[1]) >= 13
 
 
 def test_a_process_is_of_the_kind_that_is_asked_for(variables, request):
