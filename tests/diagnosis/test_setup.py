@@ -99,7 +99,7 @@ def test_a_mistake_is_named_with_the_line_that_mends_it(mistake, lines):
 
 
 def test_swapped_rows_and_columns_are_named():
-    square = {**SCAN, "rows": 24, "columns": 24, "column_pitch_mm": 22.0, "row_pitch_mm": 8.0}
+    square = {**SCAN, "rows": 44, "columns": 44, "column_pitch_mm": 12.0, "row_pitch_mm": 5.0}
     data = np.swapaxes(scanned(scan=square), -1, -2)
     found = finding(data, square)
     assert (found.kind, found.best.name) == ("description", "swapped rows and columns")

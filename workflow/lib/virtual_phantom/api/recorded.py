@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from ..base.errors import InputError
@@ -11,8 +12,11 @@ from ..diagnosis.core.asked import Asked, Settings
 from ..diagnosis.core.verdict import Diagnosis
 from ..diagnosis.course import explain
 from ..diagnosis.ready import ready
+from ..diagnosis.setup.recorded import set_up
+from ..diagnosis.setup.verdict import VERDICTS, verdict
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..recordings.document import read_document
+from ..recordings.reading import load
 from ..recordings.scan import timed
 
 SECTION = schema_of("diagnosis", "recordings")["additionalProperties"]  # of one recording
@@ -47,12 +51,14 @@ def diagnose(
     processes : int, optional
         That fit effects side by side.
     **settings
-        As under `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`.
+        As under `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
+        `check_setup`.
 
     Returns
     -------
     Diagnosis
-        `content` is what diagnosis.json holds: `sentence`, `verdict`, `effects`, `excess_removed`, ...
+        `content` is what diagnosis.json holds: `sentence`, `verdict`, `effects`, `excess_removed`, ... Where the scan
+        is described wrong, or another object was scanned, that is the verdict, and nothing was fitted.
 
     Raises
     ------
@@ -81,6 +87,12 @@ def diagnose(
     study = defaults_of()
     materials = defaults_of("materials")
     asked = Asked(recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"])
+    setup = None
+    if asked.settings.check_setup:
+        read = load(recording)
+        setup = set_up(read, asked)
+        if setup.kind in VERDICTS:
+            return Diagnosis(None, [], [], verdict(setup, read, asked))
     read, prepared = ready(asked)
     _, found = explain(read.name, prepared, tried, defaults_of("diagnosis")["model_accuracy"], processes)
-    return found
+    return found if setup is None else replace(found, content=found.content | {"setup": setup.content})

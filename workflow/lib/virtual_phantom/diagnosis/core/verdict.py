@@ -25,14 +25,15 @@ class Diagnosis:
 
     Attributes
     ----------
-    choice : Choice
+    choice : Choice or None
+        None where nothing was fitted, as the scan is described wrong.
     before, after : list of Location
         Places of difference on held-out data, with alignment alone and with the effects chosen.
     content : dict
         What diagnosis.json holds.
     """
 
-    choice: Choice
+    choice: Choice | None
     before: list[Location]
     after: list[Location]
     content: dict

@@ -19,6 +19,7 @@ MOST_TURNS = 3  # minima over turns that are fitted
 # Shares of the variance of line integrals (benchmarks/setup_mistakes.py says what mistakes, physics and other objects
 # leave): below the first no description is doubted; of what the stated one leaves, another must explain so much.
 MISTAKEN, REMOVED = 1e-4, 0.75
+NAMED = 0.002  # that a description may leave, the geometry fitted, to be named
 ANOTHER = 0.01  # left by every description, whatever the geometry: another object
 EMPTY = 0.02  # scale of the line integrals below which nothing stood in the beam
 ALIKE = 5.0  # log likelihood by which this object must tell two descriptions apart
@@ -70,12 +71,15 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
     tried = list(_in_place(comparison, others, first))
     oriented = [one.description for one in (first, *tried) if one.description.oriented]
     tried += _turned(comparison, oriented, _best(first, *tried))
+    tried = [one for one in tried if comparison.scaled_right(one) or one.description.scaled]
     chosen = _mistake(first, tried)
     if chosen is None and min(one.share for one in (first, *tried)) > MISTAKEN:
         # Physics that shifts or stretches the rays may hide what a mistake leaves, or pass for it.
         nearest = sorted(tried, key=lambda one: one.share)[:CONTENDERS]
         bent, *others = (_bent(comparison, one) for one in (first, *nearest))
         chosen = _mistake(bent, others)
+    if chosen is not None and chosen.share > NAMED and _bent(comparison, chosen).share > NAMED:
+        chosen = None  # nearer, as something else of about that size would be
     chosen = chosen or _scaled(first, tried)
     best = chosen or first
     share = best.share if best.share <= ANOTHER else _bent(comparison, best).share

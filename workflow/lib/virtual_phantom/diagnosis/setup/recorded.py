@@ -75,7 +75,7 @@ def set_up(recording: ProjectionsRecording, asked: Asked) -> SetUp:
     """
     taken = scans(recording.repeats)
     known = {one.name: SURE * one.sd for one in nuisances(0.0, 1.0, asked.settings.alignment)}
-    reach = {name: known[name] for name in PLACE}
+    reach = {name: known[name] for name in (*PLACE, "scale")}
     comparison = Comparison(scene_of(asked), taken.repeats, taken.usable, MOST, reach)
     scan = recording.document.content["scan"]
     finding = find(comparison, scan, recording.log, float(taken.repeats[:, taken.usable].max()))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -33,8 +34,26 @@ MOST_ATTENUATED = 6.0  # line integral beyond which rays weigh no less: noise of
 QUARTER_DEG, ROUNDED_DEG = 90.0, 1.0  # start angles that are off by nearly quarter turns are off by just these
 HALVINGS = 4  # of a step that makes it worse
 UNSEEN = 1e-6  # of the largest slope: of what the object does not show
+SCALED = 0.3  # logarithm of line integrals' scale that hardening, scatter and glare reach
 SAMPLES = 2  # rays of a pixel along its columns and rows
 HOPELESS = 4.0  # times as much left as of the best so far after a first step: no further step makes up for that
+
+
+@dataclass(frozen=True)
+class Rays:
+    """Pixels that are compared.
+
+    Attributes
+    ----------
+    geometry : OrbitGeometry
+        With these alone.
+    row_step, column_step : int
+        One of so many of the detector's.
+    """
+
+    geometry: OrbitGeometry
+    row_step: int
+    column_step: int
 
 
 @dataclass(frozen=True)
@@ -109,7 +128,8 @@ class Comparison:
     most : sequence of 3 int
         Views, rows and columns that are compared at most.
     reach : mapping of str to float
-        How far the object may lie off its place, by name of PLACE (mm, degrees). What is not in it may be anything.
+        How far the object may lie off its place, by name of PLACE (mm, degrees), and line integrals off their scale
+        ("scale"). What is not in it may be anything.
     """
 
     def __init__(self, scene, lines: np.ndarray, usable: np.ndarray, most: Sequence[int], reach: Mapping[str, float]):
@@ -120,8 +140,12 @@ class Comparison:
         """The same of fewer rays."""
         return Comparison(self._scene, self._lines, self._usable, most, self._reach)
 
-    def geometry(self, description: Description) -> OrbitGeometry:
-        """Of the rays that are compared.
+    def scaled_right(self, found: Unlike) -> bool:
+        """Whether the scale of line integrals is one that physics and what is known of it allow."""
+        return abs(np.log(max(found.scale, 1e-9))) < max(SCALED, self._reach.get("scale", 0.0))
+
+    def rays(self, description: Description) -> Rays:
+        """Those that are compared.
 
         Parameters
         ----------
@@ -129,7 +153,7 @@ class Comparison:
 
         Returns
         -------
-        OrbitGeometry
+        Rays
 
         Raises
         ------
@@ -147,7 +171,7 @@ class Comparison:
                 f"{axis}_pitch_mm": getattr(whole, f"{axis}_pitch_mm") * step,
                 f"{axis}_offset_px": (_first(length, step) - (length - 1) / 2 + offset) / step + (count - 1) / 2,
             }
-        return replace(whole.every(views), **thinned)
+        return Rays(replace(whole.every(views), **thinned), rows, columns)
 
     def data(self, description: Description) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Mean over repeats, variance of that mean (0: not known) and weight of the rays that are compared."""
@@ -191,18 +215,18 @@ class Comparison:
         InputError
             For lengths that cannot be.
         """
-        geometry = self.geometry(description)
+        rays = self.rays(description)
         mean, variance, weight = self.data(description)
         root = np.sqrt(weight).ravel()
         names = (*PLACE, *also)
         start = np.array([{**START, "turn_deg": turn_deg}.get(name, 0.0) for name in names])
         reach = np.array([{**REACH, **self._reach}.get(name, np.inf) for name in names])
-        place, found = start, self._left(geometry, mean, weight, dict(zip(names, start, strict=True)))
+        place, found = start, self._left(rays, mean, weight, dict(zip(names, start, strict=True)))
         for _ in range(STEPS):
             slopes = []
             for axis, name in enumerate(names):
                 moved = dict(zip(names, place + STEP[name] * np.eye(len(names))[axis], strict=True))
-                slopes.append((self._simulated(geometry, moved) - found.simulated).ravel() / STEP[name])
+                slopes.append((self._simulated(rays, moved) - found.simulated).ravel() / STEP[name])
             down = found.slope.ravel() * np.array(slopes) * root
             sizes = np.sqrt((down**2).sum(axis=1))
             seen = sizes > UNSEEN * max(sizes.max(), 1e-30)  # a disc has no turn
@@ -211,12 +235,12 @@ class Comparison:
             change = np.zeros(len(names))
             change[seen] = solved / sizes[seen]
             tried = np.clip(place + change, start - reach, start + reach)
-            after = self._left(geometry, mean, weight, dict(zip(names, tried, strict=True)))
+            after = self._left(rays, mean, weight, dict(zip(names, tried, strict=True)))
             for _ in range(HALVINGS):
                 if after.squares <= found.squares:
                     break
                 tried = (place + tried) / 2
-                after = self._left(geometry, mean, weight, dict(zip(names, tried, strict=True)))
+                after = self._left(rays, mean, weight, dict(zip(names, tried, strict=True)))
             if after.squares >= found.squares:
                 break
             settled = found.squares - after.squares < SETTLED * found.squares
@@ -236,41 +260,43 @@ class Comparison:
 
     def residual(self, found: Unlike) -> np.ndarray:
         """What a description leaves of line integrals, as means over rows, shape (views, columns)."""
-        geometry = self.geometry(found.description)
+        rays = self.rays(found.description)
         mean, _, weight = self.data(found.description)
-        left = self._left(geometry, mean, weight, found.place).residual * weight
+        left = self._left(rays, mean, weight, found.place).residual * weight
         whole = weight.sum(axis=1)
         return left.sum(axis=1) / np.where(whole > 0, whole, np.inf)
 
     def at_turns(self, description: Description, turns_deg: Sequence[float]) -> np.ndarray:
         """Share of the squares that is left with the object in its place, turned by each angle."""
-        geometry = self.geometry(description)
+        rays = self.rays(description)
         mean, _, weight = self.data(description)
-        left = [self._left(geometry, mean, weight, {"turn_deg": turn}) for turn in turns_deg]
+        left = [self._left(rays, mean, weight, {"turn_deg": turn}) for turn in turns_deg]
         return np.array([one.squares / one.total for one in left])
 
     def _steps(self, shape: Sequence[int]) -> tuple[int, ...]:
         return tuple(-(-length // most) for length, most in zip(shape, self._most, strict=True))
 
-    def _simulated(self, geometry: OrbitGeometry, place: Mapping[str, float]) -> np.ndarray:
+    def _simulated(self, rays: Rays, place: Mapping[str, float]) -> np.ndarray:
         """Line integrals of pixels, each the mean of the transmissions of its rays."""
-        down, across = SAMPLES if geometry.rows > 1 else 1, SAMPLES
-        moved = {
-            f"{axis}_offset_px": getattr(geometry, f"{axis}_offset_px") + place.get(f"{axis}s_px", 0.0)
-            for axis in ("row", "column")
-        }
-        geometry = replace(geometry, **moved)
-        rays = replace(geometry, **_finer(geometry, "row", down), **_finer(geometry, "column", across))
+        geometry, parts = rays.geometry, (1 / rays.row_step, 1 / rays.column_step)
+        down, across = (part * (np.arange(SAMPLES) - (SAMPLES - 1) / 2) / SAMPLES for part in parts)
+        down = down if geometry.rows > 1 else np.zeros(1)
         pose = Pose(**{name: place[name] for name in POSES if name in place})
         drift = [place.get(f"drift_{axis}_mm", 0.0) for axis in "xyz"]
         motion = np.outer(geometry.view_times / geometry.views, drift) if any(drift) else None
-        paths = self._scene.path_lengths(rays, pose, motion)
-        lines = np.tensordot(self._mu, paths.astype(np.float64), 1)
-        views, rows, columns = geometry.shape
-        return -np.log(np.exp(-lines).reshape(views, rows, down, columns, across).mean(axis=(2, 4)))
+        transmitted = 0.0
+        for row, column in product(down, across):
+            moved = replace(
+                geometry,
+                row_offset_px=geometry.row_offset_px + row + place.get("rows_px", 0.0) * parts[0],
+                column_offset_px=geometry.column_offset_px + column + place.get("columns_px", 0.0) * parts[1],
+            )
+            paths = self._scene.path_lengths(moved, pose, motion)
+            transmitted = transmitted + np.exp(-np.tensordot(self._mu, paths.astype(np.float64), 1))
+        return -np.log(transmitted / (len(down) * len(across)))
 
-    def _left(self, geometry: OrbitGeometry, mean: np.ndarray, weight: np.ndarray, place: Mapping[str, float]) -> _Left:
-        simulated = self._simulated(geometry, place)
+    def _left(self, rays: Rays, mean: np.ndarray, weight: np.ndarray, place: Mapping[str, float]) -> _Left:
+        simulated = self._simulated(rays, place)
         total = float((weight * (mean - np.average(mean, weights=weight)) ** 2).sum())
         apart = simulated - np.average(simulated, weights=weight)
         if not (weight * apart * mean).sum() > 0:  # falls where it should rise
@@ -296,15 +322,6 @@ class _Left:
     squares: float
     total: float
     scale: float
-
-
-def _finer(geometry: OrbitGeometry, axis: str, times: int) -> dict[str, float]:
-    """So many rays instead of one along an axis of the detector, at the middles of equal parts of a pixel."""
-    return {
-        f"{axis}s": getattr(geometry, f"{axis}s") * times,
-        f"{axis}_pitch_mm": getattr(geometry, f"{axis}_pitch_mm") / times,
-        f"{axis}_offset_px": getattr(geometry, f"{axis}_offset_px") * times,
-    }
 
 
 def _powers(simulated: np.ndarray) -> np.ndarray:
