@@ -33,6 +33,8 @@ class Description:
         What undoes it in line integrals.
     oriented : bool
         Whether start angles are looked for beside it: a mistake of direction or of axes often brings another.
+    shifts : bool
+        Whether it only shifts the detector, as effects of the library do too.
     scaled : float or None
         By what line integrals would have to be multiplied, where nothing else differs.
     """
@@ -43,6 +45,7 @@ class Description:
     axes: Callable[[np.ndarray], np.ndarray] = field(default=lambda rays: rays)
     values: Callable[[np.ndarray], np.ndarray] = field(default=lambda lines: lines)
     oriented: bool = False
+    shifts: bool = False
     scaled: float | None = None
 
 
@@ -142,7 +145,8 @@ def _views(scan: Mapping) -> Iterator[Description]:
 def _offsets(scan: Mapping) -> Iterator[Description]:
     for key, name in (("column_offset_px", "columns"), ("row_offset_px", "rows")):
         if offset := scan.get(key, 0.0):
-            yield Description(f"sign of the {name}' offset", f"scan.{key}: {-offset:g}", {**scan, key: -offset})
+            line = f"scan.{key}: {-offset:g}"
+            yield Description(f"sign of the {name}' offset", line, {**scan, key: -offset}, shifts=True)
 
 
 def _line_integrals(scan: Mapping, largest: float) -> Iterator[Description]:

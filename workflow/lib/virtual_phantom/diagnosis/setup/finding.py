@@ -73,7 +73,10 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
     tried += _turned(comparison, oriented, _best(first, *tried))
     tried = [one for one in tried if comparison.scaled_right(one) or one.description.scaled]
     chosen = _mistake(first, tried)
-    if chosen is None and min(one.share for one in (first, *tried)) > MISTAKEN:
+    if chosen is not None and not chosen.description.shifts:
+        # On a round object an offset of the detector looks like other angles.
+        chosen = _mistake(_bent(comparison, first), [chosen])
+    elif chosen is None and min(one.share for one in (first, *tried)) > MISTAKEN:
         # Physics that shifts or stretches the rays may hide what a mistake leaves, or pass for it.
         nearest = sorted(tried, key=lambda one: one.share)[:CONTENDERS]
         bent, *others = (_bent(comparison, one) for one in (first, *nearest))
