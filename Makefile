@@ -1,9 +1,10 @@
 # make          set up and run the default study
 # make test     set up and run the tests
 # make tiny     the whole workflow in a minute or two
+# make setup-fetch   set up, with what `snakemake fetch` needs
 # make docs     this documentation as a site, into site/
 # make report   the default study's report in one page, and one to flip through slices
-# make lock     the hashes of environment-pip.txt's packages, into environment-pip.lock; needs uv
+# make lock     the hashes of the packages of environment-pip.txt and environment-fetch.txt, into .lock files; needs uv
 PYTHON ?= python3
 CORES ?= 2
 VENV := .venv
@@ -14,7 +15,7 @@ PIP_INSTALL := $(PIP) --require-hashes
 # What pip must find installed before it builds pyradiomics; with its hashes, on the lines that follow.
 BUILD_FIRST := sed -nE '/^(setuptools|wheel|numpy)==/,/[^\]$$/p' environment-pip.lock
 
-.PHONY: study setup test tiny abdomen report docs lock clean
+.PHONY: study setup setup-fetch test tiny abdomen report docs lock clean
 
 study: setup
 	$(BIN)/snakemake --cores $(CORES)
@@ -28,6 +29,9 @@ $(VENV)/installed: environment-pip.lock workflow/build/sitecustomize.py pyprojec
 	PYTHONPATH='$(CURDIR)/workflow/build' $(PIP_INSTALL) --no-build-isolation -r environment-pip.lock
 	$(PIP) --no-index --no-deps --no-build-isolation --editable .
 	touch $@
+
+setup-fetch: setup
+	$(PIP_INSTALL) -r environment-fetch.lock
 
 test: setup
 	$(BIN)/python -m pytest -n $(CORES) --dist loadfile
@@ -44,10 +48,12 @@ report: setup
 docs: setup
 	$(BIN)/mkdocs build --strict
 
-# environment-pip.txt names all packages, so that nothing is to be resolved. Hashes of all platforms and Pythons.
+# The .txt files name all packages, so that nothing is to be resolved. Hashes of all platforms and Pythons.
 lock:
-	$(UV) pip compile environment-pip.txt --no-deps --universal --python-version 3.11 --generate-hashes --no-annotate \
-		--no-emit-index-url --custom-compile-command 'make lock' --quiet --output-file environment-pip.lock
+	for name in pip fetch; do \
+		$(UV) pip compile environment-$$name.txt --no-deps --universal --python-version 3.11 --generate-hashes --no-annotate \
+			--no-emit-index-url --custom-compile-command 'make lock' --quiet --output-file environment-$$name.lock || exit 1; \
+	done
 
 clean:
 	rm -rf site results results-tiny results-abdomen results-large results-paper .snakemake

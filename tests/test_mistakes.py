@@ -23,6 +23,9 @@ from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct
 from virtual_phantom.physics.line_integrals import clean_line_integrals
+from virtual_phantom.recordings.public_scans import fetch
+from virtual_phantom.recordings.public_scans.files import found_scans
+from virtual_phantom.recordings.public_scans.table import chosen
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.study.config import complete
 from virtual_phantom.study.preflight import problems
@@ -157,6 +160,41 @@ def twice():
     raise InputErrors(lines)
 
 
+TANDEM = {"collection": "ct_phantom4radiomics"}
+
+
+def public(selections):
+    lines = problems({**DEFAULT, "public_scans": selections})
+    raise InputErrors(lines)
+
+
+def fetched(path):
+    """A scan is fetched where nothing answers, with programs in these folders alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fetch.sys, "executable", "/nowhere/python")
+        patch.setenv("PATH", path)
+        patch.setenv("SERVICE", "elsewhere")
+        (scan,) = chosen(TANDEM | {"groups": [8], "acquisitions": [1]}, "public_scans.phantom")
+        fetch.fetch(scan, "downloads/printed_phantom/801", "http://localhost:9", "idc-open-data")
+
+
+def without_s5cmd():
+    fetched("/nowhere")
+
+
+def broken_off():
+    Path("bin").mkdir()
+    script = Path("bin/s5cmd")
+    script.write_text(f"#!{sys.executable}\n" + (ROOT / "tests/recordings/s5cmd_stand_in.py").read_text())
+    script.chmod(0o755)
+    fetched(str(Path("bin").resolve()))
+
+
+def empty_folder():
+    Path("mine").mkdir()
+    found_scans("mine", chosen(TANDEM | {"groups": [8], "acquisitions": [1]}, "public_scans.phantom"))
+
+
 # What is done wrong, and the file or key that the message must name.
 MISTAKES = {
     "A misspelled key": (lambda: protocol(projection=180), "'projection'"),
@@ -219,6 +257,19 @@ MISTAKES = {
     "An array of another shape": (lambda: bench(data=np.ones((24, 40))), "bench/b.h5"),
     "Counts without their white field": (without_white, "bench/a.h5"),
     "A file that was cut short": (cut_short, "bench/a.h5"),
+    "No program to fetch with": (without_s5cmd, "s5cmd"),
+    "A fetch that broke off": (broken_off, "downloads/printed_phantom/801"),
+    "A folder that lacks some of the scans": (empty_folder, "downloads.scans: mine"),
+    "A group that the collection has not": (
+        lambda: public({"compared": TANDEM | {"groups": [9]}}),
+        "public_scans.compared.groups",
+    ),
+    "A scan held against itself": (
+        lambda: public(
+            {"phantom": TANDEM | {"groups": [8], "acquisitions": [1, 2]}, "compared": TANDEM | {"acquisitions": [2, 3]}}
+        ),
+        "public_scans.phantom and public_scans.compared",
+    ),
     "Results of two versions": (of_two_versions, "sirt_150/dose10/seed01.csv"),
 }
 

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from virtual_phantom.recordings.public_scans import fetch
+
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = sorted(
     path for folder in ("workflow", "docs", "benchmarks") for path in (ROOT / folder).rglob("*.py") if path.is_file()
@@ -14,6 +16,10 @@ RULES = [ROOT / "workflow" / "Snakefile", *sorted((ROOT / "workflow" / "rules").
 IMPORTS = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal", "subprocess", "xml", "lxml"}
 CALLS = {"eval", "exec", "compile", "__import__", "os.system", "os.popen", "yaml.load", "yaml.full_load"}
 CALLS |= {"yaml.unsafe_load", "pandas.read_pickle", "pd.read_pickle", "nibabel.load", "pandas.read_xml", "pd.read_xml"}
+
+
+# The one file that starts another program, s5cmd, by a list of words.
+STARTS_A_PROGRAM = "public_scans/fetch.py"
 
 
 def name_of(node) -> str:
@@ -27,7 +33,8 @@ def test_there_is_something_to_look_at():
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_no_code_is_taken_from_data(path):
     # Benchmarks time whole runs; what they start is none of the user's.
-    banned = IMPORTS - {"subprocess"} if path.parent.name == "benchmarks" else IMPORTS
+    starts = path.parent.name == "benchmarks" or path.as_posix().endswith(STARTS_A_PROGRAM)
+    banned = IMPORTS - {"subprocess"} if starts else IMPORTS
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             assert not banned & {alias.name.split(".")[0] for alias in node.names}, node.lineno
@@ -42,6 +49,14 @@ def test_no_code_is_taken_from_data(path):
             assert ast.unparse(keywords["allow_pickle"]) == "False", node.lineno
         if name in ("loadmat", "scipy.io.loadmat"):
             assert "variable_names" in keywords, node.lineno
+
+
+def test_the_program_that_is_started_is_s5cmd_and_gets_a_list():
+    (path,) = [path for path in SOURCES if path.as_posix().endswith(STARTS_A_PROGRAM)]
+    calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+    (started,) = [one for one in calls if name_of(one.func).startswith("subprocess.")]
+    assert name_of(started.func) == "subprocess.run" and isinstance(started.args[0], ast.List)
+    assert fetch.PROGRAM == "s5cmd" and ast.unparse(started.args[0].elts[0]) == "run"
 
 
 @pytest.mark.parametrize("path", RULES, ids=lambda path: path.name)

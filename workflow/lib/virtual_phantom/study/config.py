@@ -22,8 +22,8 @@ def check(settings: Mapping) -> None:
     ----------
     settings : mapping
         The user's, without defaults. Keys set to null in `protocols` and in each protocol, `noise.levels`, `scans`,
-        `recordings`, `analyses`, `analyses.pca` or `analyses.comparison` are as if they were not there, which lets an
-        overlay take away what the file under it has.
+        `recordings`, `public_scans`, `analyses`, `analyses.pca` or `analyses.comparison` are as if they were not there,
+        which lets an overlay take away what the file under it has.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def _without_nulls(settings: Mapping) -> dict:
     """A copy without the keys that are taken away."""
     config = copy.deepcopy(dict(settings))
     paths = [("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)]
-    paths.append(("analyses", "comparison"))
+    paths += [("analyses", "comparison"), ("public_scans",)]
     if isinstance(config.get("protocols"), dict):
         paths += [("protocols", name) for name in config["protocols"]]
     for path in paths:

@@ -26,6 +26,7 @@ from .pages import Pages
 from .phantom_sources import PhantomSources
 from .plan import Plan
 from .proof import Proof
+from .public_scans import PublicScans
 from .read_config import doubled_keys
 from .recorded import Comparisons, Recordings
 from .selections import Selections
@@ -52,6 +53,7 @@ class Context:
     files : Files
     sizes : Sizes
     phantom : PhantomSources
+    scans : PublicScans
     acquisitions : Acquisitions
     selections : Selections
     recordings : Recordings
@@ -68,6 +70,7 @@ class Context:
     files: Files
     sizes: Sizes
     phantom: PhantomSources
+    scans: PublicScans
     acquisitions: Acquisitions
     selections: Selections
     recordings: Recordings
@@ -271,6 +274,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
         files=outputs,
         sizes=Sizes(plan, engine),
         phantom=sources,
+        scans=PublicScans(plan),
         acquisitions=acquisitions,
         selections=selections,
         recordings=recordings,

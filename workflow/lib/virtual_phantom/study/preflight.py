@@ -21,6 +21,7 @@ from .phantom_sources import PhantomSources
 from .plan import Plan
 from .preflight_rois import roi_problems
 from .proof import Proof
+from .public_scans import PublicScans
 
 
 def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list[str]:
@@ -45,7 +46,7 @@ def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list
     lines, config = inspected(settings)
     if config:
         phantom = partial(_phantom, keep=keep)
-        for look in (_results, _engine, _layout, phantom, _parameters, _measured, _recordings, _proof):
+        for look in (_results, _engine, _layout, phantom, _scans, _parameters, _measured, _recordings, _proof):
             lines += look(config)
         if scans:
             lines += _scanned(config)
@@ -139,6 +140,11 @@ def _parameters(config: dict) -> Iterator[str]:
         from ..features.parameters import read_parameters  # loads pyradiomics, for those who get here
 
         yield from _said(read_parameters, file)
+
+
+def _scans(config: dict) -> Iterator[str]:
+    """Public scans that are asked for."""
+    yield from _said(PublicScans(Plan(config)).check)
 
 
 def _measured(config: dict) -> Iterator[str]:

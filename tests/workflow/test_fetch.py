@@ -1,0 +1,145 @@
+"""`snakemake fetch`: public scans from a service on this machine, resumed, rehearsed, or taken from a folder."""
+
+import json
+import re
+import shutil
+import sys
+
+import public_files
+import pytest
+import yaml
+from pages import copy_project
+from s3_service import BUCKET, KINDS, service
+from workflow_runs import ROOT, snakemake
+
+TABLE = "workflow/lib/virtual_phantom/resources/public_scans.csv"
+NAMES = ("801", "802", "811")
+PLACE = "downloads/printed_phantom"
+TANDEM = "ct_phantom4radiomics"
+SCANS = {
+    "phantom": {"collection": TANDEM, "groups": [8], "acquisitions": [1, 2]},
+    "compared": {"collection": TANDEM, "groups": [8], "acquisitions": [11]},
+}
+
+
+@pytest.fixture(params=KINDS)
+def setting(request, tmp_path):
+    """A copy of the project whose list has small scans, and a service that has them."""
+    project, folder = tmp_path / "project", tmp_path / "s3"
+    copy_project(ROOT, project)
+    scans = public_files.write_bucket(public_files.listed(*NAMES), folder / BUCKET)
+    public_files.write_table(scans, project / TABLE)
+    with service(request.param, folder) as one:
+        one.begin()
+        for scan in scans:
+            for series in scan.series:
+                one.put(series)
+        yield project, one, scans
+
+
+def fetch(project, *arguments, environment=None, scans=SCANS, own=None, **downloads):
+    """`snakemake fetch`: its code, what it says, and its errors."""
+    downloads["scans"] = own
+    (project / "mine.yaml").write_text(
+        yaml.safe_dump({"public_scans": scans, "downloads": downloads, "results_dir": "results"})
+    )
+    process = snakemake(
+        "fetch", *arguments, "--configfile", "mine.yaml", project=project, environment=environment, cores=1
+    )
+    said = process.stdout + process.stderr
+    assert "Traceback" not in said, said[-3000:]
+    return process.returncode, said, [line for line in said.splitlines() if line.startswith("Error:")]
+
+
+def here(project):
+    folder = project / PLACE
+    return sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+
+
+def test_scans_are_rehearsed_fetched_and_not_fetched_again(setting):
+    project, one, scans = setting
+    variables = one.variables | {"STOP_AFTER": "4"}
+    code, said, _ = fetch(project, "-n", endpoint="http://localhost:9")  # no network
+    assert code == 0 and not here(project)
+    size = sum(scan.megabytes for scan in scans) / 1000
+    assert f"3 CT and 3 SEG series, 21 files, {size:.1f} GB to be fetched to {PLACE}" in said
+    for scan in scans:
+        assert scan.ct.uid in said and scan.seg.uid in said
+
+    if "BUCKETS" in variables:
+        code, said, errors = fetch(project, endpoint=one.endpoint, environment=variables)
+        assert code == 1 and "run again, and it goes on" in errors[0]
+    else:
+        code, said, errors = fetch(project, endpoint=one.endpoint, bucket="another-bucket", environment=variables)
+        assert code == 1 and "0 of 7 files came" in errors[0]
+    assert not set(here(project)) & set(NAMES) or all(
+        (project / PLACE / name / "source.json").exists() for name in here(project) if name in NAMES
+    )
+
+    code, said, _ = fetch(project, endpoint=one.endpoint, environment=one.variables)
+    assert code == 0, said[-3000:]
+    assert here(project) == sorted(NAMES)
+    for scan in scans:
+        folder = project / PLACE / scan.name
+        assert json.loads((folder / "source.json").read_text())["doi"] == "10.7937/a1v1-rc66"
+        assert len(list((folder / "ct").glob("*.dcm"))) == scan.ct.files
+    code, said, _ = fetch(project, "-n", endpoint="http://localhost:9")
+    assert code == 0 and "Nothing to be done" in said and "to be fetched" not in said
+
+
+@pytest.fixture
+def alone(tmp_path):
+    """A copy of the project, and a folder with the small scans of its list."""
+    project, folder = tmp_path / "project", tmp_path / "mine"
+    copy_project(ROOT, project)
+    scans = public_files.write_bucket(public_files.listed(*NAMES), folder)
+    public_files.write_table(scans, project / TABLE)
+    return project, folder, scans
+
+
+def test_a_folder_of_ones_own_is_taken_as_it_is(alone):
+    project, folder, scans = alone
+    hidden = folder / scans[2].seg.folder
+    hidden.rename(folder.parent / "away")
+    code, said, errors = fetch(project, own=str(folder))
+    assert code == 1 and here(project) == []
+    assert errors[0].startswith(f"Error: downloads.scans: {folder}: 1 of 3 scans are not in it, the first is 811")
+    (folder.parent / "away").rename(hidden)
+    code, said, _ = fetch(project, own=str(folder))
+    assert code == 0 and here(project) == sorted(NAMES), said[-3000:]
+    slices = sorted((project / PLACE / "801" / "ct").iterdir())
+    assert len(slices) == 6 and all(path.is_symlink() and path.exists() for path in slices)
+
+
+def test_without_s5cmd_one_line_says_how_to_get_it(alone, tmp_path):
+    project, _, _ = alone
+    programs = tmp_path / "programs"
+    programs.mkdir()
+    (programs / "python").symlink_to(sys.executable)
+    for name in ("bash", "sh", "env"):
+        (programs / name).symlink_to(shutil.which(name))
+    code, said, errors = fetch(project, environment={"PATH": str(programs)})
+    if "is not installed" not in said:
+        pytest.skip("s5cmd is installed beside this Python")
+    assert code == 1 and re.match("Error: s5cmd: is not installed, .*make setup-fetch", errors[0])
+    assert here(project) == []
+
+
+def test_a_study_without_public_scans_says_where_to_find_them(alone):
+    project, _, _ = alone
+    code, _, errors = fetch(project, "-n", scans={})
+    assert code == 1 and len(errors) == 1
+    assert errors[0].startswith("Error: config: public_scans is empty") and "config/printed_phantom.yaml" in errors[0]
+
+
+def test_the_rehearsal_of_the_first_collection_has_its_counts(tmp_path):
+    """Numbers of the collection's page: 238 scans, groups 1 and 2 without their first."""
+    (tmp_path / "all.yaml").write_text(yaml.safe_dump({"public_scans": {"compared": {"collection": TANDEM}}}))
+    process = snakemake("fetch", "-n", "--configfile", tmp_path / "all.yaml")
+    said = process.stdout + process.stderr
+    assert process.returncode == 0, said[-2000:]
+    assert "238 CT and 238 SEG series, 78452 files, 42.5 GB to be fetched" in said
+    for group, scans, size in ((1, 29, 5.4), (2, 29, 5.4), (5, 30, 2.8), (8, 30, 7.4)):
+        assert re.search(rf"{TANDEM}, {group}: {scans} CT and {scans} SEG series, \d+ files, {size} GB", said), group
+    process = snakemake("fetch", "-n", "--configfile", "config/printed_phantom.yaml", "--config", "subset=small")
+    assert "34 CT and 34 SEG series, 12494 files, 6.8 GB to be fetched" in process.stdout + process.stderr

@@ -1,0 +1,152 @@
+"""Public scans of the printed phantom that a study takes: which, where they lie, and what is still to be brought."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from ..base.errors import InputError
+from ..io.published import FOLDER
+from ..recordings.public_scans.table import MB, SOURCE, PublicScan, chosen, small
+from .dependencies import resource
+from .plan import Plan
+
+PLACE = f"{FOLDER}/printed_phantom"  # of all studies: a scan is brought once
+
+
+@dataclass(frozen=True)
+class PublicScans:
+    """Of one study."""
+
+    plan: Plan
+
+    @property
+    def table(self) -> str:
+        """The list of all public scans."""
+        return resource("public_scans.csv")
+
+    @cached_property
+    def scans(self) -> tuple[PublicScan, ...]:
+        """All that the study takes.
+
+        Returns
+        -------
+        tuple of PublicScan
+
+        Raises
+        ------
+        InputError
+            For a selection that the list cannot meet.
+        """
+        return tuple(dict.fromkeys((*self.scanned, *self.compared)))
+
+    @cached_property
+    def scanned(self) -> tuple[PublicScan, ...]:
+        """Those whose mean is the phantom."""
+        return self._chosen("phantom")
+
+    @cached_property
+    def compared(self) -> tuple[PublicScan, ...]:
+        """Those that the simulation is held against."""
+        scans = self._chosen("compared")
+        return small(scans) if self.plan.config["subset"] == "small" else scans
+
+    def _chosen(self, use: str) -> tuple[PublicScan, ...]:
+        selection = self.plan.config["public_scans"].get(use)
+        return () if selection is None else chosen(selection, f"public_scans.{use}")
+
+    def check(self) -> None:
+        """Check what the configuration asks for.
+
+        Raises
+        ------
+        InputError
+            For what the list has not, and for an acquisition that would be held against itself.
+        """
+        own = {(scan.collection, scan.acquisition) for scan in self.scanned}
+        if twice := [scan for scan in self.compared if (scan.collection, scan.acquisition) in own]:
+            raise InputError(
+                f"config: public_scans.phantom and public_scans.compared both have acquisition {twice[0].acquisition} "
+                f"of {twice[0].collection}: a scan would be held against itself; take it out of one of them"
+            )
+
+    # Where they lie
+
+    @property
+    def place(self) -> str:
+        """The folder of a scan, whose name stays a wildcard."""
+        return f"{PLACE}/{{scan}}"
+
+    def folders(self, scans: Iterable[PublicScan]) -> list[str]:
+        """Theirs."""
+        return [f"{PLACE}/{scan.name}" for scan in scans]
+
+    @cached_property
+    def absent(self) -> tuple[PublicScan, ...]:
+        """Those that are not here yet: a rule brings them."""
+        return tuple(scan for scan in self.scans if not (Path(PLACE) / scan.name / SOURCE).exists())
+
+    @property
+    def own(self) -> str | None:
+        """A folder of somebody's own that has them."""
+        return self.plan.config["downloads"]["scans"]
+
+    def absent_folders(self) -> list[str]:
+        """Those of what is not here yet."""
+        return self.folders(self.absent)
+
+    def fetched(self) -> list[str]:
+        """What `snakemake fetch` brings.
+
+        Returns
+        -------
+        list of str
+
+        Raises
+        ------
+        InputError
+            If the configuration takes no public scans.
+        """
+        if not self.scans:
+            raise InputError(
+                "config: public_scans is empty, so that there is nothing to fetch; give --configfile "
+                "config/printed_phantom.yaml"
+            )
+        return self.folders(self.scans)
+
+    # What is said of them
+
+    def listed(self, name: str) -> str:
+        """The series of one scan, for a rehearsal."""
+        scan = self.one(name)
+        series = " and ".join(
+            f"{one.modality} {one.uid} ({one.files} file{'s'[: one.files > 1]}, {one.megabytes:.0f} MB)"
+            for one in scan.series
+        )
+        return f"Scan {scan.name}, {' '.join(scan.description.split())}: {series}"
+
+    def announced(self) -> str | None:
+        """How much is to be brought, before anything is; None if nothing is."""
+        if not self.absent:
+            return None
+        lines = [f"{self._amount(self.absent)} to be {'linked from ' + self.own if self.own else 'fetched'} to {PLACE}"]
+        if len(self.absent) < len(self.scans):
+            lines[0] += f"; {len(self.scans) - len(self.absent)} of {len(self.scans)} scans are there"
+        groups: dict[tuple[str, str], list[PublicScan]] = {}
+        for scan in self.absent:
+            groups.setdefault((scan.collection, scan.group), []).append(scan)
+        lines += [f"  {collection}, {group}: {self._amount(of)}" for (collection, group), of in sorted(groups.items())]
+        return "\n".join(lines)
+
+    @staticmethod
+    def _amount(scans: Iterable[PublicScan]) -> str:
+        scans = list(scans)
+        size = sum(scan.megabytes for scan in scans) * MB / 1e9
+        files = sum(scan.files for scan in scans)
+        return f"{len(scans)} CT and {len(scans)} SEG series, {files} files, {size:.1f} GB"
+
+    def one(self, name: str) -> PublicScan:
+        """A scan by its name."""
+        return next(scan for scan in self.scans if scan.name == name)

@@ -1,0 +1,57 @@
+# Public scans of the printed phantom. docs/printed-phantom.md says what they are. Nothing after these rules knows whether
+# a scan was fetched or is somebody's own.
+import sys
+
+from virtual_phantom.study.context import or_exit
+
+# Rehearsals say it too: how much it is, before anything is fetched.
+if workflow.is_main_process and (announced := context.scans.announced()):
+    print(announced, file=sys.stderr)
+
+# Rules for what is not here: nothing fetches or deletes a scan that is here.
+if context.scans.absent and context.scans.own is None:
+
+    rule fetch_scan:
+        """One public scan of the printed phantom: its CT, its regions, and whose they are."""
+        output:
+            directory(context.scans.place),
+        log:
+            context.log("fetch/{scan}"),
+        wildcard_constraints:
+            scan="|".join(scan.name for scan in context.scans.absent),
+        resources:
+            mem_mb=500,
+            runtime=120,
+        params:
+            listed=lambda wildcards: context.scans.listed(wildcards.scan),
+            scan=lambda wildcards: context.scans.one(wildcards.scan),
+            endpoint=context.config["downloads"]["endpoint"],
+            bucket=context.config["downloads"]["bucket"],
+        message:
+            "{params.listed}"
+        script:
+            "../scripts/fetch_scan.py"
+
+elif context.scans.absent:
+
+    rule link_scans:
+        """Links to the scans that lie in a folder of somebody's own, which is read once."""
+        output:
+            [directory(folder) for folder in context.scans.absent_folders()],
+        log:
+            context.log("link_scans"),
+        resources:
+            mem_mb=1000,
+            runtime=120,
+        params:
+            folder=context.scans.own,
+            scans=context.scans.absent,
+        script:
+            "../scripts/link_scans.py"
+
+
+rule fetch:
+    """All public scans that the configuration takes."""
+    input:
+        or_exit(lambda wildcards: context.scans.fetched()),
+    localrule: True
