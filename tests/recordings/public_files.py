@@ -120,11 +120,9 @@ def seg(scan, slices, masks):
             ],
         )
     ]
-    upwards = slices[::-1]
-    flipped = [lps(mask) for mask in masks.values()]
     frames, groups = [], []
-    for k, one in enumerate(upwards):
-        for number, mask in enumerate(flipped, start=1):
+    for number, mask in enumerate(map(lps, masks.values()), start=1):
+        for k, one in enumerate(slices[::-1]):  # from inferior
             if mask[k].any():
                 frames.append(mask[k])
                 groups.append(
