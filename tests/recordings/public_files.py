@@ -214,3 +214,15 @@ def write_table(scans, path):
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
+
+
+def simulated(repeats, seed=2022):
+    """The drawn phantom, and images of it by our own simulation: (phantom, images, {segment: mask})."""
+    import virtual_phantom as vp
+
+    phantom = vp.draw_phantom((24, 80, 80), (4.0, 3.75, 3.75))
+    detector = {"columns": 100, "rows": 30, "column_pitch_mm": 6.4, "row_pitch_mm": 6.4}
+    scan = vp.scan(phantom, projections=150, noise_level=6.0e-6, repeats=repeats, seed=seed, **detector)
+    names = ("normal_1", "normal_2", "cyst_1", "cyst_2", "hemangioma", "metastasis")
+    masks = {roi.name: roi.mask for roi in phantom.rois}
+    return phantom, vp.reconstruct(scan, "fbp"), dict(zip(SEGMENTS, (masks[name] for name in names), strict=True))

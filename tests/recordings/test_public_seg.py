@@ -71,8 +71,6 @@ def test_pydicom_seg_writes_what_is_kept_here(series, tmp_path):
     held_against(out, folder)
     kept, fresh = pydicom.dcmread(WRITTEN), pydicom.dcmread(out)
     assert kept.PixelData == fresh.PixelData
-    for ours, theirs in zip(
-        kept.PerFrameFunctionalGroupsSequence, fresh.PerFrameFunctionalGroupsSequence, strict=True
-    ):
+    for ours, theirs in zip(kept.PerFrameFunctionalGroupsSequence, fresh.PerFrameFunctionalGroupsSequence, strict=True):
         assert ours.PlanePositionSequence == theirs.PlanePositionSequence
         assert ours.SegmentIdentificationSequence == theirs.SegmentIdentificationSequence

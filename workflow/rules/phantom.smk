@@ -1,3 +1,25 @@
+rule mean_scan:
+    """The mean of public scans, which is then the phantom: without the table, with the regions of most of them."""
+    input:
+        scans=context.scans.folders(context.scans.scanned),
+        code=context.code("mean_scan.py"),
+    output:
+        image=context.file("mean_scan"),
+        regions=context.file("mean_regions"),
+        table=context.file("mean_table"),
+    log:
+        context.log("mean_scan"),
+    resources:
+        mem_mb=6000,
+        runtime=60,
+    params:
+        scans=context.scans.scanned,
+        regions=context.scans.regions,
+        grid=context.config["grid"],
+    script:
+        "../scripts/mean_scan.py"
+
+
 rule phantom:
     """The object that every scan sees, and its ROIs."""
     input:

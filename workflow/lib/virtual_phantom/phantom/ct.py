@@ -38,7 +38,7 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     settings : dict
         As phantom.ct in the configuration, whose schema they are checked against:
 
-        * image: NIfTI file, or folder with one DICOM CT series, in HU
+        * image: NIfTI file, or folder with one DICOM CT series, in HU; needed here
         * rois: list of entries, see rois.RoiEntry
         * labels: file of the regions whose entry names no file of its own
         * centre_mm: NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
@@ -61,6 +61,8 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     """
     validate(settings, schema_of("phantom", "ct"), "phantom: ct")
     entries = read_entries(settings["rois"], settings.get("labels"))
+    if "image" not in settings:
+        raise InputError("phantom: ct: image is missing; name a NIfTI file, or the folder of a DICOM series")
     image = read_hu(Path(settings["image"]))
     image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     kept = np.ones(image.grid.shape[1:], bool)

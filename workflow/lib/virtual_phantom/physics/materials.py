@@ -29,6 +29,8 @@ COMPOUNDS = {
     "bone": ("Bone, Cortical (ICRP)", None),
     "pmma": ("Polymethyl Methacralate (Lucite, Perspex)", None),
     "polyethylene": ("Polyethylene", None),
+    "cellulose": ("Cellulose Acetate, Cellophane", None),  # by its elements C6H10O5, cellulose
+    "potassium_iodide": ("Potassium Iodide", None),
     "air": ("Air, Dry (near sea level)", None),
 }
 # Name: atomic number, and density in g/cm^3 at room temperature (CRC Handbook of Chemistry and Physics).

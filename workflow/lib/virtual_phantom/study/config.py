@@ -9,6 +9,7 @@ from ..base.errors import InputError, InputErrors
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
 from ..physics.effect import acts_on_images, checked
 from .config_rules import Names, Rules
+from .outputs import Files
 
 # Sections of entries by names of the user's.
 NAMED = (("protocols",), ("noise", "levels"), ("scans",), ("diagnosis", "recordings"))
@@ -101,9 +102,21 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     # The named scans replace keys of the default one: their own defaults would undo it.
     scans = rest.pop("scans", {})
     fill_defaults(rest, schema)
+    _take_public_scans(rest)
     rest["scans"] = {name: {**rest["scan"], **changes} for name, changes in scans.items()} if "scan" in rest else {}
     lines = [mistake.line for mistake in found] + list(Rules(rest, Names.of(whole)).lines())
     return list(dict.fromkeys(lines)), rest
+
+
+def _take_public_scans(config: dict) -> None:
+    """A CT without an image is the mean of public scans, and its regions are theirs, by name."""
+    scans, ct = config.get("public_scans", {}), config.get("phantom", {}).get("ct")
+    if ct is None or "phantom" not in scans or "image" in ct:
+        return
+    made = Files(config["results_dir"].rstrip("/"))
+    ct |= {"image": made("mean_scan"), "labels": made("mean_regions")}
+    numbers = {region: number for number, region in enumerate(scans["regions"], start=1)}
+    ct["rois"] = [{**roi, "label": numbers.get(roi.get("label"), roi.get("label"))} for roi in ct["rois"]]
 
 
 def _checked(settings: Mapping) -> dict:

@@ -265,6 +265,21 @@ class Rules:
         phantom = self.config.get("phantom", {})
         if phantom.get("source") == "ct" and "ct" not in self.names.phantom:
             yield "config: phantom.source is ct, but phantom.ct is missing; give it an image and rois"
+        elif phantom.get("source") == "ct" and "ct" in phantom and "image" not in phantom["ct"]:
+            yield "config: phantom.ct.image is missing; name a CT, or public scans under public_scans.phantom"
+        elif "phantom" in self.config["public_scans"] and phantom.get("source") == "ct":
+            yield from self._regions(phantom.get("ct", {}).get("rois", []))
+
+    def _regions(self, rois: list[dict]) -> Iterator[str]:
+        """Labels of regions of public scans, which have become numbers where they are known."""
+        regions = self.config["public_scans"]["regions"]
+        for roi in rois:
+            label = roi.get("label")
+            if isinstance(label, str) or label is None or label > len(regions):
+                yield (
+                    f"config: phantom.ct.rois: {roi['name']} has the label {label}, which is none of "
+                    f"public_scans.regions; {meant(str(label), map(str, regions))}"
+                )
 
     def _scans(self) -> Iterator[str]:
         scans = {"scan": self.config["scan"]} if "scan" in self.config else {}

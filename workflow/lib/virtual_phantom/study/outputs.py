@@ -93,6 +93,12 @@ OUTPUTS = (
         counted="phantom",
     ),
     *_made_by(
+        "mean_scan",
+        Output("mean_scan", "public_scans/mean.nii.gz", "the mean of public scans, HU, without the table"),
+        Output("mean_regions", "public_scans/regions.nii.gz", "the regions of these scans, as most of them have them"),
+        Output("mean_table", "public_scans/scans.csv", "where the object lies in each of these scans, and their noise"),
+    ),
+    *_made_by(
         "compile_kernels",
         Output("kernels", "logs/kernels/{lanes}.txt", "a mark: kernels for so many realisations are compiled"),
         stage="compile_kernels",

@@ -10,6 +10,7 @@ from pathlib import Path
 from ..io.files import files_of
 from ..io.published import PublishedFile, check_listed, named_by, reachable, read_published
 from .dependencies import resource
+from .outputs import Files
 from .plan import Plan
 
 
@@ -43,6 +44,12 @@ class PhantomSources:
         ct = settings["ct"]
         regions = [ct.get("labels"), *(roi.get("file") for roi in ct["rois"])]
         return [ct["image"], *dict.fromkeys(filter(None, regions))]
+
+    @property
+    def made(self) -> list[str]:
+        """Those of them that a rule makes of public scans."""
+        files = Files(self.plan.config["results_dir"].rstrip("/"))
+        return [path for path in self.paths if path in (files("mean_scan"), files("mean_regions"))]
 
     @cached_property
     def published(self) -> list[PublishedFile]:
@@ -92,9 +99,9 @@ class PhantomSources:
                 )
 
     def files(self) -> list[str]:
-        """Every file that the phantom is made from; of those that a rule fetches, what is not here yet too."""
+        """Every file that the phantom is made from; of those that a rule brings or makes, what is not here yet too."""
         fetched = [file.path for file in self.published]
-        return [*dict.fromkeys(fetched + present(self.paths))]
+        return [*dict.fromkeys(fetched + self.made + present(self.paths))]
 
 
 def present(paths: Iterable[str | None]) -> list[str]:

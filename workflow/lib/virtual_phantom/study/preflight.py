@@ -124,7 +124,7 @@ def _phantom(config: dict, keep: bool) -> Iterator[str]:
     sources = PhantomSources(Plan(config))
     if damaged := _said(sources.check):
         yield from damaged
-    elif not sources.published:  # those have their SHA-256
+    elif not sources.published and not sources.made:  # those have their SHA-256, and these are not here yet
         yield from look_once(config, sources.paths, lambda: _ct(config), keep)
 
 

@@ -72,6 +72,11 @@ class PublicScans:
                 f"of {twice[0].collection}: a scan would be held against itself; take it out of one of them"
             )
 
+    @property
+    def regions(self) -> list:
+        """Segments of each scan that are taken, by name or number."""
+        return self.plan.config["public_scans"]["regions"]
+
     # Where they lie
 
     @property

@@ -63,6 +63,11 @@ def instances(folder: str | Path) -> Iterator[Instance]:
             yield found
 
 
+def regions_file(folder: str | Path) -> Path:
+    """The file of regions in the folder of a scan, which has been checked."""
+    return next((Path(folder) / "seg").iterdir())
+
+
 def check_series(found: Iterable[Instance], series: Series, where: str, advice: str, sizes: bool = True) -> None:
     """Check that files are one series of the list, whole.
 
