@@ -38,7 +38,7 @@ PATTERNS = [(one, suffix, pattern(one, suffix)) for one in OUTPUTS for suffix in
 
 @pytest.fixture(scope="module")
 def planned_files(tmp_path_factory):
-    """What three studies make together: the default one, the proof, and one beside recordings of every kind."""
+    """What studies make together: the default one, the proof, beside recordings of every kind, of a scanned phantom."""
     folder = tmp_path_factory.mktemp("outputs")
     overlay = {"results_dir": "r", "keep_projections": True}
     names = {name: kind for kinds in IMPORTED.values() for name, kind in kinds.items()} | {"scanner": "images"}
@@ -47,8 +47,11 @@ def planned_files(tmp_path_factory):
     (folder / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     settings = ("--configfile", "config/recordings.yaml", folder / "overlay.yaml")
     beside = made(snakemake("all", *ALL, "-n", "--forceall", *settings))
+    scanned = made(
+        snakemake("all", "-n", "--forceall", "--configfile", "config/printed_phantom.yaml", "--config", "results_dir=r")
+    )
     alone = made(snakemake("all", "proof", "-n", "--forceall", "--config", "results_dir=r"))
-    return {(rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in beside | alone}
+    return {(rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in beside | alone | scanned}
 
 
 def test_every_file_of_a_rule_is_in_the_table(planned_files):

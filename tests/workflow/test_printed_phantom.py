@@ -5,12 +5,15 @@ import numpy as np
 import pandas as pd
 import public_files
 import pytest
+import SimpleITK as sitk
 import yaml
 from pages import copy_project
+from radiomics.featureextractor import RadiomicsFeatureExtractor
 from test_fetch import PLACE, TABLE, TANDEM
 from workflow_runs import ROOT, snakemake
 
 NAMES = ("801", "802", "803", "804")
+OTHERS = ("811", "812")
 STUDY = {
     "grid": {"shape": [24, 84, 84], "spacing_mm": [4.0, 3.75, 3.75], "oversampling": 1},
     "scan": {"columns": 108, "rows": 30, "column_pitch_mm": 6.4, "row_pitch_mm": 6.4},
@@ -20,19 +23,21 @@ STUDY = {
 
 @pytest.fixture(scope="module")
 def standing_in(tmp_path_factory):
-    """A copy of the project, scans 801 to 804 in a folder, and what was scanned."""
+    """A copy of the project, scans 801 to 804, 811 and 812 in a folder, and what was scanned."""
     folder = tmp_path_factory.mktemp("printed")
     project, mine = folder / "project", folder / "mine"
     copy_project(ROOT, project)
-    phantom, images, masks = public_files.simulated(len(NAMES))
-    of = dict(zip(NAMES, images, strict=True))
-    scans = public_files.write_bucket(public_files.listed(*NAMES), mine, lambda scan: of[scan.name], masks)
+    names = NAMES + OTHERS
+    phantom, images, masks = public_files.simulated(len(names))
+    of = dict(zip(names, images, strict=True))
+    scans = public_files.write_bucket(public_files.listed(*names), mine, lambda scan: of[scan.name], masks)
     public_files.write_table(scans, project / TABLE)
-    return project, mine, phantom, images
+    return project, mine, phantom, of
 
 
 def run(project, mine, target, **changes):
-    chosen = {"phantom": {"collection": TANDEM, "groups": [8], "acquisitions": [1, 2, 3, 4]}, "compared": None}
+    group = {"collection": TANDEM, "groups": [8]}
+    chosen = {"phantom": group | {"acquisitions": [1, 2, 3, 4]}, "compared": group | {"acquisitions": [11, 12]}}
     settings = STUDY | {"public_scans": chosen, "downloads": {"scans": str(mine)}} | changes
     (project / "mine.yaml").write_text(yaml.safe_dump(settings))
     files = ("config/printed_phantom.yaml", "mine.yaml")
@@ -46,11 +51,11 @@ def test_the_phantom_is_the_mean_of_the_scans(standing_in):
     project, mine, phantom, images = standing_in
     code, said, _ = run(project, mine, "results/phantom/image.nii.gz")
     assert code == 0, said[-3000:]
-    assert sorted(path.name for path in (project / PLACE).iterdir()) == sorted(NAMES)
+    assert sorted(path.name for path in (project / PLACE).iterdir()) == sorted(NAMES + OTHERS)
 
     table = pd.read_csv(project / "results/public_scans/scans.csv", dtype={"scan": str})
     assert table["scan"].tolist() == list(NAMES) and table["largest_mm"].max() < 0.2
-    repeats = np.stack([image.array for image in images]).astype(float)
+    repeats = np.stack([images[name].array for name in NAMES]).astype(float)
     inside = np.any([roi.mask for roi in phantom.rois], axis=0)
     noise = np.sqrt(repeats[:, inside].var(axis=0, ddof=1).mean())
     np.testing.assert_allclose(table["noise_hu"], noise, rtol=0.01)
@@ -68,10 +73,37 @@ def test_the_phantom_is_the_mean_of_the_scans(standing_in):
     assert image.min() == -1000 and (image[0] == -1000).all() and (image[:, 0] == -1000).all()
 
 
+def test_features_of_the_other_scans_are_a_recording(standing_in):
+    """Held against pyradiomics, called on the image that was written and not read by us."""
+    project, mine, phantom, images = standing_in
+    code, said, _ = run(project, mine, "results/recordings/printed_phantom/features.csv")
+    assert code == 0, said[-3000:]
+    table = pd.read_csv(project / "results/recordings/printed_phantom/features.csv")
+    assert len(table) == 2 * 6 and set(table["image"]) == {"scan811", "scan812"}
+    assert set(table["group"]) == {8} and set(table["acquisition"]) == {11, 12}
+    extractor = RadiomicsFeatureExtractor(binWidth=25)
+    extractor.disableAllFeatures()
+    extractor.enableFeatureClassByName("firstorder")
+    extractor.enableFeatureClassByName("glcm")
+    classes = {roi.name: roi.tissue_class for roi in phantom.rois}
+    for roi in phantom.rois[:2]:
+        image = sitk.GetImageFromArray(np.pad(images["812"].array.astype(np.float32), 1))
+        mask = sitk.GetImageFromArray(np.pad(roi.mask.astype(np.uint8), 1))
+        for one in (image, mask):
+            one.SetSpacing((3.75, 3.75, 4.0))
+        expected = extractor.execute(image, mask)
+        (row,) = table[(table["image"] == "scan812") & (table["roi"] == roi.name)].to_dict("records")
+        assert row["tissue_class"] == classes[roi.name]
+        compared = [name for name in expected if name.startswith("original_") and name in row]
+        assert len(compared) > 35
+        for name in compared:
+            assert row[name] == pytest.approx(float(expected[name]), rel=1e-6), name
+
+
 def test_a_region_that_is_none_is_one_line(standing_in):
     project, mine, _, _ = standing_in
     rois = yaml.safe_load((ROOT / "config/printed_phantom.yaml").read_text())["phantom"]["ct"]["rois"]
-    rois[0]["label"] = "normal"
+    rois[2]["label"] = "cyst_1"
     code, _, errors = run(project, mine, "results/phantom/image.nii.gz", phantom={"ct": {"rois": rois}})
     assert code == 1 and len(errors) == 1
-    assert "normal_1 has the label normal, which is none of public_scans.regions; did you mean 'normal1'?" in errors[0]
+    assert "cyst_1 has the label cyst_1, which is none of public_scans.regions; did you mean 'cyst1'?" in errors[0]

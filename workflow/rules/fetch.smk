@@ -55,3 +55,49 @@ rule fetch:
     input:
         or_exit(lambda wildcards: context.scans.fetched()),
     localrule: True
+
+
+rule scan_features:
+    """Features of one public scan, at its own voxels and in its own regions."""
+    input:
+        scan=context.scans.place,
+        parameters=context.parameter_files,
+        code=context.code("scan_features.py"),
+    output:
+        context.file("scan_features"),
+    log:
+        context.log("scan_features/{scan}"),
+    wildcard_constraints:
+        scan="|".join(scan.name for scan in context.scans.scans) or "none",
+    resources:
+        mem_mb=4000,
+        runtime=60,
+    params:
+        scan=lambda wildcards: context.scans.one(wildcards.scan),
+        rois=context.scans.rois,
+        regions=context.scans.regions,
+        parameters=context.parameters,
+    script:
+        "../scripts/scan_features.py"
+
+
+rule compared_features:
+    """Features of all public scans that are compared with, as a recording."""
+    input:
+        tables=[
+            context.file("scan_features", scan=scan.name)
+            for scan in context.scans.compared
+        ],
+        code=context.code("compared_features.py"),
+    output:
+        features=context.file("compared_features"),
+        document=context.file("compared_document"),
+    log:
+        context.log("compared_features"),
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        scans=context.scans.compared,
+    script:
+        "../scripts/compared_features.py"

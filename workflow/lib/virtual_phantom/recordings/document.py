@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ import yaml
 from ..base.data import SCHEMAS
 from ..base.errors import InputError, InputErrors, refusing
 from ..io.files import files_of, read_text
-from ..io.schema import check_nesting, fill_defaults, mistakes
+from ..io.schema import check_nesting, fill_defaults, mistakes, validate
 
 FILE_NAME = "recording.yaml"
 SCHEMA = SCHEMAS / "recording.schema.yaml"
@@ -102,6 +103,30 @@ def _misplaced(path: Path, content: dict) -> Iterator[str]:
                 f"{path}: rois: {cut} of {roi['name']} has no meaning in a recording of features, whose ROIs are as "
                 "they were extracted; take it out"
             )
+
+
+def to_be_made(folder: str | Path, content: dict) -> Document:
+    """The document of a recording that a job will make: its files need not be there yet.
+
+    Parameters
+    ----------
+    folder : str or Path
+    content : dict
+        As the job will write it.
+
+    Returns
+    -------
+    Document
+
+    Raises
+    ------
+    InputError
+        If schemas/recording.schema.yaml refuses it.
+    """
+    folder, content = Path(folder), copy.deepcopy(content)
+    validate(content, _schema(), str(folder / FILE_NAME))
+    fill_defaults(content, _schema())
+    return Document(folder, content)
 
 
 def _parse(path: Path) -> dict:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 from ..base.errors import InputError, InputErrors
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
 from ..physics.effect import acts_on_images, checked
 from .config_rules import Names, Rules
 from .outputs import Files
+from .public_scans import COMPARED
 
 # Sections of entries by names of the user's.
 NAMED = (("protocols",), ("noise", "levels"), ("scans",), ("diagnosis", "recordings"))
@@ -109,11 +111,13 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
 
 
 def _take_public_scans(config: dict) -> None:
-    """A CT without an image is the mean of public scans, and its regions are theirs, by name."""
-    scans, ct = config.get("public_scans", {}), config.get("phantom", {}).get("ct")
+    """A CT without an image is the mean of public scans, and its regions are theirs, by name; so is a recording."""
+    made = Files(config["results_dir"].rstrip("/"))
+    folder = str(Path(made("compared_features")).parent)
+    config["recordings"] = {name: folder if of == COMPARED else of for name, of in config["recordings"].items()}
+    scans, ct = config["public_scans"], config.get("phantom", {}).get("ct")
     if ct is None or "phantom" not in scans or "image" in ct:
         return
-    made = Files(config["results_dir"].rstrip("/"))
     ct |= {"image": made("mean_scan"), "labels": made("mean_regions")}
     numbers = {region: number for number, region in enumerate(scans["regions"], start=1)}
     ct["rois"] = [{**roi, "label": numbers.get(roi.get("label"), roi.get("label"))} for roi in ct["rois"]]

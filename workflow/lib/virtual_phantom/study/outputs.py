@@ -99,6 +99,15 @@ OUTPUTS = (
         Output("mean_table", "public_scans/scans.csv", "where the object lies in each of these scans, and their noise"),
     ),
     *_made_by(
+        "scan_features",
+        Output("scan_features", "public_scans/features/{scan}.csv", "features of one public scan, a row per ROI"),
+    ),
+    *_made_by(
+        "compared_features",
+        Output("compared_features", "public_scans/compared/features.csv", "features of the public scans compared with"),
+        Output("compared_document", "public_scans/compared/recording.yaml", "these features as a recording"),
+    ),
+    *_made_by(
         "compile_kernels",
         Output("kernels", "logs/kernels/{lanes}.txt", "a mark: kernels for so many realisations are compiled"),
         stage="compile_kernels",

@@ -12,7 +12,7 @@ from ..base.errors import InputError, lines_of
 from ..base.streams import Branch, branch
 from ..diagnosis.candidates import candidates, check_accuracy, check_kinds
 from ..projectors import choose_engine
-from ..recordings.document import Document, read_document
+from ..recordings.document import Document
 from ..recordings.scan import timed
 from .config import inspected
 from .kept_checks import look_once
@@ -156,9 +156,10 @@ def _measured(config: dict) -> Iterator[str]:
 def _recordings(config: dict) -> Iterator[str]:
     """Recordings and what is asked of the diagnosis of them."""
     documents: dict[str, Document] = {}
+    scans = PublicScans(Plan(config))
     for name, folder in config["recordings"].items():
         try:
-            documents[name] = read_document(folder)
+            documents[name] = scans.document(folder)
         except InputError as error:
             yield from lines_of(error)
     yield from roi_problems(config, documents)

@@ -9,10 +9,14 @@ from pathlib import Path
 
 from ..base.errors import InputError
 from ..io.published import FOLDER
+from ..recordings.document import Document, read_document, to_be_made
+from ..recordings.public_scans.features import content
 from ..recordings.public_scans.table import MB, SOURCE, PublicScan, chosen, small
 from .dependencies import resource
+from .outputs import Files
 from .plan import Plan
 
+COMPARED = "public_scans.compared"  # in place of a recording's folder
 PLACE = f"{FOLDER}/printed_phantom"  # of all studies: a scan is brought once
 
 
@@ -76,6 +80,39 @@ class PublicScans:
     def regions(self) -> list:
         """Segments of each scan that are taken, by name or number."""
         return self.plan.config["public_scans"]["regions"]
+
+    @property
+    def rois(self) -> list[dict]:
+        """ROIs of the phantom; their labels count the regions from 1."""
+        return self.plan.config["phantom"].get("ct", {}).get("rois", [])
+
+    def document(self, folder: str) -> Document:
+        """What recording.yaml in a folder says, which may be that of the scans that are compared.
+
+        Parameters
+        ----------
+        folder : str
+
+        Returns
+        -------
+        Document
+
+        Raises
+        ------
+        InputError
+            As recordings.document.read_document does, and if no scans are compared.
+        """
+        made = Files(self.plan.config["results_dir"].rstrip("/"))("compared_features")
+        if Path(folder) != Path(made).parent:
+            return read_document(folder)
+        if not self.compared:
+            raise InputError(f"config: recordings names {COMPARED}, which is not there; say which scans to compare")
+        if not self.scanned:
+            raise InputError(
+                f"config: recordings names {COMPARED}, and the phantom is none of public scans, whose regions it has; "
+                "set public_scans.phantom and leave out phantom.ct.image"
+            )
+        return to_be_made(folder, content(self.compared))
 
     # Where they lie
 

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..io.published import reachable
-from ..recordings.document import Document, read_document
+from ..recordings.document import Document
 from .acquisitions import Acquisitions
 from .outputs import PICTURES, Files
 from .plan import Plan
+from .public_scans import PublicScans
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class Recordings:
         InputError
             For a recording.yaml that is missing or wrong.
         """
-        documents = {name: read_document(folder) for name, folder in plan.config["recordings"].items()}
+        scans = PublicScans(plan)
+        documents = {name: scans.document(folder) for name, folder in plan.config["recordings"].items()}
         return cls(plan, files, documents)
 
     @property
@@ -141,7 +143,8 @@ class Recordings:
         return 40 * self._largest(name) // 10**6
 
     def _largest(self, name: str) -> int:
-        return max(path.stat().st_size for path in self.documents[name].files)
+        # What a job makes is a table of features, some megabytes.
+        return max((path.stat().st_size for path in self.documents[name].files if path.exists()), default=0)
 
 
 @dataclass(frozen=True)

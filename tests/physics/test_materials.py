@@ -1,0 +1,17 @@
+"""Materials of a printed phantom against NIST's tables of mass attenuation (Hubbell and Seltzer, SRD 126)."""
+
+import pytest
+
+from virtual_phantom.physics.materials import attenuation_per_mm
+
+
+def test_cellulose_attenuates_as_its_elements():
+    # cm2/g at 60 keV of H, C and O, and their shares in C6H10O5; 1.42 g/cm3.
+    expected = 0.0622 * 0.3260 + 0.4445 * 0.1753 + 0.4934 * 0.1907
+    assert attenuation_per_mm("cellulose", [60.0])[0] == pytest.approx(expected * 1.42 / 10, rel=0.01)
+
+
+def test_potassium_iodide_has_the_k_edge_of_iodine():
+    # Iodine at 33.1694 keV: 6.553 and 35.82 cm2/g below and above; it is 0.7645 of the mass. 3.13 g/cm3.
+    below, above = attenuation_per_mm("potassium_iodide", [33.16, 33.18])
+    assert above - below == pytest.approx(0.7645 * (35.82 - 6.553) * 3.13 / 10, rel=0.02)
