@@ -72,6 +72,18 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
     oriented = [one.description for one in (first, *tried) if one.description.oriented]
     tried += _turned(comparison, oriented, _best(first, *tried))
     tried = [one for one in tried if comparison.scaled_right(one) or one.description.scaled]
+    chosen = _chosen(comparison, first, tried) or _scaled(first, tried)
+    best = chosen or first
+    share = best.share if best.share <= ANOTHER else _bent(comparison, best).share
+    if share > ANOTHER:
+        empty = abs(best.scale) < EMPTY
+        return Finding("empty" if empty else "object", best, first, share)
+    alike = tuple(one for one in (first, *tried) if one.name != best.name and one.worse_than(best) < ALIKE)
+    return Finding("as stated" if chosen is None else "description", best, first, share, alike)
+
+
+def _chosen(comparison: Comparison, first: Unlike, tried: Sequence[Unlike]) -> Unlike | None:
+    """The description to name in the place of the stated one, if there is one."""
     chosen = _mistake(first, tried)
     if chosen is not None and not chosen.description.shifts:
         # On a round object an offset of the detector looks like other angles.
@@ -82,22 +94,16 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
         bent, *others = (_bent(comparison, one) for one in (first, *nearest))
         chosen = _mistake(bent, others)
     if chosen is not None and chosen.share > NAMED and _bent(comparison, chosen).share > NAMED:
-        chosen = None  # nearer, as something else of about that size would be
-    chosen = chosen or _scaled(first, tried)
-    best = chosen or first
-    share = best.share if best.share <= ANOTHER else _bent(comparison, best).share
-    if share > ANOTHER:
-        empty = abs(best.scale) < EMPTY
-        return Finding("empty" if empty else "object", best, first, share)
-    alike = tuple(one for one in (first, *tried) if one.name != best.name and one.worse_than(best) < ALIKE)
-    return Finding("as stated" if chosen is None else "description", best, first, share, alike)
+        return None  # nearer, as something else of about that size would be
+    return chosen
 
 
 def _mistake(stated: Unlike, others: Sequence[Unlike]) -> Unlike | None:
     """The description that explains what the stated one leaves, if one does."""
+    if not others or stated.share <= MISTAKEN:
+        return None
     best = _best(*others)
-    explains = stated.share > MISTAKEN and best.share < (1 - REMOVED) * stated.share
-    return best if explains and best.share < ANOTHER else None
+    return best if best.share < min((1 - REMOVED) * stated.share, ANOTHER) else None
 
 
 def _bent(comparison: Comparison, found: Unlike) -> Unlike:
