@@ -232,7 +232,7 @@ def test_targets_without_cases_are_open(tmp_path):
 def test_why_cases_were_missed(found):
     reasons = {row["case"]: " ".join(row["why_missed"]) for row in found["cases"]}
     assert [case for case, reason in reasons.items() if not reason] == ["case_01", "case_04", "case_06", "case_08"]
-    assert reasons["case_02"].startswith("Focal spot was reported as a stand-in of xray crosstalk")
+    assert reasons["case_02"].startswith("Focal spot was reported as a stand-in of X-ray crosstalk")
     assert reasons["case_03"].startswith("Too little signal")
     assert "columns (column 3 of 64)" in reasons["case_05"]
     assert reasons["case_07"].startswith("Bowtie was reported as a stand-in of heel")

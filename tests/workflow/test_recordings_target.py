@@ -38,9 +38,10 @@ def test_the_target_lists_recordings_and_stops_at_a_bad_one(target, tmp_path):
 
     (tmp_path / "bench" / "recording.yaml").write_text("kind: projections")
     process = target("-n")
-    errors = [line for line in (process.stderr + process.stdout).splitlines() if line.startswith("Error:")]
-    assert process.returncode == 1 and len(errors) == 1 and "Traceback" not in process.stderr
-    assert errors[0].startswith(f"Error: {tmp_path}/bench/recording.yaml: ")
+    lines = (process.stderr + process.stdout).splitlines()
+    (place,) = (number for number, line in enumerate(lines) if line.startswith("Error:"))
+    assert process.returncode == 1 and lines[place] == "Error: 3 mistakes" and "Traceback" not in process.stderr
+    assert all(f"{tmp_path}/bench/recording.yaml: " in line for line in lines[place + 1 : place + 4])
 
 
 def test_the_alignment_target_carries_the_phantom_s_rois(study, tmp_path):

@@ -82,9 +82,10 @@ rule index_page:
     params:
         figures=lambda wildcards: context.pages.shown(),
         tables=context.pages.table_titles(),
-        diagnoses=context.pages.diagnoses(),
+        # All that may be there: the script takes what is, so that nothing is run again for it.
+        diagnoses=context.diagnosis.reports(),
         commands=context.pages.commands(),
-        beside=context.pages.beside(),
+        beside=context.pages.others,
         config=context.config,
     script:
         "../scripts/index_page.py"

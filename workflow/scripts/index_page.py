@@ -10,7 +10,8 @@ with job(snakemake) as log:
     paths, params, target = snakemake.input, snakemake.params, Path(snakemake.output[0])
     figures = study.shown(paths.figures, paths.captions, params.figures)
     tables = [index.Linked(title, Path(path)) for title, path in zip(params.tables, paths.tables, strict=True)]
-    diagnoses = [Path(path) for path in params.diagnoses]
-    page = index.page(target.parent, figures, tables, diagnoses, params.config, params.commands, params.beside)
+    diagnoses = [Path(path) for path in params.diagnoses if Path(path).exists()]
+    beside = {title: page for title, page in params.beside.items() if (target.parent / page).exists()}
+    page = index.page(target.parent, figures, tables, diagnoses, params.config, params.commands, beside)
     files.write_text(page, target)
     log.info("%d figures, %d tables, %d diagnoses", len(figures), len(tables), len(diagnoses))

@@ -24,10 +24,10 @@ from ..physics.noise import acquire
 from ..physics.projected import projected
 from ..projectors import choose_engine
 
-_STUDY = default_study()
-SHAPE, SPACING_MM = (tuple(_STUDY["grid"][key]) for key in ("shape", "spacing_mm"))
-LEVEL = _STUDY["analyses"]["stability"]["noise"]
-NOISE_LEVEL = _STUDY["levels"][LEVEL]["A"]  # the variance of 10 mGy on the printed phantom
+STUDY = default_study()
+SHAPE, SPACING_MM = (tuple(STUDY["grid"][key]) for key in ("shape", "spacing_mm"))
+LEVEL = STUDY["analyses"]["stability"]["noise"]
+NOISE_LEVEL = STUDY["levels"][LEVEL]["A"]  # the variance of 10 mGy on the printed phantom
 PROJECTIONS = 300
 
 
@@ -181,7 +181,7 @@ def scan(
         For keys and values that the configuration does not take, unknown effects, a phantom that the scan truncates,
         and regions that it does not see whole.
     """
-    section = _STUDY["scan"] | scanner
+    section = STUDY["scan"] | scanner
     validate(section, schema_of("scan"), "scan")
     fill_defaults(section, schema_of("scan"))
     geometry = scan_geometry(section, projections, phantom.image.grid)

@@ -105,10 +105,14 @@ class Pages:
         """Pages beside the report, by what they are called."""
         return {SLICES: BY_NAME["viewer"].pattern} if self.selections.optimal_images() else {}
 
+    @property
+    def others(self) -> dict[str, str]:
+        """Pages that may stand beside the index page, by what they are called. They are no inputs of it either."""
+        return {WHOLE: BY_NAME["report"].pattern, SLICES: BY_NAME["viewer"].pattern}
+
     def beside(self) -> dict[str, str]:
-        """Pages beside the index page that have been made, by what they are called. They are no inputs of it either."""
-        pages = {WHOLE: BY_NAME["report"].pattern, SLICES: BY_NAME["viewer"].pattern}
-        return {title: page for title, page in pages.items() if Path(self.files.results, page).exists()}
+        """Those of them that have been made."""
+        return {title: page for title, page in self.others.items() if Path(self.files.results, page).exists()}
 
     def commands(self) -> dict[str, str]:
         """What may be done next: the command, the study's own first."""
