@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..projections.observed import LEAST_TRANSMISSION
+
 STATED = "as stated"
 LN_10 = math.log(10)
 # Of line integrals: what is larger is no transmission, even of a ray with much noise in air.
 LARGEST_TRANSMISSION = 1.5
-LEAST_TRANSMISSION = 1e-5  # what smaller ones are read as
 
 
 @dataclass(frozen=True)
@@ -97,12 +98,10 @@ def _swapped(scan: Mapping) -> Iterator[Description]:
 def _distances(scan: Mapping) -> Iterator[Description]:
     isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]
     magnification = detector / isocentre
-    pitches = {key: scan[key] * magnification for key in ("column_pitch_mm", "row_pitch_mm")}
-    words = ", ".join(f"scan.{key}: {value:.6g}" for key, value in pitches.items())
-    yield Description("pitch at the isocentre", f"{words} (at the detector)", {**scan, **pitches})
-    pitches = {key: scan[key] / magnification for key in ("column_pitch_mm", "row_pitch_mm")}
-    words = ", ".join(f"scan.{key}: {value:.6g}" for key, value in pitches.items())
-    yield Description("pitch magnified twice", f"{words} (at the detector)", {**scan, **pitches})
+    for name, factor in (("pitch at the isocentre", magnification), ("pitch magnified twice", 1 / magnification)):
+        pitches = {key: scan[key] * factor for key in ("column_pitch_mm", "row_pitch_mm")}
+        words = ", ".join(f"scan.{key}: {value:.6g}" for key, value in pitches.items())
+        yield Description(name, f"{words} (at the detector)", {**scan, **pitches})
     swapped = detector - isocentre
     yield Description(
         "swapped distances",

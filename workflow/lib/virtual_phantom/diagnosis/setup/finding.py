@@ -11,6 +11,7 @@ from ...base.errors import InputError
 from .descriptions import Description, descriptions
 from .unlike import GEOMETRY, Comparison, Unlike
 
+AS_STATED, DESCRIPTION, OBJECT, EMPTY_BEAM = "as stated", "description", "object", "empty"  # kinds of findings
 MOST = (36, 8, 96)  # views, rows and columns that are compared
 COARSE = (24, 6, 48)  # the same, of start angles
 TURNS_DEG = np.arange(0.0, 360.0, 5.0)  # where the others are looked for
@@ -77,9 +78,9 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
     share = best.share if best.share <= ANOTHER else _bent(comparison, best).share
     if share > ANOTHER:
         empty = abs(best.scale) < EMPTY
-        return Finding("empty" if empty else "object", best, first, share)
+        return Finding(EMPTY_BEAM if empty else OBJECT, best, first, share)
     alike = tuple(one for one in (first, *tried) if one.name != best.name and one.worse_than(best) < ALIKE)
-    return Finding("as stated" if chosen is None else "description", best, first, share, alike)
+    return Finding(AS_STATED if chosen is None else DESCRIPTION, best, first, share, alike)
 
 
 def _chosen(comparison: Comparison, first: Unlike, tried: Sequence[Unlike]) -> Unlike | None:

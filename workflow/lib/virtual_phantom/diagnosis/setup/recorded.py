@@ -12,12 +12,10 @@ from ..core.alignment import PLACE, SURE, nuisances
 from ..core.asked import Asked
 from ..projections.observed import Scans, scans
 from ..projections.scanned import scene_of
-from .finding import MOST, Finding, find
+from .finding import AS_STATED, DESCRIPTION, MOST, Finding, find
 from .repeats import copies, odd_ones
 from .unlike import Comparison
 from .white import wrong_illumination
-
-AS_STATED, DESCRIPTION, OBJECT, EMPTY = "as stated", "description", "object", "empty"
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,10 @@ from ...recordings.projections import ProjectionsRecording
 from ...recordings.recording import Recording
 from ..core.asked import Asked
 from ..described import object_of, scan_of
-from .recorded import AS_STATED, DESCRIPTION, EMPTY, OBJECT, SetUp
+from .finding import AS_STATED, DESCRIPTION, EMPTY_BEAM, OBJECT
+from .recorded import SetUp
 
-VERDICTS = {DESCRIPTION: "description wrong", OBJECT: "another object", EMPTY: "nothing in the beam"}
+VERDICTS = {DESCRIPTION: "description wrong", OBJECT: "another object", EMPTY_BEAM: "nothing in the beam"}
 # Of recordings that are not looked at.
 NOT_LOOKED = {"kind": AS_STATED, "mistakes": {}, "alike": [], "share_stated": 0.0, "share": 0.0}
 NOT_FITTED = "{}\n"  # in the place of a fit
@@ -93,7 +94,7 @@ def sentence(name: str, content: Mapping, scanned: str) -> str:
     str
     """
     stated, share = (f"{100 * content[key]:.2g} %" for key in ("share_stated", "share"))
-    if content["kind"] == EMPTY:
+    if content["kind"] == EMPTY_BEAM:
         return (
             f"{name}: nothing stood in the beam, or the files are of the air scan: line integrals do not follow those "
             f"of {scanned}. No effect was tried."
