@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from virtual_phantom.figures.style import label
+from virtual_phantom.base.words import label
 from virtual_phantom.physics.effect import OF_AIR, OF_AIR_PER_SCAN, PER_SCAN, PER_VIEW, STAGES, load, names
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -70,7 +70,7 @@ def heading(name: str) -> str:
 def section(name: str) -> str:
     effect = load(name)
     lines = [f"## {heading(name)}", "", effect.physics, ""]
-    lines += [f"* key: `{name}`, stage: {effect.stage.replace('_', ' ')}"]
+    lines += [f"* key: `{name}`, stage: {label(effect.stage)}"]
     lines += [f"* equation: {effect.equation}", f"* source: {effect.source}"]
     lines += [f"* told apart by: {effect.signature}", f"* settled by: {effect.settled_by}", ""]
     lines += ["| parameter | meaning | unit | typical | plausible | off at |", "|---|---|---|---|---|---|"]
@@ -95,7 +95,7 @@ def _range(low: float, high: float) -> str:
 
 def page() -> str:
     order = sorted(names(), key=lambda name: STAGES.index(load(name).stage))
-    stages = ", ".join(stage.replace("_", " ") for stage in STAGES)
+    stages = ", ".join(map(label, STAGES))
     return "\n\n".join([INTRODUCTION.replace("STAGES", stages).rstrip(), *map(section, order)]) + "\n"
 
 

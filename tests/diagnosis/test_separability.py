@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import circular
+from virtual_phantom.base.words import label
 from virtual_phantom.diagnosis.core.fit import Problem
 from virtual_phantom.diagnosis.core.separability import (
     Template,
@@ -20,7 +21,6 @@ from virtual_phantom.diagnosis.core.separability import (
 )
 from virtual_phantom.diagnosis.core.templates import changes, projected
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.figures.style import label
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
 from virtual_phantom.physics.scene import DiscScene

@@ -26,6 +26,8 @@ def luminance(colour):
     [
         ("normal_liver", "normal liver"),
         ("sirt_450", "SIRT 450"),
+        ("xray_crosstalk", "X-ray crosstalk"),
+        ("hu_calibration", "HU calibration"),
         ("aorta", "aorta"),
         ("a$b$_c", "a$b$ c"),
         (7, "7"),

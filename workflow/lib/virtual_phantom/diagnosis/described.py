@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ..base.words import label
 from ..recordings.recording import Recording
 from .core.asked import Asked
 from .core.prepared import Prepared
@@ -37,11 +38,11 @@ def described(asked: Asked, recording: Recording, prepared: Prepared, effects: S
         "scan": scan_of(asked, recording),
         "beam before any effect": f"one energy, at which water attenuates {asked.mu_water_per_mm:g} per mm",
         "tube": f"anode of {labels.anode.target} at {labels.anode.angle_deg:g} degrees, {tube}",
-        "sensor": f"{sensor.material.replace('_', ' ')}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
+        "sensor": f"{label(sensor.material)}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
         "photons per pixel in air": photons,
         "data": f"{len(recording.repeats)} repeats, one view of {settings.view_step}; not fitted: {prepared.held}",
         "alignment, standard deviations stated": known or "none: the defaults",
-        "effects tried": ", ".join(effects).replace("_", " ") or "none: physics taken from another recording",
+        "effects tried": ", ".join(map(label, effects)) or "none: physics taken from another recording",
     }
 
 

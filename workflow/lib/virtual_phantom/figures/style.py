@@ -24,6 +24,7 @@ from matplotlib.transforms import Bbox
 from numpy.typing import ArrayLike
 from seaborn.utils import relative_luminance
 
+from ..base.words import label
 from ..features.names import is_feature
 from ..io.files import replacing
 
@@ -47,7 +48,6 @@ ON_WHITE = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY_BLUE, "#000000", "#6666
 ON_GREY_IMAGE = (ORANGE, SKY_BLUE, GREEN, YELLOW, VERMILLION, PURPLE, BLUE)
 MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*", "p", "<", ">", "h", "d", "8", "H")
 _MARKER_AREA = {"s": 0.8, "D": 0.75, "P": 1.6, "X": 1.6, "*": 2.0}  # so that all look equally large
-WRITTEN = {"sirt": "SIRT", "fbp": "FBP", "fdk": "FDK", "ct": "CT", "hu": "HU", "xray": "X-ray"}
 GREY = "#666666"
 TRIAL, TRIAL_MM = "A trial run: too small to mean anything.", 5.0  # what is said above a figure, and its height
 DARK = 0.3  # relative luminance under which white letters have a contrast of 3 and more (WCAG 2.1)
@@ -146,12 +146,6 @@ def _with_trial(figure: Figure) -> Bbox:
     strip = TRIAL_MM / MILLIMETRES_PER_INCH
     figure.text(0.5, 1 + strip / height / 2, TRIAL, ha="center", va="center", color=VERMILLION, weight="bold")
     return Bbox.from_bounds(0, 0, width, height + strip)
-
-
-def label(name: object) -> str:
-    """A name as it is read: underscores are spaces, words of WRITTEN are as there."""
-    words = str(name).replace("_", " ").split()
-    return " ".join(WRITTEN.get(word, word) for word in words)
 
 
 def number(value: float) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Undefined
 from matplotlib.figure import Figure
 
+from ..base.words import label
 from ..figures import style
 
 SMALL = 1e-3  # what is smaller is written with an exponent
@@ -25,7 +26,7 @@ def render(template: str, filters: Mapping[str, Callable], *, strict: bool = Tru
     template : str
         Its name.
     filters : mapping of str to callable
-        What the template calls, by name.
+        What the template calls beside `label`, by name.
     strict : bool, optional
         Whether a name that nobody gave is an error, or empty.
     **values
@@ -38,7 +39,7 @@ def render(template: str, filters: Mapping[str, Callable], *, strict: bool = Tru
     environment = Environment(
         loader=PackageLoader(__package__), autoescape=True, undefined=StrictUndefined if strict else Undefined
     )
-    environment.filters |= filters
+    environment.filters |= {"label": label} | filters
     return environment.get_template(f"{template}.html.j2").render(**values)
 
 
@@ -51,13 +52,19 @@ def render_diagnosis(template: str, content: dict, **values) -> str:
     content : dict
         Of diagnosis.json, `d` in the template.
     **values
-        What else the template names; it has the filters number, within (an interval), chance and coverage.
+        What else the template names; it has the filters number, within (an interval), chance, coverage and feature.
 
     Returns
     -------
     str
     """
-    filters = {"number": number, "within": _within, "chance": _chance, "coverage": _coverage}
+    filters = {
+        "number": number,
+        "within": _within,
+        "chance": _chance,
+        "coverage": _coverage,
+        "feature": style.feature_label,
+    }
     colour = COLOURS.get(content["verdict"], OTHER_COLOUR)
     return render(template, filters, strict=False, d=content, colour=colour, **values)
 
@@ -83,7 +90,7 @@ def _coverage(held: Mapping) -> str:
     """How often such intervals held the truth (proof_record.with_coverage), in a sentence."""
     every = "{count} of {n} of all effects' parameters".format(**held["all"])
     if held["n"]:
-        own = " and ".join(style.label(name) for name in held["effects"])
+        own = " and ".join(label(name) for name in held["effects"])
         every = f"{held['count']} of {held['n']} of {own}, and in {every}"
     else:
         every += "; of this effect none was counted"

@@ -83,7 +83,7 @@ def page(
         )
     return render(
         "index",
-        {"cell": cell, "heading": lambda name: str(name).replace("_", " "), "percent": percent},
+        {"cell": cell, "percent": percent},
         NAMES=NAMES,
         answer=None if trust is None else answer(trust, frames.get("stable_features")),
         verdicts=[verdict(path, folder) for path in diagnoses],

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..base.errors import InputError
-from ..figures import confusion, style
+from ..figures import confusion
 from ..figures.before_after import thumbnail
 from ..figures.diagnosis import MAP_LIMIT
 from .agreement_table import NAMES
@@ -39,7 +39,6 @@ def page(score: Mapping, maps: Mapping[str, tuple[np.ndarray, np.ndarray]], repo
         if name not in maps:
             raise InputError(f"{name}: has no maps; diagnose it again")
     filters = {
-        "label": style.label,
         "number": number,
         "percent": percent,
         "tally": tally,

@@ -98,7 +98,7 @@ def page(
             }
         )
     frames = {title: read_csv(path) for title, path in tables.items()}
-    filters = {"cell": cell, "heading": lambda name: str(name).replace("_", " ")}
+    filters = {"cell": cell}
     return render(
         "study",
         filters,

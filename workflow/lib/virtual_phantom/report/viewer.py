@@ -15,6 +15,7 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..base.units import whole_hu
+from ..base.words import label
 from ..figures import axial, style
 from ..io.volumes import Volume
 from .html import render
@@ -91,7 +92,7 @@ def page(
         "reconstructions": [
             {"key": key, "title": one.title, "repeats": one.repeats} for key, one in reconstructions.items()
         ],
-        "rois": [{"name": style.label(name), "colour": colours[name]} for name in masks],
+        "rois": [{"name": label(name), "colour": colours[name]} for name in masks],
     }
     return render(
         "viewer",

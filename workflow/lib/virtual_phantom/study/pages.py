@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from ..base.errors import InputError
+from ..base.words import label
 from . import analyses
 from .dependencies import shipped
 from .diagnosed import Diagnosis
@@ -85,10 +86,7 @@ class Pages:
 
     def table_titles(self) -> list[str]:
         """What each is called."""
-        return [
-            output.title or Path(filled(output.pattern, **known)).stem.replace("_", " ")
-            for output, known in self._tables
-        ]
+        return [output.title or label(Path(filled(output.pattern, **known)).stem) for output, known in self._tables]
 
     def diagnoses(self) -> dict[str, float]:
         """Diagnoses that have been made. They are no inputs of the study's report, which starts none.

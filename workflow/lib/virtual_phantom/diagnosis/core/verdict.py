@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...base.words import label
 from ...physics.effect import load
 from .attribute import Choice, Trial
 from .caveats import caveats
@@ -251,7 +252,9 @@ def next_measurements(choice: Choice, something_left: bool) -> list[str]:
     found = []
     for name in choice.chosen.fit.effects:
         if rivals := choice.ambiguous_with(name):
-            found += [f"{name} or {rival}: {load(one).settled_by}" for rival in rivals for one in (name, rival)]
+            found += [
+                f"{label(name)} or {label(rival)}: {load(one).settled_by}" for rival in rivals for one in (name, rival)
+            ]
     if something_left and not found:
         found = ["the same scan again after the air and geometry calibrations, to see whether what is left stays"]
     return list(dict.fromkeys(found))
@@ -279,7 +282,7 @@ def sentence(recording: str, verdict: str, choice: Choice, before, after, remove
     names = []
     for name in choice.chosen.fit.effects:
         rivals = choice.ambiguous_with(name)
-        names.append(" or ".join(one.replace("_", " ") for one in (name, *rivals)))
+        names.append(" or ".join(label(one) for one in (name, *rivals)))
     if verdict == "unexplained":
         return f"{recording} and the simulation differ, {seen}, and no effect of the library explains it."
     share = "" if removed is None else f", which removes {100 * removed:.1f} % of the difference on data not fitted"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...base.errors import InputError, refusing
+from ...base.words import label
 from ...io.documents import DIAGNOSIS, read_document
 from ...physics.effect import READOUT_UNITS, checked, load
 from .attribute import Choice, Trial, trial
@@ -128,11 +129,7 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
 
 def stated(content: dict, physics: Physics) -> dict:
     """What diagnosis.json holds, with where the physics is from."""
-    left = (
-        f" Not taken was the {', '.join(physics.not_taken).replace('_', ' ')} of that scan."
-        if physics.not_taken
-        else ""
-    )
+    left = f" Not taken was the {', '.join(map(label, physics.not_taken))} of that scan." if physics.not_taken else ""
     told = f" The physics is as found on {physics.recording}; only the alignment was fitted here.{left}"
     return content | {
         "sentence": content["sentence"] + told,

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from ...base.words import label
 from ...statistics.comparison import compare
 from ...statistics.multiplicity import bonferroni, holm
 from ..core.locate import ALPHA
@@ -121,9 +122,9 @@ def places(data: Responses, simulated: np.ndarray) -> Places:
     more = (cells["mean_recorded"] - cells["mean_simulated"]).to_numpy().reshape(shape).T
     wider = (cells["sd_recorded"] - cells["sd_simulated"]).to_numpy().reshape(shape).T
     tests = {
-        "mean": (mean, np.sign(more), [f"in {roi}" for roi in data.rois]),
-        "SD": (sd, np.sign(wider), [f"in {roi}" for roi in data.rois]),
-        "order of regions": (*swapped, [f"{data.rois[a]} against {data.rois[b]}" for a, b in pairs]),
+        "mean": (mean, np.sign(more), [f"in {label(roi)}" for roi in data.rois]),
+        "SD": (sd, np.sign(wider), [f"in {label(roi)}" for roi in data.rois]),
+        "order of regions": (*swapped, [f"{label(data.rois[a])} against {label(data.rois[b])}" for a, b in pairs]),
     }
     families = cells["family"].to_numpy()[: len(data.features)]
     found, maps = [], {}

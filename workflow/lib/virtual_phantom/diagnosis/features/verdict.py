@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from ...base.streams import generator
+from ...base.words import label
 from ..core.verdict import VERDICTS
 from .choice import MATERIAL, Trial, shift, stand_ins, trials
 from .places import Place, Places, places
@@ -117,9 +118,9 @@ def sentence(name: str, verdict: str, best: Property, trial: Trial, rivals, befo
     text = f"{name}: features of recording and simulation differ, most in {_words(before.places[0])}"
     share = f"{100 * trial.held_out:.0f} % of the difference on regions not fitted"
     if verdict == "unexplained":
-        nearest = f"; nearest comes {best.name.replace('_', ' ')}, with {share}" if trial.held_out > 0 else ""
+        nearest = f"; nearest comes {label(best.name)}, with {share}" if trial.held_out > 0 else ""
         return f"{text}, and no single property of the images explains it{nearest}."
-    names = " or ".join(one.replace("_", " ") for one in (best.name, *rivals))
+    names = " or ".join(label(one) for one in (best.name, *rivals))
     text += f"; {names} removes {share}."
     if verdict == "mismatch partly explained":
         text += f" What remains lies most in {_words(after.places[0])}."
@@ -236,5 +237,9 @@ def _metrics(data: Responses, trial: Trial | None, held_out: bool) -> dict:
 
 def _next(best: Property, rivals: list[str], found: Mapping[Property, Trial], left: bool) -> list[str]:
     by_name = {one.name: one for one in found}
-    tests = [f"{best.name} or {rival}: {by_name[one].settled_by}" for rival in rivals for one in (best.name, rival)]
+    tests = [
+        f"{label(best.name)} or {label(rival)}: {by_name[one].settled_by}"
+        for rival in rivals
+        for one in (best.name, rival)
+    ]
     return list(dict.fromkeys(tests)) + (list(FINER_DATA) if left else [])

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import InputError
+from ...base.words import label
 from ...diagnosis.core.store import RESIDUAL_MAPS
-from ...figures.style import label
 from ...io.files import check_unchanged
 from ..conceal.case import Case
 

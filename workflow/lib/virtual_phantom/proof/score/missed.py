@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from ...base.words import label
 from ...diagnosis.core.attribute import AS_GOOD, RULED_OUT
-from ...figures.style import label, number
+from ...figures.style import number
 from ..conceal.case import MATCH, UNEXPLAINED, Case
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from ...base.words import label
 from ...report.agreement_table import NAMES
 from ...report.html import number
 from ...report.proof import percent, reached, tally, valued
@@ -61,8 +62,8 @@ def rows(score: Mapping) -> list[str]:
     for model, one in parameters["by_model"].items():
         line(f"the same, effects made by {model}", tally(one["covered"]))
     for name, one in parameters["by_effect"].items():
-        line(f"the same, {name.replace('_', ' ')}", tally(one["covered"]))
+        line(f"the same, {label(name)}", tally(one["covered"]))
     for key in ("first_named", "gain", "ruled_out"):
         for one in score["calibration"][key]:
-            line(f"came true of {key.replace('_', ' ')}: {one['stated']}", tally(one["came_true"]))
+            line(f"came true of {label(key)}: {one['stated']}", tally(one["came_true"]))
     return lines

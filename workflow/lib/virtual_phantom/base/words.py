@@ -1,0 +1,9 @@
+"""How names of the configuration are read: of effects, protocols and ROIs, in sentences, tables and figures."""
+
+WRITTEN = {"sirt": "SIRT", "fbp": "FBP", "fdk": "FDK", "ct": "CT", "hu": "HU", "xray": "X-ray", "roi": "ROI"}
+
+
+def label(name: object) -> str:
+    """A name as it is read: underscores are spaces, words of WRITTEN are as there."""
+    words = str(name).replace("_", " ").split()
+    return " ".join(WRITTEN.get(word, word) for word in words)
