@@ -36,6 +36,7 @@ STAGE_UNITS = {
     "extract": ["job", "image_voxel"],
     "merge_features": ["job", "image"],
     "noise_calibration": ["job", "image_voxel"],
+    "trust": ["job", "comparison"],
 }
 HEAD = """# What one core took, and what was written, per unit of work (units: virtual_phantom/study/costs/jobs.py).
 # Made by benchmarks/fit_rates.py. A stage that is not here was not measured, and is not estimated.

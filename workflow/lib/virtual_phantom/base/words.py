@@ -1,6 +1,15 @@
 """How names of the configuration are read: of effects, protocols and ROIs, in sentences, tables and figures."""
 
-WRITTEN = {"sirt": "SIRT", "fbp": "FBP", "fdk": "FDK", "ct": "CT", "hu": "HU", "xray": "X-ray", "roi": "ROI"}
+WRITTEN = {
+    "sirt": "SIRT",
+    "fbp": "FBP",
+    "fdk": "FDK",
+    "ct": "CT",
+    "hu": "HU",
+    "xray": "X-ray",
+    "roi": "ROI",
+    "rms": "RMS",
+}
 
 
 def label(name: object) -> str:

@@ -29,7 +29,8 @@ def draw(before: np.ndarray, after: np.ndarray, kind: str, concealed: str, named
     -------
     Figure
     """
-    return draw_maps(before, after, f"concealed: {concealed}   –   named: {named}", *AXES[kind])
+    title = f"concealed: {concealed}   –   named: {named}"
+    return draw_maps(before, after, title, *AXES[kind], image=kind == "images")
 
 
 def thumbnail(values: np.ndarray) -> bytes:

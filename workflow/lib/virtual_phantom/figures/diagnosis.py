@@ -69,7 +69,9 @@ def draw_setup(stated: np.ndarray, best: np.ndarray, title: str) -> Figure:
 
 
 @style.styled()
-def draw_maps(before: np.ndarray, after: np.ndarray, title: str, across: str, down: str) -> Figure:
+def draw_maps(
+    before: np.ndarray, after: np.ndarray, title: str, across: str, down: str, *, image: bool = False
+) -> Figure:
     """Standardised residuals, before and after, on one scale.
 
     Parameters
@@ -79,6 +81,8 @@ def draw_maps(before: np.ndarray, after: np.ndarray, title: str, across: str, do
     title : str
     across, down : str
         Labels of the axes.
+    image : bool, optional
+        Whether both axes are of one length unit, so that shapes are to be seen as they are.
 
     Returns
     -------
@@ -90,7 +94,12 @@ def draw_maps(before: np.ndarray, after: np.ndarray, title: str, across: str, do
         zip(axes, (before, after), ("alignment only", "with the effects found"), strict=True)
     ):
         shown = place.imshow(
-            values, aspect="auto", cmap="RdBu_r", vmin=-MAP_LIMIT, vmax=MAP_LIMIT, interpolation="nearest"
+            values,
+            aspect="equal" if image else "auto",
+            cmap="RdBu_r",
+            vmin=-MAP_LIMIT,
+            vmax=MAP_LIMIT,
+            interpolation="nearest",
         )
         place.set(xlabel=across, title=name)
         style.letter_panel(place, index)

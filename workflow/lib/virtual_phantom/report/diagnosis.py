@@ -56,7 +56,9 @@ def page(
         places=[(place, after[place.domain]) for place in diagnosis.before],
         alpha=alpha,
         agreement=agreement_table(content.get("agreement")),
-        maps=picture(figures.draw_maps(*maps, _title(content, prepared), look.across, look.down)),
+        maps=picture(
+            figures.draw_maps(*maps, _title(content, prepared), look.across, look.down, image=look.summed == 0)
+        ),
         profiles=picture(figures.draw_profiles(_profiles(diagnosis, look))),
         one_repeat=look.one_repeat,
         ranking=picture(figures.draw_ranking(gains, choice.chosen.fit.effects)) if gains else None,

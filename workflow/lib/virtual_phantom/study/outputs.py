@@ -207,7 +207,7 @@ OUTPUTS = (
             "Which features to trust",
             "Stability",
         ),
-        stage="tables",
+        stage="trust",
         counted="tables",
     ),
     *_made_by(

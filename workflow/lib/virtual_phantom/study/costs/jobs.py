@@ -11,6 +11,7 @@ Work and files are counted in units that costs.rates has a rate for:
     image             images of single acquisitions
     image_voxel       voxels of all images
     image_voxel_view  voxels of all images x views, as back-projection takes them
+    comparison        features x ROIs x pairs of groups x repeats, as the interval of the stability takes them
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from ...features.names import FEATURES
 from .. import analyses
 from ..outputs import BY_NAME, Output
 from ..plan import Plan
@@ -73,7 +75,8 @@ def study_jobs(plan: Plan, engine: str, rois: int) -> list[Job]:
     for job in analyses.jobs(plan):
         output = job.outputs[0]
         files = job.images * rois if output.counted == "features" else 1
-        jobs.append(_job(output, job.files, sizes.images(job.images), files))
+        work = sizes.intervals(rois) if job.stage == "trust" else sizes.images(job.images)
+        jobs.append(_job(output, job.files, work, files))
     return jobs
 
 
@@ -147,6 +150,12 @@ class Sizes:
         if self.engine != "cpu":
             return f"reconstruct_sirt_{self.engine}", work
         return "reconstruct_sirt" + ("" if sirt["backprojector"] == "adjoint" else "_voxel"), work
+
+    def intervals(self, rois: int) -> dict[str, float]:
+        """Of the stability's intervals, for the 86 features."""
+        noise = self.plan.config["analyses"]["stability"]["noise"]
+        pairs = math.comb(len(set(self.plan.groups().values())), 2)
+        return {"job": 1, "comparison": len(FEATURES) * rois * pairs * self.plan.repeats([noise])}
 
     def images(self, count: int) -> dict[str, float]:
         """Of a job that reads so many images, or what was made of them."""
