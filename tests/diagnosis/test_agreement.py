@@ -8,7 +8,7 @@ from scipy import special
 from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.images.agreement import Regions, agreement, share_within
+from virtual_phantom.diagnosis.images.agreement import Features, Regions, agreement, share_within
 from virtual_phantom.diagnosis.images.compared_regions import Scanned, complete, image_grid, phantom_regions
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.reconstructed import Reconstruction, agreement_of, compared, filled
@@ -41,7 +41,7 @@ def test_known_differences_are_the_ones_in_the_table():
         "before": disc(regions, 4, 2, hu=-50.0, sigma=8.0, blur=0.8),
         "after": disc(regions, 4, 3),
     }
-    found = agreement(disc(regions, 4, 1), simulated, regions, features=False)
+    found = agreement(disc(regions, 4, 1), simulated, regions)
     assert tuple(found["metrics"]) == METRICS and found["left_out"] == {}
     for name, difference in (("contrast", -0.05), ("noise_magnitude", -0.2), ("resolution", 0.25)):
         entry = found["metrics"][name]
@@ -59,14 +59,14 @@ def test_the_floor_falls_with_the_root_of_the_repeats():
     floors = []
     for repeats in (9, 33):  # 8 and 32 independent differences
         images = [disc(regions, repeats, seed) for seed in (5, 6)]
-        metrics = agreement(images[0], {"after": images[1]}, regions, features=False)["metrics"]
+        metrics = agreement(images[0], {"after": images[1]}, regions)["metrics"]
         floors.append([metrics[name]["floor"] for name in METRICS])
     np.testing.assert_allclose(np.divide(*floors), 2, rtol=0.2)
 
 
 def test_a_single_repeat_has_no_noise_and_no_floor():
     regions = disc_regions()
-    found = agreement(disc(regions, 1, 1), {"after": disc(regions, 1, 2)}, regions)
+    found = agreement(disc(regions, 1, 1), {"after": disc(regions, 1, 2)}, regions, features=Features(regions))
     assert set(found["metrics"]) == {"contrast", "resolution"}
     assert all(entry["floor"] is None for entry in found["metrics"].values())
     assert "there is one; record more" in found["left_out"]["noise_magnitude"]
@@ -79,7 +79,9 @@ def test_features_within_a_repeat_sd_are_counted():
     assert share_within(recorded, recorded + 1.3) < 0.01
     regions = disc_regions()
     images = [disc(regions, 3, seed, sigma=30.0) for seed in (1, 2)]
-    entry = agreement(images[0], {"same": images[0], "other": images[1]}, regions)["metrics"]["features"]
+    entry = agreement(images[0], {"same": images[0], "other": images[1]}, regions, features=Features(regions))[
+        "metrics"
+    ]["features"]
     assert entry["same"]["value"] == 1.0 and 0.3 < entry["other"]["value"] < 1.0
     # Means of three and three repeats lie within an SD of two degrees of freedom: Student's t at sqrt(3/2).
     t = np.sqrt(1.5)

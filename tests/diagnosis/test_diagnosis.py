@@ -297,3 +297,15 @@ def test_logarithms_of_sample_variances_are_unbiased():
     # 76 800 blocks of 4 rays: without the correction the mean is -0.34.
     assert np.mean(z) == pytest.approx(0, abs=0.02)
     assert np.std(z) == pytest.approx(1, abs=0.02)
+
+
+def test_an_alignment_that_had_to_give_way_changes_what_is_said(scene):
+    """Photons a quarter fewer than stated, and scatter: scatter is named, but not as if all were well."""
+    concealed = {"photon_flux": {"factor": 0.75}, "scatter": {"amount": 0.05, "width_mm": 60.0}}
+    _, found = diagnosed(scene, concealed, library=("scatter", "motion"))
+    content = found.content
+    assert [one["name"] for one in content["effects"]] == ["scatter"]
+    assert content["verdict"] == "mismatch partly explained"
+    assert any(line.startswith("log photons of the alignment had to be pulled") for line in content["doubts"])
+    assert "the best that the library offers is scatter" in content["sentence"]
+    assert "left out was" not in content["sentence"] and "root mean square" in content["sentence"]

@@ -94,6 +94,7 @@ rule diagnose:
             wildcards.recording
         ),
         accuracy=context.diagnosis.accuracy,
+        matters=context.diagnosis.matters,
     script:
         "../scripts/diagnose.py"
 

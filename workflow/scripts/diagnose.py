@@ -5,11 +5,13 @@ from dataclasses import replace
 from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.core.asked import Asked
 from virtual_phantom.diagnosis.core.locate import ALPHA
+from virtual_phantom.diagnosis.core.sentence import PRACTICAL
 from virtual_phantom.diagnosis.core.store import RESIDUAL_MAPS, read_trial, write_diagnosis
 from virtual_phantom.diagnosis.core.verified import Physics
 from virtual_phantom.diagnosis.course import Fitted, explain, hold_against
 from virtual_phantom.diagnosis.described import described
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
+from virtual_phantom.diagnosis.matters import in_practice
 from virtual_phantom.diagnosis.ready import agreement, ready
 from virtual_phantom.diagnosis.setup.recorded import set_up
 from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, VERDICTS, doubted, read_setup, verdict
@@ -52,9 +54,15 @@ with job(snakemake) as log:
             scanned = Scanned.read(given.phantom, given.image, given.rois)
         elif "mask" in given.keys():
             scanned = Scanned.of_mask(given.mask)
-        found.content["agreement"] = agreement(recording, prepared, found.choice, asked, Branch.AGREEMENT, scanned)
+        practice = params.matters is not None
+        table = agreement(recording, prepared, found.choice, asked, Branch.AGREEMENT, scanned, practice)
+        found = replace(found, content=found.content | {"agreement": table})
+        if practice:
+            found = replace(found, content=in_practice(found.content, params.matters))
         fit = found.choice.chosen.fit
         overlay = {"physics": prepared.fitter.model.of_study(fit.physics, fit.nuisance), "noise": {"model": "physical"}}
+        if found.content["verdict"] == PRACTICAL:
+            overlay = {}
         shown = residual_maps(found, prepared)
         maps = {place.domain: place.map for place in found.before} | dict(zip(RESIDUAL_MAPS, shown, strict=True))
         write_diagnosis(

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from ..base.errors import InputError
+from ..base.streams import Branch
 from ..diagnosis.candidates import candidates
 from ..diagnosis.core.asked import Asked, Settings
 from ..diagnosis.core.verdict import Diagnosis
 from ..diagnosis.course import explain
-from ..diagnosis.ready import ready
+from ..diagnosis.images.compared_regions import Scanned
+from ..diagnosis.matters import in_practice
+from ..diagnosis.ready import agreement, ready
 from ..diagnosis.setup.recorded import set_up
 from ..diagnosis.setup.verdict import VERDICTS, verdict
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
+from ..io.volumes import read_nifti
 from ..recordings.document import read_document
 from ..recordings.reading import load
 from ..recordings.scan import timed
@@ -30,6 +34,7 @@ def diagnose(
     phantom: str | Path | None = None,
     effects: Sequence[str] | None = None,
     processes: int = 1,
+    matters: Mapping[str, float] | None = None,
     **settings,
 ) -> Diagnosis:
     """Find the physics that a recording of projections has and the plain simulation lacks.
@@ -50,6 +55,8 @@ def diagnose(
         Those to try; None: all that projections show.
     processes : int, optional
         That fit effects side by side.
+    matters : mapping of str to float, optional
+        Thresholds in the place of those under `diagnosis.matters` in the configuration.
     **settings
         As under `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
         `check_setup`.
@@ -94,5 +101,17 @@ def diagnose(
         if setup.kind in VERDICTS:
             return Diagnosis(None, [], [], verdict(setup, read, asked))
     read, prepared = ready(asked)
-    _, found = explain(read.name, prepared, tried, defaults_of("diagnosis")["model_accuracy"], processes)
-    return found if setup is None else replace(found, content=found.content | {"setup": setup.content})
+    prepared, found = explain(read.name, prepared, tried, defaults_of("diagnosis", "model_accuracy"), processes)
+    table = agreement(read, prepared, found.choice, asked, Branch.AGREEMENT, _regions(asked), practice=True)
+    content = in_practice(found.content | {"agreement": table}, defaults_of("diagnosis", "matters") | (matters or {}))
+    return replace(found, content=content if setup is None else content | {"setup": setup.content})
+
+
+def _regions(asked: Asked) -> Scanned | None:
+    """What the images of a recording show; regions of interest are the study's alone."""
+    if asked.settings.disc is not None:
+        return None
+    if asked.settings.object is not None:
+        return Scanned.of_mask(asked.settings.object.mask)
+    fine = read_nifti(asked.phantom)
+    return Scanned(fine, {}, fine.grid)

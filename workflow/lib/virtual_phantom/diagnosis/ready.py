@@ -77,6 +77,7 @@ def agreement(
     asked: Asked,
     purpose: Branch,
     scanned: Scanned | None = None,
+    practice: bool = False,
 ) -> dict:
     """Agreement of a model with the repeats held out, in images (images.agreement.agreement).
 
@@ -90,9 +91,11 @@ def agreement(
         What simulated noise of projections is drawn for.
     scanned : Scanned, optional
         None for a disc.
+    practice : bool, optional
+        Whether it is told what effects change in images.
 
     Returns
     -------
     dict
     """
-    return KINDS[recording.kind][1](recording, prepared, choice, asked, purpose, scanned)
+    return KINDS[recording.kind][1](recording, prepared, choice, asked, purpose, scanned, practice)

@@ -10,6 +10,7 @@ from .. import __version__
 from ..diagnosis.core.fit import Fit
 from ..diagnosis.core.look import Look
 from ..diagnosis.core.prepared import Prepared
+from ..diagnosis.core.sentence import UNITS
 from ..diagnosis.core.verdict import Diagnosis
 from ..figures import diagnosis as figures
 from ..io.volumes import Volume
@@ -64,6 +65,7 @@ def page(
         ranking=picture(figures.draw_ranking(gains, choice.chosen.fit.effects)) if gains else None,
         object=None if scanned is None else picture(figures.draw_object(scanned)),
         domains=DOMAINS,
+        quantities=UNITS,
         one_sided=ONE_SIDED,
         nuisances=NUISANCES,
         version=__version__,

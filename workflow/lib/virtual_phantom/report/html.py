@@ -14,7 +14,12 @@ from ..base.words import label
 from ..figures import style
 
 SMALL = 1e-3  # what is smaller is written with an exponent
-COLOURS = {"match": "#009E73", "mismatch explained": "#0072B2", "mismatch partly explained": "#E69F00"}
+COLOURS = {
+    "match": "#009E73",
+    "match for practical purposes": "#009E73",
+    "mismatch explained": "#0072B2",
+    "mismatch partly explained": "#E69F00",
+}
 OTHER_COLOUR = "#D55E00"
 
 

@@ -83,6 +83,11 @@ class Diagnosis:
         return self.plan.config["diagnosis"]["model_accuracy"]
 
     @property
+    def matters(self) -> dict[str, float] | None:
+        """What a difference must change in images to matter; None: every significant one does."""
+        return self.plan.config["diagnosis"]["matters"]
+
+    @property
     def properties(self) -> tuple[str, ...]:
         """Effects that change one property of images each, for comparisons of features."""
         return ("photon_flux", *image_effects())

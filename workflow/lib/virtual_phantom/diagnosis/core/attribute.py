@@ -83,6 +83,7 @@ class Choice:
     p: dict[str, float | None]
     blur: float = 0.0
     undecided: dict[str, float] = field(default_factory=dict)
+    without: dict[str, Fit] = field(default_factory=dict)
 
     def ambiguous_with(self, effect: str) -> list[str]:
         """Effects that explain the data as well in its place."""
@@ -283,7 +284,8 @@ def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes)
         stand_ins[effect] |= {name: current.score - one.score for name, one in zip(others, fitted, strict=True)}
         swapped += fitted
     best = max(swapped, key=lambda one: one.score, default=None)
-    return Choice(baseline, dict(singles), current, gains, stand_ins, p), best
+    fits = {effect: one.fit for effect, one in without.items()}
+    return Choice(baseline, dict(singles), current, gains, stand_ins, p, without=fits), best
 
 
 def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:

@@ -10,14 +10,16 @@ from ...base.words import label
 from ...physics.effect import load
 from .attribute import Choice, Trial
 from .caveats import caveats
+from .doubts import doubts
 from .locate import Location, aligned
 from .model import Model
 from .prepared import Prepared
+from .sentence import MATCH, UNEXPLAINED, sentence
 from .steps import NORMAL_95
 
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
 NO_SIGNED_MAP = ("edges", "both halves")  # sums of squares and products
-VERDICTS = ("match", "mismatch explained", "mismatch partly explained", "unexplained")
+VERDICTS = (MATCH, "mismatch explained", "mismatch partly explained", UNEXPLAINED)
 
 
 @dataclass(frozen=True)
@@ -63,17 +65,17 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     before, after = places(choice.baseline.fit), places(choice.chosen.fit)
     effects = choice.chosen.fit.effects
     left = [place for place in after if place.significant]
-    verdict = VERDICTS[(1 if not left else 2) if effects else (0 if not left else 3)]
     removed = excess_removed(prepared, choice.baseline, choice.chosen, left) if effects else None
     metrics = {
         "fit": metrics_of(prepared, choice, held_out=False),
         "held_out": metrics_of(prepared, choice, held_out=True),
     }
+    doubted = doubts(choice, fitter.model, metrics["held_out"])
+    verdict = VERDICTS[(2 if left or doubted else 1) if effects else (0 if not left else 3)]
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}
     content = {
         "recording": recording,
         "verdict": verdict,
-        "sentence": sentence(recording, verdict, choice, before, after, removed),
         "locations": [_location(place) for place in before],
         "effects": [_effect(name, choice, fitter.model) for name in effects],
         "ambiguous_with": ambiguous,
@@ -90,12 +92,13 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         else None,
         "remainder_sd": remainder_sd(prepared, choice.chosen),
         "unexplained": [_location(place) for place in left],
+        "doubts": doubted,
         "next_measurement": next_measurements(choice, bool(left)),
         "held_out_data": prepared.held,
         "noise_from_one_repeat": prepared.single,
         "caveats": caveats(prepared, choice, fitter.model.tube_kvp),
     }
-    return Diagnosis(choice, before, after, content)
+    return Diagnosis(choice, before, after, content | {"sentence": sentence(content)})
 
 
 def excess_removed(prepared: Prepared, baseline: Trial, chosen: Trial, standing: list[Location]) -> float | None:
@@ -258,36 +261,3 @@ def next_measurements(choice: Choice, something_left: bool) -> list[str]:
     if something_left and not found:
         found = ["the same scan again after the air and geometry calibrations, to see whether what is left stays"]
     return list(dict.fromkeys(found))
-
-
-def sentence(recording: str, verdict: str, choice: Choice, before, after, removed) -> str:
-    """The verdict in words.
-
-    Parameters
-    ----------
-    recording, verdict : str
-    choice : Choice
-    before, after : list of Location
-    removed : float or None
-        From `excess_removed`.
-
-    Returns
-    -------
-    str
-    """
-    if verdict == "match":
-        return f"{recording} and the simulation agree: what they differ by is noise and alignment."
-    worst = next((place for place in before if place.significant), before[0])
-    seen = f"most in {worst.domain} ({worst.where})"
-    names = []
-    for name in choice.chosen.fit.effects:
-        rivals = choice.ambiguous_with(name)
-        names.append(" or ".join(label(one) for one in (name, *rivals)))
-    if verdict == "unexplained":
-        return f"{recording} and the simulation differ, {seen}, and no effect of the library explains it."
-    share = "" if removed is None else f", which removes {100 * removed:.1f} % of the difference on data not fitted"
-    text = f"{recording} and the simulation differ, {seen}; left out was {' and '.join(names)}{share}."
-    if verdict == "mismatch partly explained":
-        rest = next(place for place in after if place.significant)
-        text += f" What remains lies most in {rest.domain} ({rest.where})."
-    return text

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...base.errors import InputError, refusing
-from ...base.words import label
 from ...io.documents import DIAGNOSIS, read_document
 from ...physics.effect import READOUT_UNITS, checked, load
 from .attribute import Choice, Trial, trial
 from .fit import Fitter
+from .sentence import sentence
 from .steps import NORMAL_95
 
 
@@ -119,20 +119,20 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     held.model = copy.copy(model)  # of projections or of images
     held.model.fixed, held.model.density = physics.effects, density
     chosen = trial(held, tuple(physics.effects), baseline)
-    gains = {}
+    without = {}
     for name in physics.effects:
         rest = tuple(other for other in physics.effects if other != name)
-        gains[name] = chosen.score - (trial(held, rest, chosen).score if rest else baseline.score)
+        without[name] = trial(held, rest, chosen) if rest else baseline
+    gains = {name: chosen.score - one.score for name, one in without.items()}
     chosen = replace(chosen, fit=replace(chosen.fit, errors=physics.errors))
-    return Choice(baseline, {}, chosen, gains, {}, dict.fromkeys(physics.effects))
+    fits = {name: one.fit for name, one in without.items()}
+    return Choice(baseline, {}, chosen, gains, {}, dict.fromkeys(physics.effects), without=fits)
 
 
 def stated(content: dict, physics: Physics) -> dict:
     """What diagnosis.json holds, with where the physics is from."""
-    left = f" Not taken was the {', '.join(map(label, physics.not_taken))} of that scan." if physics.not_taken else ""
-    told = f" The physics is as found on {physics.recording}; only the alignment was fitted here.{left}"
-    return content | {
-        "sentence": content["sentence"] + told,
+    content = content | {
         "effects": [one | {"taken_from": physics.recording} for one in content["effects"]],
         "not_taken": list(physics.not_taken),
     }
+    return content | {"sentence": sentence(content)}

@@ -63,13 +63,56 @@ class Regions:
         return self.valid & (self.distance_mm < -INNER_VOXELS * max(self.spacing[1:]))
 
 
+class Features:
+    """Features of stacks of images, each stack extracted once.
+
+    Parameters
+    ----------
+    regions : Regions
+    """
+
+    def __init__(self, regions: Regions):
+        self.regions = regions
+        self.masks = {name: mask for name, mask in regions.rois.items() if mask.sum() >= MINIMUM_VOXELS}
+        self._kept: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def of(self, images: np.ndarray, name: str) -> np.ndarray:
+        """Values of a stack.
+
+        Parameters
+        ----------
+        images : ndarray, shape (repeats, z, y, x)
+            HU.
+        name : str
+            For messages.
+
+        Returns
+        -------
+        ndarray, shape (repeats, ROIs * features)
+
+        Raises
+        ------
+        InputError
+            If no ROI is large enough, or there are too few repeats for their SD.
+        """
+        if not self.masks:
+            raise InputError(f"features need an ROI of at least {MINIMUM_VOXELS} voxels; there is none")
+        if len(images) < MINIMUM_REPEATS:
+            raise InputError(f"features need the SD over at least {MINIMUM_REPEATS} repeats; there are {len(images)}")
+        if id(images) not in self._kept:
+            table = extract_repeats(images, Grid(images.shape[1:], self.regions.spacing), self.masks, name)
+            values = samples(table, FEATURES, list(self.masks), f"{name} features").values()
+            self._kept[id(images)] = images, np.concatenate(list(values), axis=1)  # kept, so that its id stays its own
+        return self._kept[id(images)][1]
+
+
 def agreement(
     recorded: np.ndarray,
     simulated: Mapping[str, np.ndarray],
     regions: Regions,
     *,
     reference: str | None = None,
-    features: bool = True,
+    features: Features | None = None,
 ) -> dict:
     """The table: simulated images against recorded ones on one grid.
 
@@ -83,8 +126,8 @@ def agreement(
     regions : Regions
     reference : str, optional
         ROI that contrasts are taken against; None: all pairs.
-    features : bool, optional
-        Whether features are extracted, which takes most of the time.
+    features : Features, optional
+        Which takes most of the time; None: they are not compared.
 
     Returns
     -------
@@ -108,8 +151,8 @@ def agreement(
             "1/mm", recorded, simulated, lambda x: mtf_half(x, regions.distance_mm, regions.spacing, regions.valid)
         ),
     }
-    if features:
-        makers["features"] = lambda: _features(recorded, simulated, regions)
+    if features is not None:
+        makers["features"] = lambda: _features(recorded, simulated, features)
     for name, make in makers.items():
         try:
             metrics[name] = make()
@@ -155,28 +198,15 @@ def _noise_makers(recorded: np.ndarray, simulated: Mapping, regions: Regions) ->
     }
 
 
-def _features(recorded: np.ndarray, simulated: Mapping, regions: Regions) -> dict:
-    masks = {name: mask for name, mask in regions.rois.items() if mask.sum() >= MINIMUM_VOXELS}
-    if not masks:
-        raise InputError(f"features need an ROI of at least {MINIMUM_VOXELS} voxels; there is none")
-    if len(recorded) < MINIMUM_REPEATS:
-        raise InputError(f"features need the SD over at least {MINIMUM_REPEATS} repeats; there are {len(recorded)}")
-    grid = Grid(recorded.shape[1:], regions.spacing)
-    theirs = _values(recorded, grid, masks, "recorded")
+def _features(recorded: np.ndarray, simulated: Mapping, features: Features) -> dict:
+    theirs = features.of(recorded, "recorded")
     entry: dict = {"unit": "share", "recorded": None}
     expected = None
     for column, images in simulated.items():
-        ours = _values(images, grid, masks, column)
-        entry[column] = {"value": share_within(theirs, ours), "relative_difference": None}
+        entry[column] = {"value": share_within(theirs, features.of(images, column)), "relative_difference": None}
         width = MARGIN_SD / np.sqrt(1 / len(recorded) + 1 / len(images))
         expected = float(2 * stats.t.cdf(width, len(recorded) - 1) - 1)
     return entry | {"floor": expected}
-
-
-def _values(images: np.ndarray, grid: Grid, masks: Mapping[str, np.ndarray], name: str) -> np.ndarray:
-    """Features of images, shape (repeats, ROIs * features)."""
-    table = extract_repeats(images, grid, dict(masks), name)
-    return np.concatenate(list(samples(table, FEATURES, list(masks), f"{name} features").values()), axis=1)
 
 
 def share_within(recorded: np.ndarray, simulated: np.ndarray) -> float:

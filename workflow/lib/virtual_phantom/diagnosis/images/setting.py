@@ -15,11 +15,13 @@ from ...recordings.images import ImagesRecording
 from ..core.alignment import pose_of
 from ..core.asked import Asked, Labels
 from ..core.attribute import Choice
+from ..core.fit import Fit
 from ..projections.numerical import model_and_floor
 from ..projections.scanned import scene_of
-from .agreement import agreement
+from .agreement import Features, agreement
 from .compared_regions import Scanned, complete, phantom_regions
 from .model import REALISATIONS
+from .practice import told
 from .prepared import PreparedImages, prepare
 
 MOST_SLICES = 24  # more would add little but time
@@ -121,6 +123,7 @@ def agreement_of_images(
     asked: Asked,
     purpose: Branch,
     scanned: Scanned,
+    practice: bool = False,
 ) -> dict:
     """Agreement of the repeats held out with as many simulated ones of each model (images.agreement.agreement).
 
@@ -135,24 +138,34 @@ def agreement_of_images(
     purpose : Branch
         Not used: see above.
     scanned : Scanned
+    practice : bool, optional
+        As of projections (projections.reconstructed.agreement_of).
 
     Returns
     -------
     dict
-        That of images.agreement.agreement, with rois (names), repeats (number), algorithm and grid.
+        That of images.agreement.agreement, with rois (names), repeats (number), algorithm and grid, and, if asked for,
+        practice.
     """
     repeats = prepared.held_out.repeats
     model, count = prepared.fitter.model, min(len(repeats), REALISATIONS)
     pose = pose_of(choice.chosen.fit.nuisance)
     grid = Grid(repeats.shape[1:], model.spacing_mm)
     regions = phantom_regions(grid, prepared.data.usable | prepared.held_out.usable, scanned, pose)
-    simulated = {
-        column: model.repeats(fit.physics, fit.nuisance, fit.linearisation, count)
-        for column, fit in (("before", choice.baseline.fit), ("after", choice.chosen.fit))
-    }
-    return agreement(repeats, simulated, regions) | {
-        "rois": list(regions.rois),
-        "repeats": len(repeats),
-        "algorithm": asked.protocol.algorithm,
-        "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
-    }
+
+    def images(fit: Fit) -> np.ndarray:
+        return model.repeats(fit.physics, fit.nuisance, fit.linearisation, count)
+
+    simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
+    features = Features(regions)
+    more = {"practice": told(repeats, simulated, images, choice, regions, features)} if practice else {}
+    return (
+        agreement(repeats, simulated, regions, features=features)
+        | more
+        | {
+            "rois": list(regions.rois),
+            "repeats": len(repeats),
+            "algorithm": asked.protocol.algorithm,
+            "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
+        }
+    )

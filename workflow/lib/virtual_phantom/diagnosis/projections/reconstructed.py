@@ -15,8 +15,9 @@ from ..core.alignment import pose_of
 from ..core.asked import Asked
 from ..core.attribute import Choice
 from ..core.fit import Fit
-from ..images.agreement import agreement
+from ..images.agreement import Features, agreement
 from ..images.compared_regions import Scanned, complete, disc_regions, image_grid, phantom_regions
+from ..images.practice import told
 from .observed import LEAST_TRANSMISSION, Scans, scans
 from .prepared import HALVES, PreparedScans, split
 
@@ -28,6 +29,7 @@ def agreement_of_scans(
     asked: Asked,
     purpose: Branch,
     scanned: Scanned | None = None,
+    practice: bool = False,
 ) -> dict:
     """`agreement_of` the repeats held out, in images made of them.
 
@@ -41,6 +43,8 @@ def agreement_of_scans(
         What simulated noise is drawn for.
     scanned : Scanned, optional
         None for a disc.
+    practice : bool, optional
+        As agreement_of takes it.
 
     Returns
     -------
@@ -49,7 +53,7 @@ def agreement_of_scans(
     further = scans(recording.held_out) if len(recording.held_out) else None
     repeats = compared(scans(recording.repeats), further).every(prepared.step)
     seed = branch(asked.seed, purpose)
-    return agreement_of(repeats, prepared, choice, asked.mu_water_per_mm, seed, scanned, asked.threads)
+    return agreement_of(repeats, prepared, choice, asked.mu_water_per_mm, seed, scanned, asked.threads, practice)
 
 
 def agreement_of(
@@ -60,12 +64,13 @@ def agreement_of(
     seed: Stream,
     scanned: Scanned | None = None,
     threads: int = 1,
+    practice: bool = False,
 ) -> dict:
     """Agreement of repeats of projections, in images (images.agreement.agreement).
 
-    "before" is the model with nothing but alignment, "after" the chosen one, each drawn as often as there are repeats.
-    All are reconstructed by filtered back-projection. Edge and ROIs lie where the chosen model puts the object;
-    features are those of the study's ROIs.
+    "before" is the model with nothing but alignment, "after" the chosen one, each drawn as often as there are repeats,
+    with the same random numbers: what is between them is no chance. All are reconstructed by filtered back-projection.
+    Edge and ROIs lie where the chosen model puts the object; features are those of the study's ROIs.
 
     Parameters
     ----------
@@ -80,14 +85,16 @@ def agreement_of(
     scanned : Scanned, optional
         None for a disc.
     threads : int, optional
+    practice : bool, optional
+        Whether it is told what effects change in images (images.practice.told), which takes a reconstruction of each.
 
     Returns
     -------
     dict
-        That of images.agreement.agreement, with rois (names), repeats (number), algorithm and grid. Where the scan
-        cannot be reconstructed, there are no metrics but the reason.
+        That of images.agreement.agreement, with rois (names), repeats (number), algorithm and grid, and, if asked for,
+        practice. Where the scan cannot be reconstructed, there are no metrics but the reason.
     """
-    chain, fits = prepared.fitter.model.chain, {"before": choice.baseline.fit, "after": choice.chosen.fit}
+    chain = prepared.fitter.model.chain
     pose = pose_of(choice.chosen.fit.nuisance)
     try:
         radius = chain.scene.radius_mm if scanned is None else scanned.radius_mm
@@ -99,18 +106,26 @@ def agreement_of(
             regions = phantom_regions(grid, valid, scanned, pose)
         reconstruct = Reconstruction(chain.geometry, grid, mu_water_per_mm, repeats.usable, threads)
         recorded = reconstruct(repeats.repeats)
-        simulated = {}
-        for (column, fit), stream in zip(fits.items(), seed.spawn(len(fits)), strict=True):
-            lines = simulated_repeats(prepared, fit, len(repeats), generator(stream))
-            simulated[column] = reconstruct(lines)
     except InputError as error:
         return {"metrics": {}, "left_out": {"images": str(error)}}
-    return agreement(recorded, simulated, regions, features=scanned is not None and bool(scanned.rois)) | {
-        "rois": list(regions.rois),
-        "repeats": len(repeats),
-        "algorithm": "fbp",
-        "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
-    }
+    (stream,) = seed.spawn(1)
+
+    def images(fit: Fit) -> np.ndarray:
+        return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(stream)))
+
+    simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
+    features = Features(regions) if scanned is not None and scanned.rois else None
+    more = {"practice": told(recorded, simulated, images, choice, regions, features)} if practice else {}
+    return (
+        agreement(recorded, simulated, regions, features=features)
+        | more
+        | {
+            "rois": list(regions.rois),
+            "repeats": len(repeats),
+            "algorithm": "fbp",
+            "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
+        }
+    )
 
 
 def compared(taken: Scans, further: Scans | None) -> Scans:

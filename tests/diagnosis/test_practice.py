@@ -1,0 +1,134 @@
+"""What a difference means in images, against differences that were put in; and the verdict by it."""
+
+import numpy as np
+import pytest
+from scipy import special
+
+from virtual_phantom.diagnosis.core.sentence import PRACTICAL
+from virtual_phantom.diagnosis.images.agreement import Features, Regions
+from virtual_phantom.diagnosis.images.practice import changes
+from virtual_phantom.diagnosis.matters import in_practice, over
+
+SPACING = (2.0, 1.0, 1.0)
+THRESHOLDS = {"hu": 1, "contrast_percent": 1, "noise_percent": 1, "resolution_percent": 1, "features_sd": 0.2}
+
+
+@pytest.fixture(scope="module")
+def regions():
+    y, x = np.mgrid[:80, :80] - 39.5
+    distance = np.broadcast_to(np.hypot(y, x) - 28.3, (3, 80, 80))
+    return Regions(SPACING, {"object": distance < -4, "air": distance > 4}, distance, np.ones(distance.shape, bool))
+
+
+def images(regions, seed, *, repeats=6, hu=0.0, sigma=10.0, blur=1.0, more=0.0):
+    random = np.random.default_rng(np.random.SeedSequence(seed))
+    clean = -1000 + (hu + 1000) * (1 - special.erf(regions.distance_mm / (np.sqrt(2) * blur))) / 2
+    return clean + more + sigma * random.normal(size=(repeats, *clean.shape))
+
+
+def test_changes_that_were_put_in_are_told(regions):
+    base = images(regions, 1)
+    twins = {
+        "hu": (images(regions, 1, hu=-20.0), -20.0),
+        "contrast_percent": (images(regions, 1, hu=-20.0), -2.0),
+        "noise_percent": (images(regions, 1, sigma=9.0), -10.0),
+        "resolution_percent": (images(regions, 1, blur=1.1), 100 * (1 / 1.1 - 1)),
+    }
+    for quantity, (twin, truth) in twins.items():
+        found = changes(base, twin, regions, paired=True)[quantity]
+        assert found.value == pytest.approx(truth, rel=0.05), quantity
+    same = changes(base, base, regions, Features(regions), paired=True)
+    assert set(same) == set(THRESHOLDS) and all(one.value == one.error == 0 for one in same.values())
+
+
+def test_noise_alone_is_never_told_as_a_difference(regions):
+    """Of 40 pairs of recordings that differ by noise alone none is over a threshold, however low it is."""
+    lowest = dict.fromkeys(THRESHOLDS, 0.0)
+    told = [over(as_told(images(regions, 2 * i), images(regions, 2 * i + 1), regions), lowest) for i in range(40)]
+    # Of three relative measures one in 22 exceeds two standard errors; of the largest HU one in 20, twice.
+    assert sum(len(one) for one in told) <= 20
+    assert not [one for one in told if over_by_margin(one)]
+
+
+def as_told(without, with_it, regions):
+    return {name: {"value": one.value, "error": one.error} for name, one in changes(without, with_it, regions).items()}
+
+
+def over_by_margin(found):
+    return {name: value for name, value in found.items() if name == "contrast_percent" and abs(value) > 1}
+
+
+def test_a_local_difference_is_seen_outside_of_all_regions(regions):
+    """A lump of 5 HU between the regions, and rings without a mean."""
+    lump, rings = np.zeros((80, 80)), np.zeros((80, 80))
+    lump[32:40, 32:40] = 5.0
+    y, x = np.mgrid[:80, :80] - 39.5
+    rings[:] = 4.0 * np.sign(np.sin(2 * np.pi * np.hypot(y, x) / 3))
+    for more, size in ((lump, 5.0), (rings, 4.0)):
+        found = changes(images(regions, 3), images(regions, 4, more=more), regions)["hu"]
+        assert abs(found.value) == pytest.approx(size, abs=2 * found.error + 0.3)
+        assert abs(found.value) - 2 * found.error > 1
+
+
+def told(recorded, effects, together=None):
+    def stated(values):
+        return {name: {"value": value, "error": 0.0} for name, value in values.items()}
+
+    each = {name: stated(values) for name, values in effects.items()}
+    return {"recorded": stated(recorded), "effects": each, "together": stated(together or {})}
+
+
+def content(verdict, effects, practice):
+    place = {"domain": "columns", "where": "column 3", "z": 9.0, "p": 1e-9, "map": "columns.npy"}
+    return {
+        "recording": "bench",
+        "verdict": verdict,
+        "locations": [place],
+        "effects": [{"name": name} for name in effects],
+        "ambiguous_with": {},
+        "unexplained": [],
+        "doubts": [],
+        "excess_removed": 0.763,
+        "held_out": {"rms_line_integral": {"before": 0.00326, "after": 0.00321, "floor": 0.0021}},
+        "agreement": {"metrics": {}, "left_out": {}, "practice": practice},
+    }
+
+
+def test_what_changes_images_by_less_than_matters_is_no_physics_left_out():
+    effects = {"dark_signal": {"hu": 0.03, "contrast_percent": 0.02}, "veiling_glare": {"hu": -0.2}}
+    found = in_practice(content("mismatch explained", effects, told({"hu": 0.4}, effects)), THRESHOLDS)
+    assert found["verdict"] == PRACTICAL and found["practice"]["small"] == list(effects)
+    assert "agree for practical purposes" in found["sentence"] and "dark signal and veiling glare" in found["sentence"]
+    differs = in_practice(
+        content("mismatch explained", effects, told({"resolution_percent": -1.23}, effects)), THRESHOLDS
+    )
+    assert differs["verdict"] == "unexplained" and "by -1.23 % of resolution" in differs["sentence"]
+    exact = in_practice(content("mismatch explained", effects, told({}, effects)), dict.fromkeys(THRESHOLDS, 0))
+    assert (
+        exact["verdict"] == "mismatch explained" and "left out was dark signal and veiling glare" in exact["sentence"]
+    )
+
+
+def test_one_that_matters_is_named_and_the_other_told_beside_it():
+    effects = {"scatter": {"hu": -12.0}, "dark_signal": {"hu": 0.03}}
+    found = in_practice(content("mismatch explained", effects, told({"hu": -12.0}, effects)), THRESHOLDS)
+    assert found["verdict"] == "mismatch explained"
+    assert "left out was scatter, which removes 76.3 %" in found["sentence"]
+    assert "(root mean square 0.00326, then 0.00321; noise alone 0.0021)" in found["sentence"]
+    assert found["sentence"].endswith(
+        "less than matters in images (1 HU, 1 % of contrast, 1 % of noise, 1 % of "
+        "resolution, 0.2 repeat SDs of a feature): dark signal."
+    )
+
+
+def test_effects_that_matter_together_are_all_named():
+    effects = {"scatter": {"hu": 0.8}, "bowtie": {"hu": 0.7}}
+    found = in_practice(content("mismatch explained", effects, told({"hu": 1.5}, effects, {"hu": 1.5})), THRESHOLDS)
+    assert found["practice"]["small"] == [] and found["verdict"] == "mismatch explained"
+
+
+def test_of_a_recording_without_images_nothing_is_judged():
+    without = content("mismatch explained", {"scatter": {}}, None) | {
+        "agreement": {"metrics": {}, "left_out": {"images": "no"}}
+    }
+    assert in_practice(without, THRESHOLDS) == without

@@ -1,0 +1,103 @@
+"""A diagnosis in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ...base.words import label
+from .locate import ALPHA
+
+MATCH, UNEXPLAINED = "match", "unexplained"
+PRACTICAL = "match for practical purposes"
+# {quantity of images.practice: its unit in words}
+UNITS = {
+    "hu": "HU",
+    "contrast_percent": "% of contrast",
+    "noise_percent": "% of noise",
+    "resolution_percent": "% of resolution",
+    "features_sd": "repeat SDs of a feature",
+}
+DIGITS = 4  # of a root mean square: repeats of one scan differ in the third
+
+
+def sentence(content: Mapping) -> str:
+    """The verdict in words.
+
+    Parameters
+    ----------
+    content : mapping
+        What diagnosis.json holds, but for the sentence itself.
+
+    Returns
+    -------
+    str
+    """
+    recording, verdict = content["recording"], content["verdict"]
+    if verdict == MATCH:
+        return f"{recording} and the simulation agree: what they differ by is noise and alignment."
+    practice = content.get("practice") or {}
+    small = practice.get("small", [])
+    if verdict == PRACTICAL:
+        what = f"what was found beside noise, {listed(content, small)}," if small else "what they differ by"
+        return (
+            f"{recording} and the simulation agree for practical purposes: {what} changes images by less than matters "
+            f"({limits(practice)}).{taken(content)}"
+        )
+    worst = next((place for place in content["locations"] if place["p"] < ALPHA), content["locations"][0])
+    text = f"{recording} and the simulation differ, most in {worst['domain']} ({worst['where']})"
+    named = [one["name"] for one in content["effects"] if one["name"] not in small]
+    if not named:
+        text += f"{felt(practice)}, and no effect of the library explains it."
+    elif content["doubts"]:
+        text += (
+            f"; the best that the library offers is {listed(content, named)}{removed(content)}, but "
+            f"{' and '.join(content['doubts'])}: something else was left out as well, or instead."
+        )
+    else:
+        text += f"; left out was {listed(content, named)}{removed(content)}."
+    if small:
+        text += f" Significant too, but less than matters in images ({limits(practice)}): {listed(content, small)}."
+    if named and content["unexplained"]:
+        rest = content["unexplained"][0]
+        text += f" What remains lies most in {rest['domain']} ({rest['where']})."
+    return text + taken(content)
+
+
+def taken(content: Mapping) -> str:
+    """Where the physics is from, if it was not found on this recording."""
+    source = next((one["taken_from"] for one in content["effects"] if "taken_from" in one), None)
+    if source is None:
+        return ""
+    left = ", ".join(map(label, content["not_taken"]))
+    rest = f" Not taken was the {left} of that scan." if left else ""
+    return f" The physics is as found on {source}; only the alignment was fitted here.{rest}"
+
+
+def listed(content: Mapping, names: list[str]) -> str:
+    """Effects by name, each with those that would do as well in its place."""
+    return " and ".join(" or ".join(map(label, (name, *content["ambiguous_with"].get(name, [])))) for name in names)
+
+
+def removed(content: Mapping) -> str:
+    """What the effects remove, with the root mean square that it is a share of."""
+    if content["excess_removed"] is None:
+        return ""
+    share = f", which removes {100 * content['excess_removed']:.1f} % of the difference on data not fitted"
+    root = next((entry for name, entry in content["held_out"].items() if name.startswith("rms_")), None)
+    if root is None:
+        return share
+    before, after, floor = (f"{root[key]:.{DIGITS}g}" for key in ("before", "after", "floor"))
+    return f"{share} (root mean square {before}, then {after}; noise alone {floor})"
+
+
+def limits(practice: Mapping) -> str:
+    """The thresholds of what matters, with what each was found to be of all effects together."""
+    return ", ".join(f"{value:g} {UNITS[name]}" for name, value in practice["thresholds"].items())
+
+
+def felt(practice: Mapping) -> str:
+    """Where images differ by more than matters, in words."""
+    found = practice.get("differing", {})
+    if not found:
+        return ""
+    return ", in images by " + ", ".join(f"{value:.3g} {UNITS[name]}" for name, value in found.items())
