@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from ..base.errors import InputError
 from ..physics.effect import acts_on_images, load, names, needs_times, require
+from .core.declared import declared
 
 # {kind of a recording: (which effects it does not show, and why)}
 HIDDEN = {
@@ -23,7 +24,7 @@ def candidates(settings: dict, kind: str = "projections", timed: bool = True) ->
     Parameters
     ----------
     settings : dict
-        Of the diagnosis: `effects` and `nominal_photons`.
+        Of the diagnosis: `effects`, `nominal_photons` and `baseline`.
     kind : {"projections", "images"}, optional
     timed : bool, optional
         Whether the times of its views are known.
@@ -41,6 +42,7 @@ def candidates(settings: dict, kind: str = "projections", timed: bool = True) ->
     hidden = {name: why for name in names() if hides(name)}
     if settings.get("nominal_photons") is None:
         hidden["photon_flux"] = "needs nominal_photons, which it could differ from and which are not stated"
+    hidden |= dict.fromkeys(settings.get("baseline", {}), "is declared under baseline")
     if not timed:
         words = "goes by the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
         hidden |= {name: words for name in names() if needs_times(name)}
@@ -84,8 +86,8 @@ def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
     ------
     InputError
         For a recording of features, which are diagnosed by comparison; of images without the protocol that simulates
-        them, or with a disc or an object; of projections with a protocol; and for one that takes its physics from one
-        of another kind.
+        them, or with a disc or an object; of projections with a protocol; for one that takes its physics from one of
+        another kind; and for a baseline that cannot be.
     """
     for name, settings in diagnosed.items():
         where, kind = f"diagnosis.recordings.{name}", recordings[name].content["kind"]
@@ -102,3 +104,6 @@ def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
             )
         if kind == "images" and {"disc", "object"} & set(settings):
             raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")
+        if settings["baseline"] and other is not None:
+            raise InputError(f"{where}: physics_from takes all physics from {other}; take it or baseline out")
+        declared(settings["baseline"], f"{where}.baseline")

@@ -42,6 +42,7 @@ def described(asked: Asked, recording: Recording, prepared: Prepared, effects: S
         "photons per pixel in air": photons,
         "data": f"{len(recording.repeats)} repeats, one view of {settings.view_step}; not fitted: {prepared.held}",
         "alignment, standard deviations stated": known or "none: the defaults",
+        "physics declared": ", ".join(map(label, settings.baseline)) or "none",
         "effects tried": ", ".join(map(label, effects)) or "none: physics taken from another recording",
     }
 

@@ -19,6 +19,7 @@ BEFORE, AFTER = style.VERMILLION, style.BLUE
 MOST_RANKED = 18
 LINEAR_SD = 5.0  # residuals; the axis is linear below
 LINEAR_GAIN = 1.0  # log score; the axis of gains is linear below
+LINE_INTEGRALS = "line integrals"  # of draw_setup: what of a recording is drawn
 
 
 def _plain(axis: Axis) -> None:
@@ -40,14 +41,16 @@ def bars(axes: Axes, values: Mapping[str, float], chosen: tuple[str, ...]) -> No
 
 
 @style.styled()
-def draw_setup(stated: np.ndarray, best: np.ndarray, title: str) -> Figure:
-    """What two descriptions of a scan leave of its line integrals, each on a scale of its own.
+def draw_setup(stated: np.ndarray, best: np.ndarray, title: str, of: str = LINE_INTEGRALS) -> Figure:
+    """What two descriptions of a recording leave of it, each on a scale of its own.
 
     Parameters
     ----------
     stated, best : ndarray, shape (views, columns)
-        Recorded less simulated line integrals.
+        Recorded less simulated.
     title : str
+    of : str, optional
+        What: LINE_INTEGRALS, or HU of a slice.
 
     Returns
     -------
@@ -59,11 +62,13 @@ def draw_setup(stated: np.ndarray, best: np.ndarray, title: str) -> Figure:
         zip(axes, (stated, best), ("as described", "as it fits best"), strict=True)
     ):
         limit = max(float(np.quantile(np.abs(values), 0.995)), 1e-6)
-        shown = place.imshow(values, aspect="auto", cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
-        place.set(xlabel="detector column, of those compared", title=name)
-        figure.colorbar(shown, ax=place, label="line integral", extend="both", shrink=0.9)
+        lines = of == LINE_INTEGRALS
+        aspect = "auto" if lines else "equal"
+        shown = place.imshow(values, aspect=aspect, cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
+        place.set(xlabel="detector column, of those compared" if lines else "x, coarse voxels", title=name)
+        figure.colorbar(shown, ax=place, label="line integral" if lines else "HU", extend="both", shrink=0.9)
         style.letter_panel(place, index)
-    axes[0].set_ylabel("view, of those compared")
+    axes[0].set_ylabel("view, of those compared" if of == LINE_INTEGRALS else "y, coarse voxels")
     figure.suptitle(title)
     return figure
 

@@ -25,7 +25,7 @@ def setup_page(content: dict, stated: np.ndarray, best: np.ndarray) -> str:
     -------
     str
     """
-    maps = picture(figures.draw_setup(stated, best, content["recording"]))
+    maps = picture(figures.draw_setup(stated, best, content["recording"], content["setup"]["of"]))
     return render_diagnosis(
         "diagnosis_of_setup", content, maps=maps, version=__version__, date=date.today().isoformat()
     )

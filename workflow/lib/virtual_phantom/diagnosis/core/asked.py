@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...base.geometry import OrbitGeometry, grid_of, scan_geometry
@@ -62,6 +62,8 @@ class Settings:
         Name of the protocol that simulates a recording of images.
     check_setup : bool
         Whether the description of the scan is doubted first.
+    baseline : mapping
+        {effect: {parameter: {value, sd}}}: physics that is known (core.declared).
     """
 
     samples: int
@@ -72,6 +74,7 @@ class Settings:
     object: MaskedObject | None = None
     protocol: str | None = None
     check_setup: bool = False
+    baseline: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, section: Mapping) -> Settings:

@@ -73,6 +73,8 @@ class Choice:
     undecided : dict of str to float
         {other: log score that it promises to gain beside the chosen ones, to first order}, of those that stand out of
         the noise: not named, since inexact models of the chosen ones may leave as much.
+    without : dict of str to Fit
+        {effect: the fit without it, the others and the alignment refitted}.
     """
 
     baseline: Trial

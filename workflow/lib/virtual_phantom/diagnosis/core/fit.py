@@ -37,9 +37,9 @@ class Fit:
     Attributes
     ----------
     effects : tuple of str
-        In the order in which they were given.
+        In the order in which they were given, without those declared.
     physics : dict of str to dict of str to float
-        {effect: {parameter: value}}.
+        {effect: {parameter: value}}, of those declared too.
     errors : dict of str to dict of str to float
         {effect: {parameter: standard error}}.
     nuisance, nuisance_errors : dict of str to float
@@ -206,7 +206,8 @@ class Problem:
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned = any(load(name).pattern for name in effects)
         self.linearisation, self.linearised = BASE if given is None else given.linearisation, 0
-        self.unknowns = self.model.unknowns(self.effects)
+        self.whole = self.model.whole(self.effects)
+        self.unknowns = self.model.unknowns(self.whole)
         aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))
         self.fresh = [given is None or one.effect not in given.physics for one in self.unknowns]
         values = [
@@ -343,7 +344,7 @@ class Problem:
 
     def _named(self, point: np.ndarray) -> tuple[dict[str, dict[str, float]], dict[str, float]]:
         """Effects' parameters and the alignment of a point, by name."""
-        physics = {name: self.model.known(name) for name in self.effects}
+        physics = {name: self.model.known(name) for name in self.whole}
         for one, value in zip(self.unknowns, point, strict=False):
             physics[one.effect][one.name] = float(one.value(value))
         aligned = point[len(self.unknowns) :]
@@ -482,8 +483,8 @@ class Problem:
         -------
         Fit
         """
-        physics = {name: self.model.known(name) for name in self.effects}
-        spread: dict[str, dict[str, float]] = {name: {} for name in self.effects}
+        physics = {name: self.model.known(name) for name in self.whole}
+        spread: dict[str, dict[str, float]] = {name: {} for name in self.whole}
         for one, number, error in zip(self.unknowns, point, errors, strict=False):
             physics[one.effect][one.name] = float(one.value(number))
             spread[one.effect][one.name] = float(one.value_error(number, error))

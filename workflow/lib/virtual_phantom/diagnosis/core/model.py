@@ -16,6 +16,7 @@ from .alignment import SURE, Nuisance, pose_of
 from .linearisation import BASE, Linearisation, LinearisationPoint, before_images
 from .observed import Observed
 from .prediction import Prediction
+from .statement import Statement
 from .unknown import Unknown
 
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
@@ -42,6 +43,8 @@ class Model(ABC):
         Effects whose parameters are known from elsewhere and not fitted: {effect: {parameter: value}}.
     density : tuple of 2 float, optional
         Of the material over the listed one, and its standard deviation: the scale beside a spectrum.
+    declared : mapping of str to mapping of str to Statement, optional
+        Physics that is known of the scanner: in every model, fitted within what is stated.
     """
 
     def __init__(
@@ -52,9 +55,10 @@ class Model(ABC):
         tube_kvp: float | None = None,
         fixed: Mapping[str, Mapping[str, float]] | None = None,
         density: tuple[float, float] = (1.0, DENSITY_SD),
+        declared: Mapping[str, Mapping[str, Statement]] | None = None,
     ):
         self.chain, self.aligned, self.anode, self.tube_kvp = chain, aligned, anode, tube_kvp
-        self.fixed, self.density = fixed or {}, density
+        self.fixed, self.density, self.declared = fixed or {}, density, declared or {}
         self._near = Kept(NEAR_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
@@ -71,12 +75,16 @@ class Model(ABC):
         -------
         tuple of Nuisance
         """
-        if "spectrum" not in effects:
+        if "spectrum" not in self.whole(effects):
             return self.aligned
         value, sd = self.density
         return tuple(
             replace(one, expected=value, sd=min(one.sd, sd)) if one.name == "scale" else one for one in self.aligned
         )
+
+    def whole(self, effects: tuple[str, ...]) -> tuple[str, ...]:
+        """What is declared, and these effects."""
+        return (*(name for name in self.declared if name not in effects), *effects)
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:
         """An effect's parameters as the recorded scan shows them."""
@@ -84,7 +92,8 @@ class Model(ABC):
 
     def known(self, name: str) -> dict[str, float]:
         """Parameters of an effect that are not fitted."""
-        return self.chain.held(name) | dict(self.fixed.get(name, {}))
+        exact = {key: one.value for key, one in self.declared.get(name, {}).items() if not one.sd}
+        return self.chain.held(name) | dict(self.fixed.get(name, {})) | exact
 
     def of_study(self, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> dict:
         """Settings of effects as a study takes them, whose readout units are photons.
@@ -122,6 +131,13 @@ class Model(ABC):
                 if (name, one.name) == ("spectrum", "kvp"):
                     low, high = KVP[self.anode.target]
                 expected, sd = (low + high) / 2, high - low
+                stated = self.declared.get(name, {}).get(one.name)
+                if stated is not None:
+                    if not stated.sd:
+                        continue
+                    expected, sd = stated.number(one)
+                    found.append(Unknown(name, one.name, low, high, (expected,), None, expected, sd, one.power))
+                    continue
                 starts = (min(max(one.number(one.start), low), high),)
                 # A slice thinner than their distance changes nothing, so that no fit would leave it.
                 if one.neutral is None or (acts_on_images(name) and len(effect.parameters) == 1):

@@ -46,7 +46,9 @@ def sentence(content: Mapping) -> str:
     worst = next((place for place in content["locations"] if place["p"] < ALPHA), content["locations"][0])
     text = f"{recording} and the simulation differ, most in {worst['domain']} ({worst['where']})"
     named = [one["name"] for one in content["effects"] if one["name"] not in small]
-    if not named:
+    if not named and misstated(content):
+        text += "."
+    elif not named:
         text += f"{felt(practice)}, and no effect of the library explains it."
     elif content["doubts"]:
         text += (
@@ -55,6 +57,7 @@ def sentence(content: Mapping) -> str:
         )
     else:
         text += f"; left out was {listed(content, named)}{removed(content)}."
+    text += misstated(content)
     if small:
         text += f" Significant too, but less than matters in images ({limits(practice)}): {listed(content, small)}."
     if named and content["unexplained"]:
@@ -71,6 +74,18 @@ def taken(content: Mapping) -> str:
     left = ", ".join(map(label, content["not_taken"]))
     rest = f" Not taken was the {left} of that scan." if left else ""
     return f" The physics is as found on {source}; only the alignment was fitted here.{rest}"
+
+
+def misstated(content: Mapping) -> str:
+    """What was declared and is not so."""
+    found = [
+        f"{label(key)} of {label(name)} is {one['value']:.3g} ({one['ci95'][0]:.3g} to {one['ci95'][1]:.3g}) "
+        f"{one['unit']}, not {one['stated']:g} ± {one['sd']:g}"
+        for name, parameters in content.get("declared", {}).items()
+        for key, one in parameters.items()
+        if one["off"]
+    ]
+    return f" Declared otherwise than found: {'; '.join(found)}." if found else ""
 
 
 def listed(content: Mapping, names: list[str]) -> str:

@@ -10,6 +10,7 @@ from ...base.words import label
 from ...physics.effect import load
 from .attribute import Choice, Trial
 from .caveats import caveats
+from .declared import statements
 from .doubts import doubts
 from .locate import Location, aligned
 from .model import Model
@@ -71,7 +72,9 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "held_out": metrics_of(prepared, choice, held_out=True),
     }
     doubted = doubts(choice, fitter.model, metrics["held_out"])
-    verdict = VERDICTS[(2 if left or doubted else 1) if effects else (0 if not left else 3)]
+    known = statements(choice.chosen.fit, fitter.model)
+    off = any(one["off"] for parameters in known.values() for one in parameters.values())
+    verdict = VERDICTS[(2 if left or doubted else 1) if effects or off else (0 if not left else 3)]
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}
     content = {
         "recording": recording,
@@ -93,6 +96,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "remainder_sd": remainder_sd(prepared, choice.chosen),
         "unexplained": [_location(place) for place in left],
         "doubts": doubted,
+        "declared": known,
         "next_measurement": next_measurements(choice, bool(left)),
         "held_out_data": prepared.held,
         "noise_from_one_repeat": prepared.single,

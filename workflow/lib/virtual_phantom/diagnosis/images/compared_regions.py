@@ -176,11 +176,11 @@ def phantom_regions(grid: Grid, valid: np.ndarray, scanned: Scanned, pose: Pose)
     """
     fine_shape = (grid.shape[0], *(n * SUBDIVIDED for n in grid.shape[1:]))
     fine = Grid(fine_shape, (grid.spacing[0], *(step / SUBDIVIDED for step in grid.spacing[1:])))
-    body = _sampled(scanned.fine.array, scanned.fine.grid, fine, pose, order=1, outside=HU_AIR) > HU_BODY
+    body = sampled(scanned.fine.array, scanned.fine.grid, fine, pose, order=1, outside=HU_AIR) > HU_BODY
     distance = signed_distance_mm(body, grid.spacing, SUBDIVIDED)
     rois = {}
     for name, mask in scanned.rois.items():
-        shown = (_sampled(mask.astype(np.uint8), scanned.grid, grid, pose, order=0, outside=0) > 0) & valid
+        shown = (sampled(mask.astype(np.uint8), scanned.grid, grid, pose, order=0, outside=0) > 0) & valid
         if shown.sum() >= LEAST_ROI_VOXELS:
             rois[name] = shown
     return Regions(grid.spacing, rois if len(rois) > 1 else _object_and_air(distance, valid, grid), distance, valid)
@@ -191,7 +191,7 @@ def _object_and_air(distance_mm: np.ndarray, valid: np.ndarray, grid: Grid) -> d
     return {"object": valid & (distance_mm < -margin), "air": valid & (distance_mm > margin)}
 
 
-def _sampled(array: np.ndarray, of: Grid, at: Grid, pose: Pose, order: int, outside: float) -> np.ndarray:
+def sampled(array: np.ndarray, of: Grid, at: Grid, pose: Pose, order: int, outside: float) -> np.ndarray:
     """What lies at the voxels of a grid once the object has its pose.
 
     Parameters

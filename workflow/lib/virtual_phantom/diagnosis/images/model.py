@@ -19,6 +19,7 @@ from ..core.alignment import Nuisance, pose_of
 from ..core.linearisation import BASE, Linearisation, LinearisationPoint, before_images
 from ..core.model import Model
 from ..core.prediction import Prediction
+from ..core.statement import Statement
 from .observed import Condenser, ObservedImages
 
 REALISATIONS = 7  # of noise; one more lane holds the mean
@@ -32,7 +33,7 @@ class ImagesModel(Model):
 
     Parameters
     ----------
-    chain, aligned, anode, tube_kvp
+    chain, aligned, anode, tube_kvp, declared
         As Model takes them.
     reconstruct : callable
         Line integrals, shape (lanes, views, rows, columns), to HU, shape (lanes, z, y, x).
@@ -51,15 +52,16 @@ class ImagesModel(Model):
         seed: Stream,
         anode: Anode = TUNGSTEN,
         tube_kvp: float | None = None,
+        declared: Mapping[str, Mapping[str, Statement]] | None = None,
     ):
-        super().__init__(chain, aligned, anode, tube_kvp)
+        super().__init__(chain, aligned, anode, tube_kvp, declared=declared)
         self.reconstruct, self.spacing_mm, self._seed = reconstruct, spacing_mm, seed
         self.condenser: Condenser | None = None
         self._means, self._noises = Kept(IMAGES_KEPT), Kept(IMAGES_KEPT)
 
     def alignment(self, effects: tuple[str, ...]) -> tuple[Nuisance, ...]:
         """The alignment beside these effects: with a spectrum the scale is free, as water has been set to 0 HU."""
-        if "spectrum" not in effects:
+        if "spectrum" not in self.whole(effects):
             return self.aligned
         return tuple(replace(one, sd=max(one.sd, WATER_SD)) if one.name == "scale" else one for one in self.aligned)
 

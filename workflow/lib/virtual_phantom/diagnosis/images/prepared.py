@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,9 +16,11 @@ from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import NOMINAL_PHOTONS_SD, nuisances
 from ..core.fit import Fit, Fitter
+from ..core.linearisation import before_images
 from ..core.locate import Half, Location
 from ..core.look import Look
 from ..core.prepared import Prepared
+from ..core.statement import Statement, stated_physics
 from .locate import locate
 from .model import REALISATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser
@@ -83,6 +85,7 @@ def prepare(
     tube_kvp: float | None = None,
     nominal_photons: float | None = None,
     known: dict[str, float] | None = None,
+    declared: Mapping[str, Mapping[str, Statement]] | None = None,
 ) -> PreparedImages:
     """Noise, floor and alignment of a recording.
 
@@ -102,7 +105,7 @@ def prepare(
         Voxels that were reconstructed from complete data.
     seed : Stream
         Of simulated noise.
-    anode, tube_kvp, nominal_photons, known
+    anode, tube_kvp, nominal_photons, known, declared
         As projections.prepared.prepare takes them.
 
     Returns
@@ -117,10 +120,13 @@ def prepare(
     given = {"offset": OFFSET_SD_HU} | (known or {})
 
     def model(log_photons, sd):
-        return ImagesModel(chain, nuisances(log_photons, sd, given), reconstruct, spacing_mm, seed, anode, tube_kvp)
+        aligned = nuisances(log_photons, sd, given)
+        return ImagesModel(chain, aligned, reconstruct, spacing_mm, seed, anode, tube_kvp, declared)
 
     blank = model(np.log(TRIAL_PHOTONS), np.inf)
-    expected, simulated = blank.images({}, {"log_photons": np.log(TRIAL_PHOTONS)})
+    stated = stated_physics(declared or {})
+    physics = before_images(stated)
+    expected, simulated = blank.images(stated, {"log_photons": np.log(TRIAL_PHOTONS)})
     taken = repeats if further is None else np.concatenate([repeats, further])
     single = len(repeats) == 1
     if len(taken) >= RECORDED_NOISE:
@@ -134,14 +140,14 @@ def prepare(
     if not ratio > 1e-9:
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")
     photons = TRIAL_PHOTONS / ratio
-    finer = reconstruct(floor_chain.state({}, anode=anode).line_integrals()[None])[0]
-    coarse = reconstruct(chain.state({}, anode=anode).line_integrals()[None])[0]
+    finer = reconstruct(floor_chain.state(physics, anode=anode).line_integrals()[None])[0]
+    coarse = reconstruct(chain.state(physics, anode=anode).line_integrals()[None])[0]
     fitted, held, words, usable = _split(repeats, further, valid)
     white = whitening(noise, valid, finer - coarse, max(len(fitted), 1))
     log_photons = np.log(nominal_photons or photons)
     # Where a single repeat is fitted, its noise is an estimate from elsewhere, and nothing else would hold it.
     final = model(log_photons, NOMINAL_PHOTONS_SD if nominal_photons or len(fitted) == 1 else np.inf)
-    state = chain.state({}, photons=photons, anode=anode)
+    state = chain.state(physics, photons=photons, anode=anode)
     batches = (reconstruct(noise_lines(state, REALISATIONS, branch)) for branch in seed.spawn(NULLS))
     nulls = np.concatenate([one - HU_AIR for one in batches])
     final.condenser = Condenser(white, nulls, REALISATIONS, expected)

@@ -15,6 +15,7 @@ from ...recordings.images import ImagesRecording
 from ..core.alignment import pose_of
 from ..core.asked import Asked, Labels
 from ..core.attribute import Choice
+from ..core.declared import BASELINE, declared
 from ..core.fit import Fit
 from ..projections.numerical import model_and_floor
 from ..projections.scanned import scene_of
@@ -83,6 +84,7 @@ def ready_images(recording: ImagesRecording, asked: Asked, labels: Labels) -> Pr
         tube_kvp=labels.tube_kvp,
         nominal_photons=settings.nominal_photons,
         known=settings.alignment,
+        declared=declared(settings.baseline, BASELINE),
     )
 
 

@@ -15,6 +15,7 @@ from ..core.alignment import Nuisance, pose_of
 from ..core.linearisation import BASE, Linearisation, LinearisationPoint, before_images
 from ..core.model import DENSITY_SD, Model
 from ..core.prediction import Prediction
+from ..core.statement import Statement
 from .numerical import Numerical
 from .observed import ObservedScans, white_shape
 
@@ -40,7 +41,7 @@ class ScansModel(Model):
 
     Parameters
     ----------
-    chain, aligned, anode, tube_kvp, fixed, density
+    chain, aligned, anode, tube_kvp, fixed, density, declared
         As Model takes them.
     numerical : Numerical, optional
         Errors of its steps, each a distortion of the line integrals that is fitted within its bounds, since it is alike
@@ -56,8 +57,9 @@ class ScansModel(Model):
         fixed: Mapping[str, Mapping[str, float]] | None = None,
         density: tuple[float, float] = (1.0, DENSITY_SD),
         numerical: Numerical | None = None,
+        declared: Mapping[str, Mapping[str, Statement]] | None = None,
     ):
-        super().__init__(chain, aligned, anode, tube_kvp, fixed, density)
+        super().__init__(chain, aligned, anode, tube_kvp, fixed, density, declared)
         self.numerical = numerical
 
     @property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -14,10 +14,12 @@ from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import NOMINAL_PHOTONS_SD, nuisances
 from ..core.correlated import WHITE, Correlations, Whitening, estimated, of_state
 from ..core.fit import Fit, Fitter
+from ..core.linearisation import before_images
 from ..core.locate import Half, Location
 from ..core.look import Look
 from ..core.observed import FEWEST, Blocks
 from ..core.prepared import Prepared
+from ..core.statement import Statement, stated_physics
 from ..core.uncertainty import left_by_numbers
 from .caveats import lost_rays
 from .locate import locate
@@ -100,7 +102,8 @@ class PreparedScans(Prepared):
         correlations = of_state(model.predict(fit.physics, fit.nuisance, data, fit.linearisation).state)
         if correlations.white:
             return self
-        clean = model.chain.state({}, photons=1.0, anode=model.anode).line_integrals()
+        stated = before_images(stated_physics(model.declared))
+        clean = model.chain.state(stated, photons=1.0, anode=model.anode).line_integrals()
         data, held_out = (_whitened(one, correlations, clean, one.numerical) for one in (data, self.held_out))
         first, memory = correlations.views
         variance = self.variance * SECOND_DIFFERENCE / (SECOND_DIFFERENCE - 8 * first + 2 * first * memory)
@@ -150,6 +153,7 @@ def prepare(
     coarse_chain: Chain | None = None,
     step: int = 1,
     lacking: str | None = None,
+    declared: Mapping[str, Mapping[str, Statement]] | None = None,
 ) -> PreparedScans:
     """Noise, floor and alignment of a recording.
 
@@ -174,6 +178,8 @@ def prepare(
         Fit and hold out one view of so many, with the noise estimated from all.
     lacking : str, optional
         As Prepared has it.
+    declared : mapping of str to mapping of str to Statement, optional
+        As Model takes it.
 
     Returns
     -------
@@ -184,9 +190,11 @@ def prepare(
     InputError
         If the repeats do not vary.
     """
-    state = chain.state({}, photons=1.0, anode=anode)
+    state = chain.state(before_images(stated_physics(declared or {})), photons=1.0, anode=anode)
     clean = state.line_integrals()
     unit = np.exp(clean)  # variance of one photon per pixel in air
+    if declared:  # and of as many as a filter leaves of it
+        unit = unit / state.measured_air
     noise, single = _noise(taken, clean)
     photons = 1 / float(np.mean(noise[taken.usable] / unit[taken.usable]))
     if not np.isfinite(photons) or photons > MOST_PHOTONS:
@@ -223,7 +231,8 @@ def prepare(
         {"size": SIZE_SD} | (known or {}),
         numerical.names,
     )
-    fitter = Fitter(ScansModel(chain, aligned, anode, tube_kvp, numerical=numerical), data, held_out, weighed, floor)
+    model = ScansModel(chain, aligned, anode, tube_kvp, numerical=numerical, declared=declared)
+    fitter = Fitter(model, data, held_out, weighed, floor)
     return PreparedScans(fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking)
 
 

@@ -7,6 +7,7 @@ from ...physics.state import AIR
 from ...recordings.recording import Recording
 from ...recordings.scan import assumed
 from ..core.asked import Asked, Labels
+from ..core.declared import BASELINE, declared
 from .caveats import check_scans
 from .numerical import model_and_floor
 from .observed import scans
@@ -55,6 +56,7 @@ def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedS
         tube_kvp=labels.tube_kvp,
         nominal_photons=settings.nominal_photons,
         known=settings.alignment,
+        declared=declared(settings.baseline, BASELINE),
         floor_chain=floor,
         coarse_chain=coarse,
         step=settings.view_step,

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ...io.volumes import read_nifti
+from ...recordings.images import ImagesRecording
 from ...recordings.projections import ProjectionsRecording
 from ..core.alignment import PLACE, SURE, nuisances
 from ..core.asked import Asked
 from ..projections.observed import Scans, scans
 from ..projections.scanned import scene_of
 from .finding import AS_STATED, DESCRIPTION, MOST, Finding, find
+from .orientation import OrientationFound, orientation
 from .repeats import copies, odd_ones
 from .unlike import Comparison
 from .white import wrong_illumination
@@ -47,6 +50,7 @@ class SetUp:
     def content(self) -> dict:
         """For diagnosis.json and the jobs that wait for it."""
         return {
+            "of": "line integrals",
             "kind": self.kind,
             "mistakes": dict(self.mistakes),
             "alike": list(self.alike),
@@ -59,18 +63,24 @@ class SetUp:
         return self.comparison.residual(self.finding.stated), self.comparison.residual(self.finding.best)
 
 
-def set_up(recording: ProjectionsRecording, asked: Asked) -> SetUp:
+def set_up(recording: ProjectionsRecording | ImagesRecording, asked: Asked) -> SetUp | OrientationFound:
     """Check how a recording is described.
 
     Parameters
     ----------
-    recording : ProjectionsRecording
+    recording : ProjectionsRecording or ImagesRecording
     asked : Asked
 
     Returns
     -------
-    SetUp
+    SetUp or OrientationFound
     """
+    if isinstance(recording, ImagesRecording):
+        phantom = read_nifti(asked.phantom)
+        repeats = np.stack([one.array for one in recording.repeats])
+        # The images' centre is taken for the isocentre.
+        grid = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
+        return orientation(repeats, phantom.array, phantom.grid, grid)
     taken = scans(recording.repeats)
     known = {one.name: SURE * one.sd for one in nuisances(0.0, 1.0, asked.settings.alignment)}
     reach = {name: known[name] for name in (*PLACE, "scale")}

@@ -8,22 +8,24 @@ from pathlib import Path
 
 from ...base.errors import refusing
 from ...io.files import read_text
+from ...recordings.images import ImagesRecording
 from ...recordings.projections import ProjectionsRecording
 from ...recordings.recording import Recording
 from ..core.asked import Asked
 from ..described import object_of, scan_of
 from .finding import AS_STATED, DESCRIPTION, EMPTY_BEAM, OBJECT
+from .orientation import OrientationFound
 from .recorded import SetUp
 
 VERDICTS = {DESCRIPTION: "description wrong", OBJECT: "another object", EMPTY_BEAM: "nothing in the beam"}
 # Of recordings that are not looked at.
-NOT_LOOKED = {"kind": AS_STATED, "mistakes": {}, "alike": [], "share_stated": 0.0, "share": 0.0}
+NOT_LOOKED = {"of": "line integrals", "kind": AS_STATED, "mistakes": {}, "alike": [], "share_stated": 0.0, "share": 0.0}
 NOT_FITTED = "{}\n"  # in the place of a fit
 
 
 def doubted(recording: Recording, asked: Asked) -> bool:
     """Whether the description of a recording is looked at."""
-    return asked.settings.check_setup and isinstance(recording, ProjectionsRecording)
+    return asked.settings.check_setup and isinstance(recording, ProjectionsRecording | ImagesRecording)
 
 
 def read_setup(path: str | Path) -> dict:
@@ -43,12 +45,12 @@ def read_setup(path: str | Path) -> dict:
         return {key: content[key] for key in NOT_LOOKED}
 
 
-def verdict(found: SetUp, recording: Recording, asked: Asked) -> dict:
+def verdict(found: SetUp | OrientationFound, recording: Recording, asked: Asked) -> dict:
     """What diagnosis.json holds.
 
     Parameters
     ----------
-    found : SetUp
+    found : SetUp or OrientationFound
         With a kind of VERDICTS.
     recording : Recording
     asked : Asked
@@ -101,11 +103,11 @@ def sentence(name: str, content: Mapping, scanned: str) -> str:
         )
     if content["kind"] == OBJECT:
         return (
-            f"{name}: what was scanned is not {scanned}: {share} of the variance of its line integrals fits no place, "
+            f"{name}: what was scanned is not {scanned}: {share} of the variance of its {content['of']} fits no place, "
             "turn, size or geometry of it. Name the right object in the configuration. No effect was tried."
         )
     lines = "; ".join(content["mistakes"].values())
-    left = f" Of the variance of line integrals {stated} fits no ray as described, {share} so changed."
+    left = f" Of the variance of {content['of']} {stated} does not fit as described, {share} so changed."
     return (
         f"{name}: the description of the scan is wrong. Change: {lines}.{'' if stated == share else left} "
         "No effect was tried."

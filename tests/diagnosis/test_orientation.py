@@ -1,0 +1,93 @@
+"""Images that lie otherwise than the phantom: every order of voxels is named, and right ones are let be."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from simulated_scans import body
+
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.diagnosis.setup.finding import AS_STATED, DESCRIPTION, OBJECT
+from virtual_phantom.diagnosis.setup.orientation import OTHERS, STATED, orientation
+
+PHANTOM = Grid((40, 128, 128), (4.0, 2.0, 2.0))
+IMAGES = Grid((24, 90, 90), (6.0, 2.8, 2.8))
+INSERTS = [
+    ((50, 10, 20), 22, 800.0),
+    ((-40, -20, -25), 24, -80.0),
+    ((10, 35, -5), 18, 90.0),
+    ((-30, 35, 35), 15, 200.0),
+]
+
+
+@pytest.fixture(scope="module")
+def phantom():
+    return body(PHANTOM, (105, 80), 20.0, INSERTS).array
+
+
+def recorded(seed, *, repeats=3, inserts=INSERTS, shift=(4.0, -3.0, 2.0), sigma=30.0, axes=(105, 80)):
+    """Repeats on another grid: moved, blurred, bent as by hardening, off by an offset, and noisy."""
+    random = np.random.default_rng(np.random.SeedSequence(seed))
+    clean = body(IMAGES, axes, 20.0, inserts).array
+    clean = ndimage.shift(clean, np.divide(shift, IMAGES.spacing), order=1, mode="nearest")
+    clean = ndimage.gaussian_filter(clean, (0, 0.6, 0.6))
+    bent = 0.96 * (clean + 1000) - 2e-5 * (clean + 1000) ** 2 - 1000 + 15
+    return bent + random.normal(0, sigma, (repeats, *bent.shape))
+
+
+@pytest.mark.parametrize("one", OTHERS, ids=lambda one: one.name)
+def test_every_order_of_voxels_is_named(phantom, one):
+    # The images as they would lie if someone had ordered them so: the inverse, which is its own but of quarter turns.
+    images = recorded(3)
+    laid = np.stack([undone(one, image) for image in images])
+    found = orientation(laid, phantom, PHANTOM, IMAGES)
+    assert found.kind == DESCRIPTION and list(found.mistakes) == [one.name], (found.share_stated, found.share)
+    assert found.mistakes[one.name].startswith("repeats: ")
+    assert found.share < 0.1 < 0.5 < found.share_stated
+
+
+def undone(one, image):
+    index = np.arange(image.size).reshape(image.shape)
+    back = np.empty(image.size, image.dtype)
+    back[one.ordered(index).ravel()] = image.ravel()
+    return back.reshape(image.shape)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_images_as_described_are_let_be(phantom, seed):
+    random = np.random.default_rng(np.random.SeedSequence(100 + seed))
+    found = orientation(recorded(seed, shift=random.uniform(-4, 4, 3)), phantom, PHANTOM, IMAGES)
+    assert found.kind == AS_STATED and not found.mistakes and not found.alike
+    assert found.share == found.share_stated < 0.1
+
+
+def test_orders_that_the_object_cannot_show_are_listed():
+    """Inserts alike along z, on the axis of x: slices and y may be turned round."""
+    inserts = [((50, 0, None), 22, 800.0), ((-40, 0, None), 24, -80.0)]
+    plain = body(PHANTOM, (105, 80), 20.0, inserts).array
+    found = orientation(recorded(5, inserts=inserts), plain, PHANTOM, IMAGES)
+    assert found.kind == AS_STATED
+    assert {"slices in the other order", "mirrored front to back"} <= set(found.alike)
+    assert "mirrored left to right" not in found.alike
+
+
+def test_a_homogeneous_object_says_nothing():
+    plain = body(PHANTOM, (105, 80), 20.0, []).array
+    found = orientation(recorded(6, inserts=[])[:1], plain, PHANTOM, IMAGES)
+    assert found.kind == AS_STATED and not found.mistakes
+
+
+def test_other_organs_are_no_mistake_of_order(phantom):
+    """Inserts at other places fit in no order: physics and objects are judged later."""
+    others = [((-10, 10, 0), 22, 800.0), ((30, -45, 10), 18, -80.0)]
+    found = orientation(recorded(7, inserts=others), phantom, PHANTOM, IMAGES)
+    assert found.kind == AS_STATED and found.share > 0.5
+
+
+def test_another_body_is_told(phantom):
+    assert orientation(recorded(8, axes=(35, 30), inserts=[]), phantom, PHANTOM, IMAGES).kind == OBJECT
+
+
+def test_undone_is_the_inverse():
+    image = np.random.default_rng(1).normal(size=(3, 4, 4))
+    for one in (STATED, *OTHERS):
+        np.testing.assert_array_equal(one.ordered(undone(one, image)), image)
