@@ -53,7 +53,7 @@ def sentence(content: Mapping) -> str:
     elif content["doubts"]:
         text += (
             f"; the best that the library offers is {listed(content, named)}{removed(content)}, but "
-            f"{' and '.join(content['doubts'])}: something else was left out as well, or instead."
+            f"{enumerated(content['doubts'])}: something else was left out as well, or instead."
         )
     else:
         text += f"; left out was {listed(content, named)}{removed(content)}."
@@ -91,6 +91,11 @@ def misstated(content: Mapping) -> str:
 def listed(content: Mapping, names: list[str]) -> str:
     """Effects by name, each with those that would do as well in its place."""
     return " and ".join(" or ".join(map(label, (name, *content["ambiguous_with"].get(name, [])))) for name in names)
+
+
+def enumerated(phrases: list[str]) -> str:
+    """Phrases one after the other, the last with "and"."""
+    return " and ".join([", ".join(phrases[:-1]), phrases[-1]] if len(phrases) > 1 else phrases)
 
 
 def removed(content: Mapping) -> str:
