@@ -8,6 +8,9 @@ out of the candidates). Strengths are drawn so that what the effect changes, bey
 repeats, and is taken with twice as many rays per pixel and direction as the model has. The object's edges are soft, so
 that the errors of the model's rays stay under what is asked of an effect; --edge-mm 0 makes them sharp.
 
+--declared 7 puts seven further effects of typical strength into every scan, which are declared with errors of 5 % of
+each parameter.
+
 `left` is what the diagnosis left of the concealed effects, without noise, in standard deviations of the data held out:
 under 5, no data of this noise could tell that what it names is not what was concealed. `seen` are the domains where
 that stands out, `worst` the first domain that the diagnosis calls unexplained.
@@ -28,8 +31,10 @@ from scipy.optimize import brentq
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core.attribute import choose, trial
-from virtual_phantom.diagnosis.core.linearisation import Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.core.declared import declared
+from virtual_phantom.diagnosis.core.linearisation import BASE, Linearisation, LinearisationPoint
 from virtual_phantom.diagnosis.core.locate import EDGE_SHARE, Half, aligned
+from virtual_phantom.diagnosis.core.statement import stated_physics
 from virtual_phantom.diagnosis.core.templates import strength, varied, whitened
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
@@ -43,6 +48,7 @@ from virtual_phantom.physics.scene import VoxelScene
 
 PHOTONS, REPEATS = 1e5, 4
 WEAKEST, STRONGEST = 5.0, 50.0
+STATED = 0.05  # of a parameter: standard deviation by which a declared one is known
 FAINTEST, LEAST_SHARE = 1e-3, 1e-5  # standard deviations, and of a range: as good as nothing
 EDGE_MM = 2.0
 SQUARES_SD = 3.5  # of sums of squares: one in some thousand passes it by chance
@@ -116,12 +122,28 @@ def strengths(name, wanted, random, given):
     raise ValueError(f"{name} stands nowhere in its range {WEAKEST} standard deviations out of this noise")
 
 
+def stated(physics, model, random=None):
+    """What somebody states of physics who knows every parameter to STATED of its value; without `random` just that."""
+    found = {}
+    for name, values in physics.items():
+        low_high = {one.name: (one.low, one.high) for one in model.parameters(name)}
+        found[name] = {}
+        for key, value in values.items():
+            sd = STATED * abs(value)
+            low, high = low_high.get(key, (-np.inf, np.inf))
+            drawn = value if random is None else random.normal(value, sd)
+            found[name][key] = {"value": float(np.clip(drawn, low, high)), "sd": sd}
+    return found
+
+
 def stands_out(given, physics):
     """How far physics stands out of the noise, in standard deviations: by a fit of the alignment to what the physics
     gives without noise. Changes need not be linear, and what an object's size takes up of a distance's is not."""
     fitter = given.fitter
     place = {one.name: one.expected for one in fitter.model.aligned}
-    there, data = fitter.model.predict(physics, place, fitter.data), fitter.data
+    data, beside = fitter.data, stated_physics(fitter.model.declared)
+    there = Linearisation(*2 * (LinearisationPoint.of(beside, place),)) if beside else BASE
+    there = fitter.model.predict(beside | physics, place, data, there)
     clean = copy.copy(fitter)
     clean.data = replace(
         data,
@@ -161,30 +183,42 @@ def left_over(given, physics, fit):
 
 
 def one(task):
-    kind, draw, only, accuracy, samples, edge_mm = task
-    random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=(len(kind), draw)))
+    kind, draw, only, accuracy, samples, edge_mm, known = task
+    key = (len(kind), draw, known) if known else (len(kind), draw)
+    random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=key))
     bare = scene(edge_mm)
     chain = Chain(bare, GEOMETRY, PHOTONS, samples=2 * samples)
     model, floor = model_and_floor(bare, GEOMETRY, samples, photons=PHOTONS)
     library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
-    blank = prepared.prepare(scans(chain, {}, random), None, model, floor_chain=floor, nominal_photons=PHOTONS)
+    statable = [name for name in library if not load(name).pattern]
+    beside, baseline = {}, {}
+    if known:
+        if kind != "none":  # what is concealed comes first, so that all are concealed in turn
+            statable = [name for name in statable if name != library[draw % len(library)]]
+        beside = {str(name): load(str(name)).values({}) for name in random.permutation(statable)[:known]}
+        baseline = stated(beside, model, random)
+    options = {"floor_chain": floor, "nominal_photons": PHOTONS}
+    exact = declared(stated(beside, model), "draws")
+    blank = prepared.prepare(scans(chain, beside, random), None, model, declared=exact, **options)
+    library = [name for name in library if name not in beside]
     count = {"none": 0, "pair": 2}.get(kind, 1)
     truth = [str(name) for name in random.permutation(library)[:count]]
     if count == 1:
-        truth = [library[draw % len(library)]]
+        shown = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
+        truth = [shown[draw % len(shown)]]
     physics = {}
     for name in truth:
         wanted = float(np.exp(random.uniform(np.log(WEAKEST), np.log(STRONGEST))))
         physics[name] = strengths(name, wanted, random, blank)
     began = time.perf_counter()
-    taken = scans(chain, physics, random)
-    given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
+    taken = scans(chain, beside | physics, random)
+    given = prepared.prepare(taken, None, model, declared=declared(baseline, "draws"), **options)
     tried = [name for name in library if kind != "missing" or name not in truth]
     baseline = trial(given.fitter, ())
     singles = {name: trial(given.fitter, (name,), baseline, baseline) for name in tried}
     found = choose(given.fitter, baseline, singles, accuracy=accuracy)
     content = diagnose("draw", given, found).content
-    left, seen = left_over(given, physics, found.chosen.fit)
+    left, seen = left_over(given, beside | physics, found.chosen.fit)
     row = {
         "draw": draw,
         "kind": kind,
@@ -257,12 +291,14 @@ def main():
         "--samples", type=int, default=2, help="rays per pixel and direction; scanned with twice as many"
     )
     parser.add_argument("--edge-mm", type=float, default=EDGE_MM, help="standard deviation by which edges are blurred")
+    parser.add_argument("--declared", type=int, default=0, help="further effects in every scan, typical and declared")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--out", default="draws.csv")
     options = parser.parse_args()
     draws = range(options.first, options.first + options.draws)
     accuracy = None if options.accuracy is None else {"default": options.accuracy}
-    tasks = [(options.kind, draw, options.only, accuracy, options.samples, options.edge_mm) for draw in draws]
+    settings = options.only, accuracy, options.samples, options.edge_mm, options.declared
+    tasks = [(options.kind, draw, *settings) for draw in draws]
     rows = []
     with ProcessPoolExecutor(options.processes) as pool, open(options.out, "w", newline="") as file:
         writer = csv.DictWriter(file, FIELDS, restval="")
