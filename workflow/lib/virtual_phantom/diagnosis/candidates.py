@@ -104,6 +104,6 @@ def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
             )
         if kind == "images" and {"disc", "object"} & set(settings):
             raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")
-        if settings["baseline"] and other is not None:
+        if settings.get("baseline", {}) and other is not None:
             raise InputError(f"{where}: physics_from takes all physics from {other}; take it or baseline out")
-        declared(settings["baseline"], f"{where}.baseline")
+        declared(settings.get("baseline", {}), f"{where}.baseline")
