@@ -131,12 +131,12 @@ def changed(**changes):
     [
         (dict(source_mm=lambda one: one[:3]), "four vectors"),
         (dict(source_mm=lambda one: one[0]), "four vectors"),
-        (dict(source_mm=lambda one: np.full_like(one, np.inf)), "parallel beams are not built"),
+        (dict(source_mm=lambda one: np.full_like(one, np.inf)), "vectors must be finite"),
         (dict(column_direction=lambda one: 1.01 * one), "view 0: .* length 1"),
         (dict(row_direction=lambda one: np.roll(one, 1, axis=1)), "perpendicular"),
         (dict(column_direction=lambda one: -one), "faces away"),
         (dict(view_times=lambda one: one[:2]), "one time"),
-        (dict(surface=lambda one: "cylindrical"), "surface 'cylindrical' is not built"),
+        (dict(surface=lambda one: "cylindrical"), "arc_radius_mm is the radius of a cylindrical detector"),
     ],
 )
 def test_impossible_vectors(changes, message):

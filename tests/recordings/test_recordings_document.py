@@ -47,7 +47,9 @@ def test_defaults_and_files(bench):
         ("held_out", ["b.h5"], "'b.h5' is among the repeats and held out"),
         ("scan.table_feed_mm", 20, "not 0 in a circular scan"),
         ("scan.trajectory", "helical", "scan.table_feed_mm is missing; a helical scan needs it"),
-        ("scan.detector", "curved", "only flat ones can be simulated"),
+        ("scan.detector", "curved", "flat, cylindrical"),
+        ("scan.arc_radius_mm", 900.0, "set scan.detector: cylindrical"),
+        ("scan.flying_focal_spot", [{"columns_mm": 1.0}], "flying_focal_spot"),
     ],
 )
 def test_mistakes_are_told_in_one_line(bench, path, value, message):

@@ -12,6 +12,7 @@ import pandas as pd
 from ..base.errors import InputError, meant
 from ..base.geometry import Grid, ScanGeometry, scan_geometry
 from ..base.streams import Branch, branch
+from ..base.vectors import FLAT
 from ..features import extraction
 from ..io.default_study import default_study
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
@@ -253,7 +254,9 @@ def reconstruct(
         scan.grid,
         algorithm,
         known[algorithm] | settings,
-        engine=choose_engine(engine, (known["sirt"] | settings).get("backprojector")),
+        engine=choose_engine(
+            engine, (known["sirt"] | settings).get("backprojector"), flat=scan.geometry.surface == FLAT
+        ),
         mu_water_per_mm=scan.mu_water_per_mm,
         physics=scan.image_physics,
         threads=threads,

@@ -7,7 +7,8 @@ Right-handed scanner frame in mm, the axes of NIfTI's RAS world frame: +x to the
     detector columns ( cos b,    sin b,    0  )        unit vector of increasing column
     detector rows    ( 0,        0,        1  )        unit vector of increasing row
 
-and the detector's centre lies opposite the source at distance source_to_detector_mm from it. Arrays are indexed
+and the detector's centre lies opposite the source at distance source_to_detector_mm from it. Where the focal spot
+flies, this place is the focal centre, and the source lies beside it: the detector stays. Arrays are indexed
 volume[z, y, x] and projections[view, row, column], each index running along the positive axis. Scans in general, and
 where rays run, are in vectors.py.
 """
@@ -21,7 +22,12 @@ from functools import cached_property
 import numpy as np
 
 from .errors import InputError
-from .vectors import ScanGeometry
+from .vectors import CYLINDRICAL, FLAT, ScanGeometry
+
+# A parallel beam's source to isocentre, and from there to its detector, behind any object. Rays are parallel to 1e-6 of
+# what they are apart, and 64 bits hold places along them to 1e-6 mm.
+PARALLEL_MM, BEHIND_MM = 1e9, 1e3
+SPOT_KEYS = ("columns_mm", "radius_mm", "z_mm")  # of a flying focal spot, in a `scan` section
 
 
 @dataclass(frozen=True)
@@ -104,26 +110,30 @@ class Grid:
 class OrbitGeometry(ScanGeometry):
     """A circular or helical scan (see the module's docstring for the frame).
 
-    The detector's reference point is the foot of the perpendicular from the source. Other attributes are those of
-    ScanGeometry.
+    The detector's reference point is the foot of the perpendicular from the focal centre, which is the focus of an arc
+    whose radius is not given. Other attributes are those of ScanGeometry.
 
     Attributes
     ----------
     source_to_isocentre_mm : float
-        Radius of the source's orbit, mm.
+        Radius of the focal centre's orbit, mm.
     source_to_detector_mm : float
-        From the source to the detector's reference point, mm.
+        From the focal centre to the detector's reference point, mm.
     angles_rad : ndarray, shape (views,)
         View angles, radians.
     source_z_mm : ndarray, shape (views,)
-        Source height in every view, mm; constant for a circular scan.
+        Height of the focal centre in every view, mm; constant for a circular scan.
     views_per_rotation : float
         How many views make one turn; weights of FDK need it.
+    spots_mm : ndarray, shape (spots, 3)
+        Where the focal spot is from the focal centre, mm: along the columns, away from the isocentre, along z. View i
+        has spot i mod spots. One spot at 0: it does not fly.
 
     Raises
     ------
     InputError
-        If there is no view, the arrays differ in length, or the isocentre does not lie between source and detector.
+        If there is no view, the arrays differ in length, the isocentre does not lie between source and detector, or
+        spots cannot be.
     """
 
     source_to_isocentre_mm: float
@@ -131,9 +141,12 @@ class OrbitGeometry(ScanGeometry):
     angles_rad: np.ndarray
     source_z_mm: np.ndarray
     views_per_rotation: float
+    spots_mm: np.ndarray = ((0.0, 0.0, 0.0),)
 
     def __post_init__(self):
-        self._freeze("angles_rad", "source_z_mm")
+        self._freeze("angles_rad", "source_z_mm", "spots_mm")
+        if self.surface == CYLINDRICAL and self.arc_radius_mm is None:
+            object.__setattr__(self, "arc_radius_mm", float(self.source_to_detector_mm))
         if self.angles_rad.ndim != 1 or self.angles_rad.size < 1 or self.angles_rad.shape != self.source_z_mm.shape:
             raise InputError("scan geometry: need at least one view, and one source height for every view angle")
         self._check()
@@ -142,6 +155,27 @@ class OrbitGeometry(ScanGeometry):
                 f"source_to_isocentre_mm {self.source_to_isocentre_mm} must be positive and less than "
                 f"source_to_detector_mm {self.source_to_detector_mm}"
             )
+        self._check_spots()
+
+    def _check_spots(self) -> None:
+        spots = self.spots_mm
+        if spots.ndim != 2 or spots.shape[1] != 3 or not 1 <= len(spots) <= self.views:
+            raise InputError("scan geometry: need three lengths for each focal spot, and no more spots than views")
+        if not np.abs(spots).max() < min(self.source_to_isocentre_mm, self.source_to_detector_mm) / 2:
+            raise InputError(
+                f"scan geometry: a focal spot {np.abs(spots).max():g} mm beside the focal centre is nowhere near it; "
+                "are all lengths in mm?"
+            )
+
+    @property
+    def flies(self) -> bool:
+        """Whether the focal spot flies, or rests beside the focal centre."""
+        return bool(self.spots_mm.any())
+
+    @property
+    def spot_of_view(self) -> np.ndarray:
+        """Which spot each view has, shape (views,)."""
+        return np.arange(self.views) % len(self.spots_mm)
 
     @property
     def views(self) -> int:
@@ -153,14 +187,22 @@ class OrbitGeometry(ScanGeometry):
         """Where the source is, mm, shape (views, 3)."""
         sine, cosine = np.sin(self.angles_rad), np.cos(self.angles_rad)
         radius = self.source_to_isocentre_mm
-        return np.stack([-radius * sine, radius * cosine, self.source_z_mm], axis=1)
+        return np.stack([-radius * sine, radius * cosine, self.source_z_mm], axis=1) + self._flown_mm
 
     @cached_property
     def toward_mm(self) -> np.ndarray:
         """From the source to the detector's reference point, mm, shape (views, 3)."""
         sine, cosine = np.sin(self.angles_rad), np.cos(self.angles_rad)
         distance = self.source_to_detector_mm
-        return np.stack([distance * sine, -distance * cosine, np.zeros(self.views)], axis=1)
+        return np.stack([distance * sine, -distance * cosine, np.zeros(self.views)], axis=1) - self._flown_mm
+
+    @cached_property
+    def _flown_mm(self) -> np.ndarray | float:
+        """From the focal centre to the source, mm, shape (views, 3); 0 where it does not fly."""
+        if not self.flies:
+            return 0.0
+        along, away, up = self.spots_mm[self.spot_of_view].T[..., None]
+        return along * self.column_direction - away * self.normal + up * self.row_direction
 
     @cached_property
     def detector_mm(self) -> np.ndarray:
@@ -185,7 +227,13 @@ class OrbitGeometry(ScanGeometry):
             source_z_mm=self.source_z_mm[::step],
             view_times=self.view_times[::step],
             views_per_rotation=self.views_per_rotation / step,
+            spots_mm=self.spots_mm[self._spots_of_every(step)],
         )
+
+    def _spots_of_every(self, step: int) -> np.ndarray:
+        spots = len(self.spots_mm)
+        some = np.arange(spots // math.gcd(spots, step)) * step % spots
+        return some[: -(-self.views // step)]
 
     def turned(self, angle_rad: float) -> OrbitGeometry:
         """Source and detector turned about z, from +x to +y."""
@@ -207,11 +255,61 @@ class OrbitGeometry(ScanGeometry):
     def field_of_view_radius_mm(self) -> float:
         """Radius of the cylinder around the isocentre that every view sees completely (in-plane)."""
         half = self.columns / 2 - abs(self.column_offset_px)
-        fan = math.atan(half * self.column_pitch_mm / self.source_to_detector_mm)
-        return self.source_to_isocentre_mm * math.sin(fan)
+        if self.surface == FLAT and not self.flies:
+            fan = math.atan(half * self.column_pitch_mm / self.source_to_detector_mm)
+            return self.source_to_isocentre_mm * math.sin(fan)
+        edges = (self.columns / 2 * np.array([-1, 1]) + self.column_offset_px) * self.column_pitch_mm
+        low, high = self.from_axis_mm(edges).T
+        return max(float(min(-low.max(), high.min())), 0.0)
+
+    def from_axis_mm(self, positions_mm: np.ndarray) -> np.ndarray:
+        """How far the rays to positions along the detector pass the axis, seen from above, signed as the positions are.
+
+        Parameters
+        ----------
+        positions_mm : ndarray, shape (positions,)
+            As column_positions_mm gives them.
+
+        Returns
+        -------
+        ndarray, shape (spots, positions)
+            mm.
+        """
+        along, away, _ = self.spots_mm.T[..., None]
+        to_along, to_ahead = self.from_spots_mm(positions_mm)
+        return (along * to_ahead + (self.source_to_isocentre_mm + away) * to_along) / np.hypot(to_along, to_ahead)
+
+    def from_spots_mm(self, positions_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The ways from the spots to positions along the detector, seen from above.
+
+        Parameters
+        ----------
+        positions_mm : ndarray, shape (positions,)
+            As column_positions_mm gives them.
+
+        Returns
+        -------
+        along_mm, ahead_mm : ndarray, shape (spots, positions)
+            Along the columns and towards the isocentre.
+        """
+        along, away, _ = self.spots_mm.T[..., None]
+        across, nearer = self.on_surface_mm(positions_mm)
+        return across - along, self.source_to_detector_mm + away - nearer
+
+    def fan_angles_rad(self) -> np.ndarray:
+        """Of the columns, seen from the focal centre, radians, shape (columns,)."""
+        across, nearer = self.on_surface_mm(self.column_positions_mm())
+        return np.arctan2(across, self.source_to_detector_mm - nearer)
 
     def solid_angles(self) -> np.ndarray:
-        """As ScanGeometry.solid_angles; alike in every view, so of shape (1, rows, columns)."""
+        """As ScanGeometry.solid_angles; of shape (1, rows, columns) where all views are alike."""
+        if self.surface != FLAT or self.flies:
+            if len(self.spots_mm) > 1:
+                return super().solid_angles()
+            first = replace(
+                self, angles_rad=self.angles_rad[:1], source_z_mm=self.source_z_mm[:1], view_times=self.view_times[:1]
+            )
+            return super(OrbitGeometry, first).solid_angles()
         off = np.hypot(self.column_positions_mm(), self.row_positions_mm()[:, None])
         return (1 + (off / self.source_to_detector_mm) ** 2)[None] ** -1.5
 
@@ -314,6 +412,19 @@ def helical(
     return OrbitGeometry(angles_rad=angles, source_z_mm=turn * feed, views_per_rotation=views_per_rotation, **detector)
 
 
+def parallel_beam() -> dict[str, float]:
+    """The distances of a parallel beam, with which `circular` and `helical` make scans of one.
+
+    The source is so far away that nothing tells its rays from parallel ones, and pixels are as large as their shadows.
+
+    Returns
+    -------
+    dict of str to float
+        mm, by name of OrbitGeometry's fields.
+    """
+    return {"source_to_isocentre_mm": PARALLEL_MM, "source_to_detector_mm": PARALLEL_MM + BEHIND_MM}
+
+
 def grid_of(settings: dict) -> Grid:
     """The grid of the configuration's `grid` section, centred at 0: what the phantom is made on.
 
@@ -359,6 +470,7 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
             "row_offset_px",
         )
     }
+    detector |= surface_of(scan)
     start = math.radians(scan["start_angle_deg"])
     if scan["trajectory"] == "circular":
         geometry = circular(views=projections, turns=scan["turns"] or 1.0, start_angle_rad=start, **detector)
@@ -372,3 +484,31 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
             **detector,
         )
     return replace(geometry, view_interval_ms=scan["rotation_time_ms"] / geometry.views_per_rotation)
+
+
+def surface_of(scan: dict) -> dict:
+    """The detector's surface and the focal spots of a `scan` section, of a study or a recording.
+
+    Parameters
+    ----------
+    scan : dict
+        The section: `detector`, `arc_radius_mm` and `flying_focal_spot`, each with a default where it is absent.
+
+    Returns
+    -------
+    dict
+        By name of OrbitGeometry's fields.
+    """
+    surface, radius = scan.get("detector", FLAT), scan.get("arc_radius_mm")
+    spots = [[spot.get(key, 0.0) for key in SPOT_KEYS] for spot in scan.get("flying_focal_spot") or [{}]]
+    return {"surface": surface, "arc_radius_mm": radius, "spots_mm": np.array(spots, float)}
+
+
+def stated_surface(geometry: OrbitGeometry) -> dict:
+    """What `surface_of` reads, for a recording's `scan` section."""
+    stated = {"detector": geometry.surface}
+    if geometry.surface != FLAT and geometry.arc_radius_mm != geometry.source_to_detector_mm:
+        stated["arc_radius_mm"] = geometry.arc_radius_mm
+    if geometry.flies:
+        stated["flying_focal_spot"] = [dict(zip(SPOT_KEYS, spot, strict=True)) for spot in geometry.spots_mm.tolist()]
+    return stated

@@ -4,6 +4,10 @@ A ray runs from the source to the middle of a pixel. Pixel (row, column) of a fl
 
     detector_mm + u column_direction + v row_direction        u, v: column_positions_mm, row_positions_mm
 
+and that of a cylindrical one, an arc of the radius r about a focus, at::
+
+    detector_mm + r sin(u / r) column_direction - r (1 - cos(u / r)) normal + v row_direction
+
 in the frame of geometry.py. This is the one place that says so; whoever needs rays takes them from here.
 """
 
@@ -20,6 +24,7 @@ from .errors import InputError
 
 # Largest part of a direction's length, and of a right angle's cosine, that rounding may make.
 ROUNDING = 1e-9
+FLAT, CYLINDRICAL = "flat", "cylindrical"
 
 
 class Upright(NamedTuple):
@@ -34,7 +39,7 @@ class Upright(NamedTuple):
     beside : ndarray
         How far the source lies from the isocentre along the columns, mm.
     distance : ndarray
-        From the source to the detector's plane, mm.
+        From the source to the detector's reference point along that, mm.
     first_column : ndarray
         Position of column 0 along the columns, from the foot of the perpendicular from the source, mm.
     source_z : ndarray
@@ -55,7 +60,7 @@ class Upright(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ScanGeometry:
-    """A flat detector and a point source in every view.
+    """A detector and a point source in every view.
 
     VectorGeometry holds any of them view by view; geometry.OrbitGeometry a circle or helix, by the few numbers that say
     all. Both have source_mm, detector_mm (the detector's reference point: its centre, if both offsets are 0),
@@ -70,8 +75,10 @@ class ScanGeometry:
         Distances between their centres, mm.
     column_offset_px, row_offset_px : float
         Shift of the detector's centre from its reference point along columns and rows, in pixels.
-    surface : str
-        Of the detector; "flat" is the only one so far.
+    surface : {"flat", "cylindrical"}
+        Of the detector. On a cylindrical one, pitch and offset of the columns are lengths along the arc.
+    arc_radius_mm : float or None
+        Of a cylindrical detector, mm: how far its focus lies from its reference point, across it. None of a flat one.
     view_interval_ms : float or None
         From the middle of one view to that of the next, ms; None: not known.
     exposure_ms : float or None
@@ -93,7 +100,8 @@ class ScanGeometry:
     row_pitch_mm: float
     column_offset_px: float = 0.0
     row_offset_px: float = 0.0
-    surface: str = "flat"
+    surface: str = FLAT
+    arc_radius_mm: float | None = None
     view_interval_ms: float | None = None
     exposure_ms: float | None = None
     view_times: np.ndarray | None = None
@@ -110,8 +118,6 @@ class ScanGeometry:
         if self.view_times is None:
             object.__setattr__(self, "view_times", np.arange(self.views) + 0.5 - self.views / 2)
         self._freeze("view_times")
-        if self.surface != "flat":
-            raise InputError(f"scan geometry: a detector's surface '{self.surface}' is not built yet; rebin it to flat")
         if self.view_times.shape != (self.views,):
             raise InputError("scan geometry: need one time for every view angle")
         interval = self.view_interval_ms
@@ -126,6 +132,20 @@ class ScanGeometry:
                 f"detector of {self.columns} columns x {self.rows} rows, {self.column_pitch_mm} x {self.row_pitch_mm} "
                 "mm: all four must be positive"
             )
+        self._check_surface()
+
+    def _check_surface(self) -> None:
+        if self.surface not in (FLAT, CYLINDRICAL):
+            raise InputError(f"scan geometry: a detector's surface is {FLAT} or {CYLINDRICAL}, not '{self.surface}'")
+        if (self.surface == CYLINDRICAL) != (self.arc_radius_mm is not None):
+            raise InputError(f"scan geometry: arc_radius_mm is the radius of a {CYLINDRICAL} detector, and of no other")
+        if self.surface == CYLINDRICAL:
+            reach = np.abs(self.column_positions_mm()[[0, -1]]).max()
+            if not reach < self.arc_radius_mm * math.pi / 2:  # not: NaN is refused too
+                raise InputError(
+                    f"scan geometry: a detector that reaches {reach:g} mm from its reference point is more than half "
+                    f"a circle of arc_radius_mm {self.arc_radius_mm:g}"
+                )
 
     @property
     def times_s(self) -> np.ndarray:
@@ -194,8 +214,28 @@ class ScanGeometry:
         return float(np.mean(_dot(self.toward_mm, self.normal) / -_dot(self.source_mm, self.normal)))
 
     def column_positions_mm(self) -> np.ndarray:
-        """Column centres along the detector, mm from its reference point, shape (columns,)."""
+        """Column centres along the detector, on its arc if it has one, mm from its reference point, (columns,)."""
         return (np.arange(self.columns) - (self.columns - 1) / 2 + self.column_offset_px) * self.column_pitch_mm
+
+    def on_surface_mm(self, positions_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where positions along the detector are.
+
+        Parameters
+        ----------
+        positions_mm : ndarray
+            As column_positions_mm gives them.
+
+        Returns
+        -------
+        across_mm : ndarray
+            From the reference point along the column direction.
+        nearer_mm : ndarray
+            From the plane through the reference point across the normal, towards the source: 0 on a flat detector.
+        """
+        if self.surface == FLAT:
+            return positions_mm, np.zeros_like(positions_mm)
+        angles, radius = positions_mm / self.arc_radius_mm, self.arc_radius_mm
+        return radius * np.sin(angles), 2 * radius * np.sin(angles / 2) ** 2
 
     def row_positions_mm(self) -> np.ndarray:
         """Row centres along the detector, mm from its reference point, shape (rows,)."""
@@ -204,7 +244,8 @@ class ScanGeometry:
     def ray(self, view: int, row: int, column: int) -> tuple[np.ndarray, np.ndarray]:
         """Source and detector-pixel centre (x, y, z) in mm of one ray: the definition, not the fast path."""
         source = self.source_mm[view]
-        along = self.column_positions_mm()[column] * self.column_direction[view]
+        across, nearer = (one[column] for one in self.on_surface_mm(self.column_positions_mm()))
+        along = across * self.column_direction[view] - nearer * self.normal[view]
         up = self.row_positions_mm()[row] * self.row_direction[view]
         return source, source + self.toward_mm[view] + along + up
 
@@ -227,7 +268,10 @@ class ScanGeometry:
             What each row adds to its z, mm.
         """
         toward, along, up = (each.T[..., None] for each in (self.toward_mm, self.column_direction, self.row_direction))
-        to, rows = toward + along * self.column_positions_mm(), self.row_positions_mm()
+        across, nearer = self.on_surface_mm(self.column_positions_mm())
+        to, rows = toward + along * across, self.row_positions_mm()
+        if self.surface != FLAT:
+            to -= self.normal.T[..., None] * nearer
         if self.is_upright:
             return to, rows
         return (to[:, :, None] + up[:, :, None] * rows[:, None]).reshape(3, self.views, -1), np.zeros(1)
@@ -258,7 +302,7 @@ class ScanGeometry:
             depth=-_dot(self.source_mm, normal),
             beside=_dot(self.source_mm, columns),
             distance=_dot(self.toward_mm, normal),
-            first_column=_dot(self.toward_mm, columns) + self.column_positions_mm()[0],
+            first_column=_dot(self.toward_mm, columns) + self.on_surface_mm(self.column_positions_mm())[0][0],
             source_z=self.source_mm[:, 2].copy(),
             first_row=self.toward_mm[:, 2] + self.row_positions_mm()[0],
         )
@@ -266,7 +310,8 @@ class ScanGeometry:
     def solid_angles(self) -> np.ndarray:
         """Solid angle under which the source sees each pixel, over that of a pixel at the foot of the perpendicular.
 
-        It is the inverse square of the distance times the cosine of the incidence, so the cube of that cosine.
+        It is the inverse square of the distance times the cosine of the incidence: on a flat detector the cube of that
+        cosine. On an arc, the foot is that of the perpendicular to the plane through its reference point.
 
         Returns
         -------
@@ -274,8 +319,16 @@ class ScanGeometry:
         """
         (to_x, to_y, to_z), rows = self.bundles()
         squared = (to_x**2 + to_y**2)[:, None] + (to_z[:, None] + rows[:, None]) ** 2
-        cosine = _dot(self.toward_mm, self.normal)[:, None, None] / np.sqrt(squared.reshape(self.shape))
-        return cosine**3
+        squared, distance = squared.reshape(self.shape), _dot(self.toward_mm, self.normal)[:, None, None]
+        cosine = distance / np.sqrt(squared)
+        if self.surface == FLAT:
+            return cosine**3
+        # How far the source lies from the planes that touch the arc at its columns.
+        angles = self.column_positions_mm() / self.arc_radius_mm
+        across, nearer = self.on_surface_mm(self.column_positions_mm())
+        across, nearer = _dot(self.toward_mm, self.column_direction)[:, None] + across, distance[..., 0] - nearer
+        facing = across * np.sin(angles) + nearer * np.cos(angles)
+        return cosine**2 * facing[:, None] / np.sqrt(squared)
 
     def by_vectors(self) -> VectorGeometry:
         """The same scan, held view by view."""
@@ -323,7 +376,7 @@ class VectorGeometry(ScanGeometry):
             raise InputError("scan geometry: need at least one view, and four vectors of x, y and z for every view")
         self._check()
         if not all(np.isfinite(getattr(self, name)).all() for name in _VECTORS):
-            raise InputError("scan geometry: vectors must be finite; parallel beams are not built")
+            raise InputError("scan geometry: vectors must be finite; for parallel beams see parallel_beam()")
         columns, rows = self.column_direction, self.row_direction
         off = np.stack([_dot(columns, columns) - 1, _dot(rows, rows) - 1, _dot(columns, rows)])
         if np.abs(off).max() > ROUNDING:

@@ -7,7 +7,8 @@ A file holds::
     /exchange/data_dark   counts without X-rays, [1, row, column]              (counts only)
     /exchange/theta       view angles, degrees
     /physics              where effects are switched on: mean signals with and without the object, and the noise's law
-    /acquisition          the rest of the scan geometry: attributes in mm, and source_z_mm per view
+    /acquisition          the rest of the scan geometry: attributes in mm, source_z_mm per view, and spots_mm of a focal
+                          spot that flies
 
 References
 ----------
@@ -28,7 +29,8 @@ from ..base.geometry import OrbitGeometry, ScanGeometry, orbit_of
 from .files import check_unchanged
 from .hdf5 import new_file
 
-_ARRAYS = ("angles_rad", "source_z_mm", "view_times")  # the last of all views that follow each other: not stored
+# The times are those of all views that follow each other: not stored.
+_ARRAYS = ("angles_rad", "source_z_mm", "spots_mm", "view_times")
 _SCALARS = [f.name for f in fields(OrbitGeometry) if f.name not in _ARRAYS]
 # Cheap and lossless: the bytes of noise do not compress, the zeros above them do.
 _COMPRESSION = dict(compression="gzip", compression_opts=1, shuffle=True)
@@ -180,6 +182,8 @@ def _write(file, data, geometry):
     acquisition.create_dataset("source_z_mm", data=geometry.source_z_mm)
     # Degrees do not read back to the same radians; the reconstruction should see the very angles that were simulated.
     acquisition.create_dataset("angles_rad", data=geometry.angles_rad)
+    if geometry.flies:
+        acquisition.create_dataset("spots_mm", data=geometry.spots_mm)
     for name in _SCALARS:
         if (value := getattr(geometry, name)) is not None:
             acquisition.attrs[name] = value
@@ -189,8 +193,9 @@ def _write(file, data, geometry):
 def _geometry(file):
     acquisition = file["acquisition"]
     scalars = {name: np.asarray(acquisition.attrs[name]).item() for name in _SCALARS if name in acquisition.attrs}
+    spots = {"spots_mm": acquisition["spots_mm"][...]} if "spots_mm" in acquisition else {}
     return OrbitGeometry(
-        angles_rad=acquisition["angles_rad"][...], source_z_mm=acquisition["source_z_mm"][...], **scalars
+        angles_rad=acquisition["angles_rad"][...], source_z_mm=acquisition["source_z_mm"][...], **spots, **scalars
     )
 
 

@@ -29,7 +29,7 @@ def cupy_installed() -> bool:
 NO_CUPY = "astra_cuda needs CuPy, which cannot be imported: pip install -r environment-gpu.txt"
 
 
-def choose_engine(name: str, backprojector: str, look: bool = True) -> str:
+def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool = True) -> str:
     """The engine for what the configuration says; "auto" takes CUDA where there is any and it can do the work.
 
     Warns if a device is left unused for want of CuPy.
@@ -41,6 +41,8 @@ def choose_engine(name: str, backprojector: str, look: bool = True) -> str:
         That of SIRT: ASTRA has no "adjoint".
     look : bool, optional
         False: astra_cuda is believed, and looked for by what uses it (`projector`).
+    flat : bool, optional
+        Whether all detectors are: ASTRA has no other.
 
     Returns
     -------
@@ -49,12 +51,15 @@ def choose_engine(name: str, backprojector: str, look: bool = True) -> str:
     Raises
     ------
     InputError
-        For an unknown engine, for astra_cuda where there is no CUDA device or no CuPy, or with "adjoint".
+        For an unknown engine, for astra_cuda where there is no CUDA device or no CuPy, with "adjoint", or for a
+        detector that is not flat.
     """
     if name not in ENGINES:
         raise InputError(f"engine '{name}' is unknown; use one of {', '.join(ENGINES)}")
-    if name == "cpu" or (name == "auto" and backprojector == "adjoint"):
+    if name == "cpu" or (name == "auto" and (backprojector == "adjoint" or not flat)):
         return "cpu"
+    if not flat:
+        raise InputError("engine: astra_cuda has no cylindrical detectors; set engine: cpu")
     if backprojector == "adjoint":
         raise InputError("engine: astra_cuda has no adjoint; set reconstruction.sirt.backprojector: voxel")
     if name == "auto":

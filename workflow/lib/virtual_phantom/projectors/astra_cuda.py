@@ -20,6 +20,7 @@ from astra.log import AstraError
 
 from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry
+from ..base.vectors import FLAT
 
 
 def cone_vectors(geometry: ScanGeometry, views: slice = slice(None)) -> np.ndarray:
@@ -62,10 +63,12 @@ class AstraCudaProjector:
     Raises
     ------
     InputError
-        Where ASTRA fails.
+        For a detector that is not flat, and where ASTRA fails.
     """
 
     def __init__(self, geometry: ScanGeometry, grid: Grid, lanes: int = 1, arrays: ModuleType | None = None):
+        if geometry.surface != FLAT:
+            raise InputError("engine: astra_cuda has no cylindrical detectors; set engine: cpu")
         if arrays is None:
             import cupy as arrays
         self.geometry, self.grid, self.lanes, self._arrays = geometry, grid, lanes, arrays

@@ -98,19 +98,21 @@ def _within_quadric(q, source, way, first, last):
 
 
 class Room(NamedTuple):
-    """What one ray needs: where it enters and leaves the shapes that it meets, and which these are."""
+    """What one ray needs: where it enters and leaves the shapes that it meets, which these are, and its own vectors."""
 
     begin: np.ndarray
     end: np.ndarray
     met: np.ndarray
     edges: np.ndarray
     way: np.ndarray
+    near: np.ndarray
 
     @classmethod
     def of(cls, shapes: Shapes) -> Room:
         """For so many shapes."""
         count = len(shapes.material)
-        return cls(np.empty(count), np.empty(count), np.empty(count, np.int64), np.empty(2 * count), np.empty(3))
+        met = np.empty(count, np.int64)
+        return cls(np.empty(count), np.empty(count), met, np.empty(2 * count), np.empty(3), np.empty(3))
 
 
 @njit(inline="always", **EXACT)
@@ -142,7 +144,7 @@ def chords(shapes, sources, ways, rises, lengths, room):
     """
     count = len(shapes.material)
     views, bundles = ways.shape[0], ways.shape[1]
-    begin, end, met, edges, way = room.begin, room.end, room.met, room.edges, room.way
+    begin, end, met, edges, way, near = room.begin, room.end, room.met, room.edges, room.way, room.near
     for view in range(views):
         source = sources[view]
         for row in range(len(rises)):
@@ -150,10 +152,19 @@ def chords(shapes, sources, ways, rises, lengths, room):
                 way[0], way[1] = ways[view, bundle, 0], ways[view, bundle, 1]
                 way[2] = ways[view, bundle, 2] + rises[row]
                 found = 0
+                # Quadratics are solved about the point that is nearest to the isocentre: the source may be far away.
+                closest = 0.0
+                for axis in range(3):
+                    closest -= source[axis] * way[axis]
+                closest /= way[0] * way[0] + way[1] * way[1] + way[2] * way[2]
+                for axis in range(3):
+                    near[axis] = source[axis] + closest * way[axis]
                 for i in range(count):
                     first, last = _behind_planes(shapes, i, source, way)
                     if first < last and shapes.curved[i]:
-                        first, last = _within_quadric(shapes.quadrics[i], source, way, first, last)
+                        low, high = first - closest, last - closest
+                        low, high = _within_quadric(shapes.quadrics[i], near, way, low, high)
+                        first, last = low + closest, high + closest
                     if first < last:
                         begin[found], end[found], met[found] = first, last, i
                         _insert(edges, 2 * found, first)

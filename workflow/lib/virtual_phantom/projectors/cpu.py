@@ -66,6 +66,9 @@ class CpuProjector:
             )
         self.geometry, self.grid, self.lanes, self.threads = geometry, grid, lanes, threads
         self._lanes = (0,) * lanes
+        positions = geometry.column_positions_mm()
+        across, nearer = geometry.on_surface_mm(positions)
+        arc = geometry.arc_radius_mm or 0.0
         self._scan = kernels.Scan(
             shape=grid.shape,
             spacing=grid.spacing,
@@ -73,6 +76,11 @@ class CpuProjector:
             rows=geometry.rows,
             column_pitch=float(geometry.column_pitch_mm),
             row_pitch=float(geometry.row_pitch_mm),
+            # Of a flat detector so that rounding is what it is from column to column.
+            across=across - across[0] if arc else np.arange(geometry.columns) * float(geometry.column_pitch_mm),
+            nearer=nearer,
+            arc=float(arc),
+            first_angle=float(positions[0] / arc) if arc else 0.0,
             cosine=above.cosine,
             sine=above.sine,
             depth=above.depth + x * above.sine - y * above.cosine,
@@ -223,7 +231,8 @@ class CpuProjector:
 
     def back_parallel_stack(self, rays) -> np.ndarray:
         """Zeros for projections rebinned to parallel rays (ParallelRays), in the kernels' layout."""
-        return aligned_zeros((len(rays.angles_rad), len(rays.t_mm) + 2, self.geometry.rows + 2, self.lanes))
+        images = rays.levels * len(rays.angles_rad)
+        return aligned_zeros((images, len(rays.t_mm) + 2, self.geometry.rows + 2, self.lanes))
 
     def back_parallel(self, projections: np.ndarray, rays, full_rows: float) -> np.ndarray:
         """Mean over directions of rebinned projections, each voxel by the views that see it.
@@ -244,7 +253,7 @@ class CpuProjector:
         volume = self.empty_volume()
         nz, ny, nx = self.grid.shape
         seen = np.zeros((ny, nx, nz), dtype=np.float32)
-        orbit, views = rays.geometry, -(-len(rays.angles_rad) // rays.half_turn)
+        orbit, views = rays.geometry, rays.levels * -(-len(rays.angles_rad) // rays.half_turn)
         scan = parallel.ParallelScan(
             shape=self.grid.shape,
             spacing=self.grid.spacing,
@@ -257,8 +266,10 @@ class CpuProjector:
             view_step=rays.view_step,
             source_z=float(orbit.source_z_mm[0]),
             source_step=float(orbit.source_z_mm[1] - orbit.source_z_mm[0]),
-            radius=float(orbit.source_to_isocentre_mm),
-            distance=float(orbit.source_to_detector_mm),
+            level_z=rays.level_z_mm,
+            level_radius=rays.level_radius_mm,
+            level_turn=rays.level_turn_rad,
+            level_ahead=rays.level_ahead_mm,
             first_row=float(orbit.row_positions_mm()[0]),
             row_pitch=float(orbit.row_pitch_mm),
             first_t=float(rays.t_mm[0]),

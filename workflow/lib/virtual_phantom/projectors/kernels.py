@@ -53,6 +53,13 @@ class Scan(NamedTuple):
         Of the detector.
     column_pitch, row_pitch : float
         Of the detector, mm.
+    across, nearer : ndarray, shape (columns,)
+        Where columns are: from column 0 along the column direction, and from the plane through the detector's reference
+        point towards the source, mm.
+    arc : float
+        Radius of a cylindrical detector, mm; 0 of a flat one.
+    first_angle : float
+        Of column 0 about the focus of the arc, radians.
     cosine, sine, distance, first_column, first_row : ndarray
         As vectors.Upright has them.
     depth, beside, source_z : ndarray
@@ -67,6 +74,10 @@ class Scan(NamedTuple):
     rows: int
     column_pitch: float
     row_pitch: float
+    across: np.ndarray
+    nearer: np.ndarray
+    arc: float
+    first_angle: float
     cosine: np.ndarray
     sine: np.ndarray
     depth: np.ndarray
@@ -94,8 +105,8 @@ def tile_width(lanes):
 def _ray(view, column, scan):
     """In-plane source position, from the grid's centre, and direction to the detector column (all the way to it)."""
     s, c = scan.sine[view], scan.cosine[view]
-    depth, beside, distance = scan.depth[view], scan.beside[view], scan.distance[view]
-    along = scan.first_column[view] + column * scan.column_pitch
+    depth, beside, distance = scan.depth[view], scan.beside[view], scan.distance[view] - scan.nearer[column]
+    along = scan.first_column[view] + scan.across[column]
     return (
         beside * c - depth * s,
         beside * s + depth * c,
@@ -161,6 +172,26 @@ def _set_line(lines, k, position, scale, height, slope, cells, n):
     lines.start[k], lines.stop[k] = span(lines.height[k], lines.slope[k], cells, n)
 
 
+@njit(inline="always", **OPTIONS)
+def _on_arc(along, depth, view, scan):
+    """Where a ray meets a cylindrical detector, by its in-plane direction along the columns and away from the source.
+
+    Returns
+    -------
+    reach : float
+        How many times as far as the direction is long.
+    column : float
+    """
+    # The source, seen from the focus.
+    beside = scan.arc * math.sin(scan.first_angle) - scan.first_column[view]
+    ahead = scan.arc - scan.distance[view]
+    square, half = along * along + depth * depth, beside * along + ahead * depth
+    left = beside * beside + ahead * ahead - scan.arc * scan.arc
+    reach = (math.sqrt(half * half - square * left) - half) / square
+    angle = math.atan2(beside + reach * along, ahead + reach * depth)
+    return reach, (angle - scan.first_angle) * scan.arc / scan.column_pitch
+
+
 @njit(**OPTIONS)
 def _columns_of_tile(view, x0, x1, y0, y1, scan):
     """Detector columns [first, last) whose rays can meet the padded voxel columns [x0, x1) x [y0, y1)."""
@@ -176,8 +207,12 @@ def _columns_of_tile(view, x0, x1, y0, y1, scan):
             depth = scan.depth[view] + at_x * s - at_y * c
             if depth <= 0:
                 return 0, columns
-            along = (at_x * c + at_y * s - scan.beside[view]) * scan.distance[view] / depth
-            column = (along - scan.first_column[view]) / scan.column_pitch
+            along = at_x * c + at_y * s - scan.beside[view]
+            if scan.arc > 0:
+                _, column = _on_arc(along, depth, view, scan)
+            else:
+                along = along * scan.distance[view] / depth
+                column = (along - scan.first_column[view]) / scan.column_pitch
             low = min(low, int(math.floor(column)))
             high = max(high, int(math.ceil(column)))
     return max(0, low), min(columns, high + 1)
@@ -287,8 +322,9 @@ def back_project(volume, projections, first_view, views, first_y, last_y, scan, 
     """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
 
     Each view counts by (source to isocentre / depth)^2: the weight of FDK, and how densely rays lie, which the
-    transpose of a forward projection has by itself. ASTRA's BP3D_CUDA does the same, but for a constant
-    (github.com/astra-toolbox/astra-toolbox/issues/594). Arguments are those of `trace`.
+    transpose of a forward projection has by itself. In place of the depth, an arc takes the in-plane distance from the
+    source. ASTRA's BP3D_CUDA does the same, but for a constant (github.com/astra-toolbox/astra-toolbox/issues/594).
+    Arguments are those of `trace`.
     """
     count = len(lanes)
     nz, ny, nx = scan.shape
@@ -310,7 +346,16 @@ def back_project(volume, projections, first_view, views, first_y, last_y, scan, 
                 lowest = -(nz - 1) * 0.5 * dz - scan.source_z[view]
                 for y in range(y0, min(y0 + width, last_y)):
                     position_y = (y - (ny - 1) * 0.5) * dy
-                    for k in range(min(width, nx - x0)):
+                    if scan.arc > 0:
+                        for k in range(min(width, nx - x0)):
+                            position_x = (np.float64(np.int32(x0 + k)) - (nx - 1) * 0.5) * dx
+                            along = position_x * c + position_y * s - beside
+                            ahead = depth + position_x * s - position_y * c
+                            reach, column = _on_arc(along, ahead, view, scan)
+                            reach /= scan.row_pitch
+                            weight = radius * radius / (along * along + ahead * ahead)
+                            _set_line(lines, k, column + 1.0, weight, lowest * reach + up_middle, dz * reach, rows, nz)
+                    for k in range(min(width, nx - x0) if scan.arc == 0 else 0):
                         position_x = (np.float64(np.int32(x0 + k)) - (nx - 1) * 0.5) * dx
                         closer = 1.0 / (depth + position_x * s - position_y * c)
                         _set_line(

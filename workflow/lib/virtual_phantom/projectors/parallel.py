@@ -52,9 +52,10 @@ class ParallelScan(NamedTuple):
     view_step : float
         Radians from view to view, signed.
     source_z, source_step : float
-        Height of the source in view 0, and what each view adds.
-    radius, distance : float
-        From the source to the isocentre and to the detector.
+        Height of the focal centre in view 0, and what each view adds.
+    level_z, level_radius, level_turn : ndarray, shape (levels,)
+    level_ahead : ndarray, shape (levels, columns)
+        As ParallelRays has them.
     first_row, row_pitch : float
         Height of row 0 on the detector, and from row to row.
     first_t, t_pitch : float
@@ -74,8 +75,10 @@ class ParallelScan(NamedTuple):
     view_step: float
     source_z: float
     source_step: float
-    radius: float
-    distance: float
+    level_z: np.ndarray
+    level_radius: np.ndarray
+    level_turn: np.ndarray
+    level_ahead: np.ndarray
     first_row: float
     row_pitch: float
     first_t: float
@@ -83,7 +86,8 @@ class ParallelScan(NamedTuple):
     full: float
 
 
-# Room for sums, for as many views as have one direction: total (z,), shares (view, z), four times (view,); one line's.
+# Room for sums, for as many views of all levels as have one direction: total (z,), shares (view, z), four times (view,)
+# and one line's.
 Room = namedtuple("Room", "total shares near at height slope line")
 
 
@@ -109,7 +113,7 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
     seen : ndarray of float32, shape (y, x, z)
         Counts the directions that any view gave.
     projections : ndarray of float32, flat
-        [angle, t + 2, row + 2, lane].
+        [level, angle, t + 2, row + 2, lane].
     first_y, last_y : int
     scan : ParallelScan
     room : Room
@@ -120,12 +124,13 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
     count = len(lanes)
     nz, ny, nx = scan.shape
     dz, dy, dx = scan.spacing
-    radius, distance, first_row, row_pitch = scan.radius, scan.distance, scan.first_row, scan.row_pitch
+    first_row, row_pitch = scan.first_row, scan.row_pitch
     columns, rows, half_turn, full = scan.columns, scan.rows, scan.half_turn, scan.full
     sine, cosine, view_of_angle, view_step = scan.sine, scan.cosine, scan.view_of_angle, scan.view_step
     first_t, t_pitch, source_z0, source_step = scan.first_t, scan.t_pitch, scan.source_z, scan.source_step
     total, shares, near, at, height, slope, line = room
-    angles = len(sine)
+    angles, levels = len(sine), len(scan.level_z)
+    same = -(-angles // half_turn)
     step = (rows + 2) * count
     width = tile_width(lanes)
     for y0 in range(first_y, last_y, width):
@@ -137,28 +142,35 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
                         position_x = (x - (nx - 1) * 0.5) * dx
                         total[:] = 0
                         views = 0
-                        for i in range(direction, angles, half_turn):
+                        for one in range(levels * same):
+                            level = one // same
+                            i = direction + (one - level * same) * half_turn
+                            if i >= angles:
+                                continue
+                            radius, up = scan.level_radius[level], scan.level_z[level]
                             s, c = sine[i], cosine[i]
                             t = position_x * c + position_y * s
                             across = (t - first_t) / t_pitch + 1.0
                             if across < 1.0 or across > columns or abs(t) >= radius:
                                 continue
-                            fan = math.asin(t / radius)
+                            j = int(across)
+                            near[views] = 1.0 - (across - j)
+                            ahead = scan.level_ahead[level, j - 1]
+                            ahead += (across - j) * (scan.level_ahead[level, min(j, columns - 1)] - ahead)
+                            fan = math.asin(t / radius) + scan.level_turn[level]
                             view = view_of_angle[i] - fan / view_step
                             cosine_fan = math.sqrt(1.0 - (t / radius) ** 2)
                             depth = radius * cosine_fan + position_x * s - position_y * c
-                            magnification = distance / (cosine_fan * depth)
-                            source_z = source_z0 + view * source_step
-                            bottom = (-(nz - 1) * 0.5 * dz - source_z) * magnification
+                            magnification = ahead / (cosine_fan * depth)
+                            source_z = source_z0 + up + view * source_step
+                            bottom = (-(nz - 1) * 0.5 * dz - source_z) * magnification + up
                             slope[views] = magnification * dz / row_pitch
                             height[views] = (bottom - first_row) / row_pitch + 1.0
                             for z in range(nz):
                                 share = _row_weight(height[views] + slope[views] * np.float32(z), rows, full)
                                 shares[views, z] = share
                                 total[z] += share
-                            j = int(across)
-                            near[views] = 1.0 - (across - j)
-                            at[views] = (i * (columns + 2) + j) * step
+                            at[views] = ((level * angles + i) * (columns + 2) + j) * step
                             views += 1
                         for z in range(nz):
                             if total[z] > np.float32(0.0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 from scipy import fft
@@ -10,6 +11,7 @@ from scipy import fft
 from ..base.errors import InputError
 from ..base.geometry import orbit_of
 from ..base.parallel_rays import ParallelRays
+from ..base.vectors import FLAT
 
 # Rows of the detector, as a share from its middle, that count fully where views of one direction overlap.
 FULL_ROWS = 0.6
@@ -37,7 +39,8 @@ def fbp(projector, line_integrals: np.ndarray, *, normalise: str = "coverage") -
     Raises
     ------
     InputError
-        For another word, a scan that is no circle or helix, and with "coverage" one that ParallelRays refuses.
+        For another word, a scan that is no circle or helix, with "coverage" one that ParallelRays refuses, and with
+        "none" a detector that is not flat or a focal spot that flies.
 
     References
     ----------
@@ -53,6 +56,9 @@ def fbp(projector, line_integrals: np.ndarray, *, normalise: str = "coverage") -
 
 def _fdk(projector, line_integrals):
     geometry = orbit_of(projector.geometry, "filtered back-projection")
+    if geometry.surface != FLAT or geometry.flies:
+        odd = "a focal spot that flies" if geometry.surface == FLAT else f"a {geometry.surface} detector"
+        raise InputError(f"fbp: FDK is not made for {odd}; set reconstruction.fbp.normalise: coverage")
     u, v = geometry.column_positions_mm(), geometry.row_positions_mm()
     distance = geometry.source_to_detector_mm
     cosine = (distance / np.sqrt(distance**2 + u[None, :] ** 2 + v[:, None] ** 2)).astype(np.float32)
@@ -68,12 +74,11 @@ def _fdk(projector, line_integrals):
 def _weighted(projector, line_integrals):
     rays = ParallelRays(projector.geometry)
     geometry = rays.geometry
-    u, v = geometry.column_positions_mm(), geometry.row_positions_mm()
-    flat = geometry.source_to_detector_mm**2 + u[None, :] ** 2
-    cosine = np.sqrt(flat / (flat + v[:, None] ** 2)).astype(np.float32)
     packed = projector.back_parallel_stack(rays)
     for lane, stack in enumerate(line_integrals):
-        for i, image in enumerate(rays.rebin(stack * cosine)):
+        stack = rays.in_the_plane(stack)
+        images = chain.from_iterable(rays.rebin(stack, level) for level in range(rays.levels))
+        for i, image in enumerate(images):
             packed[i, 1:-1, 1:-1, lane] = ramp_filter(image, rays.t_pitch_mm).T
     volume = projector.back_parallel(packed, rays, FULL_ROWS)
     # Outside, projections are cut off and the ramp filter with them: air, as scanners show it.

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from ..base.errors import InputError
-from ..base.geometry import OrbitGeometry
+from ..base.geometry import OrbitGeometry, surface_of
+from ..base.vectors import CYLINDRICAL
 
 DETECTOR = ("source_to_isocentre_mm", "source_to_detector_mm", "columns", "rows", "column_pitch_mm", "row_pitch_mm")
 REQUIRED = ("trajectory", *DETECTOR, "views", "views_per_rotation", "start_angle_deg", "direction")
@@ -45,11 +46,9 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
     Raises
     ------
     InputError
-        For a missing key, a curved detector, a helix without feed, a circle with one, and for lengths that cannot all
-        be millimetres.
+        For a missing key, the radius of an arc that is none, a helix without feed, a circle with one, and for lengths
+        that cannot all be millimetres.
     """
-    if scan.get("detector", "flat") != "flat":
-        raise InputError(f"{source}: scan.detector is curved; only flat ones can be simulated: rebin the views first")
     if missing := missing_for_geometry(scan):
         raise InputError(f"{source}: scan.{missing[0]} is missing; a {scan.get('trajectory', '')} scan needs it")
     if scan["trajectory"] == "helical":
@@ -60,6 +59,10 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
     check_lengths(scan, source)
     interval, exposure = times(scan, source)
     turns = np.arange(scan["views"]) / scan["views_per_rotation"]
+    if "arc_radius_mm" in scan and scan.get("detector") != CYLINDRICAL:
+        raise InputError(f"{source}: scan.arc_radius_mm is of a cylindrical detector; set scan.detector: cylindrical")
+    if len(scan.get("flying_focal_spot", [])) > scan["views"]:
+        raise InputError(f"{source}: scan.flying_focal_spot has more places than there are views; leave some out")
     return OrbitGeometry(
         **{key: scan[key] for key in DETECTOR},
         angles_rad=math.radians(scan["start_angle_deg"]) + scan["direction"] * 2 * np.pi * turns,
@@ -67,6 +70,7 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
         views_per_rotation=scan["views_per_rotation"],
         column_offset_px=scan.get("column_offset_px", 0.0),
         row_offset_px=scan.get("row_offset_px", 0.0),
+        **surface_of(scan),
         view_interval_ms=interval,
         exposure_ms=exposure,
     )
@@ -171,7 +175,9 @@ def check_lengths(scan: dict, source: str) -> None:
         )
     if not {"columns", "column_pitch_mm"} <= scan.keys():
         return
-    fan = math.atan(scan["columns"] * scan["column_pitch_mm"] / 2 / detector)
+    half = scan["columns"] * scan["column_pitch_mm"] / 2
+    curved = scan.get("detector") == CYLINDRICAL
+    fan = half / scan.get("arc_radius_mm", detector) if curved else math.atan(half / detector)
     width = 2 * isocentre * math.sin(fan)
     if math.degrees(2 * fan) > LARGEST_FAN_DEG:
         raise InputError(f"{source}: scan: the fan would be {math.degrees(2 * fan):.0f} degrees wide; {advice}")

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from ..base.errors import InputError, InputErrors
+from ..base.vectors import FLAT
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
 from ..physics.effect import acts_on_images, checked
 from .config_rules import Names, Rules
@@ -35,6 +36,12 @@ def check(settings: Mapping) -> None:
         for sections that contradict one another.
     """
     _checked(settings)
+
+
+def flat_detectors(config: Mapping) -> bool:
+    """Whether the detectors of all scans are flat."""
+    scans = (config.get("scan", {}), *config.get("scans", {}).values())
+    return all(scan.get("detector", FLAT) == FLAT for scan in scans)
 
 
 def complete(settings: Mapping) -> dict:

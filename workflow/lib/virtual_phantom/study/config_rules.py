@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 from ..base.errors import InputError, meant
+from ..base.vectors import FLAT
 from ..physics.effect import check_readings, checked
 from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 
@@ -287,6 +288,8 @@ class Rules:
         for name, scan in scans.items():
             if scan["source_to_detector_mm"] <= scan["source_to_isocentre_mm"]:
                 yield f"config: {name}.source_to_detector_mm must be larger than source_to_isocentre_mm"
+            if scan["arc_radius_mm"] is not None and scan["detector"] == FLAT:
+                yield f"config: {name}.arc_radius_mm is of a cylindrical detector; set {name}.detector: cylindrical"
 
     def _measured(self) -> Iterator[str]:
         """Measured data need the printed phantom's ROIs, and components fitted on them need the data."""

@@ -15,7 +15,7 @@ from ..io.files import check_unchanged
 from ..projectors import choose_engine
 from . import analyses
 from .acquisitions import Acquisitions
-from .config import complete
+from .config import complete, flat_detectors
 from .costs.jobs import Sizes, study_jobs
 from .costs.limits import minutes
 from .costs.rates import read_rates, seconds
@@ -254,7 +254,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     plan = Plan(complete(config))
     # On a cluster, jobs that need no device may be where there is none.
     backprojector = plan.config["reconstruction"]["sirt"]["backprojector"]
-    engine = choose_engine(plan.config["engine"], backprojector, look=here)
+    engine = choose_engine(plan.config["engine"], backprojector, look=here, flat=flat_detectors(plan.config))
     rates = read_rates(RESOURCES / "rates.yaml")
     outputs = Files(plan.config["results_dir"].rstrip("/"))
     sources = PhantomSources(plan)

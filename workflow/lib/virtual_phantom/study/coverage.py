@@ -11,6 +11,7 @@ from ..base.errors import InputError
 from ..base.geometry import Grid, scan_geometry
 from ..base.parallel_rays import ParallelRays
 from ..base.units import HU_BODY
+from ..base.vectors import FLAT
 from ..io.volumes import Volume
 from ..physics.line_integrals import hardest_points, share_seen
 
@@ -61,9 +62,20 @@ def columns_for(reach: float, scan: Mapping) -> int | None:
     """
     if reach >= scan["source_to_isocentre_mm"]:
         return None
-    half = math.tan(math.asin(reach / scan["source_to_isocentre_mm"])) * scan["source_to_detector_mm"]
+    half = _half_mm(math.asin(reach / scan["source_to_isocentre_mm"]), scan)
     columns = math.ceil(2 * (half / scan["column_pitch_mm"] + abs(scan["column_offset_px"])))
     return columns if columns <= MOST_PIXELS else None
+
+
+def _half_mm(fan_rad: float, scan: Mapping) -> float:
+    """How far along the detector a ray of a fan angle meets it, and a flying focal spot's beside it."""
+    distance = scan["source_to_detector_mm"]
+    beyond = distance / scan["source_to_isocentre_mm"] - 1
+    flown = beyond * max((abs(spot["columns_mm"]) for spot in scan["flying_focal_spot"] or []), default=0.0)
+    if scan["detector"] == FLAT:
+        return math.tan(fan_rad) * distance + flown
+    radius = scan["arc_radius_mm"] or distance
+    return (fan_rad + math.asin((distance - radius) * math.sin(fan_rad) / radius)) * radius + flown
 
 
 def worst_share(scan: Mapping, projections: int, grid: Grid, points_mm: np.ndarray) -> float:

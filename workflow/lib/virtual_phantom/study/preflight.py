@@ -14,7 +14,7 @@ from ..diagnosis.candidates import candidates, check_accuracy, check_kinds
 from ..projectors import choose_engine
 from ..recordings.document import Document
 from ..recordings.scan import timed
-from .config import inspected
+from .config import flat_detectors, inspected
 from .kept_checks import look_once
 from .outputs import Files
 from .phantom_sources import PhantomSources
@@ -72,7 +72,8 @@ def _results(config: dict) -> Iterator[str]:
 
 
 def _engine(config: dict) -> Iterator[str]:
-    yield from _said(choose_engine, config["engine"], config["reconstruction"]["sirt"]["backprojector"])
+    backprojector = config["reconstruction"]["sirt"]["backprojector"]
+    yield from _said(choose_engine, config["engine"], backprojector, True, flat_detectors(config))
 
 
 def _layout(config: dict) -> Iterator[str]:

@@ -12,7 +12,7 @@ REFERENCE_DEG = 20.0  # fan angle at which the thickness is stated: inside every
 def apply(state: State, values: dict[str, float]) -> None:
     """Add the filter, thicker from column to column."""
     geometry = orbit_of(state.geometry, "bowtie")
-    fan_deg = np.rad2deg(np.arctan2(geometry.column_positions_mm(), geometry.source_to_detector_mm))
+    fan_deg = np.rad2deg(geometry.fan_angles_rad())
     thickness = values["at_20deg_mm"] * (fan_deg / REFERENCE_DEG) ** 2
     state.filters = (*state.filters, ("aluminium", thickness[None, :]))
 

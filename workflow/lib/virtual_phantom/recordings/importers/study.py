@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import InputError
-from ...base.geometry import OrbitGeometry
+from ...base.geometry import OrbitGeometry, stated_surface
 from ...io.exchange import read_counts
 from ..recording import Recording
 from . import write_folder
@@ -64,7 +64,7 @@ def scan_of(geometry: OrbitGeometry) -> dict:
     helical = geometry.feed_per_rotation_mm != 0
     return {
         "trajectory": "helical" if helical else "circular",
-        "detector": "flat",
+        **stated_surface(geometry),
         "source_to_isocentre_mm": geometry.source_to_isocentre_mm,
         "source_to_detector_mm": geometry.source_to_detector_mm,
         "columns": geometry.columns,
