@@ -34,6 +34,7 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
     """
     fit = choice.chosen.fit
     found = []
+    plausible = {(name, one.name): one for name in fit.effects for one in model.parameters(name)}
     for one in model.unknowns(fit.effects):
         value, error = fit.physics[one.effect][one.name], fit.errors[one.effect].get(one.name, 0.0)
         low, high = one.value(one.low), one.value(one.high)
@@ -43,8 +44,10 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
         ends = {"upper": high} | ({"lower": low} if low not in (0, one.neutral) else {})
         for end, bound in ends.items():
             if abs(value - bound) <= AT_BOUND * (high - low):
-                name = f"{label(one.name)} of {label(one.effect)}"
-                found.append(f"{name} lies at the {end} end of its range")
+                whole = plausible[one.effect, one.name]
+                stated = whole.low < bound < whole.high
+                limits = "what is stated of it allows" if stated else "its range"
+                found.append(f"{label(one.name)} of {label(one.effect)} lies at the {end} end of {limits}")
     most = SURE * (1 - AT_BOUND)
     pulled = [one.name for one in model.alignment(fit.effects) if abs(one.off(fit.nuisance[one.name])) > most]
     if pulled:
