@@ -80,7 +80,7 @@ def other(tmp_path_factory):
     mask = mask_of(folder / "object.nii.gz", lambda x, y: (np.hypot(x, y) < 35) & ~((x > 5) & (np.abs(y) < 6)))
     scene = mask_scene(mask, "pmma")
     dense = mask_scene(mask, "pmma")
-    dense._voxels._volumes *= np.float32(DENSITY)
+    dense._voxels._amounts = dense._voxels._amounts * DENSITY
     state = Chain(dense, GEOMETRY, PHOTONS).state(TRUTH)
     random, air = np.random.default_rng(3), state.measured_air.mean(axis=0) * PHOTONS
     taken = observed.scans([Projections(state.counts(random), air, 0 * air) for _ in range(4)])

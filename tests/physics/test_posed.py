@@ -83,7 +83,7 @@ def test_slopes_are_what_small_steps_change(traced):
     step = 0.05  # mm: nearly all crossings stay between the same voxels
     moved = Pose(z_mm=step)
     sums = [traced.path_lengths(GEOMETRY, pose) / rays.lengths_mm for pose in (Pose(), moved)]
-    expected = -slopes[..., 1].transpose(0, 1, 3, 2) * step / traced.grid.spacing[0]
+    expected = -slopes[:, :, :, 1].transpose(2, 0, 3, 1) * step / traced.grid.spacing[0]
     assert np.abs(expected).max() > 1e-3
     np.testing.assert_allclose(sums[1] - sums[0], expected, atol=0.02 * np.abs(expected).max())
 

@@ -48,6 +48,16 @@ def test_truths_hold_on_all_kinds(variables):
     assert int(re.search(r"(\d+) passed", said)[1]) >= 13
 
 
+def test_scenes_have_the_same_paths_on_all_kinds(variables):
+    """Their kernel, of all rows at once, against the one that takes rows one after another."""
+    if variables.get("NUMBA_CPU_NAME") is None:
+        pytest.skip("this processor's own kind: test_scene.py itself")
+    said = run(
+        ["-m", "pytest", "-x", "-p", "no:xdist", HERE.parent / "physics" / "test_scene.py", "-k", "paths"], variables
+    )
+    assert int(re.search(r"(\d+) passed", said)[1]) >= 6
+
+
 def test_a_process_is_of_the_kind_that_is_asked_for(variables, request):
     asked = request.node.callspec.params["variables"]
     script = "from virtual_phantom.projectors.processors import PROCESSOR; print(PROCESSOR)"

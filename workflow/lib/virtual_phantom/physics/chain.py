@@ -30,7 +30,7 @@ from .effect import (
 )
 from .materials import attenuation_per_mm
 from .posed import NearScene, PosedScene, Scan
-from .sampling import displaced, quadrature
+from .sampling import averaged, displaced, divided
 from .scene import IN_PLACE, Pose, VoxelScene
 from .sensors import Sensor
 from .spectra import SENSOR, Spectrum, passing
@@ -74,8 +74,8 @@ class Chain:
     ):
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
         self.illumination, self.sensor, self.readout = illumination, sensor, readout
-        rays = len(quadrature(samples, geometry.rows > 1))
-        self._paths, self._transmissions = Kept(PATHS_KEPT * rays), Kept(TRANSMISSIONS_KEPT)
+        parts = len(divided(geometry, samples))
+        self._paths, self._transmissions = Kept(PATHS_KEPT * parts), Kept(TRANSMISSIONS_KEPT)
 
     def copy(self, geometry: ScanGeometry | None = None, samples: int | None = None) -> Chain:
         """The same, of another geometry or number of rays if one is given, with nothing kept."""
@@ -122,7 +122,7 @@ class Chain:
         return [
             (beside, pose, state.motion_mm)
             for *place_mm, _ in state.sources
-            for beside, _, _ in self._rays(displaced(state.geometry, *place_mm))
+            for beside, _ in divided(displaced(state.geometry, *place_mm), self.samples)
         ]
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:
@@ -261,33 +261,22 @@ class Chain:
 
     def _transmission(self, rays, geometry, pose, motion_mm, beam) -> np.ndarray:
         total = 0.0
-        for beside, place, weight in self._rays(geometry):
+        for beside, weights in divided(geometry, self.samples):
             paths = self._paths.get(
-                (rays, place), lambda beside=beside: self.scene.path_lengths(beside, pose, motion_mm)
+                (rays, beside.key), lambda beside=beside: self.scene.path_lengths(beside, pose, motion_mm)
             )
-            total = total + weight * self._through(paths, beam)
+            total = total + averaged(self._through(paths, beam, weights.shape), weights)
         return total
 
-    def _rays(self, geometry: ScanGeometry) -> list[tuple[ScanGeometry, tuple[float, float], float]]:
-        """Of a geometry, those of one ray per pixel that are averaged: (geometry, where in the pixel, weight)."""
-        return [
-            (
-                replace(
-                    geometry,
-                    column_offset_px=geometry.column_offset_px + place[0],
-                    row_offset_px=geometry.row_offset_px + place[1],
-                ),
-                place,
-                weight,
-            )
-            for place, weight in quadrature(self.samples, geometry.rows > 1)
-        ]
-
-    def _through(self, paths: np.ndarray, beam: Spectrum | None) -> np.ndarray:
+    def _through(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int]) -> np.ndarray:
+        """Of so many rows and columns of rays per pixel."""
         if beam is None:
             return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))[None]
         table = np.stack([attenuation_per_mm(material, beam.energies_kev) for material in self.scene.materials])
-        return transmitted(paths, table, np.stack([beam.signal, beam.noise]))
+        shares = np.stack([beam.signal, beam.noise])
+        if shares.ndim > 2:
+            shares = shares.repeat(rays[0], axis=-2).repeat(rays[1], axis=-1)
+        return transmitted(paths, table, shares)
 
 
 def transmitted(paths: np.ndarray, attenuation_per_mm: np.ndarray, shares: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ import numpy as np
 from ..base.geometry import ScanGeometry
 from ..base.recent import Kept
 from .rays import Rays, followed, outline
+from .sampling import Divided
 from .scene import IN_PLACE, Pose, VoxelScene
 
 # Square of how far any ray may lie from the one that was traced, over the voxel's size, mm: the error grows with the
@@ -23,7 +24,7 @@ TOLERANCE_MM = 3e-4
 # Of scans that were traced, all rays of a pixel; a focal spot takes nine.
 MEMORY_BYTES, LEAST_KEPT, MOST_KEPT = 4e8, 10, 32
 
-Scan = tuple[ScanGeometry, Pose, np.ndarray | None]  # of one ray per pixel: geometry, pose, motion_mm
+Scan = tuple[ScanGeometry | Divided, Pose, np.ndarray | None]  # geometry, pose, motion_mm
 
 
 class Traced:
@@ -93,11 +94,12 @@ class PosedScene:
         """The scene whose scans follow the nearest of these, where it is near enough."""
         return NearScene(self, [self.traced(*scan) for scan in scans])
 
-    def _most(self, geometry: ScanGeometry) -> int:
-        """How many scans of one ray per pixel are kept."""
-        rays = self._samples ** (2 if geometry.rows > 1 else 1)
-        size = 4 * len(self.materials) * np.prod(geometry.shape) * 5 * rays  # path lengths, four slopes
-        return rays * int(np.clip(MEMORY_BYTES / size, LEAST_KEPT, MOST_KEPT))
+    def _most(self, geometry: ScanGeometry | Divided) -> int:
+        """How many scans are kept, each of as many rays as are asked for at once."""
+        pixels = geometry.whole if isinstance(geometry, Divided) else geometry
+        rays = np.prod(pixels.shape) * self._samples ** (2 if pixels.rows > 1 else 1)
+        size = 4 * len(self.materials) * rays * 5  # path lengths, four slopes
+        return int(np.clip(MEMORY_BYTES / size, LEAST_KEPT, MOST_KEPT) * -(-rays // np.prod(geometry.shape)))
 
 
 class NearScene:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..base.geometry import Grid, ScanGeometry
 from ..projectors.any_rays import COORDINATES, Bundles, follow, trace_slopes, trace_sums
 from ..projectors.cpu import share_out
+from ..projectors.rows import empty_lines, in_registers, packed, tile_width, trace_rows
+from .sampling import Divided
 
 
 @dataclass(frozen=True)
@@ -112,10 +115,19 @@ class Voxels:
     """
 
     def __init__(self, amounts: np.ndarray):
-        self._shape = amounts.shape[1:]
-        around = np.pad(amounts.transpose(0, 2, 3, 1), ((0, 0), (1, 1), (1, 1), (1, 1))).astype(np.float32)
-        flat = (len(amounts), -1)
-        self._volumes, self._occupied = around.reshape(flat), (around != 0).any(axis=3).reshape(flat)
+        self._shape, self._amounts = amounts.shape[1:], amounts
+
+    @cached_property
+    def _packed(self) -> tuple[np.ndarray, np.ndarray]:
+        """As trace_rows takes them."""
+        return packed(self._amounts)
+
+    @cached_property
+    def _volumes(self) -> tuple[np.ndarray, np.ndarray]:
+        """As trace_sums takes them, and whether any voxel of a column is not zero."""
+        around = np.pad(self._amounts.transpose(0, 2, 3, 1), ((0, 0), (1, 1), (1, 1), (1, 1))).astype(np.float32)
+        flat = (len(around), -1)
+        return around.reshape(flat), (around != 0).any(axis=3).reshape(flat)
 
     def path_lengths(self, rays: Rays, threads: int = 1) -> np.ndarray:
         """Path lengths of rays.
@@ -123,7 +135,6 @@ class Voxels:
         Parameters
         ----------
         rays : Rays
-            Those of a bundle of several rows must have one shadow and meet the same voxels.
         threads : int, optional
 
         Returns
@@ -131,13 +142,18 @@ class Voxels:
         ndarray of float32, shape (materials, views, rows, bundles)
             mm.
         """
-        sums = np.zeros((len(self._volumes), *rays.bundles.along_x.shape))
+        if rays.bundles.rows_mm.size > 1:
+            sums, _ = self._rows(rays, threads, with_slopes=False)
+            sums = sums.transpose(2, 0, 3, 1)
+        else:
+            sums = np.zeros((len(self._amounts), *rays.bundles.along_x.shape))
 
-        def run(first, last):
-            trace_sums(self._volumes, sums[:, first:last], first, self._shape, rays.bundles)
+            def run(first, last):
+                trace_sums(self._volumes[0], sums[:, first:last], first, self._shape, rays.bundles)
 
-        share_out(run, sums.shape[1], threads)
-        return (sums[:, :, None] * rays.lengths_mm).astype(np.float32)
+            share_out(run, sums.shape[1], threads)
+            sums = sums[:, :, None]
+        return (sums * rays.lengths_mm).astype(np.float32)
 
     def slopes(self, rays: Rays, threads: int = 1) -> np.ndarray:
         """What the sums over planes change per change of the rays' coordinates.
@@ -151,17 +167,41 @@ class Voxels:
 
         Returns
         -------
-        ndarray of float32, shape (materials, views, bundles, rows, coordinates)
+        ndarray of float32, shape (views, bundles, materials, coordinates, rows)
             Coordinates as projectors/any_rays.py has them.
         """
-        views, bundles = rays.bundles.along_x.shape
-        found = np.zeros((len(self._volumes), views, bundles, rays.bundles.rows_mm.size, COORDINATES), np.float32)
+        if rays.bundles.rows_mm.size > 1:
+            return self._rows(rays, threads, with_slopes=True)[1]
+        found = np.zeros((*rays.bundles.along_x.shape, len(self._amounts), COORDINATES, 1), np.float32)
 
         def run(first, last):
-            trace_slopes(self._volumes, self._occupied, found[:, first:last], first, self._shape, rays.bundles)
+            trace_slopes(*self._volumes, found[first:last], first, self._shape, rays.bundles)
 
-        share_out(run, views, threads)
+        share_out(run, len(found), threads)
         return found
+
+    def _rows(self, rays: Rays, threads: int, with_slopes: bool) -> tuple[np.ndarray, np.ndarray | None]:
+        """Of bundles of several rows, sums of shape (views, bundles, materials, rows) and slopes."""
+        heights, place = in_registers(rays.bundles, self._shape)
+        shape = (*rays.bundles.along_x.shape, len(self._amounts))
+        sums = np.zeros((*shape, heights.size), np.float32)
+        slopes = np.zeros((*shape, COORDINATES, heights.size), np.float32) if with_slopes else None
+
+        def run(first, last):
+            trace_rows(
+                *self._packed,
+                sums[first:last],
+                None if slopes is None else slopes[first:last],
+                first,
+                self._shape,
+                rays.bundles,
+                heights,
+                tile_width(shape[-1], self._shape),
+                empty_lines(self._shape),
+            )
+
+        share_out(run, len(sums), threads)
+        return sums[..., place], None if slopes is None else slopes[..., place]
 
 
 def followed(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) -> np.ndarray:
@@ -171,7 +211,7 @@ def followed(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) ->
     ----------
     paths : ndarray, shape (materials, views, rows, columns)
         Of the rays traced, mm.
-    slopes : ndarray, shape (materials, views, bundles, rows, coordinates)
+    slopes : ndarray, shape (views, bundles, materials, coordinates, rows)
         Of the rays traced, as Voxels.slopes gives them.
     traced, rays : Rays
         The rays traced, and those beside them.
@@ -181,15 +221,15 @@ def followed(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) ->
     ndarray, shape (materials, views, rows, columns)
         mm.
     """
-    lanes, views, bundles, rows = slopes.shape[:4]
+    views, bundles, lanes, _, rows = slopes.shape
     bundled = paths.reshape(lanes, views, rows, bundles)
     result = np.empty_like(bundled)
     follow(bundled, slopes, traced.bundles, rays.bundles, result)
     return result.reshape(paths.shape)
 
 
-def outline(geometry: ScanGeometry) -> ScanGeometry:
-    """The rays to the detector's corners and the middles of its upper and lower edges.
+def outline(geometry: ScanGeometry | Divided) -> ScanGeometry:
+    """The rays to the detector's corners and the middles of its upper and lower edges, one of each pixel.
 
     How rays are displaced changes little in between.
 
@@ -197,6 +237,8 @@ def outline(geometry: ScanGeometry) -> ScanGeometry:
     -------
     ScanGeometry
     """
+    if isinstance(geometry, Divided):
+        geometry = geometry.whole
     columns, rows = min(geometry.columns, 3), min(geometry.rows, 2)
     wider = max(geometry.columns - 1, 1) / max(columns - 1, 1)
     taller = max(geometry.rows - 1, 1) / max(rows - 1, 1)

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from ..base.geometry import ScanGeometry
 
+MOST_RAYS = 4_000_000  # that are worked out at once: some 100 bytes each
+# Where source and detector are, whatever rays meet the pixels.
+OF_THE_WHOLE = (
+    *("views", "source_mm", "detector_mm", "toward_mm", "column_direction", "row_direction", "normal"),
+    *("surface", "on_surface_mm", "is_upright"),
+)
 
-def quadrature(samples: int, of_rows: bool = True) -> list[tuple[tuple[float, float], float]]:
+
+@cache
+def quadrature(samples: int, of_rows: bool = True) -> tuple[tuple[tuple[float, float], float], ...]:
     """Where rays meet a pixel: Gauss and Legendre's nodes, so that two per direction blur as the whole pixel does.
 
     Rays evenly spaced would blur by 1 - 1 / samples^2 of that.
@@ -23,13 +32,118 @@ def quadrature(samples: int, of_rows: bool = True) -> list[tuple[tuple[float, fl
 
     Returns
     -------
-    list of tuple
+    tuple of tuple
         ((column, row) from the pixel's centre in pixels, weight).
     """
     nodes, weights = np.polynomial.legendre.leggauss(samples)
     columns = [(float(node) / 2, float(weight) / 2) for node, weight in zip(nodes, weights, strict=True)]
     rows = columns if of_rows else [(0.0, 1.0)]
-    return [((column, row), one * other) for row, other in rows for column, one in columns]
+    return tuple(((column, row), one * other) for row, other in rows for column, one in columns)
+
+
+@dataclass(frozen=True)
+class Divided:
+    """A scan whose pixels meet several rays each: what scenes take rays from, in the place of its geometry.
+
+    All rays of a scan at once cost a fraction of what they cost one by one.
+
+    Attributes
+    ----------
+    whole : ScanGeometry
+    columns_px, rows_px : tuple of float
+        Where rays meet a pixel, from its centre, in pixels, in rising order.
+    """
+
+    whole: ScanGeometry
+    columns_px: tuple[float, ...]
+    rows_px: tuple[float, ...]
+
+    def __getattr__(self, name: str):
+        """What is that of the whole: `OF_THE_WHOLE` of ScanGeometry."""
+        if name not in OF_THE_WHOLE:
+            raise AttributeError(f"a divided scan has no {name}")
+        return getattr(self.whole, name)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Of its projections: views, rows of rays and columns of rays, those of a pixel side by side."""
+        views, rows, columns = self.whole.shape
+        return views, rows * len(self.rows_px), columns * len(self.columns_px)
+
+    @property
+    def key(self) -> tuple:
+        """As ScanGeometry.key."""
+        return self.whole.key, self.columns_px, self.rows_px
+
+    def column_positions_mm(self) -> np.ndarray:
+        """As ScanGeometry.column_positions_mm, of every column of rays."""
+        beside = np.multiply(self.columns_px, self.whole.column_pitch_mm)
+        return np.add.outer(self.whole.column_positions_mm(), beside).ravel()
+
+    def row_positions_mm(self) -> np.ndarray:
+        """As ScanGeometry.row_positions_mm, of every row of rays."""
+        return np.add.outer(self.whole.row_positions_mm(), np.multiply(self.rows_px, self.whole.row_pitch_mm)).ravel()
+
+    def turned(self, angle_rad: float) -> Divided:
+        """As ScanGeometry.turned."""
+        return replace(self, whole=self.whole.turned(angle_rad))
+
+    def bundles(self) -> tuple[np.ndarray, np.ndarray]:
+        """As ScanGeometry.bundles."""
+        return ScanGeometry.bundles(self)
+
+
+def divided(geometry: ScanGeometry, samples: int) -> list[tuple[ScanGeometry | Divided, np.ndarray]]:
+    """Scans of the rays of every pixel by `quadrature`, as many together as fit into memory.
+
+    Parameters
+    ----------
+    geometry : ScanGeometry
+    samples : int
+        Rays per pixel and direction.
+
+    Returns
+    -------
+    list of tuple
+        (scan, weights of its rays, shape (rows, columns) of a pixel).
+    """
+    places = quadrature(samples, geometry.rows > 1)
+    if len(places) == 1:
+        return [(geometry, np.ones((1, 1)))]
+    columns, rows = (sorted({place[axis] for place, _ in places}) for axis in (0, 1))
+    weights = np.array([weight for _, weight in places]).reshape(len(rows), len(columns))
+    together = max(1, MOST_RAYS // int(np.prod(geometry.shape)))
+    by_column = max(1, min(len(columns), together // len(rows)))
+    by_row = min(len(rows), together)
+    return [
+        (
+            Divided(geometry, tuple(columns[column : column + by_column]), tuple(rows[row : row + by_row])),
+            weights[row : row + by_row, column : column + by_column],
+        )
+        for row in range(0, len(rows), by_row)
+        for column in range(0, len(columns), by_column)
+    ]
+
+
+def averaged(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Of what the rays of a pixel have, the weighted sum.
+
+    Parameters
+    ----------
+    values : ndarray, shape (..., rows of rays, columns of rays)
+    weights : ndarray, shape (rows, columns)
+        Of the rays of a pixel.
+
+    Returns
+    -------
+    ndarray, shape (..., rows, columns)
+    """
+    by_row, by_column = weights.shape
+    if weights.size == 1:
+        return values * weights[0, 0]
+    *front, rows, columns = values.shape
+    apart = values.reshape(*front, rows // by_row, by_row, columns // by_column, by_column)
+    return np.einsum("...racb,ab->...rc", apart, weights)
 
 
 def displaced(geometry: ScanGeometry, column_mm: float, row_mm: float, away_mm: float = 0.0) -> ScanGeometry:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..base.geometry import Grid, ScanGeometry
 from ..io.volumes import Volume
-from ..projectors.cpu import CpuProjector, lanes_at_once
+from ..projectors.cpu import check_in_orbit
 from .materials import Segmentation, attenuation_per_mm, energy_of
 from .rays import Rays, Voxels
 
@@ -64,7 +64,6 @@ class VoxelScene:
         middle = (low + high - np.array(grid.shape)) / 2 * grid.spacing
         self._centre = middle[::-1]
         self._fractions = fractions[:, *box]
-        self._packed: tuple[int, list[np.ndarray]] | None = None  # how many materials together, and these
         self._voxels = None
 
     @classmethod
@@ -99,10 +98,12 @@ class VoxelScene:
         -------
         ndarray of float32, shape (materials, views, rows, columns)
             mm.
+
+        Raises
+        ------
+        InputError
+            If the grid's corners lie outside the source's orbit.
         """
-        if geometry.is_upright:
-            geometry, shift = turned_back(geometry, pose, motion_mm)
-            return self._project(geometry, shift, pose.size)
         rays = self.rays(geometry, pose, motion_mm)
         return self._traceable.path_lengths(rays, self.threads).reshape(-1, *geometry.shape)
 
@@ -115,7 +116,9 @@ class VoxelScene:
     ) -> Rays:
         """The rays of a scan in the grid's coordinates; along_x as Rays.of takes it."""
         geometry, shift = turned_back(geometry, pose, motion_mm)
-        return Rays.of(geometry, self._sized(pose.size), pose.size * self._centre + shift, along_x)
+        grid, centre_mm = self._sized(pose.size), pose.size * self._centre + shift
+        check_in_orbit(geometry, grid, centre_mm)
+        return Rays.of(geometry, grid, centre_mm, along_x)
 
     def slopes(self, rays: Rays) -> np.ndarray:
         """As Voxels.slopes."""
@@ -129,17 +132,6 @@ class VoxelScene:
 
     def _sized(self, size: float) -> Grid:
         return self.grid if size == 1 else replace(self.grid, spacing=tuple(size * s for s in self.grid.spacing))
-
-    def _project(self, geometry: ScanGeometry, shift: np.ndarray, size: float) -> np.ndarray:
-        centre = size * self._centre + shift
-        count = len(self.materials)
-        together = lanes_at_once(geometry, self.grid, count)
-        projector = CpuProjector(geometry, self._sized(size), together, self.threads, centre)
-        if self._packed is None or self._packed[0] != together:
-            parts = [self._fractions[first : first + together] for first in range(0, count, together)]
-            self._packed = together, [projector.pack_volume(part) for part in parts]
-        paths = [projector.unpack_projections(projector.forward(part)) for part in self._packed[1]]
-        return paths[0] if together == count else np.concatenate(paths)
 
 
 def turned_axes(turn_deg: float) -> np.ndarray:

@@ -4,8 +4,7 @@ A ray steps through the planes across its in-plane main direction. With t the pl
 meets a plane at the padded voxel index a + b t along the other in-plane axis and c + d t along z. Interpolation is
 bilinear, so the derivatives of a sum by a, b, c and d are sums of differences between neighbouring voxels.
 
-kernels.py has the same sums for many realisations, and their transpose, where all rows of a detector lie above each
-other.
+rows.py has the same for bundles of many rows, and kernels.py for many realisations, with the transpose.
 """
 
 import math
@@ -51,18 +50,18 @@ class Bundles(NamedTuple):
 
 
 @njit(inline="always", **OPTIONS)
-def _planes_met(a, b, n, n_other):
-    """Planes [first, last) of n beyond which a ray misses the padded grid."""
+def planes_between(a, b, n, low, high):
+    """Planes [first, last) of n outside of which a + b t lies outside of [low, high)."""
     if abs(b) < 1e-6:
         return 0, n
-    one, another = -a / b + (n - 1) * 0.5, (n_other + 1.0 - a) / b + (n - 1) * 0.5
+    one, another = (low - a) / b + (n - 1) * 0.5, (high - a) / b + (n - 1) * 0.5
     first = max(0.0, math.floor(min(one, another)))
     last = min(float(n), math.ceil(max(one, another)) + 1.0)
     return int(first), int(max(first, last))
 
 
 @njit(inline="always", **OPTIONS)
-def _axes(along_x, shape):
+def axes(along_x, shape):
     """Planes, voxels along the other in-plane axis, and voxel columns from one to the next along both."""
     _, ny, nx = shape
     return (nx, ny, 1, nx + 2) if along_x else (ny, nx, nx + 2, 1)
@@ -91,12 +90,12 @@ def trace_sums(volumes, sums, first_view, shape, rays):
         for i in range(views):
             view = first_view + i
             for bundle in range(bundles):
-                n, n_other, step, step_other = _axes(rays.along_x[view, bundle], shape)
+                n, n_other, step, step_other = axes(rays.along_x[view, bundle], shape)
                 a, b = rays.across[view, bundle, 0], rays.across[view, bundle, 1]
                 rise = rays.lift_mm[view, bundle] + rays.rows_mm[0]
                 c = rays.level[view] + rays.climb[view, bundle, 0] * rise
                 d = rays.climb[view, bundle, 1] * rise
-                start, stop = _planes_met(a, b, n, n_other)
+                start, stop = planes_between(a, b, n, 0, n_other + 1)
                 if d == 0.0 and (c < 0.0 or c >= nz + 1.0):
                     continue
                 k, up = int(c), np.float32(c - int(c))
@@ -133,7 +132,7 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
         Each flat [y + 2, x + 2, z + 2].
     occupied : ndarray of bool, shape (lanes, voxel columns)
         Whether any voxel of a column is not zero, flat [y + 2, x + 2].
-    slopes : ndarray, shape (lanes, views, bundles, rows, 4)
+    slopes : ndarray, shape (views, bundles, lanes, 4, rows)
         What is added to; coordinates in the order a, c, b, d.
     first_view : int
         Of the rays, that of the slopes' first view.
@@ -142,16 +141,16 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
     rays : Bundles
     """
     nz = shape[0]
-    lanes, views, bundles, rows = slopes.shape[0], slopes.shape[1], slopes.shape[2], slopes.shape[3]
+    views, bundles, lanes, _, rows = slopes.shape
     for lane in range(lanes):
         volume = volumes[lane]
         for i in range(views):
             view = first_view + i
             for bundle in range(bundles):
-                n, n_other, step, step_other = _axes(rays.along_x[view, bundle], shape)
+                n, n_other, step, step_other = axes(rays.along_x[view, bundle], shape)
                 a, b = rays.across[view, bundle, 0], rays.across[view, bundle, 1]
                 lift, level = rays.lift_mm[view, bundle], rays.level[view]
-                start, stop = _planes_met(a, b, n, n_other)
+                start, stop = planes_between(a, b, n, 0, n_other + 1)
                 for plane in range(start, stop):
                     middle = plane - (n - 1) * 0.5
                     other = a + b * middle
@@ -174,11 +173,10 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
                         low_step, high_step = volume[far] - low, volume[far + 1] - high
                         by_other = low_step + up * (high_step - low_step)
                         by_z = high - low + weight * (high_step - low_step)
-                        # Side by side, so that one vector instruction adds all four.
-                        slopes[lane, i, bundle, row, 0] += by_other
-                        slopes[lane, i, bundle, row, 1] += by_z
-                        slopes[lane, i, bundle, row, 2] += t * by_other
-                        slopes[lane, i, bundle, row, 3] += t * by_z
+                        slopes[i, bundle, lane, 0, row] += by_other
+                        slopes[i, bundle, lane, 1, row] += by_z
+                        slopes[i, bundle, lane, 2, row] += t * by_other
+                        slopes[i, bundle, lane, 3, row] += t * by_z
 
 
 @njit(**OPTIONS)
@@ -192,8 +190,8 @@ def follow(paths, slopes, traced, rays, result):
     ----------
     paths : ndarray, shape (lanes, views, rows, bundles)
         Of the rays traced, mm.
-    slopes : ndarray, shape (lanes, views, bundles, rows, 4)
-        As trace_slopes makes them.
+    slopes : ndarray, shape (views, bundles, lanes, 4, rows)
+        As trace_slopes makes them; further rows are left alone.
     traced, rays : Bundles
         The rays traced and those displaced.
     result : ndarray, shape (lanes, views, rows, bundles)
@@ -215,6 +213,6 @@ def follow(paths, slopes, traced, rays, result):
                 length = traced.between[view, bundle, 0] * math.sqrt(traced.between[view, bundle, 1] + v * v)
                 new_length = rays.between[view, bundle, 0] * math.sqrt(rays.between[view, bundle, 1] + new * new)
                 for lane in range(lanes):
-                    by = slopes[lane, view, bundle, row]
-                    change = da * by[0] + dc * by[1] + db * by[2] + dd * by[3]
+                    by = slopes[view, bundle, lane]
+                    change = da * by[0, row] + dc * by[1, row] + db * by[2, row] + dd * by[3, row]
                     result[lane, view, row, bundle] = (paths[lane, view, row, bundle] / length + change) * new_length

@@ -12,12 +12,8 @@ from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry
 from . import kernels, parallel
 from .lanes import aligned_zeros
-from .processors import ANY, AVX2, AVX512, PROCESSOR
-from .x86 import STEEPEST
 
 VIEWS_PER_BLOCK = 16
-# So many volumes are projected sooner one by one than together, where lines have so many values.
-ONE_BY_ONE_UP_TO, LEAST_VALUES = {AVX512: 7, AVX2: 4, ANY: 3}[PROCESSOR], 8
 
 
 class CpuProjector:
@@ -56,14 +52,8 @@ class CpuProjector:
         centre_mm: ArrayLike = (0.0, 0.0, 0.0),
     ):
         above = geometry.upright("engine cpu")
-        orbit_mm = float(np.hypot(*geometry.source_mm[:, :2].T).min())
         x, y, z = np.asarray(centre_mm, dtype=np.float64).T
-        half_diagonal = np.hypot(*grid.extent_mm[1:]) / 2 + np.hypot(x, y).max()
-        if half_diagonal >= orbit_mm:
-            raise InputError(
-                f"grid: its corners lie {half_diagonal:.0f} mm from the isocentre, outside the source's orbit of "
-                f"{orbit_mm:g} mm; shrink the grid or move the source out"
-            )
+        check_in_orbit(geometry, grid, centre_mm)
         self.geometry, self.grid, self.lanes, self.threads = geometry, grid, lanes, threads
         self._lanes = (0,) * lanes
         positions = geometry.column_positions_mm()
@@ -308,19 +298,29 @@ class CpuProjector:
         share_out(run, count, self.threads)
 
 
-def lanes_at_once(geometry: ScanGeometry, grid: Grid, lanes: int) -> int:
-    """How many of so many volumes are projected forward soonest together.
+def check_in_orbit(geometry: ScanGeometry, grid: Grid, centre_mm: ArrayLike) -> None:
+    """Check that the source goes round a grid.
 
-    All, or 1 if one by one, where these fill no register and neighbours along a line do (columns.py).
+    Parameters
+    ----------
+    geometry : ScanGeometry
+    grid : Grid
+    centre_mm : array_like, shape (3,) or (views, 3)
+        Of the grid from the isocentre (x, y, z), mm.
 
-    Returns
-    -------
-    int
+    Raises
+    ------
+    InputError
+        If the grid's corners lie outside the source's orbit.
     """
-    step = geometry.row_pitch_mm / geometry.magnification / grid.spacing[0]
-    long_enough = min(geometry.rows, grid.shape[0]) >= LEAST_VALUES
-    one_by_one = long_enough and (PROCESSOR == ANY or step <= STEEPEST)
-    return 1 if one_by_one and lanes <= ONE_BY_ONE_UP_TO else lanes
+    orbit_mm = float(np.hypot(*geometry.source_mm[:, :2].T).min())
+    x, y, _ = np.asarray(centre_mm, dtype=np.float64).T
+    half_diagonal = np.hypot(*grid.extent_mm[1:]) / 2 + np.hypot(x, y).max()
+    if half_diagonal >= orbit_mm:
+        raise InputError(
+            f"grid: its corners lie {half_diagonal:.0f} mm from the isocentre, outside the source's orbit of "
+            f"{orbit_mm:g} mm; shrink the grid or move the source out"
+        )
 
 
 def share_out(run: Callable[[int, int], None], count: int, threads: int) -> None:

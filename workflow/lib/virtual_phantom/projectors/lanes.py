@@ -17,7 +17,16 @@ from numba.core import types
 from numba.extending import intrinsic
 
 CACHE_LINE_BYTES = 64
-KERNEL_FILES = ("any_rays.py", "columns.py", "kernels.py", "lanes.py", "parallel.py", "processors.py", "x86.py")
+KERNEL_FILES = (
+    "any_rays.py",
+    "columns.py",
+    "kernels.py",
+    "lanes.py",
+    "parallel.py",
+    "processors.py",
+    "rows.py",
+    "x86.py",
+)
 # Of every kernel. Without numba's reference counts: their atomic operations cost more than sixteen interpolations do,
 # and no kernel makes an array.
 OPTIONS = dict(fastmath=True, nogil=True, cache=True, error_model="numpy", _nrt=False)

@@ -252,3 +252,57 @@ def scatter_neighbours(
         return context.get_dummy_value()
 
     return signature, generate
+
+
+@intrinsic
+def add_rows(typingctx, sums, slopes, at, row, rows, volume, one, another, weight, t, heights, lowest, slope, top):
+    """rows.trace_rows of one lane in one plane, WIDTH rows from `row` on; `at` is where its rows begin in the sums."""
+    # Reads 2 WIDTH of both lines from where the first row is. Rows outside of the grid look up the border's zeros.
+    whole, real = types.intp, types.float32
+    signature = types.void(sums, slopes, *[whole] * 3, volume, whole, whole, real, real, heights, *[real] * 3)
+
+    def generate(context, builder, signature, arguments):
+        sums, slopes, at, row, rows, volume, one, another, weight, t, heights, lowest, slope, top = arguments
+        of_sums, of_slopes, of_volume, of_heights = (signature.args[i] for i in (0, 1, 5, 10))
+        emit = _Neighbours(context, builder)
+        zero, ones = ir.Constant(FLOATS, [0.0] * WIDTH), ir.Constant(INTS, [1] * WIDTH)
+        height = emit.load(emit.pointer(of_heights, heights, row))
+        height = emit.add(emit.everywhere(lowest), emit.multiply(emit.everywhere(slope), height))
+        highest = emit.everywhere(top)
+        inside = builder.and_(builder.fcmp_ordered(">=", height, zero), builder.fcmp_ordered("<", height, highest))
+        height = emit.larger(height, zero)
+        height = builder.select(builder.fcmp_ordered("<", height, highest), height, highest)
+        cells = builder.fptosi(height, INTS)
+        up = emit.subtract(height, builder.sitofp(cells, FLOATS))
+        first = builder.extract_element(cells, INT(0))
+        cells = builder.sub(cells, emit.everywhere(first))
+        following, offset = builder.add(cells, ones), builder.sext(first, one.type)
+        steps, lines = [], []
+        for half in (0, WIDTH):
+            beside = [
+                emit.load(emit.pointer(of_volume, volume, builder.add(builder.add(line, offset), one.type(half))))
+                for line in (one, another)
+            ]
+            steps.append(emit.subtract(beside[1], beside[0]))
+            lines.append(emit.add(beside[0], emit.multiply(emit.everywhere(weight), steps[-1])))
+
+        def between(halves):
+            below, above = emit.look_up(*halves, cells), emit.look_up(*halves, following)
+            step = emit.subtract(above, below)
+            return emit.add(below, emit.multiply(up, step)), step
+
+        def add(array_type, array, place, values):
+            emit.accumulate(values, emit.pointer(array_type, array, place), None)
+
+        found, by_height = between(lines)
+        add(of_sums, sums, builder.add(at, row), found)
+        if of_slopes != types.none:
+            by_other, by_height = between(steps)[0], builder.select(inside, by_height, zero)
+            place, factor = builder.add(builder.mul(at, at.type(4)), row), emit.everywhere(t)
+            changes = by_other, by_height, emit.multiply(factor, by_other), emit.multiply(factor, by_height)
+            for change in changes:
+                add(of_slopes, slopes, place, change)
+                place = builder.add(place, rows)
+        return context.get_dummy_value()
+
+    return signature, generate

@@ -1,0 +1,188 @@
+"""Joseph's sums along rays that share their shadow, and their derivatives: all rows of a bundle at once.
+
+As any_rays.py, where many rows lie above each other. In each plane the two lines of voxels beside the bundle's shadow
+are interpolated once, and rows look their values up in that line: by instructions of x86 processors (x86.py) where
+these have them, otherwise in loops. Rows may lie at any heights, in rising order.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, uintp
+
+from .any_rays import Bundles, axes, planes_between
+from .lanes import OPTIONS
+from .processors import ANY, PROCESSOR
+from .x86 import WIDTH, add_rows
+
+BY_HAND = PROCESSOR != ANY
+BORDER = 3  # cells of a line that are not voxels: one below, two above
+BEYOND = 2 * WIDTH  # what is written by hand reads beyond a line's end
+MOST_CELLS = 2 * WIDTH - 3  # that rows of one register may span: they look up in two
+TILE_BYTES = 800_000  # of the volume, all views of a call for each: so much stays in the L2 cache
+
+
+def packed(amounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Volumes as `trace_rows` takes them.
+
+    Parameters
+    ----------
+    amounts : ndarray, shape (lanes, z, y, x)
+
+    Returns
+    -------
+    volume : ndarray of float32, flat
+        [y + 2, x + 2, lane, z + BORDER].
+    occupied : ndarray of bool, flat
+        Whether a line holds anything, [y + 2, x + 2, lane].
+    """
+    lanes, nz, ny, nx = amounts.shape
+    shape = (ny + 2, nx + 2, lanes, nz + BORDER)
+    flat = np.zeros(math.prod(shape) + BEYOND, np.float32)
+    volume = flat[: math.prod(shape)].reshape(shape)
+    volume[1:-1, 1:-1, :, 1 : nz + 1] = amounts.transpose(2, 3, 0, 1)
+    return flat, (volume != 0).any(axis=3).ravel()
+
+
+def in_registers(rays: Bundles, shape: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows as registers take them: as many in each as it can look up, the rest of it filled by its last one.
+
+    Parameters
+    ----------
+    rays : Bundles
+    shape : tuple of 3 int
+        (z, y, x) of the grid without its border.
+
+    Returns
+    -------
+    heights : ndarray of float32, shape (padded rows,)
+        As rows_mm.
+    place : ndarray of int, shape (rows,)
+        Of each row among them.
+    """
+    rows, climb = rays.rows_mm, np.abs(rays.climb)
+    steepest = float((climb[..., 0] + climb[..., 1] * max(shape[1:]) / 2).max())
+    together = min(WIDTH, rows.size)
+    while together > 1 and steepest * (rows[together - 1 :] - rows[: rows.size - together + 1]).max() > MOST_CELLS:
+        together -= 1
+    first = np.arange(0, rows.size, together)[:, None]
+    taken = np.minimum(first + np.minimum(np.arange(WIDTH), together - 1), rows.size - 1)
+    number = np.arange(rows.size)
+    return rows[taken.ravel()].astype(np.float32), number // together * WIDTH + number % together
+
+
+def tile_width(lanes: int, shape: tuple[int, int, int]) -> int:
+    """In voxel columns along x and y."""
+    return max(8, int(math.sqrt(TILE_BYTES / (4 * lanes * (shape[0] + BORDER)))))
+
+
+def empty_lines(shape: tuple[int, int, int]) -> np.ndarray:
+    """Room for the loops of one thread."""
+    return np.zeros((2, shape[0] + BORDER), np.float32)
+
+
+@njit(**OPTIONS)
+def trace_rows(volume, occupied, sums, slopes, first_view, shape, rays, heights, width, room):
+    """Add what interpolation meets in the planes along every ray, and the derivatives of that.
+
+    A sample belongs to the tile of the first of the voxel columns that it is interpolated from.
+
+    Parameters
+    ----------
+    volume, occupied : ndarray
+        Of `packed`.
+    sums : ndarray of float32, shape (views, bundles, lanes, padded rows)
+        What is added to.
+    slopes : ndarray of float32, shape (views, bundles, lanes, 4, padded rows), or None
+        What is added to; coordinates in the order a, c, b, d.
+    first_view : int
+        Of the rays, that of the sums' first view.
+    shape : tuple of 3 int
+        (z, y, x) of the grid without its border.
+    rays : Bundles
+    heights : ndarray of float32, shape (padded rows,)
+        Of `in_registers`.
+    width : int
+        Of tiles.
+    room : ndarray
+        Of `empty_lines`.
+    """
+    views, bundles = sums.shape[:2]
+    for first_y in range(0, shape[1] + 1, width):
+        for first_x in range(0, shape[2] + 1, width):
+            for i in range(views):
+                for bundle in range(bundles):
+                    _trace_bundle(
+                        volume, occupied, sums, slopes, i, first_view + i, bundle, shape, rays, heights,
+                        first_x, first_y, width, room,
+                    )  # fmt: skip
+
+
+@njit(inline="always", **OPTIONS)
+def _trace_bundle(volume, occupied, sums, slopes, i, view, bundle, shape, rays, heights, first_x, first_y, width, room):
+    """Of trace_rows one bundle in one tile."""
+    nz = shape[0]
+    lanes, rows = sums.shape[2], sums.shape[3]
+    top, length = np.float32(nz + 1), nz + BORDER
+    along_x = rays.along_x[view, bundle]
+    n, n_other, step, step_other = axes(along_x, shape)
+    # Planes are numbered without the border, voxel columns with it.
+    low, low_other = (first_x - 1, first_y) if along_x else (first_y - 1, first_x)
+    a, b = rays.across[view, bundle, 0], rays.across[view, bundle, 1]
+    start, stop = planes_between(a, b, n, low_other, min(low_other + width, n_other + 1))
+    lift, level = rays.lift_mm[view, bundle], rays.level[view]
+    climb, climbing = rays.climb[view, bundle, 0], rays.climb[view, bundle, 1]
+    for plane in range(max(start, low), min(stop, low + width)):
+        middle = plane - (n - 1) * 0.5
+        other = a + b * middle
+        j = int(math.floor(other))
+        if j < low_other or j >= low_other + width or j > n_other:
+            continue
+        near = ((plane + 1) * step + j * step_other) * lanes
+        far = near + step_other * lanes
+        rise = climb + climbing * middle
+        lowest, slope = np.float32(level + rise * lift), np.float32(rise)
+        if lowest + slope * heights[0] >= top or lowest + slope * heights[rows - 1] < np.float32(0.0):
+            continue
+        weight, t = np.float32(other - j), np.float32(middle)
+        for lane in range(lanes):
+            if not (occupied[near + lane] or occupied[far + lane]):
+                continue
+            one, another = (near + lane) * length, (far + lane) * length
+            if BY_HAND:
+                at = ((i * sums.shape[1] + bundle) * lanes + lane) * rows
+                for row in range(0, rows, WIDTH):
+                    add_rows(
+                        sums, slopes, at, row, rows, volume, one, another, weight, t, heights, lowest, slope, top,
+                    )  # fmt: skip
+            else:
+                _by_loops(
+                    sums[i, bundle, lane], None if slopes is None else slopes[i, bundle, lane],
+                    volume, one, another, weight, t, heights, lowest, slope, top, room,
+                )  # fmt: skip
+
+
+@njit(inline="always", **OPTIONS)
+def _by_loops(sums, slopes, volume, one, another, weight, t, heights, lowest, slope, top, room):
+    """Of trace_rows one lane in one plane."""
+    rows = len(heights)
+    line, step = room[0], room[1]
+    first = uintp(max(lowest + slope * heights[0], np.float32(0.0)))
+    last = uintp(min(lowest + slope * heights[rows - 1], top)) + uintp(2)
+    for k in range(first, min(last, uintp(len(line)))):
+        low = volume[uintp(one) + k]
+        step[k] = volume[uintp(another) + k] - low
+        line[k] = low + weight * step[k]
+    for row in range(rows):
+        z = lowest + slope * heights[row]
+        if z >= np.float32(0.0) and z < top:
+            k = uintp(np.int32(z))
+            up = z - np.float32(np.int32(z))
+            low, high = line[k], line[k + uintp(1)]
+            sums[row] += low + up * (high - low)
+            if slopes is not None:
+                by_other, by_z = step[k] + up * (step[k + uintp(1)] - step[k]), high - low
+                slopes[0, row] += by_other
+                slopes[1, row] += by_z
+                slopes[2, row] += t * by_other
+                slopes[3, row] += t * by_z
