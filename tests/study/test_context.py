@@ -103,7 +103,7 @@ def test_recordings_ask_for_memory_by_their_largest_file(beside):
 
 
 def test_the_head_of_a_comparison_says_what_is_compared(beside):
-    title = "fbp_150, noise dose10, against scanner (dose_mgy 1, kernel soft)"
+    title = "FBP 150, noise dose10, against scanner (dose mGy 1, kernel soft)"
     assert beside.comparisons.title("near") == title
     shown = {one["title"]: one for one in beside.pages.shown()}
     assert shown[title]["section"] == "Recordings" and shown[title]["wildcards"] == {"comparison": "near"}

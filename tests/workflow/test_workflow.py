@@ -370,23 +370,39 @@ def test_four_cores_and_no_compiled_kernels_make_the_same_images_and_features(st
 
 
 @pytest.mark.parametrize(
-    "overlay, message",
+    "overlay, messages",
     [
-        ({"protocls": {}}, "unknown key 'protocls' in config; did you mean 'protocols'"),
-        ({"protocols": {"sirt_150": PROTOCOL | {"projections": -5}}}, "-5 is less than the minimum of 1"),
-        ({"protocols": {"sirt_150": PROTOCOL | {"algorithm": "art"}}}, "is 'art'; use one of sirt, fbp"),
-        ({"dicom": {"images": ["sirt_150/none/seed00"]}}, "sirt_150/none/seed00, which no analysis asks for"),
-        ({"engine": "astra_cuda"}, "astra_cuda has no adjoint"),
-        ({"engine": "astra_cuda", "reconstruction": {"sirt": {"backprojector": "voxel"}}}, "needs a CUDA device"),
+        (
+            {
+                "protocls": {},
+                "protocols": {
+                    "sirt_150": PROTOCOL | {"projections": -5},
+                    "sirt_200": PROTOCOL | {"algorithm": "art"},
+                },
+            },
+            [
+                "Error: 3 mistakes",
+                "unknown key 'protocls' in config; did you mean 'protocols'",
+                "-5 is less than the minimum of 1",
+                "is 'art'; use one of sirt, fbp",
+            ],
+        ),
+        ({"dicom": {"images": ["sirt_150/none/seed00"]}}, ["sirt_150/none/seed00, which no analysis asks for"]),
+        ({"engine": "astra_cuda"}, ["astra_cuda has no adjoint"]),
+        ({"engine": "astra_cuda", "reconstruction": {"sirt": {"backprojector": "voxel"}}}, ["needs a CUDA device"]),
     ],
 )
-def test_mistakes_in_the_config(overlay, message, tmp_path):
-    if message == "needs a CUDA device" and astra.use_cuda():
+def test_mistakes_in_the_config(overlay, messages, tmp_path):
+    """One run names them all, a line each (tests/test_config.py has more)."""
+    if messages == ["needs a CUDA device"] and astra.use_cuda():
         pytest.skip("there is a CUDA device here")
     process = tiny(tmp_path / "r", "-n", overlay=overlay)
-    errors = [line for line in (process.stderr + process.stdout).splitlines() if line.startswith("Error:")]
+    said = (process.stderr + process.stdout).splitlines()
     assert process.returncode == 1
-    assert len(errors) == 1 and message in errors[0]
+    assert sum(line.startswith("Error:") for line in said) == 1
+    first = next(number for number, line in enumerate(said) if line.startswith("Error:"))
+    for line, message in zip(said[first : first + len(messages)], messages, strict=True):
+        assert message in line, said
     assert "Traceback" not in process.stderr
     assert not (tmp_path / "r").exists()
 

@@ -9,6 +9,8 @@ WRITTEN = {
     "xray": "X-ray",
     "roi": "ROI",
     "rms": "RMS",
+    "mgy": "mGy",
+    "kvp": "kVp",
 }
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..base.words import label
 from ..io.published import reachable
 from ..recordings.document import Document
 from .acquisitions import Acquisitions
@@ -184,9 +185,9 @@ class Comparisons:
     def title(self, name: str) -> str:
         """What is compared with what, for the head of a figure."""
         one = self.settings[name]
-        conditions = ", ".join(f"{key} {value}" for key, value in one["where"].items())
-        recorded = one["recording"] + (f" ({conditions})" if conditions else "")
-        return f"{one['protocol']}, noise {one['noise']}, against {recorded}"
+        conditions = ", ".join(f"{label(key)} {value}" for key, value in one["where"].items())
+        recorded = label(one["recording"]) + (f" ({conditions})" if conditions else "")
+        return f"{label(one['protocol'])}, noise {label(one['noise'])}, against {recorded}"
 
     def voxel_mm(self, name: str) -> list[float] | None:
         """The size of the recording's voxels, where that is stated."""
