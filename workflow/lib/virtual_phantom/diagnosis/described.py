@@ -51,13 +51,13 @@ def object_of(asked: Asked) -> str:
     """What was scanned, in words."""
     disc, masked = asked.settings.disc, asked.settings.object
     if disc is not None:
-        return f"a cylinder along z, {disc.diameter_mm:g} mm across, of {disc.material}"
+        return f"a cylinder along z, {disc.diameter_mm:g} mm across, of {label(disc.material)}"
     if masked is not None:
-        return f"the homogeneous object of {Path(masked.mask).name}, of {masked.material}"
+        return f"the homogeneous object of {Path(masked.mask).name}, of {label(masked.material)}"
     materials = asked.materials
     return (
-        f"the study's phantom, each voxel by its HU of {materials['soft']}, and from "
-        f"{materials['dense_from_hu']:g} HU on of {materials['dense']} too"
+        f"the study's phantom, each voxel by its HU of {label(materials['soft'])}, and from "
+        f"{materials['dense_from_hu']:g} HU on of {label(materials['dense'])} too"
     )
 
 

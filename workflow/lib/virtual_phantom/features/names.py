@@ -3,9 +3,13 @@
 Apart from `extraction`, so that tables of features are handled without loading pyradiomics.
 """
 
-import re
+from __future__ import annotations
 
-import pandas as pd
+import re
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # heavy, and the workflow reads this in every job
+    import pandas as pd
 
 FAMILIES = {"firstorder": "first order", "glcm": "GLCM", "gldm": "GLDM", "glrlm": "GLRLM", "glszm": "GLSZM"}
 
