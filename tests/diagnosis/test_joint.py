@@ -1,0 +1,143 @@
+"""Several recordings of one scanner: physics is shared, alignment is not."""
+
+import numpy as np
+import pytest
+from simulated_scans import noisy_lines
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import circular
+from virtual_phantom.diagnosis.core.joint import JointFitter
+from virtual_phantom.diagnosis.core.joint_choice import choose_jointly
+from virtual_phantom.diagnosis.projections import observed
+from virtual_phantom.diagnosis.projections.prepared import prepare
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.scene import DiscScene, Pose
+
+PHOTONS = 2e5
+GEOMETRY = circular(
+    views=24,
+    source_to_isocentre_mm=500.0,
+    source_to_detector_mm=900.0,
+    columns=64,
+    rows=1,
+    column_pitch_mm=8.0,
+    row_pitch_mm=8.0,
+)
+SCATTER = {"scatter": {"amount": 0.03, "width_mm": 60.0}}
+DISCS = {"large": (160.0, (0.4, -0.3)), "middle": (120.0, (-0.5, 0.2)), "small": (70.0, (0.1, 0.6))}
+
+
+def fitter(name, physics, seed=1):
+    diameter, (x, y) = DISCS[name]
+    chain = Chain(DiscScene(diameter, "water"), GEOMETRY, PHOTONS)
+    state = chain.state(physics, Pose(x_mm=x, y_mm=y))
+    lines = noisy_lines(state, 4, np.random.default_rng(np.random.SeedSequence((seed, int(diameter)))))
+    taken = observed.Scans(lines.astype(np.float32), None, np.ones(lines.shape[1:], bool))
+    return prepare(taken, None, chain).fitter
+
+
+@pytest.fixture(scope="module")
+def fitters():
+    return {name: fitter(name, SCATTER) for name in DISCS}
+
+
+@pytest.fixture(scope="module")
+def joint(fitters):
+    return JointFitter(fitters).fit(("scatter",))
+
+
+def test_of_one_recording_it_is_the_fit_of_that_recording(fitters):
+    alone = fitters["large"].fit(("scatter",))
+    both = JointFitter({"large": fitters["large"]}).fit(("scatter",))
+    assert both.chi_square == pytest.approx(alone.chi_square, abs=0.1)
+    for key, value in alone.physics["scatter"].items():
+        assert both.physics["scatter"][key] == pytest.approx(value, abs=0.1 * alone.errors["scatter"][key])
+        assert both.errors["scatter"][key] == pytest.approx(alone.errors["scatter"][key], rel=0.2)
+
+
+def test_physics_is_shared_and_alignment_is_not(joint):
+    for name, fit in joint.fits.items():
+        assert fit.physics["scatter"] == joint.physics["scatter"]
+        x, y = DISCS[name][1]
+        assert fit.nuisance["x_mm"] == pytest.approx(x, abs=0.02) and fit.nuisance["y_mm"] == pytest.approx(y, abs=0.02)
+
+
+def test_the_truth_lies_within_its_errors(joint):
+    for key, truth in SCATTER["scatter"].items():
+        assert abs(joint.physics["scatter"][key] - truth) < 4 * joint.errors["scatter"][key]
+
+
+def test_together_they_know_more_than_each_alone(fitters, joint):
+    for key in SCATTER["scatter"]:
+        alone = [one.fit(("scatter",)).errors["scatter"][key] for one in fitters.values()]
+        assert joint.errors["scatter"][key] < min(alone)
+
+
+def test_it_is_the_least_of_the_sum(fitters, joint):
+    """No recording's alignment can be bettered at the shared physics, and no shared number moved for the better."""
+    total = sum(fit.chi_square for fit in joint.fits.values())
+    assert total == pytest.approx(joint.chi_square)
+    for key in SCATTER["scatter"]:
+        for side in (-1, 1):
+            moved = {**joint.physics["scatter"]}
+            moved[key] += side * joint.errors["scatter"][key]
+            worse = sum(_at(one, {"scatter": moved}, joint.fits[name]) for name, one in fitters.items())
+            assert worse > joint.chi_square
+
+
+def _at(fitter, physics, given):
+    """Chi-square with the alignment fitted at given physics."""
+    model = fitter.model
+    fitter.model = type(model)(model.chain, model.aligned, model.anode, fixed=physics, numerical=model.numerical)
+    try:
+        return fitter.fit(("scatter",), given).chi_square
+    finally:
+        fitter.model = model
+
+
+def test_a_recording_that_was_not_fitted_is_met_by_the_others_physics(fitters, joint):
+    together = JointFitter(fitters)
+    for name, one in fitters.items():
+        plain = one.score(one.fit(()))
+        held = together.left_out(name, ("scatter",), joint)
+        assert one.score(held) > plain + 10
+        assert held.free == 0
+
+
+def test_a_gain_pattern_belongs_to_one_scan(fitters):
+    with pytest.raises(InputError, match="recordings cannot share it"):
+        JointFitter(fitters).fit(("gain_pattern",))
+
+
+def test_without_a_recording_there_is_nothing_to_fit():
+    with pytest.raises(InputError, match="there is none"):
+        JointFitter({})
+
+
+LIBRARY = ("scatter", "detector_offset", "electronic_noise", "veiling_glare")
+
+
+def test_what_the_scanner_lacks_is_chosen_by_recordings_that_were_not_fitted(fitters):
+    found = choose_jointly(JointFitter(fitters), LIBRARY)
+    assert found.chosen.effects == ("scatter",)
+    assert found.gains["scatter"] > 100 and found.p["scatter"] < 1e-3
+    assert all(score["after"] > score["before"] + 10 for score in found.scores.values())
+    assert found.left_out["small"].physics["scatter"] != found.chosen.physics["scatter"]
+
+
+def test_nothing_is_chosen_where_nothing_is_missing():
+    found = choose_jointly(JointFitter({name: fitter(name, {}, seed=5) for name in DISCS}), LIBRARY)
+    assert found.chosen.effects == () and found.gains == {}
+    assert all(score["after"] == score["before"] for score in found.scores.values())
+
+
+def test_what_one_scan_has_alone_is_not_the_scanners():
+    """A detector that had moved in one of three scans: the other two lose by it."""
+    moved = {"detector_offset": {"columns_px": 0.08}}
+    fitters = {name: fitter(name, moved if name == "middle" else {}, seed=6) for name in DISCS}
+    assert "detector_offset" not in choose_jointly(JointFitter(fitters), LIBRARY).chosen.effects
+
+
+def test_a_single_recording_cannot_be_judged_by_others(fitters):
+    with pytest.raises(InputError, match="needs two recordings"):
+        choose_jointly(JointFitter({"large": fitters["large"]}), LIBRARY)

@@ -1,0 +1,258 @@
+"""Fits of several recordings of one scanner: its physics is shared, alignment is each recording's own.
+
+The normal equations have the form of an arrow: a block of shared numbers, and one of the alignment for each recording
+that touches no other's.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.errors import InputError
+from ...physics.effect import load
+from .fit import (
+    AS_EXPECTED,
+    CONVERGED,
+    CONVERGED_SHARE,
+    DAMPING,
+    ITERATIONS,
+    LEAST_DAMPING,
+    MOST_DAMPING,
+    Fit,
+    Fitter,
+    Problem,
+)
+from .steps import bounded_step, standard_errors, updated
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """What was fitted to all recordings together.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        In the order in which they were given.
+    physics, errors : dict of str to dict of str to float
+        {effect: {parameter: value or standard error}}, shared by all recordings.
+    chi_square : float
+        Of all data that were fitted, and of the Gaussian knowledge.
+    free : int
+        Number of effects' parameters.
+    fits : dict of str to Fit
+        By recording, with its own alignment.
+    """
+
+    effects: tuple[str, ...]
+    physics: dict[str, dict[str, float]]
+    errors: dict[str, dict[str, float]]
+    chi_square: float
+    free: int
+    fits: dict[str, Fit]
+
+
+class JointFitter:
+    """Fits and scores of models of several recordings.
+
+    Parameters
+    ----------
+    fitters : mapping of str to Fitter
+        By recording.
+
+    Raises
+    ------
+    InputError
+        For fewer than one recording.
+    """
+
+    def __init__(self, fitters: Mapping[str, Fitter]):
+        if not fitters:
+            raise InputError("a joint fit needs a recording; there is none")
+        self.fitters = dict(fitters)
+
+    def without(self, name: str) -> JointFitter:
+        """The same without one recording."""
+        return JointFitter({other: one for other, one in self.fitters.items() if other != name})
+
+    def fit(self, effects: tuple[str, ...], given: JointFit | None = None) -> JointFit:
+        """Refit all parameters of these effects, and the alignment of every recording.
+
+        Begins where the first recording alone ends, whose fit tries every start of a new effect.
+
+        Parameters
+        ----------
+        effects : tuple of str
+        given : JointFit, optional
+            Where to begin; it may hold further recordings.
+
+        Returns
+        -------
+        JointFit
+
+        Raises
+        ------
+        InputError
+            For a gain pattern, which belongs to one scan.
+        """
+        for name in effects:
+            if load(name).pattern:
+                raise InputError(f"{name} has one unknown per detector pixel of one scan; recordings cannot share it")
+        begun = {name: self._begun(name, effects, given) for name in self.fitters}
+        first = next(iter(self.fitters))
+        alone = self.fitters[first].fit(effects, begun[first])
+        begun = {name: replace(fit, effects=effects, physics=alone.physics) for name, fit in begun.items()}
+        return _Joint({name: Problem(self.fitters[name], effects, fit) for name, fit in begun.items()}).solved()
+
+    def left_out(self, name: str, effects: tuple[str, ...], given: JointFit) -> Fit:
+        """A recording held against physics that was fitted to the others: only its alignment is fitted.
+
+        Parameters
+        ----------
+        name : str
+            Of the recording.
+        effects : tuple of str
+        given : JointFit
+            Where to begin.
+
+        Returns
+        -------
+        Fit
+        """
+        fitter = self.fitters[name]
+        if not effects:
+            return given.fits[name] if not given.effects else fitter.fit(())
+        physics = self.without(name).fit(effects, given).physics
+        held = copy.copy(fitter)
+        held.model = copy.copy(fitter.model)
+        held.model.fixed = {effect: physics[effect] for effect in effects}
+        return held.fit(effects, replace(given.fits[name], effects=effects, physics=physics))
+
+    def _begun(self, name: str, effects: tuple[str, ...], given: JointFit | None) -> Fit:
+        if given is not None and name in given.fits:
+            return given.fits[name]
+        return self.fitters[name].fit(())
+
+
+class _Joint:
+    """One choice of effects for several recordings: Levenberg and Marquardt's method with Broyden's updates.
+
+    As Fitter.fit has it for one recording; a point has the shared numbers and the alignments one after the other.
+    """
+
+    def __init__(self, problems: Mapping[str, Problem]):
+        self.problems = dict(problems)
+        every = list(self.problems.values())
+        self.shared = len(every[0].unknowns)
+        # What one scan could show limits nobody else's, and what is known of a number is known once.
+        low = np.min([one.low[: self.shared] for one in every], axis=0)
+        high = np.max([one.high[: self.shared] for one in every], axis=0)
+        for one in every:
+            one.low[: self.shared], one.high[: self.shared] = low, high
+            one.knowledge[: self.shared] /= len(every)
+        ends = np.cumsum([self.shared] + [len(one.aligned) for one in every])
+        self.own = {name: slice(*ends[[i, i + 1]]) for i, name in enumerate(self.problems)}
+        self.low = np.concatenate([low, *(one.low[self.shared :] for one in every)])
+        self.high = np.concatenate([high, *(one.high[self.shared :] for one in every)])
+        self.count = sum(one.count for one in every)
+
+    def solved(self) -> JointFit:
+        """The fit."""
+        points, residuals = self._begin()
+        jacobians: dict[str, list[np.ndarray]] | None = None
+        current, damping, as_expected = self._total(points, residuals), 0.0, False
+        for _ in range(ITERATIONS):
+            fresh = jacobians is None
+            if fresh:
+                jacobians = {name: one.jacobian(points[name], residuals[name], None) for name, one in self._items()}
+            information, gradient = self._normal(jacobians, points, residuals)
+            before, enough = current, max(CONVERGED, CONVERGED_SHARE * (current - self.count))
+            whole = self._whole(points)
+            while True:
+                damped = information + damping * np.diag(np.diag(information))
+                step = bounded_step(damped, gradient, whole, self.low, self.high)
+                expected = float(2 * gradient @ step - step @ information @ step)
+                if expected < enough:
+                    break
+                trial, tried = self._polished(np.clip(whole + step, self.low, self.high))
+                reached = self._total(trial, tried)
+                if reached <= current:
+                    jacobians = {
+                        name: updated(
+                            jacobians[name], (trial[name] - points[name]) / one.steps, residuals[name], tried[name]
+                        )
+                        for name, one in self._items()
+                    }
+                    points, residuals, current = trial, tried, reached
+                    moved = [one.follow(points[name]) for name, one in self._items()]
+                    if any(moved):
+                        residuals = self._residuals(points)
+                        current = self._total(points, residuals)
+                    damping = damping / DAMPING if damping > LEAST_DAMPING else 0.0
+                    break
+                damping = max(LEAST_DAMPING, damping * DAMPING)
+                if damping > MOST_DAMPING or not fresh:
+                    break
+            gained = before - current
+            settled = expected < enough and (fresh or as_expected)
+            if not settled:
+                as_expected = AS_EXPECTED[0] * expected < gained < AS_EXPECTED[1] * expected
+                settled = gained < enough and fresh
+            strayed = settled and any([one.strays(points[name]) for name, one in self._items()])
+            if settled and not strayed:
+                break
+            if strayed:
+                residuals = self._residuals(points)
+                current = self._total(points, residuals)
+            if strayed or not as_expected:
+                jacobians = None
+        return self._result(points, residuals, current, standard_errors(information))
+
+    def _items(self):
+        return self.problems.items()
+
+    def _begin(self):
+        for one in self.problems.values():
+            one.follow(np.clip(one.start, one.low, one.high))
+        start = {name: np.clip(one.start, one.low, one.high) for name, one in self._items()}
+        return self._polished(self._whole(start))
+
+    def _whole(self, points: Mapping[str, np.ndarray]) -> np.ndarray:
+        first = next(iter(points.values()))[: self.shared]
+        return np.concatenate([first, *(point[self.shared :] for point in points.values())])
+
+    def _polished(self, whole: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, list[np.ndarray]]]:
+        made = {
+            name: one.polished(np.concatenate([whole[: self.shared], whole[self.own[name]]]), None)
+            for name, one in self._items()
+        }
+        return {name: point for name, (point, _) in made.items()}, {name: left for name, (_, left) in made.items()}
+
+    def _residuals(self, points: Mapping[str, np.ndarray]) -> dict[str, list[np.ndarray]]:
+        return {name: one.residuals(points[name], None) for name, one in self._items()}
+
+    def _total(self, points: Mapping[str, np.ndarray], residuals: Mapping[str, list[np.ndarray]]) -> float:
+        return sum(one.chi_square(residuals[name], points[name]) for name, one in self._items())
+
+    def _normal(self, jacobians, points, residuals) -> tuple[np.ndarray, np.ndarray]:
+        """The arrow's matrix, whole, and its gradient."""
+        size, shared = len(self.low), np.arange(self.shared)
+        information, gradient = np.zeros((size, size)), np.zeros(size)
+        for name, one in self._items():
+            index = np.concatenate([shared, np.arange(self.own[name].start, self.own[name].stop)])
+            part, slope = one.normal(jacobians[name], points[name], residuals[name])
+            information[np.ix_(index, index)] += part
+            gradient[index] += slope
+        return information, gradient
+
+    def _result(self, points, residuals, total, errors) -> JointFit:
+        fits = {}
+        for name, one in self._items():
+            own = np.concatenate([errors[: self.shared], errors[self.own[name]]])
+            own_total = one.chi_square(residuals[name], points[name])
+            fits[name] = one.result(points[name], own, residuals[name], own_total, None)
+        first = next(iter(fits.values()))
+        return JointFit(first.effects, first.physics, first.errors, total, self.shared, fits)

@@ -1,0 +1,137 @@
+"""Which effects explain several recordings of one scanner: chosen by recordings that were not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from scipy import stats
+
+from ...base.errors import InputError
+from ...io.schema import defaults_of
+from ...statistics.multiplicity import bonferroni
+from .attribute import ALPHA, LEAST_GAIN
+from .fit import Fit
+from .joint import JointFit, JointFitter
+
+TRIED = 3  # best effects of the fitted data that are held against recordings left out; a choice that bounds the time
+MOST_MISSED = 0.5  # share of the recordings that an effect may make worse: what one scan has alone is not the scanner's
+
+
+@dataclass(frozen=True)
+class JointChoice:
+    """What was chosen.
+
+    Attributes
+    ----------
+    baseline, chosen : JointFit
+        The alignments alone, and with the effects; fitted to all recordings.
+    left_out : dict of str to Fit
+        By recording, with the physics of the others and its own alignment.
+    scores : dict of str to dict of str to float
+        By recording, log score on its data held out: "before", and "after" with the physics of the others.
+    gains : dict of str to float
+        {effect: log score, over all recordings left out, that is lost without it}.
+    p : dict of str to float
+        {effect: chance of such a likelihood ratio when it was taken, times the candidates}.
+    """
+
+    baseline: JointFit
+    chosen: JointFit
+    left_out: dict[str, Fit]
+    scores: dict[str, dict[str, float]]
+    gains: dict[str, float]
+    p: dict[str, float]
+
+
+class _Judge:
+    """Scores of sets of effects on recordings left out, each made once."""
+
+    def __init__(self, together: JointFitter, baseline: JointFit):
+        self.together, self._fits = together, {}
+        self.none = {name: one.score(baseline.fits[name]) for name, one in together.fitters.items()}
+
+    def fits(self, effects: tuple[str, ...], given: JointFit) -> dict[str, Fit]:
+        key = tuple(sorted(effects))
+        if key not in self._fits:
+            self._fits[key] = {name: self.together.left_out(name, effects, given) for name in self.together.fitters}
+        return self._fits[key]
+
+    def scores(self, effects: tuple[str, ...], given: JointFit) -> dict[str, float]:
+        if not effects:
+            return self.none
+        found = self.fits(effects, given)
+        return {name: one.score(found[name]) for name, one in self.together.fitters.items()}
+
+
+def choose_jointly(
+    together: JointFitter, candidates: Sequence[str], accuracy: Mapping[str, float] | None = None
+) -> JointChoice:
+    """Choose effects one at a time while recordings that were not fitted gain by them.
+
+    As many as the data carry. An effect must gain more over all recordings left out than the models' own inexactness may
+    set apart, make no more than half of them worse, and be no chance on the data fitted; those that later ones made
+    needless are dropped.
+
+    Parameters
+    ----------
+    together : JointFitter
+        Of two recordings or more.
+    candidates : sequence of str
+    accuracy : mapping of str to float, optional
+        As core.attribute.choose takes it.
+
+    Returns
+    -------
+    JointChoice
+
+    Raises
+    ------
+    InputError
+        For a single recording.
+    """
+    if len(together.fitters) < 2:
+        raise InputError("a joint diagnosis needs two recordings: each is judged by the physics of the others")
+    accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
+    baseline = together.fit(())
+    judge, current = _Judge(together, baseline), baseline
+    gains: dict[str, float] = {}
+    p: dict[str, float] = {}
+
+    def least(names: Sequence[str]) -> float:
+        return max(LEAST_GAIN, sum(accuracy.get(name, accuracy["default"]) ** 2 * gains[name] for name in names))
+
+    left = list(candidates)
+    while left:
+        tried = [together.fit((*current.effects, name), current) for name in left]
+        tried.sort(key=lambda one: one.chi_square)
+        here = judge.scores(current.effects, current)
+        best = max(tried[:TRIED], key=lambda one: _gain(judge.scores(one.effects, one), here))
+        there, new = judge.scores(best.effects, best), best.effects[-1]
+        chance = _chance(best, current, len(candidates))
+        worse = sum(there[name] < here[name] for name in there)
+        if (gain := _gain(there, here)) < least(current.effects) or chance > ALPHA or worse > MOST_MISSED * len(there):
+            break
+        current, gains[new], p[new] = best, gain, chance
+        left.remove(new)
+        for name in current.effects[:-1]:  # what the new one has made needless
+            rest = together.fit(tuple(other for other in current.effects if other != name), current)
+            if _gain(judge.scores(current.effects, current), judge.scores(rest.effects, rest)) < LEAST_GAIN:
+                current = rest
+    after = judge.scores(current.effects, current)
+    lost = {}
+    for name in current.effects:
+        rest = together.fit(tuple(other for other in current.effects if other != name), current)
+        lost[name] = _gain(after, judge.scores(rest.effects, rest))
+    fits = judge.fits(current.effects, current) if current.effects else baseline.fits
+    scores = {name: {"before": judge.none[name], "after": after[name]} for name in after}
+    return JointChoice(baseline, current, fits, scores, lost, {name: p[name] for name in current.effects})
+
+
+def _gain(there: Mapping[str, float], here: Mapping[str, float]) -> float:
+    return sum(there[name] - here[name] for name in there)
+
+
+def _chance(best: JointFit, current: JointFit, candidates: int) -> float:
+    lost = max(0.0, current.chi_square - best.chi_square)
+    return float(bonferroni(stats.chi2.sf(lost, max(1, best.free - current.free)), candidates))
