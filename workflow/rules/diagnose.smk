@@ -99,6 +99,42 @@ rule diagnose:
         "../scripts/diagnose.py"
 
 
+rule diagnose_scanner:
+    """What the recordings of a scanner share, judged by those that were not fitted."""
+    input:
+        unpack(lambda wildcards: context.diagnosis.scanner_inputs(wildcards.scanner)),
+        effects=lambda wildcards: context.effect_code(
+            *context.diagnosis.shared(wildcards.scanner)
+        ),
+        code=context.code("diagnose_scanner.py"),
+    output:
+        diagnosis=context.file("scanner_diagnosis"),
+        physics=context.file("scanner_physics"),
+        report=report(
+            context.file("scanner_report"), **context.reported("scanner_report")
+        ),
+    log:
+        context.log("diagnosis/scanners/{scanner}/diagnose"),
+    wildcard_constraints:
+        scanner="|".join(context.diagnosis.scanners) or "none",
+    threads: 2
+    resources:
+        mem_mb=lambda wildcards: sum(
+            context.diagnosis.megabytes(name)
+            for name in context.diagnosis.scanners[wildcards.scanner]["recordings"]
+        ),
+        runtime=600,
+    params:
+        models=lambda wildcards: {
+            name: context.diagnosis.model(name)
+            for name in context.diagnosis.scanners[wildcards.scanner]["recordings"]
+        },
+        effects=lambda wildcards: context.diagnosis.shared(wildcards.scanner),
+        accuracy=context.diagnosis.accuracy,
+    script:
+        "../scripts/diagnose_scanner.py"
+
+
 rule diagnosis:
     """Every recording and comparison under diagnosis."""
     input:

@@ -17,6 +17,9 @@ HIDDEN = {
     "images": (lambda name: load(name).pattern, "has one unknown per detector pixel, which images mix"),
 }
 
+# Effects of one scan, which its scanner's other scans do not share; a gain pattern has no numbers to share.
+OF_ONE_SCAN = ("gain_pattern", "motion", "photon_flux")
+
 
 def candidates(settings: dict, kind: str = "projections", timed: bool = True) -> list[str]:
     """The effects that a recording of a kind is tried against.

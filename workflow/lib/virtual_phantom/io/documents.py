@@ -10,11 +10,11 @@ from ..base.errors import InputError, refusing
 from .files import read_text, write_text
 from .schema import read_schema, validate
 
-DIAGNOSIS, SCORE = "diagnosis", "score"  # SCHEMAS holds NAME.schema.yaml
+DIAGNOSIS, SCORE, SCANNER = "diagnosis", "score", "scanner"  # SCHEMAS holds NAME.schema.yaml
 
 
 def write_document(content: dict, path: str | Path, kind: str) -> None:
-    """Write a document of this kind, "diagnosis" or "score".
+    """Write a document of this kind, one of DIAGNOSIS, SCORE and SCANNER.
 
     Raises
     ------
@@ -26,7 +26,7 @@ def write_document(content: dict, path: str | Path, kind: str) -> None:
 
 
 def read_document(path: str | Path, kind: str) -> dict:
-    """Read a document of this kind, "diagnosis" or "score".
+    """Read a document of this kind, one of DIAGNOSIS, SCORE and SCANNER.
 
     Returns
     -------

@@ -65,7 +65,7 @@ def render_diagnosis(template: str, content: dict, **values) -> str:
     """
     filters = {
         "number": number,
-        "within": _within,
+        "within": within,
         "chance": _chance,
         "coverage": _coverage,
         "feature": style.feature_label,
@@ -79,7 +79,7 @@ def number(value: float) -> str:
     return style.number(value) if value == 0 or abs(value) >= SMALL else f"{value:.1e}"
 
 
-def _within(value: float, interval: list[float]) -> str:
+def within(value: float, interval: list[float]) -> str:
     """A number to two digits of its interval's width."""
     width = interval[1] - interval[0]
     if not 0 < width < np.inf:

@@ -221,6 +221,14 @@ class Rules:
                 where = f"diagnosis.recordings.{name}.protocol"
                 yield from self._known(settings["protocol"], self.names.protocols, where)
 
+        for name, scanner in self.config["diagnosis"]["scanners"].items():
+            where = f"diagnosis.scanners.{name}.recordings"
+            for recording in scanner["recordings"]:
+                yield from self._known(recording, self.names.diagnosed, where)
+                if "physics_from" in diagnosed.get(recording, {}):
+                    other = diagnosed[recording]["physics_from"]
+                    yield f"config: {where} names '{recording}', which takes its physics from {other}; take that out"
+
     def _one_diagnosed(self, name: str, settings: dict, diagnosed: dict) -> Iterator[str]:
         where = f"config: diagnosis.recordings.{name}"
         if "disc" in settings and "object" in settings:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from ..diagnosis.candidates import candidates, check_accuracy, check_kinds
-from ..physics.effect import image_effects
+from ..base.errors import InputError
+from ..diagnosis.candidates import OF_ONE_SCAN, candidates, check_accuracy, check_kinds
+from ..physics.effect import image_effects, require
 from ..recordings.scan import timed
 from .outputs import Files
 from .plan import Plan
@@ -65,12 +66,53 @@ class Diagnosis:
         for name, one in settings["recordings"].items():
             content = recordings.content(name)
             tried[name] = [] if "physics_from" in one else candidates(one, content["kind"], timed(content))
-        return cls(plan, files, recordings, engine, tried)
+        found = cls(plan, files, recordings, engine, tried)
+        for name in settings["scanners"]:
+            found.shared(name)
+        return found
 
     @property
     def settings(self) -> dict[str, dict]:
         """{recording: what is asked of it}."""
         return self.plan.config["diagnosis"]["recordings"]
+
+    @property
+    def scanners(self) -> dict[str, dict]:
+        """{scanner: its recordings, and the effects to try}."""
+        return self.plan.config["diagnosis"]["scanners"]
+
+    def scanner_inputs(self, scanner: str) -> dict:
+        """All that the recordings of a scanner need, with the checks of how they are described."""
+        every = [self.inputs(name) for name in self.scanners[scanner]["recordings"]]
+        inputs = {"files": [path for one in every for path in one["files"]]}
+        inputs["setups"] = [self.files("setup", recording=name) for name in self.scanners[scanner]["recordings"]]
+        if masks := [one["mask"] for one in every if "mask" in one]:
+            inputs["masks"] = masks
+        if phantoms := [one["phantom"] for one in every if "phantom" in one]:
+            inputs["phantom"] = phantoms[0]
+        return inputs
+
+    def shared(self, scanner: str) -> list[str]:
+        """The effects that are tried on a scanner: those that every recording shows, or those that are asked for.
+
+        Raises
+        ------
+        InputError
+            For one that a recording does not show, or that belongs to one scan.
+        """
+        recordings, asked = self.scanners[scanner]["recordings"], self.scanners[scanner].get("effects")
+        where = f"diagnosis.scanners.{scanner}.effects"
+        shown = [self.candidates[name] for name in recordings]
+        common = [name for name in shown[0] if all(name in one for one in shown) and name not in OF_ONE_SCAN]
+        for name in asked or []:
+            require(name, where)
+            if name in OF_ONE_SCAN:
+                raise InputError(f"{where}: {name} is one scan's alone; take it out")
+            if name not in common:
+                raise InputError(
+                    f"{where}: {name} is not tried on every recording; add it to their effects, or take it out"
+                )
+        return list(asked or common)
 
     @property
     def comparisons(self) -> list[str]:
@@ -95,11 +137,13 @@ class Diagnosis:
     def all(self) -> list[str]:
         """The documents of all diagnoses."""
         documents = [self.files("diagnosis", recording=name) for name in self.settings]
+        documents += [self.files("scanner_diagnosis", scanner=name) for name in self.scanners]
         return documents + [self.files("feature_diagnosis", comparison=name) for name in self.comparisons]
 
     def reports(self) -> list[str]:
         """The pages of all diagnoses."""
         pages = [self.files("diagnosis_report", recording=name) for name in self.settings]
+        pages += [self.files("scanner_report", scanner=name) for name in self.scanners]
         return pages + [self.files("feature_report", comparison=name) for name in self.comparisons]
 
     def inputs(self, name: str) -> dict:

@@ -424,6 +424,23 @@ OUTPUTS = (
         Output("diagnosis_maps", "diagnosis/{recording}/maps", "maps of the differences, by domain"),
     ),
     *_made_by(
+        "diagnose_scanner",
+        Output("scanner_diagnosis", "diagnosis/scanners/{scanner}/scanner.json", "what a scanner's recordings share"),
+        Output(
+            "scanner_physics",
+            "diagnosis/scanners/{scanner}/physics.yaml",
+            "a scanner's physics as an overlay of a configuration",
+        ),
+        Output(
+            "scanner_report",
+            "diagnosis/scanners/{scanner}/report.html",
+            "a scanner's diagnosis as a page",
+            "{scanner}",
+            "Diagnosis",
+            "diagnosis",
+        ),
+    ),
+    *_made_by(
         "diagnose_features",
         Output(
             "feature_diagnosis",

@@ -125,11 +125,12 @@ class JointFitter:
         fitter = self.fitters[name]
         if not effects:
             return given.fits[name] if not given.effects else fitter.fit(())
-        physics = self.without(name).fit(effects, given).physics
+        others = self.without(name).fit(effects, given)
         held = copy.copy(fitter)
         held.model = copy.copy(fitter.model)
-        held.model.fixed = {effect: physics[effect] for effect in effects}
-        return held.fit(effects, replace(given.fits[name], effects=effects, physics=physics))
+        held.model.fixed = {effect: others.physics[effect] for effect in effects}
+        fit = held.fit(effects, replace(given.fits[name], effects=effects, physics=others.physics))
+        return replace(fit, errors=fit.errors | {effect: others.errors[effect] for effect in effects})
 
     def _begun(self, name: str, effects: tuple[str, ...], given: JointFit | None) -> Fit:
         if given is not None and name in given.fits:

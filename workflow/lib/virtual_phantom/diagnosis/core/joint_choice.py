@@ -69,8 +69,8 @@ def choose_jointly(
 ) -> JointChoice:
     """Choose effects one at a time while recordings that were not fitted gain by them.
 
-    As many as the data carry. An effect must gain more over all recordings left out than the models' own inexactness may
-    set apart, make no more than half of them worse, and be no chance on the data fitted; those that later ones made
+    As many as the data carry. An effect must gain more over all recordings left out than the models' own inexactness
+    may set apart, make no more than half of them worse, and be no chance on the data fitted; those that later ones made
     needless are dropped.
 
     Parameters

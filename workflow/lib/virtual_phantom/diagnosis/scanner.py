@@ -1,0 +1,140 @@
+"""A scanner's diagnosis: several recordings, one physics, judged by the recordings that were not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..base.words import label
+from ..physics.effect import load
+from .core.joint import JointFitter
+from .core.joint_choice import JointChoice, choose_jointly
+from .core.locate import aligned
+from .core.prepared import Prepared
+from .core.steps import NORMAL_95
+from .core.verdict import VERDICTS, excess_rms_removed
+
+
+@dataclass(frozen=True)
+class ScannerDiagnosis:
+    """Everything that is reported.
+
+    Attributes
+    ----------
+    choice : JointChoice
+    content : dict
+        What scanner.json holds.
+    """
+
+    choice: JointChoice
+    content: dict
+
+
+def explain_scanner(
+    name: str, prepared: Mapping[str, Prepared], candidates: Sequence[str], accuracy: Mapping[str, float]
+) -> ScannerDiagnosis:
+    """Choose the effects that explain recordings together, and judge them on each by the physics of the others.
+
+    Parameters
+    ----------
+    name : str
+        Of the scanner.
+    prepared : mapping of str to Prepared
+        By recording.
+    candidates : sequence of str
+    accuracy : mapping of str to float
+        As core.attribute.choose takes it.
+
+    Returns
+    -------
+    ScannerDiagnosis
+
+    Raises
+    ------
+    InputError
+        As choose_jointly.
+    """
+    together = JointFitter({key: one.fitter for key, one in prepared.items()})
+    choice = choose_jointly(together, candidates, accuracy)
+    chosen = choice.chosen
+    recordings = {key: _recording(one, choice, key) for key, one in prepared.items()}
+    removed = [one["excess_rms_removed"] for one in recordings.values() if one["excess_rms_removed"] is not None]
+    left = [key for key, one in recordings.items() if one["unexplained"]]
+    content = {
+        "scanner": name,
+        "verdict": VERDICTS[(2 if left else 1) if chosen.effects else (3 if left else 0)],
+        "effects": [_effect(effect, choice) for effect in chosen.effects],
+        "recordings": recordings,
+        "excess_rms_removed": {"median": float(np.median(removed)), "worst": float(np.min(removed))}
+        if removed and chosen.effects
+        else None,
+        "effects_tried": list(candidates),
+    }
+    return ScannerDiagnosis(choice, content | {"sentence": sentence(content)})
+
+
+def sentence(content: Mapping) -> str:
+    """The verdict in words.
+
+    Parameters
+    ----------
+    content : mapping
+        What scanner.json holds, but for the sentence itself.
+
+    Returns
+    -------
+    str
+    """
+    count = len(content["recordings"])
+    left = [name for name, one in content["recordings"].items() if one["unexplained"]]
+    rest = f" Places that differ are left on {', '.join(left)}." if left else ""
+    if not content["effects"]:
+        what = "differ, and no effect that they share explains it" if left else "agree"
+        return f"{content['scanner']}: {count} recordings and the simulation {what}.{rest}"
+    names = " and ".join(label(one["name"]) for one in content["effects"])
+    removed = content["excess_rms_removed"]
+    share = ""
+    if removed is not None:
+        median, worst = (round(100 * removed[key]) for key in ("median", "worst"))
+        share = f" Fitted to the others, it removes {median} % of a recording's root mean square beyond noise in the median, "
+        share += f"and {worst} % at worst."
+    return f"{content['scanner']}: {count} recordings share what the simulation lacks: {names}.{share}{rest}"
+
+
+def _effect(name: str, choice: JointChoice) -> dict:
+    effect, chosen = load(name), choice.chosen
+    units = {one.name: one.unit for one in effect.parameters}
+    alone = {key: fit.physics[name] for key, fit in choice.left_out.items()}
+    parameters = {}
+    for key, value in chosen.physics[name].items():
+        half = NORMAL_95 * chosen.errors[name].get(key, 0.0)
+        parameters[key] = {
+            "value": value,
+            "ci95": [value - half, value + half],
+            "unit": units[key],
+            "without": {recording: values[key] for recording, values in alone.items()},
+        }
+    evidence = {"left_out_gain": choice.gains[name], "p": choice.p[name]}
+    return {"name": name, "physics": effect.physics, "parameters": parameters, "evidence": evidence}
+
+
+def _recording(prepared: Prepared, choice: JointChoice, name: str) -> dict:
+    """What the physics of the other recordings makes of one, on its data held out."""
+    fit, before = choice.left_out[name], choice.baseline.fits[name]
+    rms = {
+        key: float(np.sqrt((prepared.difference(one, held_out=True) ** 2).mean()))
+        for key, one in (("before", before), ("after", fit))
+    }
+    data = prepared.held_out
+    rms["floor"] = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
+    fitted, held = prepared.halves(fit)
+    places = prepared.domains(held, fit, fitted, aligned(fit, prepared.fitter.model.distortions))
+    return {
+        f"rms_{prepared.look.unit}": rms,
+        "excess_rms_removed": excess_rms_removed(**rms),
+        "log_score": choice.scores[name],
+        "unexplained": [{"domain": one.domain, "where": one.where, "z": one.z} for one in places if one.significant],
+        "alignment": fit.nuisance,
+    }

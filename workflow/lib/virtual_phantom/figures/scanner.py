@@ -1,0 +1,44 @@
+"""Recordings of a scanner, each before and after the physics that the others say it has."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pandas as pd
+import seaborn
+from matplotlib.figure import Figure
+
+from . import style
+
+COLOURS = {"alignment alone": style.VERMILLION, "with the others' physics": style.BLUE, "noise alone": style.GREY}
+ROW_MM, REST_MM = 6.0, 26.0  # height of a recording, and of axis and legend
+
+
+@style.styled()
+def draw_recordings(recordings: Mapping[str, Mapping]) -> Figure:
+    """The root mean square of every recording, on one scale.
+
+    Parameters
+    ----------
+    recordings : mapping of str to mapping
+        As in scanner.json.
+
+    Returns
+    -------
+    Figure
+    """
+    rows = []
+    for name, one in recordings.items():
+        rms = next(value for key, value in one.items() if key.startswith("rms_"))
+        for kind, key in zip(COLOURS, ("before", "after", "floor"), strict=True):
+            rows.append({"recording": name, "model": kind, "rms": rms[key]})
+    figure = style.figure(style.DOUBLE_COLUMN_MM, REST_MM + ROW_MM * len(recordings))
+    axes = figure.subplots()
+    table = pd.DataFrame(rows)
+    seaborn.stripplot(
+        table, x="rms", y="recording", hue="model", palette=COLOURS, jitter=False, size=5, log_scale=True, ax=axes
+    )
+    axes.set(xlabel="root mean square of recorded less modelled, data held out", ylabel="")
+    axes.grid(axis="y")
+    seaborn.move_legend(axes, "lower left", bbox_to_anchor=(0, 1), ncol=len(COLOURS), title=None)
+    return figure

@@ -1,0 +1,34 @@
+"""Which physics the recordings of a scanner share: scanner.json, physics.yaml and the report."""
+
+import yaml
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.diagnosis.core.asked import Asked
+from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.diagnosis.scanner import explain_scanner
+from virtual_phantom.diagnosis.setup.verdict import VERDICTS, read_setup
+from virtual_phantom.io.documents import SCANNER, write_document
+from virtual_phantom.io.files import write_text
+from virtual_phantom.report.scanner import page
+from virtual_phantom.study.job import job
+
+with job(snakemake) as log:
+    params, given, output = snakemake.params, snakemake.input, snakemake.output
+    for name, setup in zip(params.models, given.setups, strict=True):
+        if (kind := read_setup(setup)["kind"]) in VERDICTS:
+            raise InputError(f"{name}: {VERDICTS[kind]}; see its own diagnosis, and mend that first")
+    prepared = {
+        name: ready(Asked.of(model, given.get("phantom"), snakemake.threads))[1]
+        for name, model in params.models.items()
+    }
+    found = explain_scanner(snakemake.wildcards.scanner, prepared, params.effects, params.accuracy)
+    fit = found.choice.chosen
+    first = next(iter(prepared.values())).fitter.model
+    physics = first.of_study(fit.physics, next(iter(fit.fits.values())).nuisance)
+    text = f"# {found.content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
+    overlay = {"physics": physics, "noise": {"model": "physical"}}
+    write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)
+    write_text(page(found.content), output.report)
+    write_document(found.content, output.diagnosis, SCANNER)
+    log.info("%s", found.content["sentence"])
+    print(found.content["sentence"])
