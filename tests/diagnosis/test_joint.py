@@ -10,8 +10,12 @@ from virtual_phantom.diagnosis.core.joint import JointFitter
 from virtual_phantom.diagnosis.core.joint_choice import choose_jointly
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.prepared import prepare
+from virtual_phantom.diagnosis.scanner import explain_scanner
+from virtual_phantom.io.documents import SCANNER, schema_of_kind
+from virtual_phantom.io.schema import defaults_of, validate
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scene import DiscScene, Pose
+from virtual_phantom.report.scanner import page
 
 PHOTONS = 2e5
 GEOMETRY = circular(
@@ -27,13 +31,17 @@ SCATTER = {"scatter": {"amount": 0.03, "width_mm": 60.0}}
 DISCS = {"large": (160.0, (0.4, -0.3)), "middle": (120.0, (-0.5, 0.2)), "small": (70.0, (0.1, 0.6))}
 
 
-def fitter(name, physics, seed=1):
+def made_ready(name, physics, seed=1):
     diameter, (x, y) = DISCS[name]
     chain = Chain(DiscScene(diameter, "water"), GEOMETRY, PHOTONS)
     state = chain.state(physics, Pose(x_mm=x, y_mm=y))
     lines = noisy_lines(state, 4, np.random.default_rng(np.random.SeedSequence((seed, int(diameter)))))
     taken = observed.Scans(lines.astype(np.float32), None, np.ones(lines.shape[1:], bool))
-    return prepare(taken, None, chain).fitter
+    return prepare(taken, None, chain)
+
+
+def fitter(name, physics, seed=1):
+    return made_ready(name, physics, seed).fitter
 
 
 @pytest.fixture(scope="module")
@@ -141,3 +149,30 @@ def test_what_one_scan_has_alone_is_not_the_scanners():
 def test_a_single_recording_cannot_be_judged_by_others(fitters):
     with pytest.raises(InputError, match="needs two recordings"):
         choose_jointly(JointFitter({"large": fitters["large"]}), LIBRARY)
+
+
+def test_a_scanner_is_told_in_a_document_and_a_page():
+    made = {name: made_ready(name, SCATTER) for name in DISCS}
+    found = explain_scanner("bench", made, ("scatter", "veiling_glare"), defaults_of("diagnosis", "model_accuracy"))
+    content = found.content
+    validate(content, schema_of_kind(SCANNER), "scanner.json")
+    assert content["verdict"] == "mismatch explained", content["sentence"]
+    assert [one["name"] for one in content["effects"]] == ["scatter"]
+    assert content["sentence"].startswith(
+        "bench: 3 recordings share what the simulation lacks: scatter. Fitted to the others"
+    )
+    assert content["excess_rms_removed"]["worst"] > 0.8
+    amount = content["effects"][0]["parameters"]["amount"]
+    assert set(amount["without"]) == set(DISCS) and amount["ci95"][0] < 0.03 < amount["ci95"][1] * 1.1
+    written = page(content)
+    for name in DISCS:
+        assert f"<strong>{name}</strong>" in written
+    assert content["sentence"] in written and "data:image" in written
+
+
+def test_a_scanner_that_lacks_nothing_is_a_match():
+    made = {name: made_ready(name, {}, seed=9) for name in DISCS}
+    found = explain_scanner("bench", made, ("scatter",), defaults_of("diagnosis", "model_accuracy")).content
+    assert found["verdict"] == "match" and found["sentence"] == "bench: 3 recordings and the simulation agree."
+    validate(found, schema_of_kind(SCANNER), "scanner.json")
+    page(found)

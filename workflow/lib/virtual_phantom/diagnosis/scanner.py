@@ -98,8 +98,10 @@ def sentence(content: Mapping) -> str:
     share = ""
     if removed is not None:
         median, worst = (round(100 * removed[key]) for key in ("median", "worst"))
-        share = f" Fitted to the others, it removes {median} % of a recording's root mean square beyond noise in the median, "
-        share += f"and {worst} % at worst."
+        share = (
+            f" Fitted to the others, it removes {median} % (median; at worst {worst} %) of the root mean square beyond "
+            "noise of a recording."
+        )
     return f"{content['scanner']}: {count} recordings share what the simulation lacks: {names}.{share}{rest}"
 
 

@@ -95,6 +95,14 @@ class Diagnosis:
     def shared(self, scanner: str) -> list[str]:
         """The effects that are tried on a scanner: those that every recording shows, or those that are asked for.
 
+        Parameters
+        ----------
+        scanner : str
+
+        Returns
+        -------
+        list of str
+
         Raises
         ------
         InputError
