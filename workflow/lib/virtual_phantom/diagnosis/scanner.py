@@ -9,9 +9,10 @@ import numpy as np
 
 from ..base.words import label
 from ..physics.effect import load
+from ..statistics.multiplicity import bonferroni
 from .core.joint import JointFitter
 from .core.joint_choice import JointChoice, choose_jointly
-from .core.locate import aligned
+from .core.locate import ALPHA, aligned
 from .core.prepared import Prepared
 from .core.steps import NORMAL_95
 from .core.verdict import VERDICTS, excess_rms_removed
@@ -133,10 +134,12 @@ def _recording(prepared: Prepared, choice: JointChoice, name: str) -> dict:
     rms["floor"] = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
     fitted, held = prepared.halves(fit)
     places = prepared.domains(held, fit, fitted, aligned(fit, prepared.fitter.model.distortions))
+    # Over all recordings together: of many, one would stand out by chance.
+    left = [one for one in places if bonferroni(one.p, len(choice.left_out)) < ALPHA]
     return {
         f"rms_{prepared.look.unit}": rms,
         "excess_rms_removed": excess_rms_removed(**rms),
         "log_score": choice.scores[name],
-        "unexplained": [{"domain": one.domain, "where": one.where, "z": one.z} for one in places if one.significant],
+        "unexplained": [{"domain": one.domain, "where": one.where, "z": one.z} for one in left],
         "alignment": fit.nuisance,
     }
