@@ -42,8 +42,10 @@ def planned_files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("outputs")
     overlay = {"results_dir": "r", "keep_projections": True}
     names = {name: kind for kinds in IMPORTED.values() for name, kind in kinds.items()} | {"scanner": "images"}
+    names["other_disc"] = "projections"
     overlay["recordings"] = {name: str(recorded(folder / name, kind)) for name, kind in names.items()}
-    overlay["diagnosis"] = {"recordings": {"solid_disc": {"disc": {"diameter_mm": 70, "material": "pmma"}}}}
+    discs = {name: {"disc": {"diameter_mm": 70, "material": "pmma"}} for name in ("solid_disc", "other_disc")}
+    overlay["diagnosis"] = {"recordings": discs, "scanners": {"bench": {"recordings": list(discs)}}}
     (folder / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     settings = ("--configfile", "config/recordings.yaml", folder / "overlay.yaml")
     beside = made(snakemake("all", *ALL, "-n", "--forceall", *settings))
