@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.diagnosis.core.fit import Problem
 from virtual_phantom.diagnosis.core.screening import amounts, explained, screened
 from virtual_phantom.diagnosis.core.steps import NORMAL_95, bounded_step, standard_errors
 from virtual_phantom.diagnosis.core.unknown import Unknown
@@ -121,6 +122,18 @@ def test_a_faint_wide_glare_is_found_from_the_usual_start(share, width_mm):
     assert errors["width_mm"] < width_mm and errors["share"] < share / 3
     begun_there = fitter.fit(("veiling_glare",), replace(fit, physics=truth))
     assert fit.chi_square == pytest.approx(begun_there.chi_square, abs=0.5)
+
+
+@pytest.mark.parametrize("name, truth", [("photon_flux", {"factor": 0.7}), ("electronic_noise", {"photons": 140.0})])
+def test_errors_are_those_of_derivatives_where_the_fit_ends(name, truth):
+    """Derivatives that were updated from step to step may be off by as much as they were where the fit began."""
+    fitter = fitted_to({name: truth})
+    fit = fitter.fit((name,), fitter.fit(()))
+    there = Problem(fitter, fit.effects, fit)
+    residuals = there.residuals(there.start, None)
+    information, _ = there.normal(there.jacobian(there.start, residuals, None), there.start, residuals)
+    errors = [*fit.errors[name].values(), *fit.nuisance_errors.values()]
+    np.testing.assert_allclose(errors, standard_errors(information), rtol=0.02)
 
 
 @pytest.mark.parametrize("width_mm", [1.6, 2.4])

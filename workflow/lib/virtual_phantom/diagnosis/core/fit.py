@@ -161,6 +161,8 @@ class Fitter:
                 current = problem.chi_square(residuals, point)
             if strayed or not as_expected:
                 jacobian = None
+        if not fresh:  # updates serve the next step: of numbers that moved far, slopes may be off by far
+            information, _ = problem.normal(problem.jacobian(point, residuals, pattern), point, residuals)
         errors = standard_errors(information)
         return problem.result(point, errors, residuals, current, pattern)
 
