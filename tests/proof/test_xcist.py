@@ -8,6 +8,7 @@ from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.materials import attenuation_per_mm as attenuation
 from virtual_phantom.physics.scene import DiscScene
+from virtual_phantom.physics.shapes import ShapesScene, ellipsoid
 from virtual_phantom.physics.spectra import Anode
 from virtual_phantom.proof.conceal.catalogue import CATALOGUE
 from virtual_phantom.proof.conceal.generate import NOMINAL
@@ -32,12 +33,12 @@ DETECTOR = {
 CENTRE, RADIUS = np.array([18.0, -9.0, 0.5]), 22.0  # of a ball of water, mm
 
 
-def scan(repeats=1, seed=1, **settings):
+def scan(repeats=1, seed=1, surface="flat", **settings):
     voxel, cells = 1.5, (24, 68, 68)
     z, y, x = np.meshgrid(*((np.arange(n) - (n - 1) / 2) * voxel for n in cells), indexing="ij")
     reach = np.sqrt((x - CENTRE[0]) ** 2 + (y - CENTRE[1]) ** 2 + (z - CENTRE[2]) ** 2)
     ball = np.clip((RADIUS - reach) / voxel + 0.5, 0, 1)  # edges by the share of the voxel
-    order = Scan(views=VIEWS, kev=KEV, photons=PHOTONS, settings=settings, **DETECTOR)
+    order = Scan(views=VIEWS, kev=KEV, photons=PHOTONS, settings=settings, surface=surface, **DETECTOR)
     return simulate(order, Materials({"water": ball}, (voxel, voxel)), repeats, np.random.SeedSequence(seed))
 
 
@@ -80,6 +81,26 @@ def test_line_integrals_of_a_ball_lie_where_the_geometry_says(plain):
     assert abs((mean - expected)[inside].mean()) < 2e-3
     mirrored = attenuation_per_mm("water", KEV) * chords(CENTRE * (-1, 1, 1))
     assert np.abs(mean - mirrored)[inside].max() > 0.3
+
+
+@pytest.mark.parametrize("wobble_mm", [0.0, 8.0])
+def test_an_arc_and_a_flying_focal_spot_are_where_the_geometry_says(wobble_mm, plain):
+    """XCIST's third-generation detector is an arc of small modules; its focal spot flies along the columns."""
+    mean = lines(scan(repeats=12, surface="cylindrical", wobble_mm=wobble_mm)).mean(axis=0)
+    scene = ShapesScene([ellipsoid("water", CENTRE, 3 * (RADIUS,))])
+    finer = {"columns": 200, "rows": 20, "column_pitch_mm": 1.0, "row_pitch_mm": 1.0}
+    shape = (VIEWS, DETECTOR["rows"], 5, DETECTOR["columns"], 5)
+
+    def expected(**surface):
+        paths = scene.path_lengths(circular(views=VIEWS, **(DETECTOR | finer | surface)))[0]
+        return attenuation_per_mm("water", KEV) * paths.reshape(shape).mean(axis=(2, 4))
+
+    spots = ((-wobble_mm, 0.0, 0.0), (wobble_mm, 0.0, 0.0))
+    there = expected(surface="cylindrical", spots_mm=spots)
+    inside = there > 0.5
+    assert np.abs(mean - there)[inside].max() < 0.03 and abs((mean - there)[inside].mean()) < 2e-3
+    if wobble_mm:
+        assert np.abs(mean - expected(surface="cylindrical", spots_mm=spots[::-1]))[inside].max() > 0.3
 
 
 def test_water_attenuates_as_published():

@@ -90,7 +90,9 @@ def diagnose(
     section, schema = settings | scanned, SECTION | {"$defs": schema_of()["$defs"]}
     validate(section, schema, "diagnose")
     fill_defaults(section, schema)
-    tried = candidates(section | {"effects": effects}, kind, timed(document.content))
+    tried = candidates(
+        section | {"effects": effects}, kind, timed(document.content), document.content.get("corrected", ())
+    )
     study = defaults_of()
     materials = defaults_of("materials")
     asked = Asked(recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"])

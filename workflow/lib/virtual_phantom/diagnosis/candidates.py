@@ -5,7 +5,7 @@ Apart from `ready`, whose imports take two seconds that every start of the workf
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from ..base.errors import InputError
 from ..physics.effect import acts_on_images, load, names, needs_times, require
@@ -21,7 +21,19 @@ HIDDEN = {
 OF_ONE_SCAN = ("gain_pattern", "motion", "photon_flux")
 
 
-def candidates(settings: dict, kind: str = "projections", timed: bool = True) -> list[str]:
+# {what a maker corrects before projections are stored: effects that this takes away}
+CORRECTED = {
+    "beam_hardening": ("spectrum",),
+    "gain": ("gain_pattern",),
+    "flat": ("gain_pattern", "heel"),
+    "dark": ("dark_signal",),
+    "scatter": ("scatter",),
+}
+
+
+def candidates(
+    settings: dict, kind: str = "projections", timed: bool = True, corrected: Collection[str] = ()
+) -> list[str]:
     """The effects that a recording of a kind is tried against.
 
     Parameters
@@ -31,6 +43,8 @@ def candidates(settings: dict, kind: str = "projections", timed: bool = True) ->
     kind : {"projections", "images"}, optional
     timed : bool, optional
         Whether the times of its views are known.
+    corrected : collection of str, optional
+        What was corrected before the recording was stored (CORRECTED).
 
     Returns
     -------
@@ -46,6 +60,9 @@ def candidates(settings: dict, kind: str = "projections", timed: bool = True) ->
     if settings.get("nominal_photons") is None:
         hidden["photon_flux"] = "needs nominal_photons, which it could differ from and which are not stated"
     hidden |= dict.fromkeys(settings.get("baseline", {}), "is declared under baseline")
+    for name in corrected:
+        words = f"was corrected by the scanner's maker (corrected: {name} in recording.yaml)"
+        hidden |= dict.fromkeys(CORRECTED.get(name, ()), words)
     if not timed:
         words = "goes by the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
         hidden |= {name: words for name in names() if needs_times(name)}

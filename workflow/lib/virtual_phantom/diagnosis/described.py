@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from ..base.vectors import FLAT
 from ..base.words import label
 from ..recordings.recording import Recording
 from .core.asked import Asked
@@ -69,6 +70,12 @@ def scan_of(asked: Asked, recording: Recording) -> str:
         scan, views, made = recording.scan, recording.scan["views"], ""
     return (
         f"{scan['trajectory']}, {views} views, {scan['rows']} x {scan['columns']} pixels (rows x columns) of "
-        f"{scan['row_pitch_mm']:g} x {scan['column_pitch_mm']:g} mm, source to isocentre "
+        f"{scan['row_pitch_mm']:g} x {scan['column_pitch_mm']:g} mm, {_surface(scan)}, source to isocentre "
         f"{scan['source_to_isocentre_mm']:g} mm, to detector {scan['source_to_detector_mm']:g} mm{made}"
     )
+
+
+def _surface(scan: Mapping) -> str:
+    spots = scan.get("flying_focal_spot") or []
+    flies = f", focal spot in {len(spots)} places" if spots else ""
+    return f"{scan.get('detector', FLAT)} detector{flies}"

@@ -1,8 +1,9 @@
-"""The command `virtual-phantom`: a first configuration, a check of one, and the import of recordings.
+"""The command `virtual-phantom`: a first configuration, a check of one, import of recordings, export of projections.
 
 virtual-phantom init CT --labels FILE [--out my.yaml] [--size quick]   propose a configuration for your CT
 virtual-phantom check CONFIG ...                                       say all that is wrong with a configuration
 virtual-phantom import FORMAT ...                                      make a recording folder
+virtual-phantom export dicom-ct-pd PROJECTIONS.h5 FOLDER               write projections of a study as DICOM-CT-PD
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ def main(words: Sequence[str] | None = None) -> int:
         return importers.main(words[1:])
     arguments = _parser().parse_args(words)
     try:
-        return {"init": _init, "check": _check}[arguments.command](arguments)
+        return {"init": _init, "check": _check, "export": _export}[arguments.command](arguments)
     except InputError as error:
         print(printed(error), file=sys.stderr)
         return 1
@@ -47,6 +48,10 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument(
         "configs", metavar="CONFIG", nargs="+", help="as after --configfile: a later one changes keys of those before"
     )
+    export = commands.add_parser("export", help="write projections of a study in another format")
+    export.add_argument("format", choices=("dicom-ct-pd",), help="one DICOM file per view")
+    export.add_argument("source", metavar="PROJECTIONS", help="projections/.../*.h5 of a study")
+    export.add_argument("folder", metavar="FOLDER", help="folder to write")
     commands.add_parser("import", help="make a recording folder from another format", add_help=False)
     return parser
 
@@ -76,6 +81,13 @@ def _check(arguments: argparse.Namespace) -> int:
     if lines:
         raise InputErrors(lines)
     print(f"{', '.join(arguments.configs)}: nothing wrong was found")
+    return 0
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    from ..io.dicom_ct_pd import export_projections  # half a second, for those who use it
+
+    print(f"{arguments.folder}: {export_projections(arguments.source, arguments.folder)} views")
     return 0
 
 

@@ -65,7 +65,11 @@ class Diagnosis:
         tried = {}
         for name, one in settings["recordings"].items():
             content = recordings.content(name)
-            tried[name] = [] if "physics_from" in one else candidates(one, content["kind"], timed(content))
+            tried[name] = (
+                []
+                if "physics_from" in one
+                else candidates(one, content["kind"], timed(content), content.get("corrected", ()))
+            )
         found = cls(plan, files, recordings, engine, tried)
         for name in settings["scanners"]:
             found.shared(name)

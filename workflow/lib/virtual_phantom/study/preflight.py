@@ -176,7 +176,11 @@ def _recordings(config: dict) -> Iterator[str]:
             yield from wrong
         elif "physics_from" not in one:
             content = documents[name].content
-            yield from (f"{where}: {line}" for line in _said(candidates, one, content["kind"], timed(content)))
+            yield from (f"{where}: {line}" for line in _said(candidates, one, *_tried_on(content)))
+
+
+def _tried_on(content: dict) -> tuple:
+    return content["kind"], timed(content), content.get("corrected", ())
 
 
 def _proof(config: dict) -> Iterator[str]:

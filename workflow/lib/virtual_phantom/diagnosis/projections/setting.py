@@ -54,7 +54,7 @@ def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedS
         model,
         anode=labels.anode,
         tube_kvp=labels.tube_kvp,
-        nominal_photons=settings.nominal_photons,
+        nominal_photons=settings.nominal_photons or recording.nominal.get("photons"),
         known=settings.alignment,
         declared=declared(settings.baseline, BASELINE),
         floor_chain=floor,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...base.vectors import CYLINDRICAL, FLAT
 from ..projections.observed import LEAST_TRANSMISSION
 
 STATED = "as stated"
@@ -79,6 +80,7 @@ def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Descripti
         yield from _swapped(scan)
     yield from _distances(scan)
     yield from _views(scan)
+    yield from _surface(scan)
     yield from _offsets(scan)
     if log:
         yield from _line_integrals(scan, largest)
@@ -139,6 +141,21 @@ def _views(scan: Mapping) -> Iterator[Description]:
         turned = {"table_feed_mm": feed, "start_z_mm": -scan["start_z_mm"]}
         words = f"scan.table_feed_mm: {feed:g}, scan.start_z_mm: {-scan['start_z_mm']:g}"
         yield Description("direction of the table", words, {**scan, **turned})
+
+
+def _surface(scan: Mapping) -> Iterator[Description]:
+    """An arc for a flat detector or the reverse, where columns lie elsewhere on it, and spots in another order."""
+    reach = scan["columns"] / 2 * scan["column_pitch_mm"]
+    radius = scan.get("arc_radius_mm") or scan["source_to_detector_mm"]
+    if abs(math.atan(reach / radius) * radius - reach) > scan["column_pitch_mm"]:
+        curved = scan.get("detector", FLAT) != FLAT
+        other = {key: value for key, value in scan.items() if key != "arc_radius_mm"}
+        name = FLAT if curved else CYLINDRICAL
+        yield Description(f"{name} detector", f"scan.detector: {name}", {**other, "detector": name})
+    if spots := scan.get("flying_focal_spot"):
+        turned = [*spots[1:], spots[0]]
+        line = "begin scan.flying_focal_spot with its second place, and put the first one last"
+        yield Description("order of the focal spots", line, {**scan, "flying_focal_spot": turned})
 
 
 def _offsets(scan: Mapping) -> Iterator[Description]:

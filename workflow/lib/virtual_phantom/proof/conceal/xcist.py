@@ -25,6 +25,7 @@ from scipy.optimize import brentq
 
 from ...base.errors import InputError
 from ...base.streams import Stream
+from ...base.vectors import FLAT
 
 CELLS_DIVIDED = 4  # finer cells per detector cell and direction, whose transmissions are averaged
 HOOKS = "virtual_phantom.proof.conceal.hooks."
@@ -47,7 +48,7 @@ IDLE = {
 
 @dataclass(frozen=True)
 class Scan:
-    """What XCIST is asked for: a flat detector on a circle, one turn from +y.
+    """What XCIST is asked for: a detector on a circle, one turn from +y.
 
     Attributes
     ----------
@@ -62,6 +63,8 @@ class Scan:
         Time of the turn, ms.
     settings : dict
         {name: value} of what is concealed: those of IDLE, and what this module, `readout` and `generate` read.
+    surface : {"flat", "cylindrical"}, optional
+        Of the detector; an arc is about the source.
     """
 
     views: int
@@ -75,6 +78,7 @@ class Scan:
     photons: float
     rotation_ms: float = 1000.0
     settings: dict = field(default_factory=dict)
+    surface: str = FLAT
 
 
 @dataclass(frozen=True)
@@ -252,7 +256,8 @@ def _configured(scan: Scan, path: Path, current: float = 1.0, quantum_kev: float
     phantom.projectorNumThreads = 1
     scanner.sid = scan.source_to_isocentre_mm + settings.get("isocentre_mm", 0.0)
     scanner.sdd = scan.source_to_detector_mm + settings.get("detector_mm", 0.0)
-    scanner.detectorColsPerMod = scanner.detectorColCount = scan.columns  # a single module is flat
+    scanner.detectorColCount = scan.columns
+    scanner.detectorColsPerMod = scan.columns if scan.surface == FLAT else 1  # a single module is flat
     scanner.detectorRowsPerMod = scanner.detectorRowCount = scan.rows
     scanner.detectorColSize, scanner.detectorRowSize = scan.column_pitch_mm, scan.row_pitch_mm
     scanner.detectorColOffset = scanner.detectorRowOffset = 0.0

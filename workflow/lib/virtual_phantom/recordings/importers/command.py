@@ -3,6 +3,7 @@
 virtual-phantom-import htc2022 SINOGRAM.mat FOLDER [--segmentation S.mat]   Helsinki challenge
 virtual-phantom-import features TABLE.csv FOLDER       a published table of features
 virtual-phantom-import dicom TREE FOLDER [--kernel K]  a tree of DICOM series, one repeat each
+virtual-phantom-import dicom-ct-pd SCAN FOLDER         a folder of DICOM-CT-PD files, one scan
 virtual-phantom-import study results/projections/GEOMETRY/NOISE FOLDER   a study's acquisitions
 """
 
@@ -12,12 +13,19 @@ from collections.abc import Sequence
 
 from ...base.errors import InputError
 from ..summary import readable, summary, table
+from .dicom_ct_pd import import_dicom_ct_pd
 from .dicom_tree import import_dicom_tree
 from .feature_tables import import_features
 from .htc2022 import import_htc2022
 from .study import import_study
 
-IMPORTERS = {"htc2022": import_htc2022, "features": import_features, "dicom": import_dicom_tree, "study": import_study}
+IMPORTERS = {
+    "htc2022": import_htc2022,
+    "features": import_features,
+    "dicom": import_dicom_tree,
+    "dicom-ct-pd": import_dicom_ct_pd,
+    "study": import_study,
+}
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -33,6 +41,9 @@ def main(words: Sequence[str] | None = None) -> int:
         options.add_argument("--phantom", help="what was scanned, for recording.yaml")
         if name == "htc2022":
             options.add_argument("--segmentation", help="the data set's own (.mat): becomes object.nii.gz")
+        if name == "dicom-ct-pd":
+            swapped = "the files have the focal spot's shifts (7033,100B) and (7033,100C) swapped"
+            options.add_argument("--swapped-shifts", action="store_true", help=swapped)
         if name == "dicom":
             options.add_argument("--kernel", help="take the series of this reconstruction kernel only")
     arguments = vars(parser.parse_args(words))

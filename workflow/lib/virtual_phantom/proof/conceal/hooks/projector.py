@@ -45,7 +45,9 @@ def _divided(cfg, divided):
     finer = copy.copy(cfg)
     finer.scanner = scanner = copy.copy(cfg.scanner)
     finer.det = None
-    scanner.detectorColsPerMod = scanner.detectorColCount = cfg.scanner.detectorColCount * divided
+    modules = cfg.scanner.detectorColCount // cfg.scanner.detectorColsPerMod
+    scanner.detectorColCount = cfg.scanner.detectorColCount * divided
+    scanner.detectorColsPerMod = scanner.detectorColCount // modules
     scanner.detectorRowsPerMod = scanner.detectorRowCount = cfg.scanner.detectorRowCount * divided
     scanner.detectorColSize = cfg.scanner.detectorColSize / divided
     scanner.detectorRowSize = cfg.scanner.detectorRowSize / divided
