@@ -19,6 +19,7 @@ from virtual_phantom.io import dicom_ct_pd as pd
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.recordings.importers import command
 from virtual_phantom.recordings.importers.dicom_ct_pd import import_dicom_ct_pd
+from virtual_phantom.study import command as study_command
 
 SPOTS = ((-0.66, 3.0, -0.6), (0.66, 3.0, -0.6), (-0.66, -3.0, 0.6), (0.66, -3.0, 0.6))
 # A scanner of 736 columns in miniature: fewer and wider ones.
@@ -47,7 +48,8 @@ LINES = 3 * SHADOW * np.random.default_rng(1).uniform(0.9, 1.1, GEOMETRY.shape).
 def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("ct_pd") / "scan"
     write_line_integrals(folder.parent / "clean.h5", LINES, GEOMETRY)
-    assert pd.export_projections(folder.parent / "clean.h5", folder) == 40
+    assert study_command.main(["export", "dicom-ct-pd", str(folder.parent / "clean.h5"), str(folder)]) == 0
+    assert len(list(folder.iterdir())) == 40
     return folder
 
 

@@ -371,9 +371,12 @@ def whole(**changes):
 
 @pytest.mark.parametrize("reach", [20.0, 55.5, 120.0])
 @pytest.mark.parametrize("offset", [0.0, 1.5])
-def test_columns_are_the_fewest_that_do(reach, offset):
+@pytest.mark.parametrize(
+    "surface", [{}, {"detector": "cylindrical"}, {"detector": "cylindrical", "arc_radius_mm": 900.0}]
+)
+def test_columns_are_the_fewest_that_do(reach, offset, surface):
     """Against the field of view that the geometry itself has."""
-    scan = whole(column_offset_px=offset)
+    scan = whole(column_offset_px=offset, **surface)
     columns = columns_for(reach, scan)
     radius = {n: scan_geometry(scan | {"columns": n}, 90, GRID).field_of_view_radius_mm for n in (columns - 1, columns)}
     assert radius[columns] >= reach > radius[columns - 1]

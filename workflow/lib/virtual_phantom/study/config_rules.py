@@ -296,7 +296,7 @@ class Rules:
         for name, scan in scans.items():
             if scan["source_to_detector_mm"] <= scan["source_to_isocentre_mm"]:
                 yield f"config: {name}.source_to_detector_mm must be larger than source_to_isocentre_mm"
-            if scan["arc_radius_mm"] is not None and scan["detector"] == FLAT:
+            if scan.get("arc_radius_mm") is not None and scan.get("detector", FLAT) == FLAT:
                 yield f"config: {name}.arc_radius_mm is of a cylindrical detector; set {name}.detector: cylindrical"
 
     def _measured(self) -> Iterator[str]:

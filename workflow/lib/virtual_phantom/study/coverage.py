@@ -71,10 +71,12 @@ def _half_mm(fan_rad: float, scan: Mapping) -> float:
     """How far along the detector a ray of a fan angle meets it, and a flying focal spot's beside it."""
     distance = scan["source_to_detector_mm"]
     beyond = distance / scan["source_to_isocentre_mm"] - 1
-    flown = beyond * max((abs(spot.get("columns_mm", 0.0)) for spot in scan["flying_focal_spot"] or []), default=0.0)
-    if scan["detector"] == FLAT:
+    flown = beyond * max(
+        (abs(spot.get("columns_mm", 0.0)) for spot in scan.get("flying_focal_spot") or []), default=0.0
+    )
+    if scan.get("detector", FLAT) == FLAT:
         return math.tan(fan_rad) * distance + flown
-    radius = scan["arc_radius_mm"] or distance
+    radius = scan.get("arc_radius_mm") or distance
     return (fan_rad + math.asin((distance - radius) * math.sin(fan_rad) / radius)) * radius + flown
 
 
