@@ -108,15 +108,15 @@ def sentence(content: Mapping) -> str:
 
 def _effect(name: str, choice: JointChoice) -> dict:
     effect, chosen = load(name), choice.chosen
-    units = {one.name: one.unit for one in effect.parameters}
+    stated = {one.name: one for one in effect.parameters}
     alone = {key: fit.physics[name] for key, fit in choice.left_out.items()}
     parameters = {}
     for key, value in chosen.physics[name].items():
         half = NORMAL_95 * chosen.errors[name].get(key, 0.0)
         parameters[key] = {
             "value": value,
-            "ci95": [value - half, value + half],
-            "unit": units[key],
+            "ci95": [max(stated[key].low, value - half), min(stated[key].high, value + half)],
+            "unit": stated[key].unit,
             "without": {recording: values[key] for recording, values in alone.items()},
         }
     evidence = {"left_out_gain": choice.gains[name], "p": choice.p[name]}
