@@ -6,7 +6,8 @@ Kinds: `single` (one effect, drawn evenly from all), `none`, `pair` (two effects
 out of the candidates). Strengths are drawn so that what the effect changes, beyond what the alignment takes up, stands
 5 to 50 standard deviations above the noise (log-uniform). The scan is small, 64 columns x 8 rows x 90 views with 4
 repeats, and is taken with twice as many rays per pixel and direction as the model has. The object's edges are soft, so
-that the errors of the model's rays stay under what is asked of an effect; --edge-mm 0 makes them sharp.
+that the errors of the model's rays stay under what is asked of an effect; --edge-mm 0 makes them sharp, and --shapes
+has the same object as shapes, in the scan as in the model, whose edges are sharp and hold no error of voxels.
 
 --declared 7 puts seven further effects of typical strength into every scan, which are declared with errors of 5 % of
 each parameter.
@@ -45,6 +46,7 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
 
 PHOTONS, REPEATS = 1e5, 4
 WEAKEST, STRONGEST = 5.0, 50.0
@@ -79,6 +81,14 @@ def scene(edge_mm=EDGE_MM, threads=1):
     hu = np.where((x + 10) ** 2 + (y - 45) ** 2 < 12**2, 300.0, hu)
     hu = ndimage.gaussian_filter(hu, np.array(edge_mm) / grid.spacing, mode="nearest")
     return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193, threads)
+
+
+def shapes_scene():
+    """The same body of shapes: muscle, bone, fat and a rod of PMMA."""
+    body = ellipsoid("soft_tissue", (0, 0, 0), (110, 80, 1000))
+    bone = ellipsoid("bone", (50, 10, 5), (20, 20, 20))
+    fat = ellipsoid("adipose", (-40, -20, -5), (18, 18, 18))
+    return ShapesScene([body, bone, fat, cylinder("pmma", (-10, 45, 0), 12.0)])
 
 
 def scans(chain, physics, random):
@@ -183,11 +193,11 @@ def left_over(given, physics, fit):
 
 
 def one(task):
-    kind, draw, only, accuracy, samples, edge_mm, known = task
+    kind, draw, only, accuracy, samples, edge_mm, known, finer, shaped = task
     key = (len(kind), draw, known) if known else (len(kind), draw)
     random = np.random.default_rng(np.random.SeedSequence(20261121, spawn_key=key))
-    bare = scene(edge_mm)
-    chain = Chain(bare, GEOMETRY, PHOTONS, samples=2 * samples)
+    bare = shapes_scene() if shaped else scene(edge_mm)
+    chain = Chain(bare, GEOMETRY, PHOTONS, samples=finer * samples)
     model, floor = model_and_floor(bare, GEOMETRY, samples, photons=PHOTONS)
     library = [name for name in names() if not acts_on_images(name) and (only is None or name in only)]
     statable = [name for name in library if not load(name).pattern]
@@ -287,17 +297,19 @@ def main():
         "--accuracy", type=float, help="diagnosis.model_accuracy of all effects; finite steps are exact then"
     )
     parser.add_argument("--only", nargs="+", help="these effects instead of all")
-    parser.add_argument(
-        "--samples", type=int, default=2, help="rays per pixel and direction; scanned with twice as many"
-    )
+    parser.add_argument("--samples", type=int, default=2, help="rays per pixel and direction of the model")
     parser.add_argument("--edge-mm", type=float, default=EDGE_MM, help="standard deviation by which edges are blurred")
     parser.add_argument("--declared", type=int, default=0, help="further effects in every scan, typical and declared")
+    parser.add_argument(
+        "--finer", type=int, default=2, help="times as many rays per pixel and direction in the scan as in the model"
+    )
+    parser.add_argument("--shapes", action="store_true", help="the object as shapes; its edges are sharp")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--out", default="draws.csv")
     options = parser.parse_args()
     draws = range(options.first, options.first + options.draws)
     accuracy = None if options.accuracy is None else {"default": options.accuracy}
-    settings = options.only, accuracy, options.samples, options.edge_mm, options.declared
+    settings = options.only, accuracy, options.samples, options.edge_mm, options.declared, options.finer, options.shapes
     tasks = [(options.kind, draw, *settings) for draw in draws]
     rows = []
     with ProcessPoolExecutor(options.processes) as pool, open(options.out, "w", newline="") as file:

@@ -148,12 +148,30 @@ def test_a_comparison_and_a_recording_that_are_diagnosed_have_names_of_their_own
         ("scan.source_to_detector_mm", 400, "scan.source_to_detector_mm must be larger"),
         ("reconstruction.sirt.terms", 80, "80 is greater than the maximum of 75"),
         ("phantom.source", "ct", "phantom.source is ct, but phantom.ct is missing"),
+        (
+            "diagnosis.recordings",
+            {"x": {"object": {"mask": "a.nii"}}},
+            "x.object needs kind, an object of shapes, or a",
+        ),
     ],
 )
 def test_mistakes_are_told_in_one_line(path, value, message):
     config = changed(path, value)
     config["noise"]["levels"]["same"] = {"A": DEFAULT["noise"]["levels"]["dose10"]["A"], "repeats": 8}
     refuse(config, message)
+
+
+@pytest.mark.parametrize(
+    "value, message",
+    [
+        ({"mask": "a.nii.gz"}, "x.object needs kind, an object of shapes, or a mask and its material"),
+        ({"kind": "ball", "mask": "a.nii.gz"}, "x.object has both mask and kind"),
+        ({"kinds": "ball"}, "did you mean 'kind'?"),
+    ],
+)
+def test_an_object_is_shapes_or_a_mask(value, message):
+    settings = changed("diagnosis.recordings", {"x": {"object": value}}) | {"recordings": {"x": "x"}}
+    refuse(settings, message)
 
 
 @pytest.mark.parametrize("key", [1, 2.5, True, None])

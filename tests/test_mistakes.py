@@ -160,6 +160,12 @@ def twice():
     raise InputErrors(lines)
 
 
+def object_that_is_not_there():
+    recording_folders.projections_folder(Path("bench"))
+    diagnosed = {"recordings": {"bench": {"object": {"kind": "catphan504_ctp440"}}}}
+    raise InputErrors(problems({**DEFAULT, "recordings": {"bench": "bench"}, "diagnosis": diagnosed}))
+
+
 TANDEM = {"collection": "ct_phantom4radiomics"}
 
 
@@ -218,6 +224,7 @@ MISTAKES = {
         lambda: configured(("recordings", {"bench": "recordings/bench"}), ("diagnosis.recordings", {"benhc": {}})),
         "diagnosis.recordings",
     ),
+    "An object that is not there": (object_that_is_not_there, "diagnosis.recordings.bench.object"),
     "No ROI": (
         lambda: configured(("phantom", {"source": "ct", "ct": {"image": "ct.nii.gz", "rois": []}})),
         "phantom.ct.rois",

@@ -12,6 +12,7 @@ from virtual_phantom.diagnosis.course import Fitted, explain, hold_against
 from virtual_phantom.diagnosis.described import described
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
 from virtual_phantom.diagnosis.matters import in_practice
+from virtual_phantom.diagnosis.projections.scanned import shaped_object
 from virtual_phantom.diagnosis.ready import agreement, ready
 from virtual_phantom.diagnosis.setup.recorded import set_up
 from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, VERDICTS, doubted, read_setup, verdict
@@ -54,6 +55,9 @@ with job(snakemake) as log:
             scanned = Scanned.read(given.phantom, given.image, given.rois)
         elif "mask" in given.keys():
             scanned = Scanned.of_mask(given.mask)
+        elif "shapes" in given.keys():
+            shaped = shaped_object(asked.settings.object)
+            scanned = Scanned.of_shapes(shaped, recording.geometry, asked.mu_water_per_mm)
         practice = params.matters is not None
         table = agreement(recording, prepared, found.choice, asked, Branch.AGREEMENT, scanned, practice)
         found = replace(found, content=found.content | {"agreement": table})

@@ -31,6 +31,7 @@ def diagnose(
     *,
     disc: tuple[float, str] | None = None,
     mask: tuple[str | Path, str] | None = None,
+    shapes: str | tuple[str, Mapping[str, float | str]] | None = None,
     phantom: str | Path | None = None,
     effects: Sequence[str] | None = None,
     processes: int = 1,
@@ -39,7 +40,7 @@ def diagnose(
 ) -> Diagnosis:
     """Find the physics that a recording of projections has and the plain simulation lacks.
 
-    One of `disc`, `mask` and `phantom` says what was scanned.
+    One of `disc`, `mask`, `shapes` and `phantom` says what was scanned.
 
     Parameters
     ----------
@@ -49,6 +50,9 @@ def diagnose(
         A homogeneous cylinder along z: diameter, mm, and material.
     mask : tuple of (str or Path, str), optional
         A homogeneous object: NIfTI image of the share of every voxel that it fills, and material.
+    shapes : str, or tuple of (str, mapping), optional
+        An object of shapes: the name of one that comes with the library, or the path of a file (docs/objects.md); with
+        values of its parameters.
     phantom : str or Path, optional
         NIfTI image in HU.
     effects : sequence of str, optional
@@ -73,9 +77,9 @@ def diagnose(
         For a recording that cannot be read or is of another kind, for an effect that it does not show, for an unknown
         setting, and if what was scanned is not said, or more than once.
     """
-    said = [one for one in (disc, mask, phantom) if one is not None]
+    said = [one for one in (disc, mask, shapes, phantom) if one is not None]
     if len(said) != 1:
-        raise InputError(f"diagnose: {len(said)} of disc, mask and phantom are given; give the one that was scanned")
+        raise InputError(f"diagnose: {len(said)} of disc, mask, shapes and phantom are given; give the one scanned")
     document = read_document(recording)
     if (kind := document.content["kind"]) != "projections":
         raise InputError(
@@ -87,6 +91,9 @@ def diagnose(
         scanned["disc"] = dict(zip(("diameter_mm", "material"), disc, strict=True))
     if mask is not None:
         scanned["object"] = {"mask": str(mask[0]), "material": mask[1]}
+    if shapes is not None:
+        kind_of, parameters = (shapes, {}) if isinstance(shapes, str) else shapes
+        scanned["object"] = {"kind": str(kind_of), "parameters": dict(parameters)}
     section, schema = settings | scanned, SECTION | {"$defs": schema_of()["$defs"]}
     validate(section, schema, "diagnose")
     fill_defaults(section, schema)

@@ -8,8 +8,9 @@ from pathlib import Path
 from ..base.vectors import FLAT
 from ..base.words import label
 from ..recordings.recording import Recording
-from .core.asked import Asked
+from .core.asked import Asked, ShapesObject
 from .core.prepared import Prepared
+from .projections.scanned import shaped_object
 from .ready import labels_of
 
 
@@ -50,11 +51,14 @@ def described(asked: Asked, recording: Recording, prepared: Prepared, effects: S
 
 def object_of(asked: Asked) -> str:
     """What was scanned, in words."""
-    disc, masked = asked.settings.disc, asked.settings.object
+    disc, other = asked.settings.disc, asked.settings.object
     if disc is not None:
         return f"a cylinder along z, {disc.diameter_mm:g} mm across, of {label(disc.material)}"
-    if masked is not None:
-        return f"the homogeneous object of {Path(masked.mask).name}, of {label(masked.material)}"
+    if isinstance(other, ShapesObject):
+        shaped = shaped_object(other)
+        return f"shapes ({shaped.name}): {shaped.description.rstrip('.')}"
+    if other is not None:
+        return f"the homogeneous object of {Path(other.mask).name}, of {label(other.material)}"
     materials = asked.materials
     return (
         f"the study's phantom, each voxel by its HU of {label(materials['soft'])}, and from "

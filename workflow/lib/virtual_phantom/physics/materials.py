@@ -1,7 +1,7 @@
 """Linear attenuation of materials, and how a voxel in HU is divided among them.
 
 Cross-sections: xraylib [1]_, total with coherent scattering. Compositions and densities: NIST's compounds as xraylib
-lists them, those of tissues by ICRP and ICRU.
+lists them, those of tissues by ICRP and ICRU, or of a Mixture.
 
 References
 ----------
@@ -42,16 +42,75 @@ ELEMENTS = {
     "molybdenum": (42, 10.22),
     "rhodium": (45, 12.41),
 }
+SOME_KEV = 60.0  # at which a composition is tried
+SHARES_OFF = 0.01  # of mass fractions from 1: published ones are rounded
 ENERGIES_KEV = (10.0, 160.0)  # between which the energy of a monochromatic beam is looked for
 
 
-def attenuation_per_mm(material: str, energies_kev: np.ndarray) -> np.ndarray:
+@dataclass(frozen=True)
+class Mixture:
+    """A material that is none of the library's.
+
+    Attributes
+    ----------
+    name : str
+    density_g_per_cm3 : float
+    compound : str or None
+        A chemical formula (C2H4), or the name of a compound of xraylib's NIST list.
+    mass_fractions : tuple of tuple of (str, float)
+        Of elements by their symbols, adding up to 1; where there is no compound.
+
+    Raises
+    ------
+    InputError
+        For a density that is not positive, an unknown compound or element, or fractions that do not add up to 1.
+    """
+
+    name: str
+    density_g_per_cm3: float
+    compound: str | None = None
+    mass_fractions: tuple[tuple[str, float], ...] = ()
+
+    def __post_init__(self):
+        if not self.density_g_per_cm3 > 0:
+            raise InputError(f"material '{self.name}': density {self.density_g_per_cm3} must be positive (g/cm3)")
+        if (self.compound is None) == (not self.mass_fractions):
+            raise InputError(f"material '{self.name}': give it either a compound or mass_fractions")
+        try:
+            self.mass_attenuation(SOME_KEV)
+        except ValueError:
+            what = self.compound or ", ".join(symbol for symbol, _ in self.mass_fractions)
+            raise InputError(
+                f"material '{self.name}': '{what}' is no chemical formula, element or compound of xraylib's NIST list; "
+                "give a formula such as C5H8O2, or mass_fractions of elements by their symbols"
+            ) from None
+        total = sum(share for _, share in self.mass_fractions)
+        if self.mass_fractions and abs(total - 1) > SHARES_OFF:
+            raise InputError(f"material '{self.name}': mass_fractions add up to {total:g}; they must to 1")
+
+    def __str__(self) -> str:
+        return self.name
+
+    def mass_attenuation(self, energy_kev: float) -> float:
+        """Total cross-section, cm2/g, at an energy, keV."""
+        if self.compound is not None:
+            return xraylib.CS_Total_CP(self.compound, energy_kev)
+        return sum(
+            share * xraylib.CS_Total(xraylib.SymbolToAtomicNumber(symbol), energy_kev)
+            for symbol, share in self.mass_fractions
+        )
+
+
+Material = str | Mixture  # a name of COMPOUNDS or ELEMENTS, or one of its own
+
+
+def attenuation_per_mm(material: Material, energies_kev: np.ndarray) -> np.ndarray:
     """Linear attenuation of a material.
 
     Parameters
     ----------
-    material : str
-        Of COMPOUNDS or ELEMENTS.
+    material : str or Mixture
+        Of COMPOUNDS or ELEMENTS, or one of its own.
     energies_kev : array_like, shape (energies,)
         keV.
 
@@ -69,8 +128,10 @@ def attenuation_per_mm(material: str, energies_kev: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _attenuation(material: str, energies_kev: tuple[float, ...]) -> np.ndarray:
-    if material in COMPOUNDS:
+def _attenuation(material: Material, energies_kev: tuple[float, ...]) -> np.ndarray:
+    if isinstance(material, Mixture):
+        density, values = material.density_g_per_cm3, [material.mass_attenuation(energy) for energy in energies_kev]
+    elif material in COMPOUNDS:
         compound, density = COMPOUNDS[material]
         density = density or xraylib.GetCompoundDataNISTByName(compound)["density"]
         values = [xraylib.CS_Total_CP(compound, energy) for energy in energies_kev]

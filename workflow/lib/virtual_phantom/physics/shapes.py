@@ -14,10 +14,11 @@ from ..base.errors import InputError
 from ..base.geometry import ScanGeometry
 from ..projectors.chords import Room, Shapes, chords
 from ..projectors.cpu import share_out
-from .materials import attenuation_per_mm
+from .materials import Material, attenuation_per_mm
 from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_axes, turned_back
 
 NOTHING = "nothing"  # the material of a hole: no attenuation, as the air around
+MARGIN_MM = 1e-3  # by which what lies around a shape is wider than it: more than rounding where the source is far away
 
 
 @dataclass(frozen=True)
@@ -26,25 +27,28 @@ class Shape:
 
     Attributes
     ----------
-    material : str
-        Of materials.COMPOUNDS or ELEMENTS, or NOTHING.
+    material : str or Mixture
+        Of materials.COMPOUNDS or ELEMENTS, or NOTHING, or one of its own.
     planes : ndarray, shape (planes, 4)
         Unit normals and offsets: it lies behind all of them, normal . x <= offset.
     quadric : ndarray, shape (4, 4), or None
         It lies where (x, y, z, 1) M (x, y, z, 1)' <= 0.
+    around : tuple of 5 float
+        An upright cylinder around it: x, y and radius, from z to z, mm.
     """
 
-    material: str
+    material: Material
     planes: np.ndarray
     quadric: np.ndarray | None = None
+    around: tuple[float, float, float, float, float] = (0.0, 0.0, np.inf, -np.inf, np.inf)
 
 
-def half_space(material: str, point_mm: Sequence[float], outwards: Sequence[float]) -> Shape:
+def half_space(material: Material, point_mm: Sequence[float], outwards: Sequence[float]) -> Shape:
     """All that lies behind a plane.
 
     Parameters
     ----------
-    material : str
+    material : str or Mixture
     point_mm : sequence of 3 float
         Of the plane, mm.
     outwards : sequence of 3 float
@@ -63,12 +67,12 @@ def half_space(material: str, point_mm: Sequence[float], outwards: Sequence[floa
     return Shape(material, np.array([[*normal, normal @ np.asarray(point_mm, float)]]))
 
 
-def box(material: str, centre_mm: Sequence[float], sides_mm: Sequence[float], turn_deg: float = 0.0) -> Shape:
+def box(material: Material, centre_mm: Sequence[float], sides_mm: Sequence[float], turn_deg: float = 0.0) -> Shape:
     """A box.
 
     Parameters
     ----------
-    material : str
+    material : str or Mixture
     centre_mm, sides_mm : sequence of 3 float
         Middle and lengths of the edges along its own x, y and z, mm.
     turn_deg : float, optional
@@ -90,15 +94,17 @@ def box(material: str, centre_mm: Sequence[float], sides_mm: Sequence[float], tu
         for axis, length in zip(turned_axes(turn_deg), sides_mm, strict=True)
         for side in (1, -1)
     ]
-    return Shape(material, np.array(planes))
+    return Shape(material, np.array(planes), around=_around(centre, np.hypot(*sides_mm[:2]) / 2, sides_mm[2] / 2))
 
 
-def ellipsoid(material: str, centre_mm: Sequence[float], half_axes_mm: Sequence[float], turn_deg: float = 0.0) -> Shape:
+def ellipsoid(
+    material: Material, centre_mm: Sequence[float], half_axes_mm: Sequence[float], turn_deg: float = 0.0
+) -> Shape:
     """An ellipsoid; a ball where the half-axes are equal.
 
     Parameters
     ----------
-    material : str
+    material : str or Mixture
     centre_mm, half_axes_mm : sequence of 3 float
         Middle, and half-axes along its own x, y and z, mm.
     turn_deg : float, optional
@@ -115,11 +121,12 @@ def ellipsoid(material: str, centre_mm: Sequence[float], half_axes_mm: Sequence[
     """
     _positive(half_axes_mm, "ellipsoid", "half_axes_mm")
     over = turned_axes(turn_deg) / np.asarray(half_axes_mm, float)[:, None]
-    return Shape(material, np.empty((0, 4)), _quadric(over.T @ over, centre_mm, -1.0))
+    around = _around(centre_mm, max(half_axes_mm[:2]), half_axes_mm[2])
+    return Shape(material, np.empty((0, 4)), _quadric(over.T @ over, centre_mm, -1.0), around)
 
 
 def cylinder(
-    material: str,
+    material: Material,
     centre_mm: Sequence[float],
     radius_mm: float,
     length_mm: float | None = None,
@@ -129,7 +136,7 @@ def cylinder(
 
     Parameters
     ----------
-    material : str
+    material : str or Mixture
     centre_mm : sequence of 3 float
         Middle, mm.
     radius_mm : float
@@ -151,11 +158,12 @@ def cylinder(
     along = _unit(axis, "cylinder")
     matrix = np.eye(3) - np.outer(along, along)
     ends = np.empty((0, 4)) if length_mm is None else _ends(along, centre_mm, -length_mm / 2, length_mm / 2)
-    return Shape(material, ends, _quadric(matrix, centre_mm, -(radius_mm**2)))
+    around = _around_axis(along, centre_mm, np.inf if length_mm is None else length_mm / 2, radius_mm)
+    return Shape(material, ends, _quadric(matrix, centre_mm, -(radius_mm**2)), around)
 
 
 def cone(
-    material: str,
+    material: Material,
     base_mm: Sequence[float],
     base_radius_mm: float,
     top_radius_mm: float,
@@ -166,7 +174,7 @@ def cone(
 
     Parameters
     ----------
-    material : str
+    material : str or Mixture
     base_mm : sequence of 3 float
         Middle of its base, mm.
     base_radius_mm, top_radius_mm : float
@@ -194,7 +202,9 @@ def cone(
     along, slope = _unit(axis, "cone"), (base_radius_mm - top_radius_mm) / height_mm
     apex = np.asarray(base_mm, float) + along * base_radius_mm / slope
     matrix = np.eye(3) - (1 + slope**2) * np.outer(along, along)
-    return Shape(material, _ends(along, base_mm, 0.0, height_mm), _quadric(matrix, apex, 0.0))
+    middle = np.asarray(base_mm, float) + along * height_mm / 2
+    around = _around_axis(along, middle, height_mm / 2, base_radius_mm)
+    return Shape(material, _ends(along, base_mm, 0.0, height_mm), _quadric(matrix, apex, 0.0), around)
 
 
 class ShapesScene:
@@ -227,6 +237,7 @@ class ShapesScene:
             quadrics=np.stack([_packed(none if one.quadric is None else one.quadric) for one in shapes]),
             curved=np.array([one.quadric is not None for one in shapes]),
             material=np.array([index[one.material] for one in shapes]),
+            around=np.array([one.around for one in shapes], float),
         )
 
     @property
@@ -272,6 +283,21 @@ def _ends(along: np.ndarray, point_mm: Sequence[float], low_mm: float, high_mm: 
     """Planes across an axis, so far from a point along it."""
     at = float(along @ np.asarray(point_mm, float))
     return np.array([[*along, at + high_mm], [*-along, -(at + low_mm)]])
+
+
+def _around(centre_mm: Sequence[float], radius_mm: float, half_height_mm: float) -> tuple[float, ...]:
+    """As Shape.around."""
+    x, y, z = map(float, centre_mm)
+    half = half_height_mm + MARGIN_MM
+    return x, y, float(radius_mm) + MARGIN_MM, z - half, z + half
+
+
+def _around_axis(along: np.ndarray, middle_mm: Sequence[float], half_mm: float, radius_mm: float) -> tuple[float, ...]:
+    """As Shape.around, of what lies within a radius of an axis, to so far from its middle."""
+    level, up = float(np.hypot(*along[:2])), abs(float(along[2]))
+    # An axis without end, where its part is 0, adds nothing.
+    reach, height = (half_mm * part if part > 0 else 0.0 for part in (level, up))
+    return _around(middle_mm, reach + radius_mm, height + radius_mm * level)
 
 
 def _unit(direction: Sequence[float], where: str) -> np.ndarray:

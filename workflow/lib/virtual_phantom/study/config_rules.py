@@ -233,6 +233,7 @@ class Rules:
         where = f"config: diagnosis.recordings.{name}"
         if "disc" in settings and "object" in settings:
             yield f"{where} has both disc and object; keep the one that was scanned"
+        yield from self._object(settings.get("object", {"kind": ""}), f"{where}.object")
         if "physics_from" not in settings:
             return
         other = settings["physics_from"]
@@ -243,6 +244,14 @@ class Rules:
             yield f"{where}.physics_from is '{other}', which has its physics from elsewhere; name that one"
         elif "effects" in settings:
             yield f"{where} has both effects and physics_from; effects are those of '{other}', remove effects"
+
+    def _object(self, settings: dict, where: str) -> Iterator[str]:
+        """A mask with its material, or the kind of an object of shapes."""
+        masked, shaped = {"mask", "material"} & set(settings), {"kind", "parameters"} & set(settings)
+        if masked and shaped:
+            yield f"{where} has both {min(masked)} and {min(shaped)}; keep mask and material, or kind and parameters"
+        elif "kind" not in settings and masked != {"mask", "material"}:
+            yield f"{where} needs kind, an object of shapes, or a mask and its material"
 
     def _diagnosed_comparisons(self) -> Iterator[str]:
         for name in self.config["diagnosis"]["comparisons"]:

@@ -8,13 +8,20 @@ from dataclasses import dataclass
 from ..base.errors import InputError
 from ..diagnosis.candidates import OF_ONE_SCAN, candidates, check_accuracy, check_kinds
 from ..physics.effect import image_effects, require
+from ..physics.object_files import path_of
 from ..recordings.scan import timed
+from .dependencies import shipped
 from .outputs import Files
 from .plan import Plan
 from .recorded import Recordings
 
 # A fit depends on none of these: another list of effects redoes none.
 NOT_MODELLED = ("effects", "physics_from")
+
+
+def _object_file(settings: Mapping) -> dict[str, str]:
+    """The file of an object, by what it is."""
+    return {"mask": settings["mask"]} if "mask" in settings else {"shapes": shipped(path_of(settings["kind"]))}
 
 
 @dataclass(frozen=True)
@@ -92,6 +99,8 @@ class Diagnosis:
         inputs["setups"] = [self.files("setup", recording=name) for name in self.scanners[scanner]["recordings"]]
         if masks := [one["mask"] for one in every if "mask" in one]:
             inputs["masks"] = masks
+        if shapes := [one["shapes"] for one in every if "shapes" in one]:
+            inputs["shapes"] = shapes
         if phantoms := [one["phantom"] for one in every if "phantom" in one]:
             inputs["phantom"] = phantoms[0]
         return inputs
@@ -163,7 +172,7 @@ class Diagnosis:
         inputs: dict = {"files": self.recordings.sources(name)}
         settings = self.settings[name]
         if "object" in settings:
-            inputs["mask"] = settings["object"]["mask"]
+            inputs |= _object_file(settings["object"])
         elif "disc" not in settings:
             inputs["phantom"] = self.files("phantom_fine")
         return inputs

@@ -168,8 +168,7 @@ def _recordings(config: dict) -> Iterator[str]:
     yield from _said(check_accuracy, config["diagnosis"]["model_accuracy"])
     for name, one in diagnosed.items():
         where = f"diagnosis.recordings.{name}"
-        if "object" in one and not Path(one["object"]["mask"]).is_file():
-            yield f"{where}.object.mask: {one['object']['mask']}: no such file; give the path of a NIfTI image"
+        yield from _object(one.get("object", {}), f"{where}.object")
         if name not in documents or one.get("physics_from", name) not in documents:
             continue
         if wrong := _said(check_kinds, {name: one}, documents):
@@ -181,6 +180,18 @@ def _recordings(config: dict) -> Iterator[str]:
 
 def _tried_on(content: dict) -> tuple:
     return content["kind"], timed(content), content.get("corrected", ())
+
+
+def _object(settings: Mapping, where: str) -> Iterator[str]:
+    """An object that was scanned."""
+    mask = settings.get("mask")
+    if mask is not None and not Path(mask).is_file():
+        yield f"{where}.mask: {mask}: no such file; give the path of a NIfTI image"
+    if "kind" in settings:
+        from ..physics.objects import read_object  # loads numba, for those who get here
+
+        wrong = _said(read_object, settings["kind"], settings.get("parameters"))
+        yield from (f"{where}: {line}" for line in wrong)
 
 
 def _proof(config: dict) -> Iterator[str]:

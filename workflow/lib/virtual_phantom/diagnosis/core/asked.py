@@ -42,6 +42,22 @@ class MaskedObject:
 
 
 @dataclass(frozen=True)
+class ShapesObject:
+    """An object of shapes.
+
+    Attributes
+    ----------
+    kind : str
+        Name of one of the library's, or path of a file (physics.objects.read_object).
+    parameters : mapping of str to float or str
+        Of that.
+    """
+
+    kind: str
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Settings:
     """diagnosis.recordings.<name> of the configuration, as far as fits depend on it.
 
@@ -56,7 +72,7 @@ class Settings:
     nominal_photons : float or None
         Noise-equivalent photons per pixel in air, as stated.
     disc : Disc or None
-    object : MaskedObject or None
+    object : MaskedObject, ShapesObject or None
         What was scanned; without both of them, the study's phantom.
     protocol : str or None
         Name of the protocol that simulates a recording of images.
@@ -71,7 +87,7 @@ class Settings:
     alignment: Mapping[str, float]
     nominal_photons: float | None = None
     disc: Disc | None = None
-    object: MaskedObject | None = None
+    object: MaskedObject | ShapesObject | None = None
     protocol: str | None = None
     check_setup: bool = False
     baseline: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
@@ -79,16 +95,18 @@ class Settings:
     @classmethod
     def of(cls, section: Mapping) -> Settings:
         """From the complete section."""
-        scanned = {key: kind(**section[key]) for key, kind in SCANNED.items() if key in section}
+        scanned: dict = {}
+        if "disc" in section:
+            scanned["disc"] = Disc(**section["disc"])
+        if "object" in section:
+            kind = MaskedObject if "mask" in section["object"] else ShapesObject
+            scanned["object"] = kind(**section["object"])
         return cls(**{**section, **scanned})
 
     @property
     def of_phantom(self) -> bool:
         """Whether the study's phantom was scanned."""
         return self.disc is None and self.object is None
-
-
-SCANNED = {"disc": Disc, "object": MaskedObject}
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,9 @@ from ...base.parallel_rays import ParallelRays
 from ...base.units import HU_AIR, HU_BODY, attenuation_to_hu
 from ...io.volumes import Volume, read_nifti
 from ...phantom import read_masks
+from ...physics.objects import ShapedObject
 from ...physics.scene import DiscScene, Pose
+from ...physics.voxelised import hu_of, mask_of, reach_mm, share_of_each
 from ...statistics.image_quality import LEAST_ROI_VOXELS
 from ...statistics.resolution import signed_distance_mm
 from ..projections.scanned import read_mask
@@ -23,13 +25,14 @@ from .agreement import INNER_VOXELS, Regions
 
 MOST_VOXELS, MOST_SLICES = 128, 8  # of images that are made for the comparison; a choice that bounds the time
 AIR_VOXELS = 8  # around the object: what its edge needs
+SHAPES_FINER, SHAPES_ACROSS = 3, 300  # voxels of shapes to a pixel at the isocentre; and at most so many across
 PRISM_MM = 1000.0  # slice of an object that is alike along z: beyond any beam's height
 SUBDIVIDED = 5  # samples per voxel and direction, of the edge
 
 
 @dataclass(frozen=True)
 class Scanned:
-    """The study's phantom, or an object given as a mask, if that was scanned.
+    """The study's phantom, or an object of shapes or given as a mask, if that was scanned.
 
     Attributes
     ----------
@@ -86,6 +89,31 @@ class Scanned:
             share = np.repeat(share, 2, axis=0)
             grid = Grid(share.shape, (PRISM_MM, *grid.spacing[1:]))
         return cls(Volume(attenuation_to_hu(share, 1.0), grid), {}, grid)
+
+    @classmethod
+    def of_shapes(cls, shaped: ShapedObject, geometry: OrbitGeometry, mu_water_per_mm: float) -> Scanned:
+        """An object of shapes as voxels, as far as a scan's beam sees it, and its regions.
+
+        Parameters
+        ----------
+        shaped : ShapedObject
+        geometry : OrbitGeometry
+        mu_water_per_mm : float
+            At the energy of which shapes have their HU, 1/mm.
+
+        Returns
+        -------
+        Scanned
+        """
+        reach = min(reach_mm(shaped), geometry.field_of_view_radius_mm)
+        row, column = (pitch / geometry.magnification for pitch in (geometry.row_pitch_mm, geometry.column_pitch_mm))
+        voxel = max(column / SHAPES_FINER, 2 * reach / SHAPES_ACROSS)
+        across = 2 * (int(np.ceil(reach / voxel)) + SHAPES_FINER)
+        grid = Grid((max(geometry.rows, 2), across, across), (row, voxel, voxel))
+        shares = share_of_each(shaped.shapes, grid)
+        masks = {roi.name: mask_of(roi, shares[shaped.names.index(roi.shape)], grid) for roi in shaped.rois}
+        rois = {name: mask for name, mask in masks.items() if mask.any()}
+        return cls(Volume(hu_of(shaped, shares, mu_water_per_mm), grid), rois, grid)
 
     @property
     def radius_mm(self) -> float:

@@ -1,4 +1,4 @@
-"""What was scanned, as a scene: the study's phantom, a disc, or a homogeneous object given as a mask."""
+"""What was scanned, as a scene: the study's phantom, a disc, an object of shapes, or a homogeneous one of a mask."""
 
 from __future__ import annotations
 
@@ -12,15 +12,17 @@ from ...base.units import HU_AIR
 from ...io import volumes
 from ...io.volumes import Volume
 from ...phantom import block_mean
-from ...physics.materials import Segmentation
+from ...physics.materials import Segmentation, energy_of
+from ...physics.objects import ShapedObject, read_object
 from ...physics.prism import PrismScene
 from ...physics.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
-from ..core.asked import Asked
+from ...physics.shapes import ShapesScene
+from ..core.asked import Asked, ShapesObject
 
 PARTIAL_TOLERANCE = 1e-3  # beyond 0 and 1, of shares: what resampling leaves
 
 
-def scene_of(asked: Asked) -> DiscScene | PrismScene | VoxelScene:
+def scene_of(asked: Asked) -> DiscScene | PrismScene | ShapesScene | VoxelScene:
     """The scene of a diagnosed recording.
 
     Parameters
@@ -29,20 +31,28 @@ def scene_of(asked: Asked) -> DiscScene | PrismScene | VoxelScene:
 
     Returns
     -------
-    DiscScene, PrismScene or VoxelScene
+    DiscScene, PrismScene, ShapesScene or VoxelScene
 
     Raises
     ------
     InputError
-        As mask_scene.
+        As mask_scene and physics.objects.read_object.
     """
-    disc, masked = asked.settings.disc, asked.settings.object
+    disc, other = asked.settings.disc, asked.settings.object
     if disc is not None:
         return DiscScene(disc.diameter_mm, disc.material)
-    if masked is not None:
-        return mask_scene(masked.mask, masked.material, asked.threads)
+    if isinstance(other, ShapesObject):
+        energy = energy_of("water", asked.mu_water_per_mm)
+        return ShapesScene(shaped_object(other).shapes, energy, asked.threads)
+    if other is not None:
+        return mask_scene(other.mask, other.material, asked.threads)
     volume = volumes.read_nifti(asked.phantom)
     return VoxelScene.of(volume, Segmentation(**asked.materials), asked.mu_water_per_mm, asked.threads)
+
+
+def shaped_object(asked: ShapesObject) -> ShapedObject:
+    """As physics.objects.read_object."""
+    return read_object(asked.kind, asked.parameters)
 
 
 def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, threads: int = 1) -> VoxelScene:
