@@ -148,11 +148,6 @@ def test_a_comparison_and_a_recording_that_are_diagnosed_have_names_of_their_own
         ("scan.source_to_detector_mm", 400, "scan.source_to_detector_mm must be larger"),
         ("reconstruction.sirt.terms", 80, "80 is greater than the maximum of 75"),
         ("phantom.source", "ct", "phantom.source is ct, but phantom.ct is missing"),
-        (
-            "diagnosis.recordings",
-            {"x": {"object": {"mask": "a.nii"}}},
-            "x.object needs kind, an object of shapes, or a",
-        ),
     ],
 )
 def test_mistakes_are_told_in_one_line(path, value, message):

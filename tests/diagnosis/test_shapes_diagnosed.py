@@ -1,0 +1,67 @@
+"""A recording of an object of shapes, read from its folder and diagnosed."""
+
+import h5py
+import numpy as np
+import pytest
+import yaml
+from simulated_scans import noisy_lines
+
+import virtual_phantom as vp
+from virtual_phantom.base.geometry import circular
+from virtual_phantom.diagnosis.core.asked import Asked, Settings
+from virtual_phantom.diagnosis.described import object_of
+from virtual_phantom.diagnosis.images.compared_regions import Scanned
+from virtual_phantom.diagnosis.projections.scanned import scene_of
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import checked
+from virtual_phantom.physics.objects import read_object
+from virtual_phantom.recordings.importers.study import scan_of
+
+GEOMETRY = circular(
+    views=24,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=44,
+    rows=4,
+    column_pitch_mm=10.0,
+    row_pitch_mm=8.0,
+)
+SECTION = {"samples": 1, "view_step": 1, "alignment": {}, "object": {"kind": "acr464_module1"}}
+ASKED = Asked("nowhere", Settings.of(SECTION), 0.0193, {})
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """Four repeats of the ACR module with scatter, written as a recording."""
+    folder = tmp_path_factory.mktemp("bench")
+    chain = Chain(scene_of(ASKED), GEOMETRY, photons=2e5, samples=2)
+    lines = noisy_lines(chain.state(checked({"scatter": {"amount": 0.06}})), 4, np.random.default_rng(3))
+    names = [f"{number}.h5" for number in range(4)]
+    for name, one in zip(names, lines, strict=True):
+        with h5py.File(folder / name, "w") as file:
+            data = file.create_dataset("exchange/data", data=one.astype(np.float32))
+            data.attrs["log"] = True
+            file["exchange/theta"] = np.rad2deg(GEOMETRY.angles_rad)
+    content = {"name": "bench", "kind": "projections", "scan": scan_of(GEOMETRY), "repeats": names}
+    (folder / "recording.yaml").write_text(yaml.safe_dump(content))
+    return folder
+
+
+def test_what_was_left_out_is_named(bench):
+    found = vp.diagnose(
+        bench, shapes="acr464_module1", samples=1, effects=["scatter", "optical_crosstalk"], check_setup=False
+    )
+    assert [one["name"] for one in found.content["effects"]] == ["scatter"], found.content["sentence"]
+    low, high = found.content["effects"][0]["parameters"]["amount"]["ci95"]
+    assert low - (high - low) / 2 < 0.06 < high + (high - low) / 2
+
+
+def test_it_is_said_what_was_modelled():
+    assert object_of(ASKED).startswith("shapes (acr464_module1): ACR CT accreditation phantom")
+
+
+def test_images_are_compared_in_its_regions():
+    scanned = Scanned.of_shapes(read_object("acr464_module1"), GEOMETRY, 0.0193)
+    assert scanned.rois.keys() == {"polyethylene", "bone", "acrylic", "water"}
+    assert scanned.fine.array[scanned.rois["acrylic"]].mean() == pytest.approx(117, abs=5)
+    assert scanned.radius_mm == pytest.approx(100, abs=4)
