@@ -9,11 +9,12 @@ from pathlib import Path
 from ..base.errors import InputError
 from ..base.streams import Branch
 from ..diagnosis.candidates import candidates
-from ..diagnosis.core.asked import Asked, Settings
+from ..diagnosis.core.asked import Asked, Settings, ShapesObject
 from ..diagnosis.core.verdict import Diagnosis
 from ..diagnosis.course import explain
 from ..diagnosis.images.compared_regions import Scanned
 from ..diagnosis.matters import in_practice
+from ..diagnosis.projections.scanned import shaped_object
 from ..diagnosis.ready import agreement, ready
 from ..diagnosis.setup.recorded import set_up
 from ..diagnosis.setup.verdict import VERDICTS, verdict
@@ -21,6 +22,7 @@ from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import read_nifti
 from ..recordings.document import read_document
 from ..recordings.reading import load
+from ..recordings.recording import Recording
 from ..recordings.scan import timed
 
 SECTION = schema_of("diagnosis", "recordings")["additionalProperties"]  # of one recording
@@ -111,15 +113,18 @@ def diagnose(
             return Diagnosis(None, [], [], verdict(setup, read, asked))
     read, prepared = ready(asked)
     prepared, found = explain(read.name, prepared, tried, defaults_of("diagnosis", "model_accuracy"), processes)
-    table = agreement(read, prepared, found.choice, asked, Branch.AGREEMENT, _regions(asked), practice=True)
+    table = agreement(read, prepared, found.choice, asked, Branch.AGREEMENT, _regions(asked, read), practice=True)
     content = in_practice(found.content | {"agreement": table}, defaults_of("diagnosis", "matters") | (matters or {}))
     return replace(found, content=content if setup is None else content | {"setup": setup.content})
 
 
-def _regions(asked: Asked) -> Scanned | None:
+def _regions(asked: Asked, recording: Recording) -> Scanned | None:
     """What the images of a recording show; regions of interest are the study's alone."""
     if asked.settings.disc is not None:
         return None
+    if isinstance(asked.settings.object, ShapesObject):
+        shaped = replace(shaped_object(asked.settings.object), rois=())
+        return Scanned.of_shapes(shaped, recording.geometry, asked.mu_water_per_mm)
     if asked.settings.object is not None:
         return Scanned.of_mask(asked.settings.object.mask)
     fine = read_nifti(asked.phantom)
