@@ -156,6 +156,13 @@ def test_mistakes_are_told_in_one_line(path, value, message):
     refuse(config, message)
 
 
+def test_a_phantom_of_shapes_needs_its_object_and_no_overlay():
+    config = changed("phantom", {"source": "object", "object": {"kind": "pmma_disc"}})
+    refuse(config, "config: measured.overlay is for the ROIs of the printed phantom alone")
+    config = changed("phantom", {"source": "object"}) | {"measured": {"overlay": False}}
+    refuse(config, "phantom.source is object, but phantom.object is missing")
+
+
 @pytest.mark.parametrize(
     "value, message",
     [

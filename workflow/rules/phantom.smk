@@ -42,5 +42,6 @@ rule phantom:
         phantom=context.config["phantom"],
         grid=context.config["grid"],
         seed=context.config["seed"],
+        mu_water_per_mm=context.config["mu_water_per_mm"],
     script:
         "../scripts/phantom.py"

@@ -111,6 +111,40 @@ def read_object(kind: str, parameters: Mapping[str, float | str] | None = None) 
         raise InputError(f"{source}: {error}") from None
 
 
+def read_phantom_object(settings: Mapping) -> tuple[ShapedObject, tuple[ShapedRoi, ...]]:
+    """The object of a study, and its regions.
+
+    Parameters
+    ----------
+    settings : mapping
+        phantom.object of the configuration.
+
+    Returns
+    -------
+    shaped : ShapedObject
+    rois : tuple of ShapedRoi
+
+    Raises
+    ------
+    InputError
+        As read_object, and for a region of a shape that is not there, for one twice, or if there is none.
+    """
+    shaped = read_object(settings["kind"], settings.get("parameters"))
+    rois = tuple(ShapedRoi(**one) for one in settings.get("rois", ())) or shaped.rois
+    if not rois:
+        raise InputError(f"object {shaped.name}: has no region; name some under phantom.object.rois")
+    for number, roi in enumerate(rois):
+        check_roi(roi, shaped.names)
+        if roi.name in [one.name for one in rois[:number]]:
+            raise InputError(f"phantom.object.rois: the name {roi.name} is given twice")
+    return shaped, rois
+
+
+def rois_of(settings: Mapping) -> tuple[ShapedRoi, ...]:
+    """The regions alone, as read_phantom_object."""
+    return read_phantom_object(settings)[1]
+
+
 def _built(name: str, content: Mapping, given: Mapping[str, float | str]) -> ShapedObject:
     values = _values(content["parameters"], given)
     materials = {
@@ -147,7 +181,7 @@ def check_roi(roi: ShapedRoi, names) -> None:
     known = [name for name in names if name is not None]
     if roi.shape not in known:
         raise InputError(
-            f"rois: {roi.name} is of the shape '{roi.shape}', which is not there; {meant(roi.shape, known)}"
+            f"rois: {roi.name} names the shape '{roi.shape}', which is not there; {meant(roi.shape, known)}"
         )
 
 

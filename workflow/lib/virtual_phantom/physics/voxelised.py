@@ -21,7 +21,8 @@ from .shapes import NOTHING, Shape
 SAMPLES, GENERATOR = 64, (1, 27, 25)
 SLAB_VOXELS = 500_000  # voxels at a time: bounds the memory
 OUTSIDE = -1  # of every shape
-ROUNDING_MM = 1e-3  # by which an object may pass the grid
+ANY_MU_PER_MM = 0.02  # of water, where no HU is asked for
+ROUNDING_MM = 0.01  # by which an object may pass the grid
 
 
 def share_of_each(shapes: Sequence[Shape], grid: Grid) -> np.ndarray:
@@ -140,11 +141,9 @@ def build(
     Raises
     ------
     InputError
-        If it reaches out of the grid in the plane, has no region, or one that fills no voxel by half.
+        If it reaches out of the grid in the plane, or a region fills no voxel by half.
     """
     rois = shaped.rois if rois is None else rois
-    if not rois:
-        raise InputError(f"object {shaped.name}: has no region; name some under phantom.object.rois")
     check_fits(shaped, grid)
     fine_grid = grid.refined(oversampling)
     fine = np.full(fine_grid.shape, HU_AIR, np.float32)
@@ -170,6 +169,27 @@ def build(
                 f"than {roi.margin_mm:g}"
             )
     return Phantom(Volume(fine, fine_grid), Volume(image, grid), masks)
+
+
+def outlined(shaped: ShapedObject, grid: Grid, rois: Sequence[ShapedRoi]) -> tuple[Roi, ...]:
+    """The regions alone, found without the finer voxels.
+
+    Parameters
+    ----------
+    shaped : ShapedObject
+    grid : Grid
+    rois : sequence of ShapedRoi
+
+    Returns
+    -------
+    tuple of Roi
+
+    Raises
+    ------
+    InputError
+        As `build` does.
+    """
+    return build(shaped, grid, 1, ANY_MU_PER_MM, rois).rois
 
 
 def reach_mm(shaped: ShapedObject) -> float:

@@ -128,7 +128,7 @@ def check_same_phantom(recording: ImagesRecording, source: str, image: str | Pat
     Parameters
     ----------
     recording : ImagesRecording
-    source : {"synthetic", "ct"}
+    source : {"synthetic", "ct", "object"}
         Of the study's phantom.
     image : str, Path or None
         The CT of a phantom of source "ct".

@@ -281,6 +281,8 @@ class Rules:
 
     def _phantom(self) -> Iterator[str]:
         phantom = self.config.get("phantom", {})
+        if phantom.get("source") == "object" and "object" not in self.names.phantom:
+            yield "config: phantom.source is object, but phantom.object is missing; give it a kind"
         if phantom.get("source") == "ct" and "ct" not in self.names.phantom:
             yield "config: phantom.source is ct, but phantom.ct is missing; give it an image and rois"
         elif phantom.get("source") == "ct" and "ct" in phantom and "image" not in phantom["ct"]:
@@ -318,6 +320,11 @@ class Rules:
                         f"config: analyses.pca.{figure}.fit_on is {selection['fit_on']}, but measured.overlay is "
                         "false; set fit_on: simulated"
                     )
+        elif phantom.get("source") == "object":
+            yield (
+                "config: measured.overlay is for the ROIs of the printed phantom alone, and phantom.source is object; "
+                "set measured.overlay: false"
+            )
         elif phantom.get("source") == "ct" and "ct" in phantom:
             # Here, because they take a second to load, and every start of the workflow reads the configuration.
             from ..phantom.rois import read_entries

@@ -1,4 +1,4 @@
-"""What the phantom is made from: a layout, or a CT and its regions, which may be somebody else's and not here yet."""
+"""What the phantom is made from: a layout, an object of shapes, or a CT and its regions, which may not be here yet."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from pathlib import Path
 
 from ..io.files import files_of
 from ..io.published import PublishedFile, check_listed, named_by, reachable, read_published
-from .dependencies import resource
+from ..physics.object_files import path_of
+from .dependencies import resource, shipped
 from .outputs import Files
 from .plan import Plan
 
@@ -41,6 +42,8 @@ class PhantomSources:
         settings = self.plan.config["phantom"]
         if settings["source"] == "synthetic":
             return self.layout
+        if settings["source"] == "object":
+            return [shipped(path_of(settings["object"]["kind"]))]
         ct = settings["ct"]
         regions = [ct.get("labels"), *(roi.get("file") for roi in ct["rois"])]
         return [ct["image"], *dict.fromkeys(filter(None, regions))]

@@ -46,7 +46,7 @@ def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list
     lines, config = inspected(settings)
     if config:
         phantom = partial(_phantom, keep=keep)
-        for look in (_results, _engine, _layout, phantom, _scans, _parameters, _measured, _recordings, _proof):
+        for look in (_results, _engine, _layout, _shapes, phantom, _scans, _parameters, _measured, _recordings, _proof):
             lines += look(config)
         if scans:
             lines += _scanned(config)
@@ -85,6 +85,32 @@ def _layout(config: dict) -> Iterator[str]:
         yield from _said(read_layout, phantom["layout"])
 
 
+def _shapes(config: dict) -> Iterator[str]:
+    """Of a phantom of shapes."""
+    phantom = config.get("phantom", {})
+    if phantom.get("source") == "object" and "object" in phantom:
+        from ..physics.objects import rois_of  # loads numba, for those who get here
+
+        yield from (f"phantom.object: {line}" for line in _said(rois_of, phantom["object"]))
+
+
+def _seen_shapes(config: dict) -> Iterator[str]:
+    """Whether scans see all of a phantom of shapes."""
+    if "grid" not in config or "object" not in config["phantom"] or list(_shapes(config)):
+        return
+    from ..physics.objects import read_phantom_object
+    from ..physics.voxelised import outlined, reach_mm  # heavy, for those who get here
+    from .preflight_scan import blind_spots, grid_here
+
+    grid, (shaped, rois) = grid_here(config), read_phantom_object(config["phantom"]["object"])
+    try:
+        masks = {roi.name: roi.mask for roi in outlined(shaped, grid, rois)}
+    except InputError as error:
+        yield str(error)
+        return
+    yield from blind_spots(config, grid, reach_mm(shaped), masks, math.hypot(*grid.spacing[1:]) / 2)
+
+
 def _scanned(config: dict) -> Iterator[str]:
     """Whether scans see the synthetic phantom, or a published CT that is here already."""
     phantom = config.get("phantom", {})
@@ -94,6 +120,8 @@ def _scanned(config: dict) -> Iterator[str]:
             from .preflight_ct import ct_problems
 
             yield from ct_problems(config)
+    if phantom.get("source") == "object":
+        yield from _seen_shapes(config)
     if phantom.get("source") != "synthetic" or "grid" not in config or list(_layout(config)):
         return
     from ..phantom.layout import read_layout

@@ -34,6 +34,10 @@ def roi_count(phantom: dict) -> int:
     """
     if phantom["source"] == "synthetic":
         return len(read_layout(phantom["layout"])["rois"])
+    if phantom["source"] == "object":
+        from ...physics.objects import rois_of  # loads numba, for those who get here
+
+        return len(rois_of(phantom["object"]))
     return sum(roi["parts"] for roi in phantom["ct"]["rois"])
 
 
