@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import pandas as pd
 import seaborn
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from . import style
 
@@ -39,6 +40,9 @@ def draw_recordings(recordings: Mapping[str, Mapping]) -> Figure:
         table, x="rms", y="recording", hue="model", palette=COLOURS, jitter=False, size=5, log_scale=True, ax=axes
     )
     axes.set(xlabel="root mean square of recorded less modelled, data held out", ylabel="")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: style.number(value)))
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.grid(axis="y")
     seaborn.move_legend(axes, "lower left", bbox_to_anchor=(0, 1), ncol=len(COLOURS), title=None)
     return figure
