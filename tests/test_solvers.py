@@ -27,6 +27,16 @@ UNUSUAL = {
     "detector shifted": circular(views=120, columns=76, rows=16, column_offset_px=1.3, row_offset_px=0.4, **SCANNER),
     "helix of four rows": helical(views=400, volume_height_mm=48, columns=72, rows=4, **SCANNER),
     "helix of half the pitch": helical(views=400, volume_height_mm=48, pitch=0.5, columns=72, rows=8, **SCANNER),
+    "arc": circular(views=120, columns=72, rows=16, surface="cylindrical", **SCANNER),
+    "helix, arc, flying focal spot": helical(
+        views=480,
+        volume_height_mm=48,
+        columns=72,
+        rows=12,
+        surface="cylindrical",
+        spots_mm=[(along, 50 * z, z) for z in (-0.6, 0.6) for along in (-2.0, 2.0)],
+        **SCANNER,
+    ),
 }
 
 
