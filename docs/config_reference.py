@@ -22,13 +22,15 @@ INTRODUCTION = """# Configuration
 | `large.yaml` | overlay: 1,760 acquisitions, for a cluster ([cluster.md](../docs/cluster.md)) |
 | `recordings.yaml` | overlay: real scans and features held against the study ([recordings.md](../docs/recordings.md)) |
 | `printed_phantom.yaml` | overlay: the printed phantom's scans ([printed-phantom.md](../docs/printed-phantom.md)) |
+| `multicentre.yaml` | overlay on that: scans of it by 13 scanners |
+| `every_scan.yaml` | overlay on that: features of all scans of the first collection, without a study |
 | `htc2022.yaml` | overlay: which physics is missing on three real discs ([htc2022.md](../docs/htc2022.md)) |
 
-A key of `protocols`, `scans`, `noise.levels`, `recordings`, `public_scans`, `analyses`, `analyses.pca` or
-`analyses.comparison` that an overlay sets to `null` is taken away, as is a key inside a protocol (`group: null` takes
-the protocol out of the groups). In the table `*` stands for a name of your own (of an effect and its parameter under
-`physics`; `sirt`, `fbp` or `multicentre` under `analyses.pca`) and `[]` for each entry of a list. This page is made
-from `workflow/lib/virtual_phantom/schemas/config.schema.yaml` by `docs/config_reference.py`.
+A key of `protocols`, `scans`, `noise.levels`, `recordings`, `public_scans` and its two selections, `analyses`,
+`analyses.pca` or `analyses.comparison` that an overlay sets to `null` is taken away, as is a key inside a protocol
+(`group: null` takes the protocol out of the groups). In the table `*` stands for a name of your own (of an effect and
+its parameter under `physics`; `sirt`, `fbp` or `multicentre` under `analyses.pca`) and `[]` for each entry of a list.
+This page is made from `workflow/lib/virtual_phantom/schemas/config.schema.yaml` by `docs/config_reference.py`.
 
 | key | meaning | type | default | range | the paper |
 |---|---|---|---|---|---|

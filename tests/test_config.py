@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 from snakemake.utils import update_config
+from workflow_runs import BENEATH
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import grid_of, scan_geometry
@@ -49,7 +50,8 @@ def refuse(config, message):
 def test_checking_and_completing_change_nothing(name):
     """Of every shipped configuration, with effects, of which defaults are filled in too."""
     config = copy.deepcopy(DEFAULT)
-    update_config(config, yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text()))
+    for file in (*BENEATH.get(f"{name}.yaml", ()), f"{name}.yaml"):
+        update_config(config, yaml.safe_load((ROOT / "config" / file).read_text()))
     config |= {"physics": {"scatter": None, "reconstruction_kernel": {"sigma_mm": 1.0}}, "measured": {"overlay": False}}
     config["noise"]["model"] = "physical"
     before = copy.deepcopy(config)

@@ -28,7 +28,9 @@ from virtual_phantom.recordings.public_scans.files import found_scans
 from virtual_phantom.recordings.public_scans.table import chosen
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.study.config import complete
+from virtual_phantom.study.plan import Plan
 from virtual_phantom.study.preflight import problems
+from virtual_phantom.study.public_scans import PublicScans
 from virtual_phantom.study.read_config import read_configs
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -167,6 +169,7 @@ def object_that_is_not_there():
 
 
 TANDEM = {"collection": "ct_phantom4radiomics"}
+MULTICENTRIC = {"collection": "ct4harmonization_multicentric"}
 
 
 def public(selections):
@@ -276,6 +279,14 @@ MISTAKES = {
             {"phantom": TANDEM | {"groups": [8], "acquisitions": [1, 2]}, "compared": TANDEM | {"acquisitions": [2, 3]}}
         ),
         "public_scans.phantom and public_scans.compared",
+    ),
+    "Scans that are not kept, fetched beforehand": (
+        lambda: PublicScans(Plan(complete(DEFAULT | {"keep_scans": False}))).fetched(),
+        "config: keep_scans",
+    ),
+    "A phantom of scans whose slices are not known": (
+        lambda: public({"phantom": MULTICENTRIC | {"groups": ["A1"], "dose_mgy": [10]}}),
+        "A1_10mGy_FBP_01",
     ),
     "Results of two versions": (of_two_versions, "sirt_150/dose10/seed01.csv"),
 }

@@ -8,6 +8,7 @@ import pandas
 import pytest
 from figure_checks import assert_text_fits, texts
 from matplotlib.collections import LineCollection, PathCollection
+from matplotlib.colors import to_hex
 from matplotlib.markers import MarkerStyle
 from scipy.stats import hypergeom
 
@@ -278,6 +279,26 @@ def test_a_marker_for_every_row(make_pca, names, measured):
     assert "number of projections" in said and "noise level A = 1/I₀ (10⁻⁴)" in said
     assert {"150", "450", "0.8", "1.4"} <= set(said)
     assert ("black: measured" in said) == bool(measured)
+
+
+def test_measured_are_coloured_by_their_condition(make_pca):
+    """One colour a scanner, of the markers and in the legend, and none of them black."""
+    table = make_pca(("a", "b"), 4)
+    table.loc[table["source"] == "measured", "condition"] = ["A1", "B1"] * 4
+    figure = pca.draw(table)
+    drawn = {
+        to_hex(colour)
+        for one in figure.axes[0].findobj(PathCollection)
+        if not len(one.get_facecolors())
+        for colour in one.get_edgecolors()
+    }
+    (legend,) = figure.legends
+    colours = {
+        text.get_text(): to_hex(handle.get_color())
+        for text, handle in zip(legend.get_texts(), legend.legend_handles, strict=True)
+        if text.get_text() in ("A1", "B1")
+    }
+    assert set(colours) == {"A1", "B1"} and set(colours.values()) == drawn and "#000000" not in drawn
 
 
 def test_measured_have_the_shape_of_their_roi(make_pca):

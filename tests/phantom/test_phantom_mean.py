@@ -115,6 +115,9 @@ def test_the_mean_has_less_noise_no_table_and_the_regions_by_name(tmp_path):
     assert left.size > 5000 and abs(left.mean()) < 0.5
     assert left.std() == pytest.approx(NOISE_HU / 2, rel=0.05)
     assert mean.noise_hu == pytest.approx(NOISE_HU, rel=0.05) and mean.remaining_hu == mean.noise_hu / 2
+    # White noise of SD s in voxels of volume v has power s^2 v at every frequency.
+    power = (NOISE_HU / 2) ** 2 * np.prod(GRID.spacing)
+    assert mean.spectra.noise[mean.spectra.noise > 0].mean() == pytest.approx(power, rel=0.2)
     for number, name in enumerate(regions, start=1):
         np.testing.assert_array_equal(mean.labels == number, masks()[name][part])
     # 8 mm and 5 mm of spare on both sides, around the middle of slices 10 to 17

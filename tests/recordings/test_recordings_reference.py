@@ -69,6 +69,16 @@ def test_conditions_choose_rows(recording):
         reference.where(recording.repeats, {"kernel": "B"}, "recording r")
 
 
+def test_a_condition_has_a_name_and_the_mean_of_its_images(recording):
+    table = of(recording, per="condition", named=True)
+    assert table["condition"].tolist() == ["10", "10", "20", "20", "30", "30"]
+    ten = recording.repeats[recording.repeats["dose_mgy"] == 10]
+    mean = ten.groupby("roi", sort=False)["original_firstorder_Mean"].mean()
+    assert table.loc[table["condition"] == "10", "original_firstorder_Mean"].tolist() == pytest.approx(mean.tolist())
+    with pytest.raises(InputError, match="'scanner' is no column of the features"):
+        reference.reference(reference.in_hu(recording), ["scanner"], per="condition")
+
+
 def test_stored_values_are_brought_to_hu(tmp_path):
     folder, content = features_folder(tmp_path / "table")
     write_yaml(folder, content | {"features": {"stored_offset_hu": 1000}})

@@ -265,3 +265,19 @@ def test_a_broken_table_of_scores_is_refused(spoil, message):
         ranking.overlap(spoil(good), good, independent())
     with pytest.raises(InputError, match=f"measured scores: .*{message}"):
         ranking.overlap(good, spoil(good), independent())
+
+
+def test_scores_of_both_stand_beside_each_other():
+    """By hand: means over draws, their SD, and ranks that ties share."""
+    features = ["a", "b", "c"]
+    simulated = pd.DataFrame({"feature": features, "family": "x", "stability_percent": [10.0, 30.0, 30.0]})
+    simulated["discrimination_percent"] = 90.0
+    recorded = pd.DataFrame({"feature": ["a", "b", "d"] * 2, "stability_percent": [40, 2, 1, 60, 4, 1]}).assign(
+        discrimination_percent=80.0, repeats=3, of=10
+    )
+    table = ranking.beside(simulated, recorded).set_index("feature")
+    assert list(table.index) == ["a", "b"]
+    assert table.loc["a", ["stability_percent_measured", "rank_measured", "rank_simulated"]].tolist() == [50, 1, 2]
+    assert table.loc["a", "stability_sd_measured"] == pytest.approx(200**0.5)
+    assert table.loc["b", ["stability_percent_simulated", "stability_percent_measured"]].tolist() == [30, 3]
+    assert set(table["repeats"]) == {3}

@@ -111,6 +111,33 @@ def test_a_folder_of_ones_own_is_taken_as_it_is(alone):
     assert len(slices) == 6 and all(path.is_symlink() and path.exists() for path in slices)
 
 
+def test_scans_that_are_not_kept_leave_their_features(alone, tmp_path):
+    project, folder, _ = alone
+    programs = tmp_path / "one"
+    selection = {"phantom": None, "compared": SCANS["compared"] | {"acquisitions": [1, 2, 11]}}
+    settings = {"keep_scans": False, "public_scans": selection, "phantom": {"source": "synthetic"}}
+    with service("stand_in", programs) as one:
+        shutil.copytree(folder, programs / BUCKET)
+        settings |= {"downloads": {"endpoint": one.endpoint}, "results_dir": "results"}
+        (project / "mine.yaml").write_text(yaml.safe_dump(settings))
+        files = ("--configfile", "config/printed_phantom.yaml", "mine.yaml")
+
+        def run(target, *arguments):
+            process = snakemake(target, *arguments, *files, project=project, environment=one.variables, cores=1)
+            return process.returncode, process.stdout + process.stderr
+
+        code, said = run("fetch", "-n")
+        assert code == 1 and "Error: config: keep_scans is false, so that scans are brought when" in said
+        code, said = run("public_features")
+        assert code == 0, said[-3000:]
+        assert "each is deleted once everything is made of it" in said and here(project) == []
+        for name in ("compared", "compared_2d"):
+            lines = (project / f"results/public_scans/{name}/features.csv").read_text().splitlines()
+            assert len(lines) == 1 + 3 * 6
+        code, said = run("public_features", "-n")
+        assert code == 0 and "Nothing to be done" in said and "to be fetched" not in said
+
+
 def test_without_s5cmd_one_line_says_how_to_get_it(alone, tmp_path):
     project, _, _ = alone
     programs = tmp_path / "programs"

@@ -69,35 +69,54 @@ def test_the_phantom_is_the_mean_of_the_scans(standing_in):
         # Another grid: half a voxel of interpolation, at most.
         assert rois.loc[roi.name, "n_voxels"] == pytest.approx(roi.mask.sum(), rel=0.35)
         assert rois.loc[roi.name, "mean_hu"] == pytest.approx(mean[roi.mask].mean(), abs=6)
+    own = pd.read_csv(project / "results/public_scans/own_blur.csv").fillna({"region": ""})
+    own = own.set_index(["what", "region"])
+    assert (project / "results/public_scans/sharp.nii.gz").exists()
+    resolution = own.loc[("mtf_half_per_mm", "")]
+    assert resolution["without_own_blur"] > 1.1 * resolution["of_the_mean"]
+    # The list's slice of 1 mm; SD of a Gaussian as wide at half its height.
+    assert own.loc[("blur_along_z_mm", ""), "of_the_mean"] == pytest.approx(0.4247, abs=1e-4)
+    by_segment = dict(zip(public_files.SEGMENTS, rois.index, strict=True))
+    masks = {roi.name: roi.mask for roi in phantom.rois}
+    for segment, name in by_segment.items():
+        assert own.loc[("mean_hu", segment), "of_the_mean"] == pytest.approx(mean[masks[name]].mean(), abs=0.1)
     image = nibabel.load(project / "results/phantom/image.nii.gz").get_fdata()
     assert image.min() == -1000 and (image[0] == -1000).all() and (image[:, 0] == -1000).all()
 
 
-def test_features_of_the_other_scans_are_a_recording(standing_in):
-    """Held against pyradiomics, called on the image that was written and not read by us."""
+def by_hand(image, mask, spacing):
+    """Features of pyradiomics, called on the image that was written and not read by us."""
+    extractor = RadiomicsFeatureExtractor(binWidth=25)
+    images = [sitk.GetImageFromArray(one) for one in (image.astype(np.float32), mask.astype(np.uint8))]
+    for one in images:
+        one.SetSpacing(spacing)
+    return extractor.execute(*images)
+
+
+def test_features_of_the_other_scans_are_two_recordings(standing_in):
+    """In three dimensions, and in two as the published table has them: largest section, stored values, pixels of 1."""
     project, mine, phantom, images = standing_in
     code, said, _ = run(project, mine, "results/recordings/printed_phantom/features.csv")
     assert code == 0, said[-3000:]
     table = pd.read_csv(project / "results/recordings/printed_phantom/features.csv")
     assert len(table) == 2 * 6 and set(table["image"]) == {"scan811", "scan812"}
     assert set(table["group"]) == {8} and set(table["acquisition"]) == {11, 12}
-    extractor = RadiomicsFeatureExtractor(binWidth=25)
-    extractor.disableAllFeatures()
-    extractor.enableFeatureClassByName("firstorder")
-    extractor.enableFeatureClassByName("glcm")
+    flat = pd.read_csv(project / "results/public_scans/compared_2d/features.csv")
+    settings = yaml.safe_load((project / "results/public_scans/compared_2d/recording.yaml").read_text())["features"]
+    assert settings["dimensions"] == 2 and settings["stored_offset_hu"] == 1024
     classes = {roi.name: roi.tissue_class for roi in phantom.rois}
+    hu = images["812"].array
     for roi in phantom.rois[:2]:
-        image = sitk.GetImageFromArray(np.pad(images["812"].array.astype(np.float32), 1))
-        mask = sitk.GetImageFromArray(np.pad(roi.mask.astype(np.uint8), 1))
-        for one in (image, mask):
-            one.SetSpacing((3.75, 3.75, 4.0))
-        expected = extractor.execute(image, mask)
-        (row,) = table[(table["image"] == "scan812") & (table["roi"] == roi.name)].to_dict("records")
-        assert row["tissue_class"] == classes[roi.name]
-        compared = [name for name in expected if name.startswith("original_") and name in row]
-        assert len(compared) > 35
-        for name in compared:
-            assert row[name] == pytest.approx(float(expected[name]), rel=1e-6), name
+        largest = max(range(len(hu)), key=lambda k, mask=roi.mask: (mask[k].sum(), -k))
+        in_two = by_hand(np.rint(hu[largest]) + 1024, roi.mask[largest], (1.0, 1.0))
+        in_three = by_hand(np.pad(hu, 1), np.pad(roi.mask, 1), (3.75, 3.75, 4.0))
+        for rows, expected in ((table, in_three), (flat, in_two)):
+            (row,) = rows[(rows["image"] == "scan812") & (rows["roi"] == roi.name)].to_dict("records")
+            assert row["tissue_class"] == classes[roi.name]
+            compared = [name for name in expected if name.startswith("original_") and name in row]
+            assert len(compared) == 86
+            for name in compared:
+                assert row[name] == pytest.approx(float(expected[name]), rel=1e-6), name
 
 
 def test_a_region_that_is_none_is_one_line(standing_in):

@@ -14,7 +14,7 @@ import SimpleITK as sitk
 import yaml
 from browser import outside_resources
 from published_files import with_its_ct
-from workflow_runs import ROOT, planned, snakemake, tiny
+from workflow_runs import BENEATH, ROOT, planned, snakemake, tiny
 
 from virtual_phantom.io import exchange, volumes
 from virtual_phantom.io.schema import defaults_of
@@ -74,7 +74,8 @@ def test_every_shipped_config_plans(config, tmp_path):
         overlay["diagnosis"] = {"recordings": {name: {"object": {"mask": str(mask)}} for name in ("ta", "tb")}}
     (tmp_path / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     project = with_its_ct(tmp_path / "project") if config == "abdomen.yaml" else ROOT
-    settings = ("--configfile", f"config/{config}", tmp_path / "overlay.yaml")
+    names = (*BENEATH.get(config, ()), config)
+    settings = ("--configfile", *(f"config/{name}" for name in names), tmp_path / "overlay.yaml")
     process = snakemake("-n", "-q", "rules", *settings, project=project)
     assert process.returncode == 0, process.stderr[-2000:]
     assert "figure_stability_discrimination" in process.stdout

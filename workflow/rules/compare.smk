@@ -218,10 +218,28 @@ rule recording_scores:
     params:
         parameters=context.parameters,
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        where=lambda wildcards: context.selections.scored(wildcards.recording),
         repeats=context.selections.grouped["seeds"],
         statistics=context.config["statistics"],
     script:
         "../scripts/recording_scores.py"
+
+
+rule stability_beside:
+    """Every feature's stability over the study's groups, and over the conditions of a recording."""
+    input:
+        stability=rules.stability.output[0],
+        scores=rules.recording_scores.output[0],
+        code=context.code("stability_beside.py"),
+    output:
+        report(context.file("stability_beside"), **context.reported("stability_beside")),
+    log:
+        context.log("stability_beside/{recording}"),
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    script:
+        "../scripts/stability_beside.py"
 
 
 use rule overlap as overlap_recording with:

@@ -14,7 +14,11 @@ if context.scans.absent and context.scans.own is None:
     rule fetch_scan:
         """One public scan of the printed phantom: its CT, its regions, and whose they are."""
         output:
-            directory(context.scans.place),
+            (
+                directory(context.scans.place)
+                if context.scans.kept
+                else temp(directory(context.scans.place))
+            ),
         log:
             context.log("fetch/{scan}"),
         wildcard_constraints:
@@ -58,17 +62,20 @@ rule fetch:
 
 
 rule scan_features:
-    """Features of one public scan, at its own voxels and in its own regions."""
+    """Features of one public scan, at its own voxels and in its own regions, in three dimensions and in two."""
     input:
         scan=context.scans.place,
         parameters=context.parameter_files,
         code=context.code("scan_features.py"),
     output:
         context.file("scan_features"),
+        context.file("scan_features_2d"),
     log:
         context.log("scan_features/{scan}"),
     wildcard_constraints:
         scan="|".join(scan.name for scan in context.scans.scans) or "none",
+    # Before further scans are fetched: those that are not kept are deleted after it.
+    priority: 1
     resources:
         mem_mb=4000,
         runtime=60,
@@ -84,14 +91,14 @@ rule scan_features:
 rule compared_features:
     """Features of all public scans that are compared with, as a recording."""
     input:
-        tables=[
-            context.file("scan_features", scan=scan.name)
-            for scan in context.scans.compared
-        ],
+        tables=context.scans.feature_tables("scan_features"),
+        tables_2d=context.scans.feature_tables("scan_features_2d"),
         code=context.code("compared_features.py"),
     output:
         features=context.file("compared_features"),
         document=context.file("compared_document"),
+        features_2d=context.file("compared_features_2d"),
+        document_2d=context.file("compared_document_2d"),
     log:
         context.log("compared_features"),
     resources:
@@ -101,3 +108,10 @@ rule compared_features:
         scans=context.scans.compared,
     script:
         "../scripts/compared_features.py"
+
+
+rule public_features:
+    """Features of all public scans that are compared with, as recordings, without a study."""
+    input:
+        or_exit(lambda wildcards: context.scans.recordings()),
+    localrule: True

@@ -78,7 +78,7 @@ rule figure_stability_discrimination:
     input:
         table=rules.stability.output[0],
         trust=rules.trust.output[0],
-        scores=context.resource("ct_phantom4radiomics_draws.csv"),
+        scores=context.selections.measured_scores(),
         seeds=context.resource("default_study_seeds.csv"),
         code=context.code("figures/stability_discrimination.py"),
     output:
@@ -97,6 +97,7 @@ rule figure_stability_discrimination:
     params:
         threshold=context.config["statistics"]["threshold"],
         with_measured=context.config["measured"]["overlay"],
+        recording=context.selections.own_reference,
         seeds=context.selections.grouped["seeds"],
         settings=context.plan.scored_settings(),
         noise=context.selections.compared_noise(),

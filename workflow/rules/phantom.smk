@@ -7,6 +7,7 @@ rule mean_scan:
         image=context.file("mean_scan"),
         regions=context.file("mean_regions"),
         table=context.file("mean_table"),
+        spectra=context.file("mean_spectra"),
     log:
         context.log("mean_scan"),
     resources:
@@ -18,6 +19,28 @@ rule mean_scan:
         grid=context.config["grid"],
     script:
         "../scripts/mean_scan.py"
+
+
+rule without_own_blur:
+    """The mean of public scans before its own scanner blurred it, as far as it shows more object than noise."""
+    input:
+        image=rules.mean_scan.output.image,
+        regions=rules.mean_scan.output.regions,
+        spectra=rules.mean_scan.output.spectra,
+        code=context.code("without_own_blur.py"),
+    output:
+        image=context.file("sharp_scan"),
+        table=context.file("own_blur"),
+    log:
+        context.log("without_own_blur"),
+    resources:
+        mem_mb=6000,
+        runtime=60,
+    params:
+        slice_mm=context.scans.slice_mm,
+        regions=context.scans.regions,
+    script:
+        "../scripts/without_own_blur.py"
 
 
 rule phantom:

@@ -139,6 +139,7 @@ rule pca:
         pca=lambda wildcards: context.selections.fitted(wildcards.pca),
         measured=context.config["measured"],
         recordings=lambda wildcards: context.selections.references(wildcards.pca),
+        by=lambda wildcards: context.selections.markers(wildcards.pca),
         conditions=lambda wildcards: {
             name: context.recordings.conditions(name)
             for name in context.selections.references(wildcards.pca)

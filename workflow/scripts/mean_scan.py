@@ -23,6 +23,7 @@ with job(snakemake) as log:
     write_nifti(Volume(mean.labels, mean.image.grid), output.regions)
     table = pd.DataFrame(mean.rows).assign(noise_hu=mean.noise_hu, remaining_noise_hu=mean.remaining_hu)
     files.write_csv(table, output.table)
+    files.write_csv(mean.spectra.table(), output.spectra)
     log.info(
         "%d scans on %s; noise %.1f HU in one, %.1f HU in their mean",
         *(len(scans), mean.image.grid, mean.noise_hu, mean.remaining_hu),

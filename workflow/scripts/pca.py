@@ -21,7 +21,8 @@ with job(snakemake) as log:
             table = files.read_csv(path)
             for line in settings.said(study, settings.distinct(settings.of_table(table, path))):
                 log.warning("recording %s: setting: %s", name, line)
-            parts.append(reference(table, params.conditions[name], "condition"))
+            conditions = params.by or params.conditions[name]
+            parts.append(reference(table, conditions, "condition", named=bool(params.by)))
         shown = pd.concat(parts, join="inner", ignore_index=True)
     elif not params.measured["overlay"]:
         shown = None

@@ -1,11 +1,13 @@
 """Stability and discriminative power of the features of a recording, over its conditions."""
 
+from dataclasses import replace
+
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features import settings
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.reference import scores
+from virtual_phantom.recordings.reference import scores, where
 from virtual_phantom.statistics import ranking
 from virtual_phantom.statistics.repeats import over_features
 from virtual_phantom.study.job import job
@@ -20,6 +22,8 @@ with job(snakemake) as log:
         )
     for line in settings.said(parameters.extraction, recording.extractions, recording.features):
         log.warning("setting: %s", line)
+    name = f"recording {recording.name}"
+    recording = replace(recording, repeats=where(recording.repeats, snakemake.params.where, name))
     table = scores(recording, snakemake.params.repeats, **snakemake.params.statistics)
     files.write_csv(table, snakemake.output[0])
     for kind in ranking.KINDS:

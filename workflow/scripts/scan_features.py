@@ -1,4 +1,4 @@
-"""Features of one public scan, a row per ROI."""
+"""Features of one public scan, a row per ROI: of volumes in HU, and of largest sections in stored values."""
 
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from virtual_phantom.study.job import job
 with job(snakemake) as log:
     params, folder = snakemake.params, Path(snakemake.input.scan)
     check(params.scan, folder, sizes=False)
-    table = rows_of(params.scan, folder, params.rois, params.regions, read_parameters(params.parameters))
-    files.write_csv(table, snakemake.output[0])
+    tables = rows_of(params.scan, folder, params.rois, params.regions, read_parameters(params.parameters))
+    for table, path in zip(tables.values(), snakemake.output, strict=True):
+        files.write_csv(table, path)
     log.info("%s: %d ROIs", params.scan.name, len(table))

@@ -7,7 +7,10 @@ from virtual_phantom.study.job import job
 
 with job(snakemake):
     params = snakemake.params
-    scores = measured.load_score_draws(params.seeds) if params.with_measured else None
+    if params.recording:
+        scores = files.read_csv(snakemake.input.scores)
+    else:
+        scores = measured.load_score_draws(params.seeds) if params.with_measured else None
     table = files.read_csv(snakemake.input.table)
     seeds = further_seeds.load()
     sd = further_seeds.spread(seeds) if further_seeds.made_with(seeds, params.settings) else None

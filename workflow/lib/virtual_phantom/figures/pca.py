@@ -16,6 +16,7 @@ MOST_NAMED = 14  # values of a parameter, in two lines; of more, every second or
 FEW_MEASURED = 100  # up to as many lie on top; more lie beneath, with their means on top
 SIMULATED_POINTS, MEASURED_POINTS, MEAN_POINTS = 3.4, 4.5, 8.0  # across
 LEGEND_SCALE = 1.4
+LEGEND_COLUMNS = 5
 WHITE_HALO = [patheffects.withStroke(linewidth=2.4, foreground="white")]
 
 
@@ -30,7 +31,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     ----------
     table : DataFrame
         Columns source (simulated | measured), projections, noise_level, seed, roi, pc1, pc2, explained_pc1_percent,
-        explained_pc2_percent.
+        explained_pc2_percent; where there is a column condition, such as the scanner, measured rows are coloured by it.
     title : str, optional
 
     Returns
@@ -62,7 +63,8 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     tables.check_table(simulated, f"{name}, simulated rows", numbers=["projections", "noise_level"])
     markers = style.assign([*simulated["roi"], *measured["roi"]], style.MARKERS)
 
-    legend_rows = -(-(len(markers) + 3) // 5)
+    conditions = _conditions(measured)
+    legend_rows = -(-(len(markers) + 3 + len(conditions)) // LEGEND_COLUMNS)
     figure = style.figure(style.DOUBLE_COLUMN_MM, 88 + 4 * legend_rows)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     factor, factor_text = style.power_of_ten(simulated["noise_level"])
@@ -86,7 +88,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
             handletextpad=0.2,
             markerscale=LEGEND_SCALE,
         )
-        _measured(axes, measured, markers)
+        _measured(axes, measured, markers, conditions)
         style.letter_panel(axes, index)
         axes.set(xlabel=f"PC 1 ({first:.1f} % of variance)", ylabel=None)
     panels[0].set_ylabel(f"PC 2 ({second:.1f} % of variance)")
@@ -96,11 +98,12 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     legend.append((handles[1 + len(palette) // 2], "colour: simulated"))
     hollow = {"linestyle": "none", "marker": "o", "color": "black", "markerfacecolor": "none"}
     if len(measured):
-        legend.append((Line2D([], [], **hollow), "black: measured"))
+        legend.append((Line2D([], [], **hollow), "hollow: measured" if conditions else "black: measured"))
+    legend += [(Line2D([], [], **hollow | {"color": colour}), name) for name, colour in conditions.items()]
     if len(measured) > FEW_MEASURED:
         large = {"markersize": MEAN_POINTS / LEGEND_SCALE, "markeredgewidth": 1.2}
         legend.append((Line2D([], [], **large, **hollow), "large: mean of measured"))
-    place = {"loc": "outside lower center", "ncols": min(5, len(legend))}
+    place = {"loc": "outside lower center", "ncols": min(LEGEND_COLUMNS, len(legend))}
     figure.legend(*zip(*legend, strict=True), markerscale=LEGEND_SCALE, **place)
     return figure
 
@@ -112,8 +115,21 @@ def _scatter(axes: Axes, rows: pandas.DataFrame, markers: Mapping[str, str], poi
     seaborn.scatterplot(rows, x="pc1", y="pc2", size="roi", sizes=sizes, ax=axes, **shapes, **look)
 
 
-def _measured(axes: Axes, rows: pandas.DataFrame, markers: Mapping[str, str]) -> None:
-    """Hollow black markers."""
+def _conditions(measured: pandas.DataFrame) -> dict[str, str]:
+    """{condition: colour} of measured rows; empty where they do not name any."""
+    if "condition" not in measured:
+        return {}
+    names = sorted(measured["condition"].dropna().astype(str).unique())
+    return dict(zip(names, seaborn.color_palette("husl", len(names)).as_hex(), strict=True))
+
+
+def _measured(axes: Axes, rows: pandas.DataFrame, markers: Mapping[str, str], conditions: Mapping[str, str]) -> None:
+    """Hollow markers, black or coloured by condition."""
+    for name, colour in conditions.items():
+        coloured = {"facecolor": "none", "edgecolor": colour, "legend": False, "linewidth": 1.1, "zorder": 3}
+        _scatter(axes, rows[rows["condition"] == name], markers, MEASURED_POINTS, **coloured)
+    if conditions:
+        return
     hollow = {"facecolor": "none", "edgecolor": "black", "legend": False}
     if len(rows) > FEW_MEASURED:
         _scatter(axes, rows, markers, SIMULATED_POINTS, linewidth=0.4, zorder=1, **hollow)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.ndimage import binary_dilation, binary_fill_holes, distance_transform_edt, label
+from scipy.ndimage import binary_dilation, binary_fill_holes, distance_transform_edt, find_objects, label
 
 from ..base.errors import InputError
 from ..base.geometry import Grid
@@ -21,6 +21,7 @@ from ..io.volumes import Volume
 from .ct import read_hu
 from .displacement import displacement
 from .masks import GRID_TOLERANCE_MM, open_regions
+from .own_blur import Spectra, spectra
 
 LARGEST_MM = 0.2  # that an object may lie elsewhere: a third of a voxel, which widens an edge of 1.2 mm by a fiftieth
 LEAST_OVERLAP = 0.8  # Dice of a scan's region and that of most: drawn on other slices or sides, it is far below
@@ -61,12 +62,15 @@ class MeanScan:
         A row per scan: scan, x_mm, y_mm, z_mm and turn_deg against the first, largest_mm.
     noise_hu : float
         SD of one scan's voxels between scans, in the regions.
+    spectra : Spectra
+        Power of the mean and of the noise in it, in the box around the regions.
     """
 
     image: Volume
     labels: np.ndarray
     rows: list[dict]
     noise_hu: float
+    spectra: Spectra
 
     @property
     def remaining_hu(self) -> float:
@@ -108,15 +112,19 @@ def mean_of(scans: Sequence[ScanFiles], regions: Sequence[int | str], height_mm:
     body = object_of(reference, drawn)
     votes = masks[(slice(None), *part)].astype(np.uint16)
     total, values = reference.array.astype(np.float64), [reference.array[drawn]]
+    pairs = len(scans) // 2  # what the scans of a pair differ by is noise alone; an odd one out is in no pair
+    differences = reference.array.astype(np.float32)
     rows = [{"scan": first.name, "x_mm": 0.0, "y_mm": 0.0, "z_mm": 0.0, "turn_deg": 0.0, "largest_mm": 0.0}]
     own = {first.name: masks[(slice(None), *part)]}
-    for scan in others:
+    for number, scan in enumerate(others, start=1):
         image = read_hu(scan.ct)
         if not image.grid.matches(whole, GRID_TOLERANCE_MM):
             raise InputError(f"{scan.ct}: is on another grid ({image.grid}) than {first.ct} ({whole}); leave it out")
         there = replace(_cut(image, part), grid=reference.grid)
         rows.append(_row(scan, there, reference, body, first))
         total += there.array
+        if number < 2 * pairs:
+            differences += there.array if number % 2 == 0 else -there.array
         values.append(there.array[drawn])
         own[scan.name] = _regions(scan, regions, whole)[(slice(None), *part)]
         votes += own[scan.name]
@@ -128,7 +136,12 @@ def mean_of(scans: Sequence[ScanFiles], regions: Sequence[int | str], height_mm:
     for number, mask in enumerate(most, start=1):
         labels[mask] = number
     noise = math.sqrt(float(np.var(values, axis=0, ddof=1, dtype=np.float64).mean()))
-    return MeanScan(Volume(mean, reference.grid), labels, rows, noise)
+    differences /= math.sqrt(2 * pairs * len(scans))  # to the noise of the mean: of 2 n scans, of which N are averaged
+    box = find_objects((labels > 0).astype(np.uint8))[0]
+    dense = mean[box] > HU_BODY
+    filled = np.where(dense, mean[box], mean[box][dense].mean())  # a surface against air would pass for texture
+    in_box = filled, differences[box]
+    return MeanScan(Volume(mean, reference.grid), labels, rows, noise, spectra(*in_box, reference.grid.spacing))
 
 
 def object_of(image: Volume, inside: np.ndarray) -> np.ndarray:

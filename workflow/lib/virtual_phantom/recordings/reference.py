@@ -37,7 +37,7 @@ def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:
     return table.assign(group=table.groupby(list(conditions)).ngroup() + 1)
 
 
-def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image") -> pd.DataFrame:
+def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image", named: bool = False) -> pd.DataFrame:
     """Measured features for `statistics.pca.project`.
 
     Parameters
@@ -48,6 +48,8 @@ def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image"
         Columns.
     per : {"image", "condition"}, optional
         "image": every repeat; "condition": the mean over the repeats of each condition and ROI.
+    named : bool, optional
+        Whether a column `condition` has the values of `conditions` as text.
 
     Returns
     -------
@@ -57,13 +59,23 @@ def reference(table: pd.DataFrame, conditions: Sequence[str], per: str = "image"
     Raises
     ------
     InputError
-        For another `per`.
+        For another `per`, and conditions that are no columns.
     """
     if per not in PER:
         raise InputError(f"reference: {per!r} is not known; choose from {', '.join(PER)}")
+    if missing := [name for name in conditions if name not in table]:
+        raise InputError(f"reference: {missing[0]!r} is no column of the features; there are {', '.join(table)[:200]}")
     columns = ["group", "roi", "tissue_class"]
+    if named and len(conditions):
+        columns.append("condition")
+        text = table[list(conditions)].apply(lambda row: ", ".join(map(_shown, row)), axis=1)
+        table = table.assign(condition=text)
     table = grouped(table, conditions)[[*columns, *features_of(table)]]
     return table if per == "image" else table.groupby(columns, sort=False).mean().reset_index()
+
+
+def _shown(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def has_scores(recording: FeaturesRecording) -> bool:

@@ -28,6 +28,7 @@ NULLABLE = {
     "noise_level": "Float64",
     "seed": "Int64",
     "group": "Int64",
+    "condition": "string",
 }
 
 
@@ -55,8 +56,9 @@ def project(
     Returns
     -------
     DataFrame
-        Rows of source, ACQUISITION, group, roi, tissue_class, pc1, pc2, explained_pc1_percent and explained_pc2_percent
-        (of the set fitted on). The sign of an axis is such that its largest loading is positive.
+        Rows of source, ACQUISITION, group, roi, tissue_class, condition where measured rows name theirs, pc1, pc2,
+        explained_pc1_percent and explained_pc2_percent (of the set fitted on). The sign of an axis is such that its
+        largest loading is positive.
 
     Raises
     ------
@@ -88,10 +90,13 @@ def project(
     signs = np.sign(loadings[np.arange(2), largest])
     explained = 100 * model.explained_variance_ratio_
     columns = ["source", *ACQUISITION, "group", "roi", "tissue_class"]
+    if measured is not None and "condition" in measured:
+        columns.append("condition")
     parts = []
     for source, table in tables.items():
         scores = model.transform(values[source]) * signs
-        part = table.assign(source=source).reindex(columns=columns).astype(NULLABLE)
+        part = table.assign(source=source).reindex(columns=columns)
+        part = part.astype({name: of for name, of in NULLABLE.items() if name in columns})
         parts.append(part.assign(pc1=scores[:, 0], pc2=scores[:, 1]))
     result = pd.concat(parts, ignore_index=True)
     return result.assign(explained_pc1_percent=explained[0], explained_pc2_percent=explained[1])

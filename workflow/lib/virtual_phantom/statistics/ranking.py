@@ -238,3 +238,33 @@ def _check(scores: pd.DataFrame, name: str) -> None:
         raise InputError(f"{name}: lacks the column {missing[0]}; make the table again")
     if not np.isfinite(scores[columns].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)).all():
         raise InputError(f"{name}: holds values that are not finite numbers; make the table again")
+
+
+def beside(simulated: pd.DataFrame, recorded: pd.DataFrame) -> pd.DataFrame:
+    """Scores of every feature over simulated groups and over recorded conditions.
+
+    Parameters
+    ----------
+    simulated : DataFrame
+        As `wilcoxon.scores` gives it.
+    recorded : DataFrame
+        As `repeats.draws` gives it.
+
+    Returns
+    -------
+    DataFrame
+        One row per feature of both, the most stable measured one first: feature, family, and of each kind of score
+        *_percent_simulated, *_percent_measured (mean over draws), *_sd_measured (of one draw); repeats (of each
+        recorded condition), rank_simulated and rank_measured by stability, 1 the highest.
+    """
+    columns = [f"{kind}_percent" for kind in KINDS]
+    means, spreads = (getattr(recorded.groupby("feature")[columns], of)() for of in ("mean", "std"))
+    table = simulated[["feature", "family", *columns]].merge(
+        means.reset_index(), on="feature", suffixes=("_simulated", "_measured")
+    )
+    for kind in KINDS:
+        table[f"{kind}_sd_measured"] = table["feature"].map(spreads[f"{kind}_percent"])
+    table["repeats"] = int(recorded["repeats"].iloc[0])
+    for source in ("simulated", "measured"):
+        table[f"rank_{source}"] = table[f"stability_percent_{source}"].rank(method="min", ascending=False).astype(int)
+    return table.sort_values(["rank_measured", "feature"], ignore_index=True)

@@ -110,6 +110,7 @@ def _stability(plan: Plan) -> Iterator[AnalysisJob]:
         yield _job("figure_overlap")
     for name in plan.config["analyses"]["stability"]["recordings"]:
         yield _job("scores", recording=name)
+        yield _job("stability_beside", recording=name)
         yield _job("overlap_recording", recording=name)
         yield _job("figure_overlap_recording", recording=name)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 from ..base.errors import InputError, InputErrors
 from ..base.vectors import FLAT
@@ -12,7 +11,7 @@ from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_sch
 from ..physics.effect import acts_on_images, checked
 from .config_rules import Names, Rules
 from .outputs import Files
-from .public_scans import COMPARED
+from .public_scans import made_folders
 
 # Sections of entries by names of the user's.
 NAMED = (("protocols",), ("noise", "levels"), ("scans",), ("diagnosis", "recordings"))
@@ -73,7 +72,7 @@ def _without_nulls(settings: Mapping) -> dict:
     """A copy without the keys that are taken away."""
     config = copy.deepcopy(dict(settings))
     paths = [("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)]
-    paths += [("analyses", "comparison"), ("public_scans",)]
+    paths += [("analyses", "comparison"), ("public_scans",), ("public_scans", "phantom"), ("public_scans", "compared")]
     if isinstance(config.get("protocols"), dict):
         paths += [("protocols", name) for name in config["protocols"]]
     for path in paths:
@@ -120,12 +119,14 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
 def _take_public_scans(config: dict) -> None:
     """A CT without an image is the mean of public scans, and its regions are theirs, by name; so is a recording."""
     made = Files(config["results_dir"].rstrip("/"))
-    folder = str(Path(made("compared_features")).parent)
-    config["recordings"] = {name: folder if of == COMPARED else of for name, of in config["recordings"].items()}
+    folders = made_folders(config)
+    config["recordings"] = {name: folders.get(of, of) for name, of in config["recordings"].items()}
     scans, ct = config["public_scans"], config.get("phantom", {}).get("ct")
-    if ct is None or "phantom" not in scans or "image" in ct:
+    if ct is None or not {"phantom", "compared"} & set(scans) or "image" in ct:
         return
-    ct |= {"image": made("mean_scan"), "labels": made("mean_regions")}
+    if "phantom" in scans:
+        image = "sharp_scan" if scans["own_blur"] == "removed" else "mean_scan"
+        ct |= {"image": made(image), "labels": made("mean_regions")}
     numbers = {region: number for number, region in enumerate(scans["regions"], start=1)}
     ct["rois"] = [{**roi, "label": numbers.get(roi.get("label"), roi.get("label"))} for roi in ct["rois"]]
 

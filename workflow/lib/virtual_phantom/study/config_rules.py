@@ -289,6 +289,8 @@ class Rules:
             yield "config: phantom.ct.image is missing; name a CT, or public scans under public_scans.phantom"
         elif "phantom" in self.config["public_scans"] and phantom.get("source") == "ct":
             yield from self._regions(phantom.get("ct", {}).get("rois", []))
+        elif "compared" in self.config["public_scans"] and "image" not in phantom.get("ct", {}):
+            yield from self._regions(phantom.get("ct", {}).get("rois", []))
 
     def _regions(self, rois: list[dict]) -> Iterator[str]:
         """Labels of regions of public scans, which have become numbers where they are known."""

@@ -97,15 +97,24 @@ OUTPUTS = (
         Output("mean_scan", "public_scans/mean.nii.gz", "the mean of public scans, HU, without the table"),
         Output("mean_regions", "public_scans/regions.nii.gz", "the regions of these scans, as most of them have them"),
         Output("mean_table", "public_scans/scans.csv", "where the object lies in each of these scans, and their noise"),
+        Output("mean_spectra", "public_scans/spectra.csv", "power of the mean and of its noise, by spatial frequency"),
+    ),
+    *_made_by(
+        "without_own_blur",
+        Output("sharp_scan", "public_scans/sharp.nii.gz", "the mean without the blur and noise of its own scanner"),
+        Output("own_blur", "public_scans/own_blur.csv", "what of the mean that changes: resolution, SDs of regions"),
     ),
     *_made_by(
         "scan_features",
         Output("scan_features", "public_scans/features/{scan}.csv", "features of one public scan, a row per ROI"),
+        Output("scan_features_2d", "public_scans/features_2d/{scan}.csv", "the same of each ROI's largest section"),
     ),
     *_made_by(
         "compared_features",
         Output("compared_features", "public_scans/compared/features.csv", "features of the public scans compared with"),
         Output("compared_document", "public_scans/compared/recording.yaml", "these features as a recording"),
+        Output("compared_features_2d", "public_scans/compared_2d/features.csv", "the same of largest sections"),
+        Output("compared_document_2d", "public_scans/compared_2d/recording.yaml", "these features as a recording"),
     ),
     *_made_by(
         "compile_kernels",
@@ -360,6 +369,19 @@ OUTPUTS = (
     *_made_by(
         "overlap_recording",
         Output("overlap_recording", "tables/overlap_{recording}.csv", "the overlap with a recording's best features"),
+        stage="recordings",
+        counted="tables",
+    ),
+    *_made_by(
+        "stability_beside",
+        Output(
+            "stability_beside",
+            "tables/scores_{recording}.csv",
+            "every feature's stability, simulated and over a recording's conditions",
+            "Scores beside {recording}",
+            "Recordings",
+            "stability_beside",
+        ),
         stage="recordings",
         counted="tables",
     ),

@@ -86,7 +86,10 @@ class Pages:
 
     def table_titles(self) -> list[str]:
         """What each is called."""
-        return [output.title or label(Path(filled(output.pattern, **known)).stem) for output, known in self._tables]
+        return [
+            filled(output.title, **known) if output.title else label(Path(filled(output.pattern, **known)).stem)
+            for output, known in self._tables
+        ]
 
     def diagnoses(self) -> dict[str, float]:
         """Diagnoses that have been made. They are no inputs of the study's report, which starts none.

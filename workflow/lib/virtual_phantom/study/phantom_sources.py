@@ -52,7 +52,7 @@ class PhantomSources:
     def made(self) -> list[str]:
         """Those of them that a rule makes of public scans."""
         files = Files(self.plan.config["results_dir"].rstrip("/"))
-        return [path for path in self.paths if path in (files("mean_scan"), files("mean_regions"))]
+        return [path for path in self.paths if path in map(files, ("mean_scan", "sharp_scan", "mean_regions"))]
 
     @cached_property
     def published(self) -> list[PublishedFile]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,14 +10,21 @@ from pathlib import Path
 from ..base.errors import InputError
 from ..io.published import FOLDER
 from ..recordings.document import Document, read_document, to_be_made
-from ..recordings.public_scans.features import content
+from ..recordings.public_scans.features import EXTRACTED, FLAT, content
 from ..recordings.public_scans.table import MB, SOURCE, PublicScan, chosen, small
 from .dependencies import resource
 from .outputs import Files
 from .plan import Plan
 
 COMPARED = "public_scans.compared"  # in place of a recording's folder
+NAMES = {COMPARED + way: f"compared_features{way}" for way in EXTRACTED}  # such places, and what is made for them
 PLACE = f"{FOLDER}/printed_phantom"  # of all studies: a scan is brought once
+
+
+def made_folders(config: Mapping) -> dict[str, str]:
+    """{name in place of a recording's folder: the folder that a rule makes}."""
+    made = Files(config["results_dir"].rstrip("/"))
+    return {name: str(Path(made(output)).parent) for name, output in NAMES.items()}
 
 
 @dataclass(frozen=True)
@@ -69,6 +76,12 @@ class PublicScans:
         InputError
             For what the list has not, and for an acquisition that would be held against itself.
         """
+        unsaid = [scan for scan in self.scanned if scan.slice_mm is None]
+        if unsaid and self.plan.config["public_scans"]["own_blur"] == "removed":
+            raise InputError(
+                f"config: public_scans.phantom has scan {unsaid[0].name}, whose slice thickness the list does not say, "
+                "so that its own blur is not known; set public_scans.own_blur: kept, or take ct_phantom4radiomics"
+            )
         own = {(scan.collection, scan.acquisition) for scan in self.scanned}
         if twice := [scan for scan in self.compared if (scan.collection, scan.acquisition) in own]:
             raise InputError(
@@ -82,9 +95,15 @@ class PublicScans:
         return self.plan.config["public_scans"]["regions"]
 
     @property
+    def slice_mm(self) -> float | None:
+        """Thickness of the slices of those whose mean is the phantom; None if there are none."""
+        return self.scanned[0].slice_mm if self.scanned else None
+
+    @property
     def rois(self) -> list[dict]:
-        """ROIs of the phantom; their labels count the regions from 1."""
-        return self.plan.config["phantom"].get("ct", {}).get("rois", [])
+        """ROIs that regions of the scans are; their labels count the regions from 1. None of a CT of one's own."""
+        ct = self.plan.config["phantom"].get("ct", {})
+        return ct["rois"] if "rois" in ct and (self.scanned or "image" not in ct) else []
 
     def document(self, folder: str) -> Document:
         """What recording.yaml in a folder says, which may be that of the scans that are compared.
@@ -102,17 +121,17 @@ class PublicScans:
         InputError
             As recordings.document.read_document does, and if no scans are compared.
         """
-        made = Files(self.plan.config["results_dir"].rstrip("/"))("compared_features")
-        if Path(folder) != Path(made).parent:
+        made = made_folders(self.plan.config)
+        if folder not in made.values():
             return read_document(folder)
         if not self.compared:
             raise InputError(f"config: recordings names {COMPARED}, which is not there; say which scans to compare")
-        if not self.scanned:
+        if not self.rois:
             raise InputError(
-                f"config: recordings names {COMPARED}, and the phantom is none of public scans, whose regions it has; "
-                "set public_scans.phantom and leave out phantom.ct.image"
+                f"config: recordings names {COMPARED}, and phantom.ct.rois does not say which segment is which ROI; "
+                "give --configfile config/printed_phantom.yaml first, which does"
             )
-        return to_be_made(folder, content(self.compared))
+        return to_be_made(folder, content(self.compared, FLAT if folder == made[COMPARED + FLAT] else ""))
 
     # Where they lie
 
@@ -149,14 +168,69 @@ class PublicScans:
         Raises
         ------
         InputError
-            If the configuration takes no public scans.
+            If the configuration takes no public scans, or keeps none.
         """
+        if not self.kept:
+            raise InputError(
+                "config: keep_scans is false, so that scans are brought when something is made of them, and deleted "
+                "then; run the study itself, or set keep_scans: true"
+            )
         if not self.scans:
             raise InputError(
                 "config: public_scans is empty, so that there is nothing to fetch; give --configfile "
                 "config/printed_phantom.yaml"
             )
         return self.folders(self.scans)
+
+    @property
+    def kept(self) -> bool:
+        """Whether scans stay once everything is made of them."""
+        return self.plan.config["keep_scans"]
+
+    @cached_property
+    def wanted(self) -> tuple[PublicScan, ...]:
+        """Those of what is absent that will be brought: of scans that are not kept, what is not yet made of."""
+        if self.kept or self.own:
+            return self.absent
+        made = Files(self.plan.config["results_dir"].rstrip("/"))
+        mean_is_there = Path(made("mean_scan")).exists()
+        used = set() if mean_is_there else set(self.scanned)
+        used |= {scan for scan in self.compared if not Path(made("scan_features", scan=scan.name)).exists()}
+        return tuple(scan for scan in self.absent if scan in used)
+
+    # What is made of them
+
+    def feature_tables(self, output: str) -> list[str]:
+        """Of every scan that is compared, its features.
+
+        Parameters
+        ----------
+        output : {"scan_features", "scan_features_2d"}
+
+        Returns
+        -------
+        list of str
+        """
+        made = Files(self.plan.config["results_dir"].rstrip("/"))
+        return [made(output, scan=scan.name) for scan in self.compared]
+
+    def recordings(self) -> list[str]:
+        """The tables of all scans that are compared.
+
+        Returns
+        -------
+        list of str
+
+        Raises
+        ------
+        InputError
+            If none are, or nothing says which of their segments is which ROI.
+        """
+        folders = made_folders(self.plan.config)
+        for folder in folders.values():
+            self.document(folder)
+        made = Files(self.plan.config["results_dir"].rstrip("/"))
+        return [made(name) for name in NAMES.values()]
 
     # What is said of them
 
@@ -171,13 +245,15 @@ class PublicScans:
 
     def announced(self) -> str | None:
         """How much is to be brought, before anything is; None if nothing is."""
-        if not self.absent:
+        if not self.wanted:
             return None
-        lines = [f"{self._amount(self.absent)} to be {'linked from ' + self.own if self.own else 'fetched'} to {PLACE}"]
-        if len(self.absent) < len(self.scans):
+        lines = [f"{self._amount(self.wanted)} to be {'linked from ' + self.own if self.own else 'fetched'} to {PLACE}"]
+        if not self.kept and not self.own:
+            lines[0] += "; each is deleted once everything is made of it"
+        elif len(self.absent) < len(self.scans):
             lines[0] += f"; {len(self.scans) - len(self.absent)} of {len(self.scans)} scans are there"
         groups: dict[tuple[str, str], list[PublicScan]] = {}
-        for scan in self.absent:
+        for scan in self.wanted:
             groups.setdefault((scan.collection, scan.group), []).append(scan)
         lines += [f"  {collection}, {group}: {self._amount(of)}" for (collection, group), of in sorted(groups.items())]
         return "\n".join(lines)

@@ -10,6 +10,7 @@ from .dependencies import resource
 from .outputs import PCA, Files
 from .phantom_sources import present
 from .plan import Plan
+from .public_scans import COMPARED, made_folders
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,24 @@ class Selections:
         """The images whose features are compared between groups of protocols."""
         noise = self._analyses.get("stability", {}).get("noise")
         return {"groups": self.plan.groups(), "noise": noise, "seeds": self.plan.repeats([noise]) if noise else 0}
+
+    def scored(self, recording: str) -> dict:
+        """Which of a recording's images its features are scored with: values of condition columns."""
+        return self._analyses.get("stability", {}).get("where", {}).get(recording, {})
+
+    @property
+    def own_reference(self) -> str | None:
+        """The recording of public scans that stands for the measured phantom: it is of the object that is scanned."""
+        config = self.plan.config
+        made = made_folders(config)[COMPARED] if "phantom" in config["public_scans"] else None
+        named = self._analyses.get("stability", {}).get("recordings", [])
+        return next((name for name in named if config["recordings"][name] == made), None)
+
+    def measured_scores(self) -> str:
+        """Scores that stand beside the simulated ones: of these scans, or those kept here."""
+        if self.own_reference is not None:
+            return self.files("scores", recording=self.own_reference)
+        return resource("ct_phantom4radiomics_draws.csv")
 
     def sharing(self) -> dict[str, str]:
         """Which protocols with a group have their noise in common.
@@ -106,6 +125,10 @@ class Selections:
     def fitted(self, name: str) -> dict:
         """How its components are fitted."""
         return {key: self._analyses["pca"][name][key] for key in ("fit_on", "standardise")}
+
+    def markers(self, name: str) -> list[str]:
+        """Condition columns by which its measured markers are told apart; empty: all, and no colours."""
+        return self._analyses["pca"][name]["by"]
 
     def references(self, name: str) -> list[str]:
         """Recordings that it shows."""

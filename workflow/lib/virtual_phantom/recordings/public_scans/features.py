@@ -1,4 +1,8 @@
-"""Features of public scans as a recording: what stands in its recording.yaml, and a scan's rows."""
+"""Features of public scans as recordings: what stands in their recording.yaml, and a scan's rows.
+
+Two ways of extraction: in three dimensions and HU as the study's own images, and as the published table has them
+(CT-Phantom4Radiomics: the largest section of each region, stored values).
+"""
 
 from __future__ import annotations
 
@@ -15,16 +19,24 @@ if TYPE_CHECKING:  # heavy, and the workflow reads this in every job
     from ...features.parameters import Parameters
 
 NAME, FILE = "printed_phantom", "features.csv"
+FLAT = "_2d"  # ends the names of folders and recordings of the second way
+STORED_OFFSET_HU = 1024  # what the scanners store on top of HU
+EXTRACTED = {
+    "": "Extracted from the scans' own voxels, in the regions that were drawn on each of them.",
+    FLAT: "Extracted from the largest section of each region that was drawn on a scan, pixels of 1 mm, stored values.",
+}
 CONDITIONS = ["group", "dose_mgy", "reconstruction"]  # what tells scans apart that are no repeats of each other
 
 
-def content(scans: Sequence[PublicScan]) -> dict:
+def content(scans: Sequence[PublicScan], way: str = "") -> dict:
     """What stands in recording.yaml.
 
     Parameters
     ----------
     scans : sequence of PublicScan
         One at least.
+    way : {"", FLAT}, optional
+        How features were extracted.
 
     Returns
     -------
@@ -33,10 +45,11 @@ def content(scans: Sequence[PublicScan]) -> dict:
     """
     collections = [COLLECTIONS[name] for name in dict.fromkeys(scan.collection for scan in scans)]
     return {
-        "name": NAME,
+        "name": NAME + way,
         "kind": "features",
-        "nominal": {"notes": "Extracted from the scans' own voxels, in the regions that were drawn on each of them."},
-        "features": {"conditions": CONDITIONS},
+        "nominal": {"notes": EXTRACTED[way]},
+        "features": {"conditions": CONDITIONS}
+        | ({"stored_offset_hu": STORED_OFFSET_HU, "dimensions": 2} if way == FLAT else {}),
         "origin": {
             "citation": "; ".join(f"{one.title}, The Cancer Imaging Archive, doi {one.doi}" for one in collections),
             "licence": " and ".join(dict.fromkeys(one.licence for one in collections)),
@@ -47,8 +60,8 @@ def content(scans: Sequence[PublicScan]) -> dict:
 
 def rows_of(
     scan: PublicScan, folder: Path, rois: Sequence[dict], regions: Sequence[int | str], parameters: Parameters
-) -> pd.DataFrame:
-    """Features of one scan, a row per ROI.
+) -> dict[str, pd.DataFrame]:
+    """Features of one scan, a row per ROI, both ways.
 
     Parameters
     ----------
@@ -64,15 +77,19 @@ def rows_of(
 
     Returns
     -------
-    DataFrame
-        image, roi, tissue_class, CONDITIONS, collection, acquisition, and what features.extraction gives.
+    dict of str to DataFrame
+        By way, one of EXTRACTED: image, roi, tissue_class, CONDITIONS, collection, acquisition, and what
+        features.extraction gives.
 
     Raises
     ------
     InputError
         For a CT or a SEG that cannot be read, and a region that is not there or lost by its margin.
     """
+    import pandas as pd
+
     from ...features import extraction
+    from ...features.sections import largest_section
     from ...phantom.ct import draw, read_hu
     from ...phantom.rois import read_entries
     from .files import regions_file
@@ -83,7 +100,14 @@ def rows_of(
         located = replace(entry, file=seg, label=regions[entry.label - 1])
         for name, mask in zip(entry.names, draw(located, image.grid, opened), strict=True):
             masks[name], classes[name] = mask, entry.tissue_class
-    table = extraction.extract(image, masks, name=str(folder), parameters=parameters)
-    known = {"image": f"scan{scan.name}", "tissue_class": table["roi"].map(classes), "group": scan.group}
-    known |= {"dose_mgy": scan.dose_mgy, "reconstruction": scan.reconstruction}
-    return table.assign(**known, collection=scan.collection, acquisition=scan.acquisition)
+    flat = []
+    for name, mask in masks.items():
+        section, region = largest_section(image, mask, STORED_OFFSET_HU)
+        flat.append(extraction.extract(section, {name: region}, name=f"{folder}, section", parameters=parameters))
+    tables = {
+        "": extraction.extract(image, masks, name=str(folder), parameters=parameters),
+        FLAT: pd.concat(flat, ignore_index=True),
+    }
+    known = {"image": f"scan{scan.name}", "group": scan.group, "dose_mgy": scan.dose_mgy}
+    known |= {"reconstruction": scan.reconstruction, "collection": scan.collection, "acquisition": scan.acquisition}
+    return {way: table.assign(tissue_class=table["roi"].map(classes), **known) for way, table in tables.items()}

@@ -1,0 +1,119 @@
+"""Own blur of a scanned phantom: closed forms of Gaussians, and noise that is put in."""
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.phantom.own_blur import (
+    SD_OF_HALF,
+    Spectra,
+    spectra,
+    with_interpolation,
+    within_object,
+    without_own_blur,
+)
+from virtual_phantom.statistics.own_edge import edge_mtf_half
+
+GRID = Grid((40, 96, 96), (0.75, 0.7, 0.7), (0.0, 0.0, 0.0))
+OWN = (0.42, 0.6, 0.6)  # SD along z, y, x, mm
+NO_NOISE = Spectra((1.0, 0.67), np.ones((16, 8)), np.zeros((16, 8)))
+
+
+def blob(*sd_mm):
+    """A Gaussian of unit mass."""
+    z, y, x = (np.exp(-((axis / sd) ** 2) / 2) / sd for axis, sd in zip(GRID.axes_mm(), sd_mm, strict=True))
+    return z[:, None, None] * y[:, None] * x
+
+
+def second_moments(array):
+    squares = np.ix_(*(axis**2 for axis in GRID.axes_mm()))
+    return [float((array * square).sum() / array.sum()) for square in squares]
+
+
+def test_a_scan_of_a_scan_has_one_blur_where_the_first_is_taken_out():
+    """Variances of Gaussians add: an object of 2 mm, and its own scanner's blur."""
+    seen = Volume(blob(*np.hypot(2.0, OWN)).astype(np.float32), GRID)
+    np.testing.assert_allclose(second_moments(seen.array), 4 + np.square(OWN), rtol=0.01)
+    restored = without_own_blur(seen, OWN, NO_NOISE)
+    np.testing.assert_allclose(second_moments(restored.array), [4.0] * 3, rtol=0.01)
+
+
+def test_waves_get_back_what_the_mtf_took():
+    _, _, x = GRID.axes_mm()
+    for cycles in (4, 12, 20):
+        frequency = cycles / (96 * 0.7)
+        wave = np.broadcast_to(np.sin(2 * np.pi * frequency * x), GRID.shape)
+        mtf = np.exp(-2 * (np.pi * 0.6 * frequency) ** 2)
+        restored = without_own_blur(Volume((mtf * wave).astype(np.float32), GRID), OWN, NO_NOISE)
+        np.testing.assert_allclose(restored.array, wave, atol=2e-3)
+
+
+def edge(sd_mm, seed=None):
+    """A disc of 22 mm, blurred."""
+    _, y, x = np.ix_(*GRID.axes_mm())
+    hu = -1000 + 1040 * ndtr((22 - np.hypot(x, y)) / sd_mm) + 0 * GRID.axes_mm()[0][:, None, None]
+    noise = 0 if seed is None else np.random.default_rng(seed).normal(0, 5, GRID.shape)
+    return Volume((hu + noise).astype(np.float32), GRID)
+
+
+@pytest.mark.parametrize("sd_mm", [0.6, 0.9])
+def test_the_blur_is_read_off_the_surface_against_air(sd_mm):
+    assert SD_OF_HALF / edge_mtf_half(edge(sd_mm, seed=1)) == pytest.approx(sd_mm, rel=0.07)
+
+
+def test_a_surface_becomes_as_sharp_as_it_was():
+    sharp = without_own_blur(edge(1.0), OWN, NO_NOISE)
+    assert SD_OF_HALF / edge_mtf_half(sharp) == pytest.approx(0.8, rel=0.07)  # 1.0^2 - 0.6^2 = 0.8^2
+    air = edge(1.0).array < -999
+    kept = within_object(sharp, Volume(np.where(air, -1000, 0).astype(np.float32), GRID))
+    assert kept.array.min() == -1000 and (kept.array[air] == -1000).all()
+
+
+def test_noise_is_taken_out_and_not_restored():
+    """Coarse texture of 10 HU under white noise of 6 HU: what comes out is nearer to the texture than the mean is."""
+    rng = np.random.default_rng(7)
+    frequencies = np.ix_(*(np.fft.fftfreq(size, step) for size, step in zip(GRID.shape, GRID.spacing, strict=True)))
+    squares = sum(one**2 for one in frequencies)
+
+    def blurred(array, sd):
+        return np.fft.ifftn(np.fft.fftn(array) * np.exp(-2 * np.pi**2 * sd**2 * squares)).real
+
+    texture = blurred(rng.normal(size=GRID.shape), 1.5)
+    texture *= 10 / texture.std()
+    mean = blurred(texture, 0.6) + rng.normal(0, 6, GRID.shape)
+    measured = spectra(mean, rng.normal(0, 6, GRID.shape), GRID.spacing)
+    restored = without_own_blur(Volume(mean.astype(np.float32), GRID), (0.6, 0.6, 0.6), measured).array
+    assert np.sqrt(np.mean((restored - texture) ** 2)) < 0.6 * np.sqrt(np.mean((mean - texture) ** 2))
+    again = Spectra.of_table(measured.table())
+    np.testing.assert_allclose([*again.most_per_mm], measured.most_per_mm)
+    np.testing.assert_array_equal(again.noise, measured.noise)
+
+
+def test_white_noise_has_its_own_power():
+    """Of SD s in voxels of volume v: s^2 v at every frequency."""
+    white = np.random.default_rng(3).normal(0, 6, GRID.shape)
+    measured = spectra(white, white, GRID.spacing)
+    filled = measured.mean > 0
+    assert filled.mean() > 0.9
+    assert np.average(measured.mean[filled]) == pytest.approx(36 * 0.75 * 0.7 * 0.7, rel=0.03)
+    assert not measured.signal().any()
+
+
+def test_linear_interpolation_is_a_blur_of_a_sixth_of_a_voxel_squared():
+    """Of a wide Gaussian, interpolated half-way between voxels, against the closed form."""
+    x = np.arange(-60, 61.0)
+    values = np.exp(-((x / 4) ** 2) / 2)
+    places = np.linspace(-50, 50, 1001)
+    read = np.interp(places, x, values)
+    variance = (read * places**2).sum() / read.sum()
+    assert variance == pytest.approx(with_interpolation((4.0, 0, 0), (1.0, 1.0, 1.0))[0] ** 2, rel=1e-3)
+
+
+def test_a_blur_that_is_none_is_refused():
+    with pytest.raises(InputError, match="SDs of .* mm are none"):
+        without_own_blur(Volume(np.zeros(GRID.shape, np.float32), GRID), (-1.0, 0.5, 0.5), NO_NOISE)
+    with pytest.raises(InputError, match="show no surface against air; set public_scans.own_blur: kept"):
+        edge_mtf_half(Volume(np.zeros(GRID.shape, np.float32), GRID))
