@@ -60,7 +60,7 @@ def test_of_one_recording_it_is_the_fit_of_that_recording(fitters):
     assert both.chi_square == pytest.approx(alone.chi_square, abs=0.1)
     for key, value in alone.physics["scatter"].items():
         assert both.physics["scatter"][key] == pytest.approx(value, abs=0.1 * alone.errors["scatter"][key])
-        assert both.errors["scatter"][key] == pytest.approx(alone.errors["scatter"][key], rel=0.2)
+        assert both.errors["scatter"][key] == pytest.approx(alone.errors["scatter"][key], rel=0.02)
 
 
 def test_physics_is_shared_and_alignment_is_not(joint):

@@ -210,6 +210,9 @@ class _Joint:
                 current = self._total(points, residuals)
             if strayed or not as_expected:
                 jacobians = None
+        if not fresh:  # updates serve the next step: of numbers that moved far, slopes may be off by far
+            jacobians = {name: one.jacobian(points[name], residuals[name], None) for name, one in self._items()}
+            information, _ = self._normal(jacobians, points, residuals)
         return self._result(points, residuals, current, standard_errors(information))
 
     def _items(self):
