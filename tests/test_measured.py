@@ -6,6 +6,7 @@ import pytest
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.extraction import FEATURES
+from virtual_phantom.features.stored import to_hu
 from virtual_phantom.statistics import measured, repeats, wilcoxon
 from virtual_phantom.statistics.ranking import KINDS
 
@@ -117,13 +118,13 @@ def test_first_order_features_in_hu_are_those_of_the_shifted_values(offset):
     def row(x):
         return pd.DataFrame([{f"original_firstorder_{k}": v for k, v in first_order(x).items()} | {"n_voxels": x.size}])
 
-    pd.testing.assert_frame_equal(measured.to_hu(row(stored), offset), row(hu), rtol=1e-9)
-    assert measured.to_hu(row(hu), 0).equals(row(hu))
+    pd.testing.assert_frame_equal(to_hu(row(stored), offset), row(hu), rtol=1e-9)
+    assert to_hu(row(hu), 0).equals(row(hu))
     few = row(stored)[["original_firstorder_Median", "original_firstorder_Range"]]
-    assert measured.to_hu(few, offset).iloc[0].tolist() == pytest.approx([np.median(hu), np.ptp(hu)])
+    assert to_hu(few, offset).iloc[0].tolist() == pytest.approx([np.median(hu), np.ptp(hu)])
     with pytest.raises(InputError, match="Energy is of stored values .* without original_firstorder_Variance"):
         bare = row(stored).drop(columns=["original_firstorder_Variance", "original_firstorder_RootMeanSquared"])
-        measured.to_hu(bare, offset)
+        to_hu(bare, offset)
 
 
 def test_summaries_are_complete():
@@ -185,7 +186,7 @@ def test_the_kept_draws_are_those_of_the_table(study):
 @pytest.mark.real
 @pytest.mark.skipif(not STUDY.exists(), reason="the table of CT-Phantom4Radiomics is not beside the checkout")
 def test_the_kept_group_summary_is_that_of_the_table():
-    table = measured.to_hu(measured.load_full_table(STUDY))
+    table = to_hu(measured.load_full_table(STUDY))
     means = table.groupby(["group", "roi", "tissue_class"])[list(measured.STUDY_FEATURES)].mean().reset_index()
     kept = measured.group_means()[list(means.columns)]
     pd.testing.assert_frame_equal(kept, means, rtol=1e-7, check_dtype=False)

@@ -43,6 +43,9 @@ GRID = Grid((14, 40, 48), (3.0, 2.0, 2.0))
 MU_WATER_PER_MM = 0.0193
 
 
+VOXELS = {"spacing_mm": [1.0, 0.7, 0.7], "thickness_mm": 2.0}
+
+
 def configured(*changes):
     """Check the default configuration with (dotted key, value) set in it."""
     config = copy.deepcopy(DEFAULT)
@@ -56,7 +59,8 @@ def configured(*changes):
 
 
 def protocol(**settings):
-    configured(("protocols.sirt_180", {"algorithm": "sirt", "projections": 180} | settings))
+    name = f"{settings.get('algorithm', 'sirt')}_180"
+    configured((f"protocols.{name}", {"algorithm": "sirt", "projections": 180} | settings))
 
 
 def phantom(image="ct.nii.gz", roi=None, oversampling=1):
@@ -211,6 +215,15 @@ MISTAKES = {
     "A number that is text to YAML": (
         lambda: configured(("noise.levels.dose10", {"A": "1e-6", "repeats": 10})),
         "noise.levels.dose10.A",
+    ),
+    "A scanner's voxels in an iterative protocol": (lambda: protocol(voxels=VOXELS), "protocols.sirt_180.voxels"),
+    "Images in boxes where whole ones are needed": (
+        lambda: configured(("protocols.fbp_450.voxels", VOXELS)),
+        "analyses.optimal.fbp names 'fbp_450'",
+    ),
+    "A kernel whose two points are the wrong way round": (
+        lambda: protocol(algorithm="fbp", kernel={"mtf50_per_cm": 5.0, "mtf10_per_cm": 3.0}),
+        "its MTF is a half at 5",
     ),
     "One group number twice": (lambda: protocol(group=2), "protocols.sirt_200 and protocols.sirt_180"),
     "A name that is not there": (lambda: configured(("analyses.optimal.sirt", "sirt_45")), "analyses.optimal.sirt"),

@@ -54,7 +54,7 @@ def main():
                 assert np.isfinite(image).all()
             done += 1
         rays = ParallelRays(geometry)
-        rebinned = projector.back_parallel_stack(rays)
+        rebinned = cpu.parallel_stack(rays, 1)
         rebinned[:, 1:-1, 1:-1] = 1
         assert np.isfinite(projector.back_parallel(rebinned, rays, 0.6)).all()
     print(done, "scans")

@@ -6,8 +6,8 @@ for batch, levels in context.plan.seed_batches().items():
         input:
             images=[context.file("image", seed=seed) for seed in batch],
             levels=lambda wildcards: context.acquisitions.level_files([wildcards.noise]),
-            rois=rules.phantom.output.table,
-            masks=rules.phantom.output.rois,
+            rois=lambda wildcards: context.acquisitions.rois(wildcards.protocol)[0],
+            masks=lambda wildcards: context.acquisitions.rois(wildcards.protocol)[1],
             parameters=context.parameter_files,
             code=context.code("extract.py"),
         output:

@@ -43,6 +43,31 @@ rule without_own_blur:
         "../scripts/without_own_blur.py"
 
 
+rule rois_on_voxels:
+    """The ROIs on the voxels of a scanner, as they are drawn on those of the study's grid."""
+    input:
+        sources=context.phantom.files(),
+        fine=context.file("phantom_fine"),
+        code=context.code("rois_on_voxels.py"),
+    output:
+        table=context.file("voxel_table"),
+        rois=directory(context.file("voxel_rois")),
+    log:
+        context.log("rois_on_voxels/{voxels}"),
+    group:
+        "preparation"
+    resources:
+        mem_mb=context.megabytes(volumes=8, fine=4),
+        runtime=30,
+    params:
+        phantom=context.config["phantom"],
+        grid=context.config["grid"],
+        seed=context.config["seed"],
+        spacing_mm=lambda wildcards: context.plan.voxel_spacing(wildcards.voxels),
+    script:
+        "../scripts/rois_on_voxels.py"
+
+
 rule phantom:
     """The object that every scan sees, and its ROIs."""
     input:

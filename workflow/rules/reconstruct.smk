@@ -10,6 +10,11 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             ),
             levels=context.acquisitions.level_files(noise for noise, _ in bundle),
             phantom=rules.phantom.output.image,
+            rois=lambda wildcards: (
+                context.acquisitions.rois(wildcards.protocol)
+                if context.acquisitions.voxels(wildcards.protocol)
+                else []
+            ),
             kernels=context.file("kernels", lanes=len(bundle)),
             effects=lambda wildcards: context.effect_code(
                 *context.acquisitions.image_physics(wildcards.protocol)
@@ -61,6 +66,7 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             physics=lambda wildcards: context.acquisitions.image_physics(
                 wildcards.protocol
             ),
+            voxels=lambda wildcards: context.acquisitions.voxels(wildcards.protocol),
             engine=context.engine,
             mu_water_per_mm=context.config["mu_water_per_mm"],
             zero_counts_as=context.config["noise"]["zero_counts_as"],

@@ -16,7 +16,7 @@ with job(snakemake) as log:
         conditions=params.where,
         dimensions=params.dimensions,
         stored_offset_hu=params.stored_offset_hu,
-        parameters=params.parameters,
+        parameters=params.parameters["path"],
         rois=params.rois,
     )
     variants = {BASELINE: data.table(data.baseline)}

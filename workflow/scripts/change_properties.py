@@ -16,7 +16,7 @@ from virtual_phantom.study.job import job
 with job(snakemake) as log:
     params = snakemake.params
     recorded = where(files.read_csv(snakemake.input.recorded), params.where, f"recording {params.recording}")
-    parameters = read_parameters(params.parameters)
+    parameters = read_parameters(**params.parameters)
     if MEAN not in parameters.features:
         raise InputError(
             f"{parameters.source}: does not ask for {MEAN}, which attribution and diagnosis of features need; add "

@@ -15,7 +15,7 @@ with job(snakemake) as log:
     features = comparison.common_features(simulated, recorded)
     cells = comparison.compare(simulated, recorded, features, rois=params.rois, margin_sd=params.margin_sd)
     files.write_csv(cells, snakemake.output.cells)
-    other = settings.other_settings(features, recorded, settings.of_parameters(params.parameters), source)
+    other = settings.other_settings(features, recorded, settings.of_parameters(params.parameters["path"]), source)
     for line in dict.fromkeys(other.values()):
         log.warning("%s: features were extracted with other settings: %s", source, line)
     summary = comparison.summary(cells).assign(other_settings=[other.get(feature, "") for feature in features])

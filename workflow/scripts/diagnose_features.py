@@ -17,7 +17,7 @@ with job(snakemake) as log:
         conditions=params.where,
         dimensions=params.dimensions,
         stored_offset_hu=params.stored_offset_hu,
-        parameters=params.parameters,
+        parameters=params.parameters["path"],
         rois=params.rois,
     )
     found = diagnose_features(snakemake.wildcards.comparison, data, not_compared, MEAN)

@@ -12,7 +12,7 @@ with job(snakemake) as log:
     params = snakemake.params
     images = list(snakemake.input.images)
     acquisitions = resolve(params.acquisitions, snakemake.input.levels)
-    parameters = read_parameters(params.parameters)
+    parameters = read_parameters(**params.parameters)
     masks = None
     for path, one, output in zip(images, acquisitions, snakemake.output, strict=True):
         image = volumes.read_nifti(path)

@@ -5,6 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from virtual_phantom.features import settings, tables
+from virtual_phantom.features.stored import to_hu
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import reference
 from virtual_phantom.statistics import measured, pca
@@ -12,7 +13,7 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, output = snakemake.params, snakemake.output
-    study = settings.of_parameters(params.parameters)
+    study = settings.of_parameters(params.parameters["path"])
     features = tables.read(str(snakemake.input.features))
     simulated = tables.select(features, **params.selection)
     if params.recordings:
@@ -29,7 +30,7 @@ with job(snakemake) as log:
     elif params.measured["table"] is None:
         shown = measured.group_means()
     else:
-        shown = measured.to_hu(measured.load_full_table(params.measured["table"]))
+        shown = to_hu(measured.load_full_table(params.measured["table"]))
     points = pca.project(simulated, shown, **params.pca)
     separability = pca.separability(points, Path(output.table).stem)
     files.write_csv(points, output.table)

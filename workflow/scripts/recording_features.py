@@ -12,7 +12,7 @@ from virtual_phantom.recordings.reference import in_hu
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
-    parameters = read_parameters(snakemake.params.parameters)
+    parameters = read_parameters(**snakemake.params.parameters)
     recording = load(snakemake.params.folder, parameters.features)
     if recording.kind == "features":
         table = in_hu(recording)

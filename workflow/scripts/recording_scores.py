@@ -13,7 +13,7 @@ from virtual_phantom.statistics.repeats import over_features
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
-    parameters = read_parameters(snakemake.params.parameters)
+    parameters = read_parameters(**snakemake.params.parameters)
     recording = load(snakemake.params.folder, parameters.features)
     if recording.kind != "features":
         raise InputError(

@@ -9,7 +9,7 @@ from virtual_phantom.recordings.summary import summary
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
-    parameters = read_parameters(snakemake.params.parameters)
+    parameters = read_parameters(**snakemake.params.parameters)
     found = summary(load(snakemake.params.folder, parameters.features), parameters.extraction)
     files.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", snakemake.output[0])
     log.info("%s: %s, %s", found["name"], found["kind"], found["text"])

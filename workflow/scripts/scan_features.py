@@ -11,7 +11,7 @@ from virtual_phantom.study.job import job
 with job(snakemake) as log:
     params, folder = snakemake.params, Path(snakemake.input.scan)
     check(params.scan, folder, sizes=False)
-    tables = rows_of(params.scan, folder, params.rois, params.regions, read_parameters(params.parameters))
+    tables = rows_of(params.scan, folder, params.rois, params.regions, read_parameters(**params.parameters))
     for table, path in zip(tables.values(), snakemake.output, strict=True):
         files.write_csv(table, path)
     log.info("%s: %d ROIs", params.scan.name, len(table))

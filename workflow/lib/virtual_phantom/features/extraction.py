@@ -31,8 +31,9 @@ from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..io.volumes import Volume
 from .names import FEATURES
-from .parameters import DEFAULT, Parameters
+from .parameters import DEFAULT, LARGEST, Parameters
 from .settings import SETTINGS
+from .stored import to_hu
 
 # A block of 4 x 4 x 4 voxels has 8 whose 26 neighbours all lie in the ROI; with fewer, textures rest on the
 # ROI's shape.
@@ -95,10 +96,10 @@ def extract(
             )
         if mask.dtype != bool:
             raise TypeError(f"mask of ROI {roi} is {mask.dtype}, not bool")
-        n_voxels = int(np.count_nonzero(mask))
+        n_voxels = int(np.count_nonzero(mask[_largest(mask)] if parameters.section == LARGEST else mask))
         if n_voxels < 2:
             raise InputError(f"{name}: ROI {roi} has {n_voxels} voxels; texture needs neighbours, so give a larger ROI")
-        image, label = _images(volume, mask, cropped=parameters.of_the_region_alone)
+        image, label = _images(volume, mask, parameters)
         with _pyradiomics_messages(f"{name}, ROI {roi}"):
             values, levels = _values(image, label, parameters, f"{name}: ROI {roi}")
         rows.append(
@@ -112,7 +113,7 @@ def extract(
             }
         )
         _warn_if_poor(name, rows[-1], parameters)
-    return pd.DataFrame(rows)
+    return to_hu(pd.DataFrame(rows), parameters.stored_offset_hu)
 
 
 def extract_repeats(
@@ -156,7 +157,12 @@ def _versions() -> dict[str, str]:
     }
 
 
-def _images(volume: Volume, mask: np.ndarray, cropped: bool) -> tuple[sitk.Image, sitk.Image]:
+def _largest(mask: np.ndarray) -> int:
+    """The slice with the most voxels of a region, the lowest of several."""
+    return int(np.count_nonzero(mask, axis=(1, 2)).argmax())
+
+
+def _images(volume: Volume, mask: np.ndarray, parameters: Parameters) -> tuple[sitk.Image, sitk.Image]:
     """Image and label; cropped to the ROI's bounding box and one voxel around it, or whole.
 
     Features of the original image depend on nothing outside the ROI. Looking at the box alone saves most of the time.
@@ -167,14 +173,19 @@ def _images(volume: Volume, mask: np.ndarray, cropped: bool) -> tuple[sitk.Image
     -------
     image, label : SimpleITK.Image
     """
-    arrays = volume.array, mask.astype(np.uint8)
-    if cropped:
+    arrays, spacing = (volume.array, mask.astype(np.uint8)), volume.grid.spacing
+    if parameters.section == LARGEST:
+        largest = _largest(mask)
+        arrays, spacing = tuple(array[largest] for array in arrays), (1.0, 1.0)
+    if parameters.stored_offset_hu:
+        arrays = arrays[0].astype(np.float64) + parameters.stored_offset_hu, arrays[1]
+    if parameters.of_the_region_alone:
         (box,) = ndimage.find_objects(arrays[1])
         arrays = tuple(np.pad(array[box], 1) for array in arrays)
     images = []
     for array in arrays:
         image = sitk.GetImageFromArray(array)
-        image.SetSpacing(volume.grid.spacing[::-1])
+        image.SetSpacing(spacing[::-1])
         images.append(image)
     return images[0], images[1]
 

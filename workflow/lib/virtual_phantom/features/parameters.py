@@ -10,7 +10,7 @@ import hashlib
 import json
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -28,6 +28,7 @@ from ..io.schema import check_nesting
 from .names import FEATURES, NAMES, is_feature
 from .settings import OWN, SETTINGS, STUDY, Extraction, image_type, of_parameters
 
+WHOLE, LARGEST = "whole", "largest"
 SECTIONS = ("imageType", "featureClass", "setting")
 # Where the names of features are asked for, on an image of noise: whatever could refuse it or its region is off.
 PROBE_VOXELS = 32
@@ -53,11 +54,22 @@ class Parameters:
         Names by class of features; an empty list for all of a class that are not outdated.
     source : str or None
         The file; None for the study's default.
+    section : {"whole", "largest"}
+        Of each region: all of it, in 3D, or its slice with the most voxels, in 2D with pixels 1 long.
+    stored_offset_hu : float
+        What is added to HU before.
     """
 
     extraction: Extraction
     classes: dict[str, list[str]]
     source: str | None = None
+    section: str = WHOLE
+    stored_offset_hu: float = 0.0
+
+    @property
+    def own(self) -> bool:
+        """Whether anything differs from the study's default."""
+        return self.source is not None or self.section != WHOLE or self.stored_offset_hu != 0
 
     @cached_property
     def extractor(self) -> RadiomicsFeatureExtractor:
@@ -95,27 +107,31 @@ class Parameters:
         Returns
         -------
         str
-            Beginning with OWN where a file says how.
+            Beginning with OWN where it is not the study's default.
         """
         content: dict = {"features": self.features, "settings": self.extraction.settings}
         if self.source is not None:
             content["image_types"] = self.extraction.image_types
+        if self.section != WHOLE or self.stored_offset_hu:
+            content |= {"section": self.section, "stored_offset_hu": float(self.stored_offset_hu)}
         text = json.dumps(content, sort_keys=True, separators=(",", ":"))
         digits = hashlib.sha256(text.encode()).hexdigest()[:16]
-        return digits if self.source is None else OWN + digits
+        return OWN + digits if self.own else digits
 
 
 DEFAULT = Parameters(STUDY, {key: names.split() for key, names in NAMES.items()})
 
 
 @cache
-def read_parameters(path: str | None) -> Parameters:
+def read_parameters(path: str | None, section: str = WHOLE, stored_offset_hu: float = 0.0) -> Parameters:
     """A parameter file of pyradiomics, checked by pyradiomics' own schema.
 
     Parameters
     ----------
     path : str or None
         None for the study's 86 features.
+    section, stored_offset_hu : optional
+        As Parameters has them.
 
     Returns
     -------
@@ -126,6 +142,8 @@ def read_parameters(path: str | None) -> Parameters:
     InputError
         One line, for a file that is missing, not YAML, refused by the schema, or asks for no feature.
     """
+    if section != WHOLE or stored_offset_hu:
+        return replace(read_parameters(path), section=section, stored_offset_hu=stored_offset_hu)
     if path is None:
         return DEFAULT
     with refusing(f"{path}: cannot be read as YAML", OSError, ValueError, RecursionError, yaml.YAMLError):

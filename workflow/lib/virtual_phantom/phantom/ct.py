@@ -77,6 +77,33 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
 
 
+def rois(settings: dict, grid: Grid) -> tuple[Roi, ...]:
+    """The ROIs alone, on any voxels.
+
+    Parameters
+    ----------
+    settings : dict
+        As `load` takes them.
+    grid : Grid
+        At its place in the world.
+
+    Returns
+    -------
+    tuple of Roi
+
+    Raises
+    ------
+    InputError
+        As `load` does of a region.
+    """
+    image, opened = read_hu(Path(settings["image"])).grid, {}
+    kept = np.ones(image.shape[1:], bool)
+    if "keep_mm" in settings:
+        kept = kept_columns(settings["keep_mm"], image)
+    entries = read_entries(settings["rois"], settings.get("labels"))
+    return tuple(roi for entry in entries for roi in rois_of(entry, image, grid, kept, opened))
+
+
 def read_hu(path: Path) -> Volume:
     """A CT in HU from a NIfTI file or the folder of one DICOM series.
 

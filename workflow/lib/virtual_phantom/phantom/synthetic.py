@@ -88,6 +88,29 @@ def _draw(roi: RoiSpec, grid: Grid) -> Roi:
     return Roi(roi.name, roi.tissue_class, mask)
 
 
+def rois(layout: dict, grid: Grid, seed: Stream) -> tuple[Roi, ...]:
+    """The ROIs alone, on any voxels.
+
+    Parameters
+    ----------
+    layout : dict
+        As layout.read_layout gives it.
+    grid : Grid
+    seed : Stream
+        Of the textures.
+
+    Returns
+    -------
+    tuple of Roi
+
+    Raises
+    ------
+    InputError
+        If one covers no voxel by half.
+    """
+    return tuple(_draw(roi, grid) for roi in parse(layout, seed)[1])
+
+
 def outlined(layout: dict, grid: Grid, seed: Stream) -> tuple[float, tuple[Roi, ...]]:
     """What a scan must see of the phantom, found without painting it.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from ..base.geometry import Grid, ScanGeometry
 from ..base.units import whole_hu
 from ..io.volumes import Volume
-from ..reconstruction.images import in_hu
+from ..reconstruction.boxes import Box, fbp_in_boxes
+from ..reconstruction.images import in_hu, read_kernel
 from .effect import image_effects, load
 
 
@@ -93,6 +94,54 @@ def reconstruct(
     """
     hu = in_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
     hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]
+    return [Volume(_stored(image), grid) for image in hu]
+
+
+def reconstruct_in_boxes(
+    line_integrals: np.ndarray,
+    geometry: ScanGeometry,
+    grid: Grid,
+    boxes: Sequence[Box],
+    settings: dict,
+    *,
+    thickness_mm: float,
+    mu_water_per_mm: float,
+    threads: int = 1,
+) -> list[Volume]:
+    """One image per acquisition by filtered back-projection, air outside of the boxes.
+
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (acquisitions, views, rows, columns)
+    geometry : ScanGeometry
+    grid : Grid
+    boxes : sequence of tuple of 3 slice
+    settings : dict
+        As reconstruction.images.read_kernel takes them.
+    thickness_mm, mu_water_per_mm
+        As boxes.fbp_in_boxes takes them.
+    threads : int, optional
+
+    Returns
+    -------
+    list of Volume
+        int16 HU on `grid`.
+
+    Raises
+    ------
+    InputError
+        For a scan that cannot be used.
+    """
+    hu = fbp_in_boxes(
+        line_integrals,
+        geometry,
+        grid,
+        boxes,
+        mu_water_per_mm=mu_water_per_mm,
+        thickness_mm=thickness_mm,
+        kernel=read_kernel(settings),
+        threads=threads,
+    )
     return [Volume(_stored(image), grid) for image in hu]
 
 

@@ -57,11 +57,12 @@ def simulate_counts(line_integrals: np.ndarray, noise_level: float, model: str, 
     scale = float(line_integrals.max()) if model == "astra" else 1.0
     if scale <= 0:
         raise InputError("the projections are empty: the phantom attenuates no ray; check the phantom and the grid")
-    white = 1 / noise_level
-    expected = white * np.exp(-line_integrals.astype(np.float64) / scale)
-    counts = poisson_counts(expected, generator(stream))
+    white, random = 1 / noise_level, generator(stream)
+    counts = np.empty(line_integrals.shape, np.uint32)
+    for view, lines in enumerate(line_integrals):  # one by one: double precision of a whole scan takes gigabytes
+        counts[view] = poisson_counts(white * np.exp(-lines.astype(np.float64) / scale), random)
     kind = np.uint16 if counts.max(initial=0) < 2**16 else np.uint32
-    return Counts(counts.astype(kind), white, scale)
+    return Counts(counts.astype(kind, copy=False), white, scale)
 
 
 def acquire(

@@ -33,7 +33,7 @@ class CpuProjector:
     threads : int, optional
     centre_mm : array_like, shape (3,) or (views, 3), optional
         Of the grid from the isocentre (x, y, z), mm, in all views or in each; whatever grid.centre_mm says of its
-        world. `back_parallel` asks for (0, 0, 0).
+        world. `back_parallel` asks for one of all views.
 
     Raises
     ------
@@ -52,7 +52,8 @@ class CpuProjector:
         centre_mm: ArrayLike = (0.0, 0.0, 0.0),
     ):
         above = geometry.upright("engine cpu")
-        x, y, z = np.asarray(centre_mm, dtype=np.float64).T
+        self.centre_mm = np.asarray(centre_mm, dtype=np.float64)
+        x, y, z = self.centre_mm.T
         check_in_orbit(geometry, grid, centre_mm)
         self.geometry, self.grid, self.lanes, self.threads = geometry, grid, lanes, threads
         self._lanes = (0,) * lanes
@@ -219,18 +220,13 @@ class CpuProjector:
             np.moveaxis(volume, axis, 0)[[0, -1]] = 0
         return volume
 
-    def back_parallel_stack(self, rays) -> np.ndarray:
-        """Zeros for projections rebinned to parallel rays (ParallelRays), in the kernels' layout."""
-        images = rays.levels * len(rays.angles_rad)
-        return aligned_zeros((images, len(rays.t_mm) + 2, self.geometry.rows + 2, self.lanes))
-
     def back_parallel(self, projections: np.ndarray, rays, full_rows: float) -> np.ndarray:
         """Mean over directions of rebinned projections, each voxel by the views that see it.
 
         Parameters
         ----------
         projections : ndarray
-            As back_parallel_stack lays them out.
+            As `parallel_stack` lays them out.
         rays : ParallelRays
         full_rows : float
             Share of the rows, from the middle, that count fully where views of one direction overlap.
@@ -247,6 +243,7 @@ class CpuProjector:
         scan = parallel.ParallelScan(
             shape=self.grid.shape,
             spacing=self.grid.spacing,
+            centre=tuple(map(float, self.centre_mm[::-1])),
             columns=len(rays.t_mm),
             rows=orbit.rows,
             half_turn=rays.half_turn,
@@ -296,6 +293,17 @@ class CpuProjector:
 
     def _share_out(self, run, count):
         share_out(run, count, self.threads)
+
+
+def parallel_stack(rays, lanes: int) -> np.ndarray:
+    """Zeros for projections sorted into parallel rays (ParallelRays), in the kernels' layout.
+
+    Returns
+    -------
+    ndarray of float32, shape (levels x angles, t + 2, rows + 2, lanes)
+    """
+    images = rays.levels * len(rays.angles_rad)
+    return aligned_zeros((images, len(rays.t_mm) + 2, rays.geometry.rows + 2, lanes))
 
 
 def check_in_orbit(geometry: ScanGeometry, grid: Grid, centre_mm: ArrayLike) -> None:

@@ -39,6 +39,8 @@ class ParallelScan(NamedTuple):
         Of the grid, (z, y, x).
     spacing : tuple of 3 float
         Of the grid, (z, y, x).
+    centre : tuple of 3 float
+        Of the grid from the isocentre, (z, y, x).
     columns : int
         Distances t of each angle.
     rows : int
@@ -66,6 +68,7 @@ class ParallelScan(NamedTuple):
 
     shape: tuple[int, int, int]
     spacing: tuple[float, float, float]
+    centre: tuple[float, float, float]
     columns: int
     rows: int
     half_turn: int
@@ -124,6 +127,7 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
     count = len(lanes)
     nz, ny, nx = scan.shape
     dz, dy, dx = scan.spacing
+    cz, cy, cx = scan.centre
     first_row, row_pitch = scan.first_row, scan.row_pitch
     columns, rows, half_turn, full = scan.columns, scan.rows, scan.half_turn, scan.full
     sine, cosine, view_of_angle, view_step = scan.sine, scan.cosine, scan.view_of_angle, scan.view_step
@@ -137,9 +141,9 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
         for x0 in range(0, nx, width):
             for direction in range(half_turn):
                 for y in range(y0, min(y0 + width, last_y)):
-                    position_y = (y - (ny - 1) * 0.5) * dy
+                    position_y = (y - (ny - 1) * 0.5) * dy + cy
                     for x in range(x0, min(x0 + width, nx)):
-                        position_x = (x - (nx - 1) * 0.5) * dx
+                        position_x = (x - (nx - 1) * 0.5) * dx + cx
                         total[:] = 0
                         views = 0
                         for one in range(levels * same):
@@ -163,7 +167,7 @@ def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room
                             depth = radius * cosine_fan + position_x * s - position_y * c
                             magnification = ahead / (cosine_fan * depth)
                             source_z = source_z0 + up + view * source_step
-                            bottom = (-(nz - 1) * 0.5 * dz - source_z) * magnification + up
+                            bottom = (cz - (nz - 1) * 0.5 * dz - source_z) * magnification + up
                             slope[views] = magnification * dz / row_pitch
                             height[views] = (bottom - first_row) / row_pitch + 1.0
                             for z in range(nz):

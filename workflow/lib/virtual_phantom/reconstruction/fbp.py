@@ -9,15 +9,19 @@ import numpy as np
 from scipy import fft
 
 from ..base.errors import InputError
-from ..base.geometry import orbit_of
+from ..base.geometry import ScanGeometry, orbit_of
 from ..base.parallel_rays import ParallelRays
 from ..base.vectors import FLAT
+from ..projectors.cpu import parallel_stack
+from .kernel import Kernel
 
 # Rows of the detector, as a share from its middle, that count fully where views of one direction overlap.
 FULL_ROWS = 0.6
 
 
-def fbp(projector, line_integrals: np.ndarray, *, normalise: str = "coverage") -> np.ndarray:
+def fbp(
+    projector, line_integrals: np.ndarray, *, normalise: str = "coverage", kernel: Kernel | None = None
+) -> np.ndarray:
     """Linear attenuation from line integrals by filtered back-projection.
 
     Parameters
@@ -30,6 +34,8 @@ def fbp(projector, line_integrals: np.ndarray, *, normalise: str = "coverage") -
         field of view, and where any direction is missing. "none": FDK [2]_ that takes all views for one turn. Right for
         one circular turn; on a helix every voxel comes out scaled by the share of views that see it, as with ASTRA's
         FDK_CUDA.
+    kernel : Kernel, optional
+        None: the ramp alone.
 
     Returns
     -------
@@ -40,7 +46,7 @@ def fbp(projector, line_integrals: np.ndarray, *, normalise: str = "coverage") -
     ------
     InputError
         For another word, a scan that is no circle or helix, with "coverage" one that ParallelRays refuses, and with
-        "none" a detector that is not flat or a focal spot that flies.
+        "none" a kernel, a detector that is not flat or a focal spot that flies.
 
     References
     ----------
@@ -48,9 +54,11 @@ def fbp(projector, line_integrals: np.ndarray, *, normalise: str = "coverage") -
     .. [2] Feldkamp, Davis and Kress, J. Opt. Soc. Am. A 1, 612, 1984.
     """
     if normalise == "none":
+        if kernel is not None:
+            raise InputError("fbp: a kernel needs normalise: coverage (reconstruction.fbp.normalise)")
         return _fdk(projector, line_integrals)
     if normalise == "coverage":
-        return _weighted(projector, line_integrals)
+        return ParallelProjections.of(line_integrals, projector.geometry, kernel).back(projector)
     raise InputError(f"fbp: normalise '{normalise}' is unknown; use 'coverage' or 'none'")
 
 
@@ -71,24 +79,74 @@ def _fdk(projector, line_integrals):
     return projector.unpack_volume(volume)
 
 
-def _weighted(projector, line_integrals):
-    rays = ParallelRays(projector.geometry)
-    geometry = rays.geometry
-    packed = projector.back_parallel_stack(rays)
-    for lane, stack in enumerate(line_integrals):
-        stack = rays.in_the_plane(stack)
-        images = chain.from_iterable(rays.rebin(stack, level) for level in range(rays.levels))
-        for i, image in enumerate(images):
-            packed[i, 1:-1, 1:-1, lane] = ramp_filter(image, rays.t_pitch_mm).T
-    volume = projector.back_parallel(packed, rays, FULL_ROWS)
-    # Outside, projections are cut off and the ramp filter with them: air, as scanners show it.
-    _, y, x = projector.grid.axes_mm()
-    inside = np.hypot(y[:, None], x[None, :]) <= geometry.field_of_view_radius_mm
-    volume[1:-1, 1:-1] *= (np.pi * inside).astype(np.float32)[..., None, None]
-    return projector.unpack_volume(volume)
+class ParallelProjections:
+    """Projections sorted into parallel rays and filtered, to be projected back onto any voxels.
+
+    Parameters
+    ----------
+    rays : ParallelRays
+    packed : ndarray
+        As projectors.cpu.parallel_stack lays them out.
+    """
+
+    def __init__(self, rays: ParallelRays, packed: np.ndarray):
+        self.rays, self.packed = rays, packed
+
+    @classmethod
+    def of(
+        cls, line_integrals: np.ndarray, geometry: ScanGeometry, kernel: Kernel | None = None
+    ) -> ParallelProjections:
+        """Sort and filter.
+
+        Parameters
+        ----------
+        line_integrals : ndarray, shape (lanes, views, rows, columns)
+        geometry : ScanGeometry
+        kernel : Kernel, optional
+            None: the ramp alone.
+
+        Returns
+        -------
+        ParallelProjections
+
+        Raises
+        ------
+        InputError
+            As ParallelRays.
+        """
+        rays = ParallelRays(geometry)
+        packed = parallel_stack(rays, len(line_integrals))
+        for lane, stack in enumerate(line_integrals):
+            stack = rays.in_the_plane(stack)
+            images = chain.from_iterable(rays.rebin(stack, level) for level in range(rays.levels))
+            for i, image in enumerate(images):
+                packed[i, 1:-1, 1:-1, lane] = ramp_filter(image, rays.t_pitch_mm, kernel).T
+        return cls(rays, packed)
+
+    def back(self, projector) -> np.ndarray:
+        """Project back onto a projector's voxels.
+
+        Parameters
+        ----------
+        projector : CpuProjector
+            Of the same geometry and number of lanes.
+
+        Returns
+        -------
+        ndarray, shape (lanes, z, y, x)
+            1/mm.
+        """
+        volume = projector.back_parallel(self.packed, self.rays, FULL_ROWS)
+        # Outside, projections are cut off and the ramp filter with them: air, as scanners show it.
+        centre_x, centre_y, _ = projector.centre_mm
+        _, y, x = projector.grid.axes_mm()
+        y, x = y + centre_y, x + centre_x
+        inside = np.hypot(y[:, None], x[None, :]) <= self.rays.geometry.field_of_view_radius_mm
+        volume[1:-1, 1:-1] *= (np.pi * inside).astype(np.float32)[..., None, None]
+        return projector.unpack_volume(volume)
 
 
-def ramp_filter(rows: np.ndarray, pitch_mm: float) -> np.ndarray:
+def ramp_filter(rows: np.ndarray, pitch_mm: float, kernel: Kernel | None = None) -> np.ndarray:
     """Ramp filter along the last axis.
 
     Parameters
@@ -96,6 +154,8 @@ def ramp_filter(rows: np.ndarray, pitch_mm: float) -> np.ndarray:
     rows : ndarray, shape (..., samples)
     pitch_mm : float
         From sample to sample.
+    kernel : Kernel, optional
+        What apodises it.
 
     Returns
     -------
@@ -104,13 +164,12 @@ def ramp_filter(rows: np.ndarray, pitch_mm: float) -> np.ndarray:
     """
     samples = rows.shape[-1]
     n = fft.next_fast_len(2 * samples, real=True)
-    return fft.irfft(fft.rfft(rows.astype(np.float32, copy=False), n, axis=-1) * _ramp(n, pitch_mm), n, axis=-1)[
-        ..., :samples
-    ]
+    spectrum = fft.rfft(rows.astype(np.float32, copy=False), n, axis=-1) * _ramp(n, pitch_mm, kernel)
+    return fft.irfft(spectrum, n, axis=-1)[..., :samples]
 
 
 @lru_cache(maxsize=4)
-def _ramp(n: int, pitch_mm: float) -> np.ndarray:
+def _ramp(n: int, pitch_mm: float, kernel: Kernel | None = None) -> np.ndarray:
     """The ramp at the frequencies of a real transform of n samples.
 
     From its band-limited impulse response, so that the mean is kept.
@@ -126,4 +185,7 @@ def _ramp(n: int, pitch_mm: float) -> np.ndarray:
     offset = np.minimum(np.arange(n), n - np.arange(n))
     response = np.where(offset % 2 == 1, -1 / (np.pi * np.maximum(offset, 1) * pitch_mm) ** 2, 0.0)
     response[0] = 1 / (4 * pitch_mm**2)
-    return (fft.rfft(response).real * pitch_mm).astype(np.float32)
+    ramp = fft.rfft(response).real * pitch_mm
+    if kernel is not None:
+        ramp *= kernel.window(fft.rfftfreq(n, pitch_mm), pitch_mm)
+    return ramp.astype(np.float32)

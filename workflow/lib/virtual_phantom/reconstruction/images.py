@@ -11,6 +11,7 @@ from ..base.geometry import Grid, ScanGeometry, circular
 from ..base.units import attenuation_to_hu
 from ..projectors import projector
 from . import fbp, sirt
+from .kernel import Kernel
 
 
 def in_hu(
@@ -32,7 +33,7 @@ def in_hu(
     grid : Grid
     algorithm : {"sirt", "fbp"}
     settings : dict
-        Keywords of sirt.sirt or fbp.fbp.
+        Keywords of sirt.sirt or fbp.fbp; kernel may be one as `read_kernel` takes it.
     engine : {"cpu", "astra_cuda"}
         Of SIRT; FBP is made by the CPU engine.
     mu_water_per_mm : float
@@ -58,10 +59,16 @@ def in_hu(
         attenuation = images[0] if len(images) == 1 else np.concatenate(images)
     elif algorithm == "fbp":
         # One pass, and ASTRA's back-projection has a scale of its own: always on the CPU engine.
+        settings = {**settings, "kernel": read_kernel(settings)}
         attenuation = fbp.fbp(projector("cpu", geometry, grid, count, threads), line_integrals, **settings)
     else:
         raise InputError(f"algorithm '{algorithm}' is unknown; use sirt or fbp")
     return attenuation_to_hu(attenuation, mu_water_per_mm)
+
+
+def read_kernel(settings: dict) -> Kernel | None:
+    """The kernel of settings of filtered back-projection: Kernel's fields under `kernel`; None for the ramp alone."""
+    return None if settings.get("kernel") is None else Kernel(**settings["kernel"])
 
 
 def compile_kernels(lanes: Sequence[int]) -> None:

@@ -105,7 +105,9 @@ def load(document: Document, study: tuple[str, ...] = FEATURES) -> FeaturesRecor
     held_out = [tables[path] for path in document.held_out]
     held_out = pd.concat(held_out, ignore_index=True) if held_out else repeats.iloc[:0]
     if settings["stored_offset_hu"]:
-        notes.append(f"features are of HU + {settings['stored_offset_hu']} (measured.to_hu corrects first-order ones)")
+        notes.append(
+            f"features are of HU + {settings['stored_offset_hu']} (features.stored.to_hu corrects first-order ones)"
+        )
     incomplete = repeats.groupby("image")["roi"].nunique() < repeats["roi"].nunique()
     if incomplete.any():
         notes.append(f"{int(incomplete.sum())} of {incomplete.size} images lack some of the ROIs")

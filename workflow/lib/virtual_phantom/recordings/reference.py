@@ -8,7 +8,7 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..features.names import features_of
-from ..statistics import measured
+from ..features.stored import to_hu
 from ..statistics import repeats as repeats_of
 from .features import FeaturesRecording
 
@@ -18,8 +18,8 @@ MINIMUM_IMAGES = 2  # of a group: the rank-sum test knows no spread of a single 
 
 
 def in_hu(recording: FeaturesRecording) -> pd.DataFrame:
-    """The repeats with first-order features in HU (measured.to_hu), whatever offset they were extracted with."""
-    return measured.to_hu(recording.repeats, recording.stored_offset_hu)
+    """The repeats with first-order features in HU (to_hu), whatever offset they were extracted with."""
+    return to_hu(recording.repeats, recording.stored_offset_hu)
 
 
 def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:

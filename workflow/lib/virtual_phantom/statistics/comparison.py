@@ -541,7 +541,7 @@ def comparable(
     DataFrame
         One row per feature: feature, family; flags by pyradiomics' definitions [1]_:
 
-        * needs_hu: the value itself moves with the offset, and measured.to_hu brings it back
+        * needs_hu: the value itself moves with the offset, and features.stored.to_hu brings it back
         * depends_on_bin_edges: bins of 25 start at multiples of 25: an offset that is none moves the edges by a
           fraction of a bin (1024: by one HU), for Entropy, Uniformity and all textures
         * depends_on_size: grows with the ROI: with its voxels, or (TotalEnergy) with its volume in mm^3

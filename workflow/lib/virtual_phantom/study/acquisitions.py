@@ -96,7 +96,19 @@ class Acquisitions:
 
     def settings(self, protocol: str) -> dict:
         """Of its reconstruction."""
-        return self.plan.config["reconstruction"][self.algorithm(protocol)]
+        settings = self.plan.config["reconstruction"][self.algorithm(protocol)]
+        kernel = self.plan.config["protocols"][protocol].get("kernel")
+        return settings if kernel is None else {**settings, "kernel": kernel}
+
+    def voxels(self, protocol: str) -> dict | None:
+        """A scanner's voxels that its images have; None: those of the study's grid."""
+        return self.plan.config["protocols"][protocol].get("voxels")
+
+    def rois(self, protocol: str) -> tuple[str, str]:
+        """The table and the masks of the ROIs on the voxels of its images."""
+        if label := self.plan.voxels_of(protocol):
+            return self.files("voxel_table", voxels=label), self.files("voxel_rois", voxels=label)
+        return self.files("phantom_table"), self.files("phantom_rois")
 
     def algorithm(self, protocol: str) -> str:
         """Of its reconstruction."""

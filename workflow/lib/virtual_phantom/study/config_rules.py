@@ -74,6 +74,7 @@ class Rules:
         for rule in (
             self._levels,
             self._protocols,
+            self._voxels,
             self._stability,
             self._optimal,
             self._noise_calibration,
@@ -126,6 +127,41 @@ class Rules:
                 yield (
                     f"config: protocols.{other} and protocols.{name} have the same group number, {protocol['group']}; "
                     "give each its own"
+                )
+
+    def _voxels(self) -> Iterator[str]:
+        """Kernels and a scanner's voxels are of filtered back-projection, and such images are for features alone."""
+        normalise = self.config["reconstruction"]["fbp"]["normalise"]
+        for name, protocol in self.protocols.items():
+            for key in ("kernel", "voxels"):
+                where = f"config: protocols.{name}.{key}"
+                if key in protocol and protocol["algorithm"] != "fbp":
+                    yield f"{where} is for algorithm fbp, and this protocol's is {protocol['algorithm']}; take it out"
+                elif key in protocol and normalise != "coverage":
+                    yield f"{where} needs reconstruction.fbp.normalise: coverage"
+            kernel = protocol.get("kernel")
+            if kernel and kernel["mtf50_per_cm"] >= kernel["mtf10_per_cm"]:
+                yield (
+                    f"config: protocols.{name}.kernel: its MTF is a half at {kernel['mtf50_per_cm']:g} and a tenth at "
+                    f"{kernel['mtf10_per_cm']:g} per cm; the first must be less than the second"
+                )
+        boxed = {name for name, protocol in self.protocols.items() if "voxels" in protocol}
+        takers = {"analyses.optimal.fbp": self.analyses.get("optimal", {}).get("fbp")}
+        for calibrated in self.analyses.get("noise_calibration", {}).get("protocols", []):
+            if calibrated in boxed:
+                takers["analyses.noise_calibration.protocols"] = calibrated
+        for name, comparison in self.analyses.get("comparison", {}).items():
+            if comparison["attribute"]:
+                takers[f"analyses.comparison.{name} with attribute: true"] = comparison["protocol"]
+        for name, settings in self.config["diagnosis"]["recordings"].items():
+            takers[f"diagnosis.recordings.{name}.protocol"] = settings.get("protocol")
+        for path in self.config["dicom"]["images"]:
+            takers[f"dicom.images ({path})"] = path.partition("/")[0]
+        for where, name in takers.items():
+            if name in boxed:
+                yield (
+                    f"config: {where} names '{name}', whose images are of a scanner's voxels around ROIs only; name "
+                    "a protocol without voxels"
                 )
 
     def _stability(self) -> Iterator[str]:

@@ -124,14 +124,15 @@ class Context:
         return shipped(SCHEMAS / name)
 
     @property
-    def parameters(self) -> str | None:
-        """The parameter file of pyradiomics that features are extracted by; None for the study's own settings."""
-        return self.config["features"]["parameters"]
+    def parameters(self) -> dict:
+        """How features are extracted: arguments of features.parameters.read_parameters."""
+        features = self.config["features"]
+        return {"path": features["parameters"], **{key: features[key] for key in ("section", "stored_offset_hu")}}
 
     @property
     def parameter_files(self) -> list[str]:
-        """The same as inputs of rules."""
-        return [self.parameters] if self.parameters else []
+        """The parameter file of pyradiomics as inputs of rules, where there is one."""
+        return [path for path in [self.config["features"]["parameters"]] if path]
 
     def title(self, name: str) -> str | None:
         """What a report calls an output."""

@@ -93,6 +93,13 @@ OUTPUTS = (
         counted="phantom",
     ),
     *_made_by(
+        "rois_on_voxels",
+        Output("voxel_table", "phantom/{voxels}/rois.csv", "the phantom's ROIs on a scanner's voxels, a row each"),
+        Output("voxel_rois", "phantom/{voxels}/rois", "masks of these ROIs"),
+        stage="phantom",
+        counted="tables",
+    ),
+    *_made_by(
         "mean_scan",
         Output("mean_scan", "public_scans/mean.nii.gz", "the mean of public scans, HU, without the table"),
         Output("mean_regions", "public_scans/regions.nii.gz", "the regions of these scans, as most of them have them"),

@@ -51,6 +51,20 @@ class Plan:
                 }
         raise KeyError(label)
 
+    def voxels_of(self, protocol: str) -> str | None:
+        """Label of a protocol's own voxels; None where its images lie on the study's grid."""
+        if voxels := self.config["protocols"][protocol].get("voxels"):
+            return "_".join(["voxels", *(f"{wide:g}".replace(".", "p") for wide in voxels["spacing_mm"])])
+        return None
+
+    def voxel_spacing(self, label: str) -> list[float]:
+        """The voxel size of a label of `voxels_of`, mm (z, y, x)."""
+        return next(
+            settings["voxels"]["spacing_mm"]
+            for protocol, settings in self.config["protocols"].items()
+            if self.voxels_of(protocol) == label
+        )
+
     def geometries(self) -> list[str]:
         """The labels of all geometries, sorted."""
         return sorted({self.geometry_of(protocol) for protocol in self.config["protocols"]})

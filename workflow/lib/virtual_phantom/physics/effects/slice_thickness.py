@@ -3,6 +3,7 @@
 import numpy as np
 from scipy import ndimage
 
+from ...reconstruction.slices import overlaps
 from ..effect import Effect, Parameter
 from ..image import ImageState
 
@@ -11,9 +12,8 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
     """Average over slices."""
     half = values["thickness_mm"] / state.spacing_mm[0] / 2  # in slices
     reach = int(np.ceil(half + 0.5))
-    # Of a slice k away, the part that lies within the thickness.
     offsets = np.arange(-reach, reach + 1)
-    kernel = np.clip(np.minimum(offsets + 0.5, half) - np.maximum(offsets - 0.5, -half), 0, 1)
+    kernel = overlaps(offsets, half)
     if half <= 0.5:  # thinner than the distance: nothing is added
         return
     state.hu = ndimage.convolve1d(state.hu, kernel / kernel.sum(), axis=0, mode="nearest")

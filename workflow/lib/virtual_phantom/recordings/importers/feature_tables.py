@@ -14,6 +14,7 @@ import pandas as pd
 
 from ...base.errors import InputError
 from ...features.names import FEATURES
+from ...features.stored import STORED_OFFSET_HU
 from ...io.files import write_csv
 from ...statistics import measured
 from ..provenance import sha256
@@ -86,7 +87,7 @@ def _study(csv_file: Path) -> tuple[pd.DataFrame, dict]:
         "features": {
             "conditions": ["group"],
             "absent": absent,
-            "stored_offset_hu": measured.STORED_OFFSET_HU,
+            "stored_offset_hu": STORED_OFFSET_HU,
             "dimensions": 2,
         },
         "origin": {"citation": STUDY_CITATION, "licence": "scans CC BY 4.0; features without a licence file"},

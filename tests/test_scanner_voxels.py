@@ -1,0 +1,114 @@
+"""Kernels against closed forms, boxes against the whole volume, thick slices against thin ones."""
+
+import numpy as np
+import pytest
+from scanner import SCANNER
+from scipy.integrate import quad
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular, helical
+from virtual_phantom.projectors.cpu import CpuProjector
+from virtual_phantom.reconstruction import boxes, slices
+from virtual_phantom.reconstruction.fbp import fbp
+from virtual_phantom.reconstruction.kernel import Kernel
+
+SMOOTH, SHARP = Kernel(2.5, 4.2), Kernel(4.0, 7.0)
+FAN = circular(views=400, columns=240, rows=1, column_pitch_mm=1.4, row_pitch_mm=2.0, **SCANNER)  # 0.7 mm at the centre
+FINE = Grid((1, 72, 72), (1.0, 0.6, 0.6))
+HELIX = helical(views=170, volume_height_mm=20, columns=60, rows=10, column_pitch_mm=3.0, row_pitch_mm=4.0, **SCANNER)
+WHOLE = Grid((12, 40, 44), (1.6, 2.0, 1.8))
+MU = 0.02
+
+
+def hu(attenuation):
+    return 1000 * (attenuation / MU - 1)
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return np.random.default_rng(4).normal(1, 0.1, (2, HELIX.views, HELIX.rows, HELIX.columns)).astype(np.float32)
+
+
+@pytest.mark.parametrize("kernel", [SMOOTH, SHARP])
+def test_the_mtf_passes_through_its_two_points(kernel):
+    at = np.array([0.0, kernel.mtf50_per_cm / 10, kernel.mtf10_per_cm / 10])
+    assert kernel.mtf(at) == pytest.approx([1, 0.5, 0.1])
+
+
+@pytest.mark.parametrize("kernel", [SMOOTH, SHARP])
+def test_the_closed_form_of_the_noise_is_the_integral(kernel):
+    integral, _ = quad(lambda f: f**2 * kernel.mtf(f) ** 2, 0, np.inf)
+    assert kernel.noise == pytest.approx(integral, rel=1e-6)
+
+
+def noise_variance(kernel):
+    noise = np.random.default_rng(5).normal(0, 0.01, (8, *FAN.shape)).astype(np.float32)
+    return fbp(CpuProjector(FAN, FINE, 8), noise, kernel=kernel).var()
+
+
+def test_noise_of_filtered_back_projection_has_its_closed_form():
+    """pi^2 / rays x variance of a ray x pitch x integral of (f MTF)^2 over both signs of f (Riederer et al., 1978)."""
+    measured = {kernel: noise_variance(kernel) for kernel in (SMOOTH, SHARP)}
+    for kernel, variance in measured.items():
+        expected = np.pi**2 / FAN.views * 0.01**2 * 0.7 * 2 * kernel.noise
+        assert variance == pytest.approx(expected, rel=0.05)
+    assert measured[SHARP] / measured[SMOOTH] == pytest.approx(SHARP.noise / SMOOTH.noise, rel=0.04)
+
+
+@pytest.mark.parametrize("kernel", [SMOOTH, SHARP])
+def test_a_blob_is_as_sharp_as_the_mtf_says(kernel):
+    """A Gaussian's peak, off the axis, where rays pass between samples as it comes: the integral of 2 pi f times its
+    spectrum times the MTF."""
+    sigma, x, y = 0.8, 20.0, -7.0
+    t = SCANNER["source_to_isocentre_mm"] * np.sin(np.arctan(FAN.column_positions_mm() / 1000))
+    direction = FAN.angles_rad[:, None] + np.arcsin(t / SCANNER["source_to_isocentre_mm"])
+    away = t - x * np.cos(direction) - y * np.sin(direction)
+    lines = (np.sqrt(2 * np.pi) * sigma * np.exp(-(away**2) / 2 / sigma**2)).astype(np.float32)[None, :, None]
+    around = CpuProjector(FAN, Grid((1, 3, 3), (1.0, 0.1, 0.1)), centre_mm=(x, y, 0))
+    peak = fbp(around, lines, kernel=kernel)[0, 0, 1, 1]
+    spectrum = lambda f: 2 * np.pi * sigma**2 * np.exp(-2 * (np.pi * sigma * f) ** 2)  # noqa: E731
+    expected, _ = quad(lambda f: 2 * np.pi * f * spectrum(f) * kernel.mtf(f), 0, np.inf)
+    assert peak == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("mtf", [(0, 5), (5, 5), (6, 5), (3, np.inf)])
+def test_an_impossible_mtf_is_refused(mtf):
+    with pytest.raises(InputError, match="kernel: its MTF is a half at"):
+        Kernel(*mtf)
+
+
+@pytest.mark.parametrize("kernel", [None, SMOOTH])
+def test_boxes_are_cut_from_the_whole_volume(scan, kernel):
+    masks = np.zeros((2, *WHOLE.shape), bool)
+    masks[0, 4:7, 10:20, 8:15] = masks[1, 0:3, 30:40, 20:22] = True
+    made = boxes.boxes_around(masks, WHOLE, margin_mm=3.0)
+    assert made == [(slice(2, 9), slice(8, 22), slice(6, 17)), (slice(0, 5), slice(28, 40), slice(18, 24))]
+    images = boxes.fbp_in_boxes(scan, HELIX, WHOLE, made, mu_water_per_mm=MU, kernel=kernel)
+    whole = hu(fbp(CpuProjector(HELIX, WHOLE, 2), scan, kernel=kernel))
+    left = np.ones(WHOLE.shape, bool)
+    for box in made:
+        assert np.abs(images[:, *box] - whole[:, *box]).max() < 1e-6 * np.ptp(whole)
+        left[box] = False
+    assert np.all(images[:, left] == -1000)
+
+
+def test_thick_slices_are_means_of_thin_ones(scan):
+    grid = Grid((6, 20, 20), (1.0, 2.0, 2.0))
+    box = (slice(2, 4), slice(4, 16), slice(0, 9))
+    thick = boxes.fbp_in_boxes(scan, HELIX, grid, [box], mu_water_per_mm=MU, thickness_mm=2.0)[:, *box]
+    thin = hu(fbp(CpuProjector(HELIX, Grid((12, 20, 20), (0.5, 2.0, 2.0)), 2), scan))
+    expected = np.stack([thin[:, 3:7, 4:16, :9].mean(axis=1), thin[:, 5:9, 4:16, :9].mean(axis=1)], axis=1)
+    assert np.abs(thick - expected).max() < 1e-6 * np.ptp(expected)
+
+
+@pytest.mark.parametrize(("spacing", "thickness"), [(1.0, 2.0), (1.0, 1.5), (2.0, 3.0), (0.75, 1.0), (1.0, 0.5)])
+def test_a_box_of_thin_slices_keeps_what_is_linear_and_averages_noise(spacing, thickness):
+    weights, thin, thin_mm = slices.thin_slices(5, spacing, thickness)
+    heights = (np.arange(thin) - (thin - 1) / 2) * thin_mm
+    assert thin_mm <= slices.THIN_MM
+    assert weights @ heights == pytest.approx((np.arange(5) - 2) * spacing, abs=1e-6)
+    assert weights.sum(axis=1) == pytest.approx(1)
+    # Of independent thin slices the variance is that of one over their number; where a cell is cut, in the share of it.
+    within = thickness / thin_mm
+    cut = within - (2 * ((within - 1) // 2) + 1 if round(spacing / thin_mm) % 2 else 2 * (within // 2))
+    assert (weights**2).sum(axis=1) == pytest.approx((within - cut + cut**2 / 2) / within**2)
