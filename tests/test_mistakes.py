@@ -59,7 +59,7 @@ def configured(*changes):
 
 
 def protocol(**settings):
-    name = f"{settings.get('algorithm', 'sirt')}_180"
+    name = "fbp_180" if settings.get("algorithm") == "fbp" else "sirt_180"
     configured((f"protocols.{name}", {"algorithm": "sirt", "projections": 180} | settings))
 
 
@@ -224,6 +224,16 @@ MISTAKES = {
     "A kernel whose two points are the wrong way round": (
         lambda: protocol(algorithm="fbp", kernel={"mtf50_per_cm": 5.0, "mtf10_per_cm": 3.0}),
         "its MTF is a half at 5",
+    ),
+    "Re-positioned repeats that do not move": (
+        lambda: configured(("repeats", {"repositioned": 3})),
+        "repeats.repositioned moves nothing",
+    ),
+    "Too few repeats in one place": (
+        lambda: configured(
+            ("repeats", {"repositioned": 4, "shift_mm": 2, "turn_deg": 0.3}), ("noise.levels.half.repeats", 6)
+        ),
+        "analyses.noise_calibration compares voxels",
     ),
     "One group number twice": (lambda: protocol(group=2), "protocols.sirt_200 and protocols.sirt_180"),
     "A name that is not there": (lambda: configured(("analyses.optimal.sirt", "sirt_45")), "analyses.optimal.sirt"),

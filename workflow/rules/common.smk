@@ -36,7 +36,6 @@ wildcard_constraints:
     geometry="[A-Za-z0-9_]+",
     noise="[A-Za-z0-9_]+",
     seed="[0-9]{2}",
-    voxels="voxels_[0-9a-z_]+",
     recording="[A-Za-z0-9_]+",
     comparison="[A-Za-z0-9_]+",
     case="case_[0-9]+",

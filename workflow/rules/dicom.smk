@@ -7,8 +7,12 @@ rule dicom_series:
     input:
         image=context.file("image"),
         phantom=rules.phantom.output.image,
-        rois=rules.phantom.output.table,
-        masks=rules.phantom.output.rois,
+        rois=lambda wildcards: context.acquisitions.rois(
+            wildcards.protocol, wildcards.noise, wildcards.seed
+        )[0],
+        masks=lambda wildcards: context.acquisitions.rois(
+            wildcards.protocol, wildcards.noise, wildcards.seed
+        )[1],
         code=context.code("dicom.py"),
     output:
         series=directory(context.file("series")),

@@ -6,8 +6,14 @@ for batch, levels in context.plan.seed_batches().items():
         input:
             images=[context.file("image", seed=seed) for seed in batch],
             levels=lambda wildcards: context.acquisitions.level_files([wildcards.noise]),
-            rois=lambda wildcards: context.acquisitions.rois(wildcards.protocol)[0],
-            masks=lambda wildcards: context.acquisitions.rois(wildcards.protocol)[1],
+            rois=lambda wildcards, batch=batch: [
+                context.acquisitions.rois(wildcards.protocol, wildcards.noise, seed)[0]
+                for seed in batch
+            ],
+            masks=lambda wildcards, batch=batch: [
+                context.acquisitions.rois(wildcards.protocol, wildcards.noise, seed)[1]
+                for seed in batch
+            ],
             parameters=context.parameter_files,
             code=context.code("extract.py"),
         output:

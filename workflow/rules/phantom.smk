@@ -43,31 +43,6 @@ rule without_own_blur:
         "../scripts/without_own_blur.py"
 
 
-rule rois_on_voxels:
-    """The ROIs on the voxels of a scanner, as they are drawn on those of the study's grid."""
-    input:
-        sources=context.phantom.files(),
-        fine=context.file("phantom_fine"),
-        code=context.code("rois_on_voxels.py"),
-    output:
-        table=context.file("voxel_table"),
-        rois=directory(context.file("voxel_rois")),
-    log:
-        context.log("rois_on_voxels/{voxels}"),
-    group:
-        "preparation"
-    resources:
-        mem_mb=context.megabytes(volumes=8, fine=4),
-        runtime=30,
-    params:
-        phantom=context.config["phantom"],
-        grid=context.config["grid"],
-        seed=context.config["seed"],
-        spacing_mm=lambda wildcards: context.plan.voxel_spacing(wildcards.voxels),
-    script:
-        "../scripts/rois_on_voxels.py"
-
-
 rule phantom:
     """The object that every scan sees, and its ROIs."""
     input:
@@ -93,3 +68,78 @@ rule phantom:
         mu_water_per_mm=context.config["mu_water_per_mm"],
     script:
         "../scripts/phantom.py"
+
+
+rule positions:
+    """Where the phantom lies in every repeat."""
+    input:
+        code=context.code("positions.py"),
+    output:
+        context.file("positions"),
+    log:
+        context.log("positions"),
+    group:
+        "preparation"
+    resources:
+        mem_mb=1000,
+        runtime=10,
+    params:
+        repeats=context.acquisitions.positions(),
+    script:
+        "../scripts/positions.py"
+
+
+rule rois_on_voxels:
+    """The ROIs on the voxels of a scanner, drawn as those on the study's grid are."""
+    input:
+        sources=context.phantom.files(),
+        fine=rules.phantom.output.fine,
+        image=rules.phantom.output.image,
+        code=context.code("rois_on_voxels.py"),
+    output:
+        table=context.file("voxel_table"),
+        rois=directory(context.file("voxel_rois")),
+    log:
+        context.log("rois_on_voxels/{voxels}"),
+    wildcard_constraints:
+        voxels="voxels_[0-9a-z_]+",
+    group:
+        "preparation"
+    resources:
+        mem_mb=context.megabytes(volumes=8, fine=4),
+        runtime=30,
+    params:
+        phantom=context.config["phantom"],
+        seed=context.config["seed"],
+        pose=None,
+        spacing_mm=lambda wildcards: context.plan.voxel_spacing(wildcards.voxels),
+    script:
+        "../scripts/rois_on_voxels.py"
+
+
+rule rois_moved:
+    """The ROIs of a re-positioned repeat, on the study's voxels or on those of a scanner."""
+    input:
+        sources=context.phantom.files(),
+        fine=rules.phantom.output.fine,
+        image=rules.phantom.output.image,
+        code=context.code("rois_on_voxels.py"),
+    output:
+        table=context.file("moved_table"),
+        rois=directory(context.file("moved_rois")),
+    log:
+        context.log("rois_moved/seed{seed}_{voxels}"),
+    wildcard_constraints:
+        voxels="grid|voxels_[0-9a-z_]+",
+    group:
+        "preparation"
+    resources:
+        mem_mb=context.megabytes(volumes=8, fine=4),
+        runtime=30,
+    params:
+        phantom=context.config["phantom"],
+        seed=context.config["seed"],
+        pose=lambda wildcards: context.acquisitions.pose(wildcards.seed),
+        spacing_mm=lambda wildcards: context.plan.voxel_spacing(wildcards.voxels),
+    script:
+        "../scripts/rois_on_voxels.py"

@@ -5,16 +5,20 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
         name:
             f"reconstruct_{number}"
         input:
-            clean=lambda wildcards: context.file(
-                "clean", geometry=context.plan.geometry_of(wildcards.protocol)
-            ),
+            clean=lambda wildcards, bundle=bundle: [
+                context.acquisitions.clean(
+                    context.plan.geometry_of(wildcards.protocol), noise, seed
+                )
+                for noise, seed in bundle
+            ],
             levels=context.acquisitions.level_files(noise for noise, _ in bundle),
             phantom=rules.phantom.output.image,
-            rois=lambda wildcards: (
-                context.acquisitions.rois(wildcards.protocol)
-                if context.acquisitions.voxels(wildcards.protocol)
-                else []
-            ),
+            rois=lambda wildcards, bundle=bundle: context.acquisitions.boxed(
+                wildcards.protocol, bundle
+            )[0],
+            masks=lambda wildcards, bundle=bundle: context.acquisitions.boxed(
+                wildcards.protocol, bundle
+            )[1],
             kernels=context.file("kernels", lanes=len(bundle)),
             effects=lambda wildcards: context.effect_code(
                 *context.acquisitions.image_physics(wildcards.protocol)

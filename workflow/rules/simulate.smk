@@ -56,6 +56,51 @@ rule project:
         mu_water_per_mm=context.config["mu_water_per_mm"],
         materials=context.config["materials"],
         sensor=context.config["sensor"],
+        pose=None,
+    script:
+        "../scripts/project.py"
+
+
+rule project_moved:
+    """The same of a re-positioned repeat, which noise levels and algorithms share."""
+    input:
+        phantom=rules.phantom.output.fine,
+        image=rules.phantom.output.image,
+        rois=context.file("moved_table", voxels="grid"),
+        masks=context.file("moved_rois", voxels="grid"),
+        kernels=context.file("kernels", lanes=1),
+        effects=lambda wildcards: context.effect_code(
+            *context.plan.geometry_settings(wildcards.geometry)["physics"]
+        ),
+        code=context.code("project.py"),
+    output:
+        context.file("moved_clean"),
+    log:
+        context.log("project/{geometry}_seed{seed}"),
+    benchmark:
+        context.benchmark("project/{geometry}_seed{seed}")
+    group:
+        "preparation"
+    threads: context.config["threads"]
+    resources:
+        mem_mb=lambda wildcards: context.megabytes(
+            # Materials are volumes of their own, packed and not.
+            fine=(
+                9
+                if context.plan.geometry_settings(wildcards.geometry)["physics"]
+                else 3
+            ),
+            projections=8,
+            geometry=wildcards.geometry,
+        ),
+        runtime=lambda wildcards, attempt: attempt
+        * context.minutes(*context.sizes.projection(wildcards.geometry)),
+    params:
+        geometry=lambda wildcards: context.plan.geometry_settings(wildcards.geometry),
+        mu_water_per_mm=context.config["mu_water_per_mm"],
+        materials=context.config["materials"],
+        sensor=context.config["sensor"],
+        pose=lambda wildcards: context.acquisitions.pose(wildcards.seed),
     script:
         "../scripts/project.py"
 
@@ -63,7 +108,9 @@ rule project:
 rule acquire:
     """One noisy acquisition as a file. Reconstruction draws the same counts itself; this is for keep_projections."""
     input:
-        clean=context.file("clean"),
+        clean=lambda wildcards: context.acquisitions.clean(
+            wildcards.geometry, wildcards.noise, wildcards.seed
+        ),
         levels=lambda wildcards: context.acquisitions.level_files([wildcards.noise]),
         code=context.code("acquire.py"),
     output:

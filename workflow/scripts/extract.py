@@ -13,13 +13,13 @@ with job(snakemake) as log:
     images = list(snakemake.input.images)
     acquisitions = resolve(params.acquisitions, snakemake.input.levels)
     parameters = read_parameters(**params.parameters)
-    masks = None
-    for path, one, output in zip(images, acquisitions, snakemake.output, strict=True):
+    drawn = None
+    for path, one, place, output in zip(images, acquisitions, snakemake.input.rois, snakemake.output, strict=True):
         image = volumes.read_nifti(path)
-        if masks is None:
-            rois, masks = phantom.read_masks(snakemake.input.rois, image.grid)
+        if place != drawn:
+            rois, masks = phantom.read_masks(place, image.grid)
             classes = dict(zip(rois["roi"], rois["tissue_class"], strict=True))
-            grid = image.grid
+            grid, drawn = image.grid, place
         if not image.grid.matches(grid):
             raise InputError(f"{path}: is on another grid ({image.grid}) than the ROIs ({grid})")
         acquisition = {

@@ -4,9 +4,11 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     from virtual_phantom.base.geometry import scan_geometry
+    from virtual_phantom.base.pose import IN_PLACE
     from virtual_phantom.io.exchange import write_line_integrals
     from virtual_phantom.io.volumes import read_nifti
     from virtual_phantom.phantom import read_masks
+    from virtual_phantom.phantom.repositioning import drawn_pose
     from virtual_phantom.physics.line_integrals import check_rois_seen
     from virtual_phantom.physics.projected import projected
     from virtual_phantom.physics.stored_state import to_store
@@ -23,6 +25,8 @@ with job(snakemake) as log:
     )
     _, masks = read_masks(snakemake.input.rois, grid)
     check_rois_seen(geometry, grid, masks)
+    pose = drawn_pose(**params.pose) if params.pose else IN_PLACE
+    log.info("%s", pose)
     line_integrals, state = projected(
         phantom,
         geometry,
@@ -31,6 +35,7 @@ with job(snakemake) as log:
         materials=params.materials,
         sensor=params.sensor,
         threads=snakemake.threads,
+        pose=pose,
     )
     log.info("effects: %s", params.geometry["physics"] or "none")
     write_line_integrals(snakemake.output[0], line_integrals, geometry, None if state is None else to_store(state))

@@ -16,10 +16,16 @@ with job(snakemake) as log:
 
     params = snakemake.params
     grid = read_nifti(snakemake.input.phantom).grid
-    clean, geometry = read_line_integrals(snakemake.input.clean)
-    state = read_state(snakemake.input.clean)
-    noisy = np.empty((len(params.acquisitions), *clean.shape), dtype=np.float32)
-    for lane, acquisition in enumerate(resolve(params.acquisitions, snakemake.input.levels)):
+    paths = list(snakemake.input.clean)
+    noisy, read = None, None
+    for lane, (acquisition, path) in enumerate(
+        zip(resolve(params.acquisitions, snakemake.input.levels), paths, strict=True)
+    ):
+        if path != read:
+            clean, geometry = read_line_integrals(path)
+            state, read = read_state(path), path
+        if noisy is None:
+            noisy = np.empty((len(paths), *clean.shape), dtype=np.float32)
         counts = acquire(
             clean,
             geometry=params.geometry,
@@ -48,16 +54,22 @@ with job(snakemake) as log:
         )
     else:
         grid = voxels_over(grid, params.voxels["spacing_mm"])
-        _, masks = read_masks(snakemake.input.rois[0], grid)
-        volumes = reconstruct_in_boxes(
-            noisy,
-            geometry,
-            grid,
-            boxes_around(masks.values(), grid),
-            params.settings,
-            thickness_mm=params.voxels["thickness_mm"],
-            mu_water_per_mm=params.mu_water_per_mm,
-            threads=snakemake.threads,
-        )
+        places = list(snakemake.input.rois)
+        volumes = [None] * len(places)
+        for place in dict.fromkeys(places):
+            lanes = [lane for lane, one in enumerate(places) if one == place]
+            _, masks = read_masks(place, grid)
+            made = reconstruct_in_boxes(
+                noisy[lanes],
+                geometry,
+                grid,
+                boxes_around(masks.values(), grid),
+                params.settings,
+                thickness_mm=params.voxels["thickness_mm"],
+                mu_water_per_mm=params.mu_water_per_mm,
+                threads=snakemake.threads,
+            )
+            for lane, volume in zip(lanes, made, strict=True):
+                volumes[lane] = volume
     for volume, path in zip(volumes, snakemake.output, strict=True):
         write_nifti(volume, path)

@@ -25,6 +25,7 @@ class Branch(IntEnum):
     SIMULATED_IMAGES = 4  # images that a diagnosis simulates
     AGREEMENT_ELSEWHERE = 5  # as AGREEMENT, by another protocol
     PROOF_PHANTOM = 6
+    REPOSITIONING = 7
 
 
 def generator(stream: Stream | int) -> np.random.Generator:

@@ -11,6 +11,7 @@ import SimpleITK as sitk
 
 from ..base.errors import InputError
 from ..base.geometry import Grid
+from ..base.pose import IN_PLACE, Pose
 from ..base.units import HU_AIR, HU_BODY
 from ..io.schema import schema_of, validate
 from ..io.simpleitk import itk_image, itk_resample
@@ -19,6 +20,7 @@ from . import HALF_COVERED, Phantom, Roi, block_mean
 from .dicom_series import read_series
 from .fit import how_to_fit
 from .masks import open_regions
+from .repositioning import to_object
 from .rois import RoiEntry, cut, read_entries, separate, shrink
 
 LARGEST_LOSS = 0.01  # share of an ROI that keep_mm or the grid may cut off: rounding of a box to voxels, no more
@@ -77,7 +79,7 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
 
 
-def rois(settings: dict, grid: Grid) -> tuple[Roi, ...]:
+def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
     """The ROIs alone, on any voxels.
 
     Parameters
@@ -86,6 +88,8 @@ def rois(settings: dict, grid: Grid) -> tuple[Roi, ...]:
         As `load` takes them.
     grid : Grid
         At its place in the world.
+    pose : Pose, optional
+        Where the phantom lies.
 
     Returns
     -------
@@ -101,7 +105,7 @@ def rois(settings: dict, grid: Grid) -> tuple[Roi, ...]:
     if "keep_mm" in settings:
         kept = kept_columns(settings["keep_mm"], image)
     entries = read_entries(settings["rois"], settings.get("labels"))
-    return tuple(roi for entry in entries for roi in rois_of(entry, image, grid, kept, opened))
+    return tuple(roi for entry in entries for roi in rois_of(entry, image, grid, kept, opened, pose))
 
 
 def read_hu(path: Path) -> Volume:
@@ -262,7 +266,9 @@ def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
     return cut(region, entry.parts, grid)
 
 
-def rois_of(entry: RoiEntry, ct_grid: Grid, grid: Grid, kept: np.ndarray, opened: dict) -> tuple[Roi, ...]:
+def rois_of(
+    entry: RoiEntry, ct_grid: Grid, grid: Grid, kept: np.ndarray, opened: dict, pose: Pose = IN_PLACE
+) -> tuple[Roi, ...]:
     """The ROIs of one entry on the study's grid.
 
     Parameters
@@ -276,6 +282,8 @@ def rois_of(entry: RoiEntry, ct_grid: Grid, grid: Grid, kept: np.ndarray, opened
         Of the CT's voxels, those within keep_mm.
     opened : dict
         As `draw` takes it.
+    pose : Pose, optional
+        Where the phantom lies.
 
     Returns
     -------
@@ -290,7 +298,8 @@ def rois_of(entry: RoiEntry, ct_grid: Grid, grid: Grid, kept: np.ndarray, opened
     pieces = draw(entry, ct_grid, opened)
     for name, piece in zip(entry.names, pieces, strict=True):
         _check_whole(name, piece, kept, ct_grid, grid)
-    masks = [resample(Volume(piece.astype(np.float32), ct_grid), grid, outside=0.0) >= HALF_COVERED for piece in pieces]
+    moved = to_object(pose, grid.centre_mm)
+    masks = [resample(Volume(piece.astype(np.float32), ct_grid), grid, 0.0, moved) >= HALF_COVERED for piece in pieces]
     for name, mask in zip(entry.names, masks, strict=True):
         _require(
             mask,
@@ -341,7 +350,7 @@ def _require(mask: np.ndarray, name: str, problem: str) -> None:
         raise InputError(f"ROI {name} {problem}")
 
 
-def resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
+def resample(volume: Volume, grid: Grid, outside: float, transform: sitk.Transform | None = None) -> np.ndarray:
     """Mean over each voxel of a grid of the linearly interpolated volume.
 
     Sampled at points no farther apart than the volume's own voxels, so that nothing falls between them.
@@ -353,6 +362,8 @@ def resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
         Of the result.
     outside : float
         Value where the volume holds none.
+    transform : SimpleITK.Transform, optional
+        World of the result to world of the volume; None: the same.
 
     Returns
     -------
@@ -367,6 +378,6 @@ def resample(volume: Volume, grid: Grid, outside: float) -> np.ndarray:
         slab = replace(grid, shape=(last - first, *grid.shape[1:]), centre_mm=(*grid.centre_mm[:2], middle)).refined(
             samples
         )
-        part = itk_resample(image, slab, sitk.Transform(), outside)
+        part = itk_resample(image, slab, transform or sitk.Transform(), outside)
         result[first:last] = block_mean(part, samples)
     return result

@@ -7,11 +7,13 @@ Shapes are painted one over the other, each voxel by the share that the shape fi
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from ..base.errors import InputError
 from ..base.geometry import Grid
+from ..base.pose import IN_PLACE, Pose, turned_axes
 from ..base.streams import Stream
 from ..base.units import HU_AIR, HU_BODY
 from ..io.volumes import Volume
@@ -88,7 +90,7 @@ def _draw(roi: RoiSpec, grid: Grid) -> Roi:
     return Roi(roi.name, roi.tissue_class, mask)
 
 
-def rois(layout: dict, grid: Grid, seed: Stream) -> tuple[Roi, ...]:
+def rois(layout: dict, grid: Grid, seed: Stream, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
     """The ROIs alone, on any voxels.
 
     Parameters
@@ -98,6 +100,8 @@ def rois(layout: dict, grid: Grid, seed: Stream) -> tuple[Roi, ...]:
     grid : Grid
     seed : Stream
         Of the textures.
+    pose : Pose, optional
+        Where the phantom lies.
 
     Returns
     -------
@@ -108,7 +112,12 @@ def rois(layout: dict, grid: Grid, seed: Stream) -> tuple[Roi, ...]:
     InputError
         If one covers no voxel by half.
     """
-    return tuple(_draw(roi, grid) for roi in parse(layout, seed)[1])
+    return tuple(_draw(replace(roi, shape=_moved(roi.shape, pose)), grid) for roi in parse(layout, seed)[1])
+
+
+def _moved(shape: Ellipsoid, pose: Pose) -> Ellipsoid:
+    centre = turned_axes(pose.turn_deg).T @ shape.centre_mm + [pose.x_mm, pose.y_mm, pose.z_mm]
+    return replace(shape, centre_mm=tuple(centre.tolist()), rotation_deg=shape.rotation_deg + pose.turn_deg)
 
 
 def outlined(layout: dict, grid: Grid, seed: Stream) -> tuple[float, tuple[Roi, ...]]:

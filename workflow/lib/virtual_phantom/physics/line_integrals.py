@@ -7,13 +7,14 @@ import numpy as np
 from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry, orbit_of
 from ..base.parallel_rays import ParallelRays
+from ..base.pose import IN_PLACE, Pose, turned_back
 from ..base.units import HU_BODY, hu_to_attenuation
 from ..io.volumes import Volume
 from ..projectors.cpu import CpuProjector
 
 
 def clean_line_integrals(
-    phantom: Volume, geometry: ScanGeometry, mu_water_per_mm: float, threads: int = 1
+    phantom: Volume, geometry: ScanGeometry, mu_water_per_mm: float, threads: int = 1, pose: Pose = IN_PLACE
 ) -> np.ndarray:
     """Monochromatic line integrals of a phantom, whatever its sampling.
 
@@ -27,6 +28,8 @@ def clean_line_integrals(
     mu_water_per_mm : float
         Linear attenuation of water, 1/mm.
     threads : int, optional
+    pose : Pose, optional
+        Of the phantom. What moves is the scan around it, so that nothing is interpolated.
 
     Returns
     -------
@@ -37,13 +40,14 @@ def clean_line_integrals(
     InputError
         As check_scannable.
     """
-    check_scannable(phantom, geometry)
-    projector = CpuProjector(geometry, phantom.grid, threads=threads)
+    check_scannable(phantom, geometry, pose)
+    around, shift_mm = turned_back(geometry, pose, None)
+    projector = CpuProjector(around, phantom.grid, threads=threads, centre_mm=shift_mm)
     volume = projector.pack_volume(hu_to_attenuation(phantom.array, mu_water_per_mm)[None])
     return projector.unpack_projections(projector.forward(volume))[0]
 
 
-def check_scannable(phantom: Volume, geometry: ScanGeometry) -> None:
+def check_scannable(phantom: Volume, geometry: ScanGeometry, pose: Pose = IN_PLACE) -> None:
     """Check that a phantom can be scanned.
 
     Parameters
@@ -51,6 +55,8 @@ def check_scannable(phantom: Volume, geometry: ScanGeometry) -> None:
     phantom : Volume
         HU.
     geometry : ScanGeometry
+    pose : Pose, optional
+        Of the phantom.
 
     Raises
     ------
@@ -59,7 +65,7 @@ def check_scannable(phantom: Volume, geometry: ScanGeometry) -> None:
     """
     if not np.isfinite(phantom.array).all():
         raise InputError("phantom image: holds NaN or infinite voxels; repair the CT that it was made from")
-    _refuse_truncation(phantom, geometry)
+    _refuse_truncation(phantom, geometry, pose)
 
 
 def check_rois_seen(geometry: ScanGeometry, grid: Grid, masks: dict[str, np.ndarray]) -> None:
@@ -121,11 +127,12 @@ def share_seen(rays: ParallelRays, points_mm: np.ndarray) -> float:
     return float(rays.directions_seen(points_mm).min() / rays.half_turn)
 
 
-def _refuse_truncation(phantom, geometry):
+def _refuse_truncation(phantom, geometry, pose):
     """Matter outside the field of view would make streaks that no reconstruction here allows for."""
     _, y, x = phantom.grid.axes_mm()
     occupied = (phantom.array > HU_BODY).any(axis=0)
-    reach = float(np.max(np.hypot(y[:, None], x[None, :]), where=occupied, initial=0))
+    shift_x, shift_y, _ = turned_back(geometry, pose, None)[1]
+    reach = float(np.max(np.hypot(y[:, None] + shift_y, x[None, :] + shift_x), where=occupied, initial=0))
     radius = orbit_of(geometry, "a check of the field of view").field_of_view_radius_mm
     if reach > radius:
         raise InputError(

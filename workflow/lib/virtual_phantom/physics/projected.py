@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..base.geometry import ScanGeometry
+from ..base.pose import IN_PLACE, Pose
 from ..io.volumes import Volume
 from .chain import Chain
 from .line_integrals import check_scannable, clean_line_integrals
@@ -26,6 +27,7 @@ def projected(
     materials: Mapping,
     sensor: Mapping,
     threads: int = 1,
+    pose: Pose = IN_PLACE,
 ) -> tuple[np.ndarray, State | None]:
     """Noise-free line integrals.
 
@@ -43,6 +45,8 @@ def projected(
     sensor : mapping
         Keywords of physics.sensors.Sensor.
     threads : int, optional
+    pose : Pose, optional
+        Of the phantom.
 
     Returns
     -------
@@ -56,9 +60,9 @@ def projected(
         For a phantom that the scan truncates.
     """
     if not physics:
-        return clean_line_integrals(phantom, geometry, mu_water_per_mm, threads), None
-    check_scannable(phantom, geometry)
+        return clean_line_integrals(phantom, geometry, mu_water_per_mm, threads, pose), None
+    check_scannable(phantom, geometry, pose)
     scene = VoxelScene.of(phantom, Segmentation(**materials), mu_water_per_mm, threads)
-    state = Chain(scene, geometry, photons=1.0, sensor=Sensor(**sensor)).state(physics)
+    state = Chain(scene, geometry, photons=1.0, sensor=Sensor(**sensor)).state(physics, pose)
     # What is read out beside the photons goes by how many there are, which the noise level says.
     return replace(state, dark=None, dark_air=0.0).line_integrals(), state

@@ -12,10 +12,11 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..base.geometry import ScanGeometry
+from ..base.pose import turned_axes
 from ..projectors.chords import Room, Shapes, chords
 from ..projectors.cpu import share_out
 from .materials import Material, attenuation_per_mm
-from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_axes, turned_back
+from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_back
 
 NOTHING = "nothing"  # the material of a hole: no attenuation, as the air around
 MARGIN_MM = 1e-3  # by which what lies around a shape is wider than it: more than rounding where the source is far away

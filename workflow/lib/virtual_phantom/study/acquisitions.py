@@ -9,6 +9,7 @@ from functools import cached_property
 from .outputs import Files
 from .plan import Plan
 
+GRID = "grid"  # what the study's own voxels are called where others may stand
 Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of every image that one job makes
 
 
@@ -30,8 +31,33 @@ class Acquisitions:
         return {"noise": noise, "noise_level": self.plan.config["noise"]["levels"][noise].get("A"), "seed": int(seed)}
 
     def images(self, protocol: str, noise: str) -> list[str]:
-        """The images of all seeds."""
-        return [self.files("image", protocol=protocol, noise=noise, seed=seed) for seed in self.plan.seeds(noise)]
+        """The images of all seeds in which the phantom lies in one place."""
+        return [self.files("image", protocol=protocol, noise=noise, seed=seed) for seed in self.plan.still(noise)]
+
+    def clean(self, geometry: str, noise: str, seed: str) -> str:
+        """The line integrals that a scan's noise is drawn on."""
+        if seed in self.plan.moved(noise):
+            return self.files("moved_clean", geometry=geometry, seed=seed)
+        return self.files("clean", geometry=geometry)
+
+    def pose(self, seed: str) -> dict:
+        """Where the phantom lies in a re-positioned repeat: arguments of phantom.repositioning.drawn_pose."""
+        config = self.plan.config
+        how = {key: config["repeats"][key] for key in ("shift_mm", "turn_deg")}
+        return {"study_seed": config["seed"], "seed": int(seed), **how}
+
+    def positions(self) -> list[dict]:
+        """Every repeat of every noise level, and whether the phantom is re-positioned before it."""
+        levels = self.plan.config["noise"]["levels"]
+        return [
+            {"noise": noise, "seed": int(seed), "repositioned": seed in self.plan.moved(noise), "pose": self.pose(seed)}
+            for noise in levels
+            for seed in self.plan.seeds(noise)
+        ]
+
+    def placed(self) -> list[str]:
+        """The table of places, where the phantom has more than one."""
+        return [self.files("positions")] if self.plan.config["repeats"]["repositioned"] else []
 
     def kept(self) -> list[str]:
         """Projections that the study asks for beside its analyses."""
@@ -59,6 +85,13 @@ class Acquisitions:
     def level_files(self, levels: Iterable[str]) -> list[str]:
         """The files of those of these noise levels whose A a job finds."""
         return [self.files("matched_level", noise=noise) for noise in dict.fromkeys(levels) if noise in self.matched()]
+
+    def boxed(self, protocol: str, bundle: Bundle) -> tuple[list[str], list[str]]:
+        """Tables and masks of the ROIs that boxes are made around, one for each image; none without boxes."""
+        if self.voxels(protocol) is None:
+            return [], []
+        tables, masks = zip(*(self.rois(protocol, noise, seed) for noise, seed in bundle), strict=True)
+        return list(tables), list(masks)
 
     def group(self, bundle: Bundle) -> str:
         """Which jobs of a cluster a bundle's images and features may share.
@@ -104,9 +137,13 @@ class Acquisitions:
         """A scanner's voxels that its images have; None: those of the study's grid."""
         return self.plan.config["protocols"][protocol].get("voxels")
 
-    def rois(self, protocol: str) -> tuple[str, str]:
-        """The table and the masks of the ROIs on the voxels of its images."""
-        if label := self.plan.voxels_of(protocol):
+    def rois(self, protocol: str, noise: str, seed: str) -> tuple[str, str]:
+        """The table and the masks of the ROIs on the voxels of its images, where the phantom then lies."""
+        label = self.plan.voxels_of(protocol)
+        if seed in self.plan.moved(noise):
+            known = {"seed": seed, "voxels": label or GRID}
+            return self.files("moved_table", **known), self.files("moved_rois", **known)
+        if label:
             return self.files("voxel_table", voxels=label), self.files("voxel_rois", voxels=label)
         return self.files("phantom_table"), self.files("phantom_rois")
 

@@ -57,6 +57,8 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
     AnalysisJob
     """
     yield _job("figure_rois")
+    if plan.config["repeats"]["repositioned"]:
+        yield _job("positions")
     analyses = plan.config["analyses"]
     if featured := plan.featured():
         yield _job("features", images=sum(len(plan.seeds(noise)) for _, noise in featured))
@@ -64,7 +66,7 @@ def jobs(plan: Plan) -> Iterator[AnalysisJob]:
         yield _job("figure_scans")
     if "noise_calibration" in analyses:
         calibration = analyses["noise_calibration"]
-        images = len(calibration["protocols"]) * sum(len(plan.seeds(noise)) for noise in calibration["noise"])
+        images = len(calibration["protocols"]) * sum(len(plan.still(noise)) for noise in calibration["noise"])
         yield _job("noise_calibration", images=images)
         yield _job("figure_noise_calibration")
     if "stability" in analyses:
@@ -133,7 +135,7 @@ def _compared(plan: Plan) -> Iterator[AnalysisJob]:
         yield _job("comparison", "comparison_features", "comparison_families", comparison=name)
         yield _job("figure_comparison", comparison=name)
         if comparison["attribute"]:
-            images = len(plan.seeds(comparison["noise"]))
+            images = len(plan.still(comparison["noise"]))
             yield _job("properties", images=images, comparison=name)
             yield _job("attribution", "attribution_cells", comparison=name)
             yield _job("figure_attribution", comparison=name)

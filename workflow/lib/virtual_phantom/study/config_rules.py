@@ -73,6 +73,7 @@ class Rules:
         """What is wrong, a line each."""
         for rule in (
             self._levels,
+            self._repositioned,
             self._protocols,
             self._voxels,
             self._stability,
@@ -116,6 +117,29 @@ class Rules:
         for name, level in self.levels.items():
             if ("A" in level) == ("meets" in level):
                 yield f"config: noise.levels.{name}: give it either A or meets"
+
+    def _repositioned(self) -> Iterator[str]:
+        """Something moves, and where repeats are held against each other voxel by voxel, enough of them do not."""
+        moved = self.config["repeats"]
+        if not moved["repositioned"]:
+            return
+        if not moved["shift_mm"] and not moved["turn_deg"]:
+            yield "config: repeats.repositioned moves nothing without shift_mm or turn_deg; give one of them"
+        uses = dict.fromkeys(self.analyses.get("noise_calibration", {}).get("noise", []), "analyses.noise_calibration")
+        if "optimal" in self.analyses:
+            uses[self.analyses["optimal"]["noise"]] = "analyses.optimal"
+        least = {"analyses.noise_calibration": MINIMUM_REPEATS, "analyses.optimal": 1}
+        for name, comparison in self.analyses.get("comparison", {}).items():
+            if comparison["attribute"]:
+                uses[comparison["noise"]] = where = f"analyses.comparison.{name} with attribute: true"
+                least[where] = COMPARED_REPEATS
+        for level, where in uses.items():
+            repeats = self.levels.get(level, {}).get("repeats", least[where] + moved["repositioned"])
+            if repeats - moved["repositioned"] < least[where]:
+                yield (
+                    f"config: repeats.repositioned is {moved['repositioned']}, and noise.levels.{level} has {repeats} "
+                    f"repeats; {where} compares voxels and needs at least {least[where]} in one place, so give more"
+                )
 
     def _protocols(self) -> Iterator[str]:
         for name, protocol in self.protocols.items():

@@ -167,7 +167,7 @@ class Context:
             for suffix in output.suffixes
         ]
         tables = [path for pair in zip(self.tables(), self.parquet_tables(), strict=True) for path in pair]
-        return figures + tables + self.acquisitions.kept() + [self.files("index")]
+        return figures + tables + self.acquisitions.kept() + self.acquisitions.placed() + [self.files("index")]
 
     # What jobs ask of a machine
 

@@ -100,6 +100,21 @@ OUTPUTS = (
         counted="tables",
     ),
     *_made_by(
+        "positions",
+        Output("positions", "phantom/positions.csv", "where the phantom lies in every repeat of every noise level"),
+        stage="tables",
+        counted="tables",
+    ),
+    *_made_by(
+        "rois_moved",
+        Output(
+            "moved_table", "phantom/moved/seed{seed}/{voxels}/rois.csv", "ROIs of a re-positioned phantom, a row each"
+        ),
+        Output("moved_rois", "phantom/moved/seed{seed}/{voxels}/rois", "masks of these ROIs"),
+        stage="phantom",
+        counted="tables",
+    ),
+    *_made_by(
         "mean_scan",
         Output("mean_scan", "public_scans/mean.nii.gz", "the mean of public scans, HU, without the table"),
         Output("mean_regions", "public_scans/regions.nii.gz", "the regions of these scans, as most of them have them"),
@@ -131,6 +146,16 @@ OUTPUTS = (
     *_made_by(
         "project",
         Output("clean", "projections/{geometry}/clean.h5", "line integrals without noise"),
+        stage="project",
+        counted="clean projections",
+    ),
+    *_made_by(
+        "project_moved",
+        Output(
+            "moved_clean",
+            "projections/{geometry}/clean_seed{seed}.h5",
+            "line integrals without noise of a re-positioned repeat",
+        ),
         stage="project",
         counted="clean projections",
     ),

@@ -57,13 +57,10 @@ class Plan:
             return "_".join(["voxels", *(f"{wide:g}".replace(".", "p") for wide in voxels["spacing_mm"])])
         return None
 
-    def voxel_spacing(self, label: str) -> list[float]:
-        """The voxel size of a label of `voxels_of`, mm (z, y, x)."""
-        return next(
-            settings["voxels"]["spacing_mm"]
-            for protocol, settings in self.config["protocols"].items()
-            if self.voxels_of(protocol) == label
-        )
+    def voxel_spacing(self, label: str) -> list[float] | None:
+        """The voxel size of a label of `voxels_of`, mm (z, y, x); None for any other, such as the study's grid."""
+        labelled = {self.voxels_of(protocol): of for protocol, of in self.config["protocols"].items() if "voxels" in of}
+        return labelled[label]["voxels"]["spacing_mm"] if label in labelled else None
 
     def geometries(self) -> list[str]:
         """The labels of all geometries, sorted."""
@@ -72,6 +69,20 @@ class Plan:
     def seeds(self, noise: str) -> list[str]:
         """Two-digit seed labels of a noise level."""
         return [f"{seed:02d}" for seed in range(self.config["noise"]["levels"][noise]["repeats"])]
+
+    def moved(self, noise: str) -> list[str]:
+        """Seed labels of a noise level before which the phantom is re-positioned: the last."""
+        seeds = self.seeds(noise)
+        return seeds[max(len(seeds) - self.config["repeats"]["repositioned"], 0) :]
+
+    def still(self, noise: str) -> list[str]:
+        """Seed labels of a noise level in which the phantom lies where it is said to."""
+        return self.seeds(noise)[: len(self.seeds(noise)) - len(self.moved(noise))]
+
+    def moved_scans(self) -> list[tuple[str, str]]:
+        """Every (geometry, seed) of a re-positioned repeat that some analysis asks for, sorted."""
+        wanted = self.acquisitions()
+        return sorted({(self.geometry_of(protocol), seed) for protocol, noise in wanted for seed in self.moved(noise)})
 
     def seed_batches(self) -> dict[tuple[str, ...], list[str]]:
         """Every batch of seeds that one job handles, and the noise levels that have it."""
@@ -135,6 +146,8 @@ class Plan:
                 for name in self.groups()
             },
         }
+        if self.config["repeats"]["repositioned"]:
+            settings["repeats"] = self.config["repeats"]
         return hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
 
     def acquisitions(self) -> list[tuple[str, str]]:

@@ -77,7 +77,7 @@ class Selections:
             (protocol, noise, seed)
             for protocol in calibration["protocols"]
             for noise in calibration["noise"]
-            for seed in self.plan.seeds(noise)
+            for seed in self.plan.still(noise)
         ]
 
     def calibration_images(self) -> list[str]:

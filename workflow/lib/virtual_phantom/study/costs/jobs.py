@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 
 from ...features.names import FEATURES
 from .. import analyses
+from ..acquisitions import GRID
 from ..outputs import BY_NAME, Output
 from ..plan import Plan
 
@@ -70,7 +71,7 @@ def study_jobs(plan: Plan, engine: str, rois: int) -> list[Job]:
     list of Job
     """
     sizes = Sizes(plan, engine)
-    jobs = [_phantom(sizes), *_kernels(sizes), *_projections(sizes), *_reconstructions(sizes)]
+    jobs = [_phantom(sizes), *_rois(sizes), *_kernels(sizes), *_projections(sizes), *_reconstructions(sizes)]
     jobs += _extractions(sizes, rois)
     for job in analyses.jobs(plan):
         output = job.outputs[0]
@@ -168,6 +169,27 @@ def _phantom(sizes: Sizes) -> Job:
     return _job(BY_NAME["phantom_image"], files, sizes.phantom(), sizes.fine)
 
 
+def _rois(sizes: Sizes) -> Iterator[Job]:
+    """On the voxels of scanners, and where the phantom is re-positioned."""
+    plan = sizes.plan
+    used = {(plan.voxels_of(protocol), seed) for protocol, noise in plan.acquisitions() for seed in plan.still(noise)}
+    for label in sorted({label for label, _ in used if label}):
+        files = tuple(path for name in ("voxel_table", "voxel_rois") for path in BY_NAME[name].paths(voxels=label))
+        yield _job(BY_NAME["voxel_table"], files, sizes.phantom())
+    # The scan is looked at by the ROIs on the study's grid.
+    moved = {(seed, GRID) for _, seed in plan.moved_scans()}
+    moved |= {
+        (seed, label)
+        for protocol, noise in plan.acquisitions()
+        for seed in plan.moved(noise)
+        if (label := plan.voxels_of(protocol))
+    }
+    for seed, label in sorted(moved):
+        known = {"seed": seed, "voxels": label}
+        files = tuple(path for name in ("moved_table", "moved_rois") for path in BY_NAME[name].paths(**known))
+        yield _job(BY_NAME["moved_table"], files, sizes.phantom())
+
+
 def _kernels(sizes: Sizes) -> Iterator[Job]:
     output = BY_NAME["kernels"]
     for lanes in sorted({1, *map(len, sizes.plan.bundles())}):
@@ -177,9 +199,13 @@ def _kernels(sizes: Sizes) -> Iterator[Job]:
 def _projections(sizes: Sizes) -> Iterator[Job]:
     plan, clean, noisy = sizes.plan, BY_NAME["clean"], BY_NAME["acquisition"]
     wanted = plan.acquisitions()
-    for geometry in sorted({plan.geometry_of(protocol) for protocol, _ in wanted}):
+    for geometry in sorted({plan.geometry_of(protocol) for protocol, noise in wanted if plan.still(noise)}):
         stage, work = sizes.projection(geometry)
         yield _job(clean, clean.paths(geometry=geometry), work, sizes.rays(geometry), stage)
+    for geometry, seed in plan.moved_scans():
+        stage, work = sizes.projection(geometry)
+        moved = BY_NAME["moved_clean"]
+        yield _job(moved, moved.paths(geometry=geometry, seed=seed), work, sizes.rays(geometry), stage)
     if not plan.config["keep_projections"]:
         return
     for geometry, noise in sorted({(plan.geometry_of(protocol), noise) for protocol, noise in wanted}):
