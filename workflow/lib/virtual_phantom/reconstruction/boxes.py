@@ -85,17 +85,10 @@ def fbp_in_boxes(
     line_integrals : ndarray, shape (acquisitions, views, rows, columns)
     geometry : ScanGeometry
         A circle or helix.
-    grid : Grid
-        Of the whole image, the isocentre in its middle.
-    boxes : sequence of tuple of 3 slice
-        What is made of it.
-    mu_water_per_mm : float
-        Linear attenuation of water, 1/mm.
-    thickness_mm : float, optional
-        Of slices, as slices.thin_slices; None: the slices lie in planes, as `fbp` makes them.
+    grid, boxes, mu_water_per_mm, thickness_mm, threads
+        As back_in_boxes takes them.
     kernel : Kernel, optional
         None: the ramp alone.
-    threads : int, optional
 
     Returns
     -------
@@ -107,8 +100,40 @@ def fbp_in_boxes(
     InputError
         As fbp.fbp does of a scan.
     """
-    lanes = len(line_integrals)
     rays = ParallelProjections.of(line_integrals, geometry, kernel)
+    return back_in_boxes(rays, grid, boxes, mu_water_per_mm=mu_water_per_mm, thickness_mm=thickness_mm, threads=threads)
+
+
+def back_in_boxes(
+    rays: ParallelProjections,
+    grid: Grid,
+    boxes: Sequence[Box],
+    *,
+    mu_water_per_mm: float,
+    thickness_mm: float | None = None,
+    threads: int = 1,
+) -> np.ndarray:
+    """The same of projections that are sorted and filtered, which slices of several thicknesses may share.
+
+    Parameters
+    ----------
+    rays : ParallelProjections
+    grid : Grid
+        Of the whole image, the isocentre in its middle.
+    boxes : sequence of tuple of 3 slice
+        What is made of it.
+    mu_water_per_mm : float
+        Linear attenuation of water, 1/mm.
+    thickness_mm : float, optional
+        Of slices, as slices.thin_slices; None: the slices lie in planes, as `fbp` makes them.
+    threads : int, optional
+
+    Returns
+    -------
+    ndarray of float32, shape (acquisitions, z, y, x)
+        HU.
+    """
+    lanes = rays.packed.shape[-1]
     images = np.full((lanes, *grid.shape), HU_AIR, np.float32)
     for box in boxes:
         shape = tuple(part.stop - part.start for part in box)
@@ -120,7 +145,7 @@ def fbp_in_boxes(
         if thickness_mm is not None:
             weights, thin, thin_mm = thin_slices(shape[0], grid.spacing[0], thickness_mm)
         part = Grid((thin, *shape[1:]), (thin_mm, *grid.spacing[1:]))
-        made = rays.back(CpuProjector(geometry, part, lanes, threads, centre_mm))
+        made = rays.back(CpuProjector(rays.rays.geometry, part, lanes, threads, centre_mm))
         if weights is not None:
             made = np.einsum("st,ltyx->lsyx", weights, made, optimize=True)
         images[:, *box] = attenuation_to_hu(made, mu_water_per_mm)
