@@ -123,6 +123,8 @@ class Rules:
         moved = self.config["repeats"]
         if not moved["repositioned"]:
             return
+        if self.config.get("phantom", {}).get("source") == "object":
+            yield "config: repeats.repositioned is for phantom.source synthetic or ct, not object; take it out"
         if not moved["shift_mm"] and not moved["turn_deg"]:
             yield "config: repeats.repositioned moves nothing without shift_mm or turn_deg; give one of them"
         uses = dict.fromkeys(self.analyses.get("noise_calibration", {}).get("noise", []), "analyses.noise_calibration")
@@ -170,6 +172,8 @@ class Rules:
                     f"{kernel['mtf10_per_cm']:g} per cm; the first must be less than the second"
                 )
         boxed = {name for name, protocol in self.protocols.items() if "voxels" in protocol}
+        if boxed and self.config.get("phantom", {}).get("source") == "object":
+            yield f"config: protocols.{min(boxed)}.voxels is for phantom.source synthetic or ct; take it out"
         takers = {"analyses.optimal.fbp": self.analyses.get("optimal", {}).get("fbp")}
         for calibrated in self.analyses.get("noise_calibration", {}).get("protocols", []):
             if calibrated in boxed:
