@@ -11,6 +11,7 @@ from matplotlib.text import Text
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.words import label
 from virtual_phantom.figures import axial, rois, scans
 from virtual_phantom.io.volumes import Volume
 
@@ -67,7 +68,7 @@ def test_every_roi_is_outlined_and_named(make_phantom, names):
     figure = rois.draw(phantom, masks, {name: name[:4] for name in names})
     said = texts(figure)
     for name in names:
-        assert name.replace("_", " ") in said
+        assert label(name) in said
     outlines = sum(len(axes.findobj(ContourSet)) for axes in figure.axes)
     assert outlines >= len(names)
     assert "CT number (HU)" in said and "R" in said and "L" in said
@@ -81,7 +82,7 @@ def test_names_do_not_overlap(make_phantom):
     figure = rois.draw(phantom, masks, dict.fromkeys(names, "tissue"))
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    labels = [text for text in figure.axes[0].texts if text.get_text().startswith("roi ")]
+    labels = [text for text in figure.axes[0].texts if text.get_text().startswith("ROI ")]
     boxes = [Text.get_window_extent(label, canvas.get_renderer()) for label in labels]
     assert len(boxes) == 12
     for index, box in enumerate(boxes):

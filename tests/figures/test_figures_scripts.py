@@ -80,7 +80,7 @@ def test_scans(run, phantom_folder):
         ),
         (
             "stability_discrimination",
-            {"threshold": 1.0, "with_measured": False, "seeds": 10, "settings": "", "noise": {}},
+            {"threshold": 1.0, "with_measured": False, "recording": None, "seeds": 10, "settings": "", "noise": {}},
         ),
         ("overlap", {}),
         ("pca", {"title": "SIRT"}),
@@ -115,6 +115,7 @@ def test_measured_scores_beside_simulated(run, tmp_path):
         {"table": tmp_path / "table.csv", "trust": tmp_path / "trust.csv"},
         threshold=1.0,
         with_measured=True,
+        recording=None,
         seeds=10,
         settings="",
         trial=False,

@@ -52,8 +52,11 @@ def planned_files(tmp_path_factory):
     scanned = made(
         snakemake("all", "-n", "--forceall", "--configfile", "config/printed_phantom.yaml", "--config", "results_dir=r")
     )
+    voxels = made(
+        snakemake("all", "-n", "--forceall", "--configfile", "config/as_scanned.yaml", "--config", "results_dir=r")
+    )
     alone = made(snakemake("all", "proof", "-n", "--forceall", "--config", "results_dir=r"))
-    return {(rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in beside | alone | scanned}
+    return {(rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in beside | alone | scanned | voxels}
 
 
 def test_every_file_of_a_rule_is_in_the_table(planned_files):

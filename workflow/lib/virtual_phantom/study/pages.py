@@ -69,6 +69,7 @@ class Pages:
         params = {
             "threshold": self.plan.config["statistics"]["threshold"],
             "with_measured": self.plan.config["measured"]["overlay"],
+            "recording": self.selections.own_reference,
             "measured": self.selections.measured_noise,
             "title": title,
         }

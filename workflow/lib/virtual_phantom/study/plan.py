@@ -6,6 +6,14 @@ import hashlib
 import json
 from dataclasses import dataclass
 
+# Settings of a scan that came after scores were kept: at these values they change none of them.
+LATER = {"detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
+
+
+def _without_later(geometry: dict) -> dict:
+    scan = {key: value for key, value in geometry["scan"].items() if key not in LATER or value != LATER[key]}
+    return geometry | {"scan": scan}
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -142,7 +150,10 @@ class Plan:
             **{key: self.config[key] for key in keys},
             "noise": {**noise, "level": level},
             "protocols": {
-                name: {**self.config["protocols"][name], **self.geometry_settings(self.geometry_of(name))}
+                name: {
+                    **self.config["protocols"][name],
+                    **_without_later(self.geometry_settings(self.geometry_of(name))),
+                }
                 for name in self.groups()
             },
         }
