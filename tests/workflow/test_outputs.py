@@ -52,9 +52,10 @@ def planned_files(tmp_path_factory):
     scanned = made(
         snakemake("all", "-n", "--forceall", "--configfile", "config/printed_phantom.yaml", "--config", "results_dir=r")
     )
-    voxels = made(
-        snakemake("all", "-n", "--forceall", "--configfile", "config/as_scanned.yaml", "--config", "results_dir=r")
+    (folder / "moved.yaml").write_text(
+        yaml.safe_dump({"results_dir": "r", "repeats": {"repositioned": 1, "shift_mm": 1.0}})
     )
+    voxels = made(snakemake("all", "-n", "--forceall", "--configfile", "config/as_scanned.yaml", folder / "moved.yaml"))
     alone = made(snakemake("all", "proof", "-n", "--forceall", "--config", "results_dir=r"))
     return {(rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in beside | alone | scanned | voxels}
 
