@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scanner import SCANNER
 
@@ -47,6 +47,7 @@ def by_hand(geometry, view, row, column):
     return source, pixel
 
 
+@settings(deadline=None)
 @given(orbits(), st.data())
 def test_vectors_of_an_orbit_are_its_closed_formulas(geometry, data):
     vectors = geometry.by_vectors()
@@ -59,6 +60,7 @@ def test_vectors_of_an_orbit_are_its_closed_formulas(geometry, data):
     np.testing.assert_allclose(*np.broadcast_arrays(vectors.solid_angles(), geometry.solid_angles()), rtol=1e-9)
 
 
+@settings(deadline=None)
 @given(orbits(), st.floats(-7, 7))
 def test_frames_stay_orthonormal_and_turn_as_a_gantry_does(geometry, angle):
     for one in (geometry, geometry.by_vectors(), geometry.by_vectors().turned(angle)):
@@ -73,6 +75,7 @@ def test_frames_stay_orthonormal_and_turn_as_a_gantry_does(geometry, angle):
         )
 
 
+@settings(deadline=None)
 @given(orbits())
 def test_an_orbit_seen_from_above_is_itself(geometry):
     for one in (geometry, geometry.by_vectors()):
