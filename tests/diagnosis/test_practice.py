@@ -132,3 +132,11 @@ def test_of_a_recording_without_images_nothing_is_judged():
         "agreement": {"metrics": {}, "left_out": {"images": "no"}}
     }
     assert in_practice(without, THRESHOLDS) == without
+
+
+def test_a_statement_that_does_not_hold_is_no_match_however_alike_the_images_are():
+    off = {"stated": 0.005, "sd": 0.001, "value": 0.02, "ci95": [0.019, 0.021], "unit": "1", "pull": 15.0, "off": True}
+    given = content("mismatch explained", {}, told({}, {})) | {"declared": {"scatter": {"amount": off}}}
+    found = in_practice(given, THRESHOLDS)
+    assert found["verdict"] == "mismatch explained"
+    assert "Declared otherwise than found: amount of scatter is 0.02" in found["sentence"]

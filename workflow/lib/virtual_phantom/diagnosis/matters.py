@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .core.sentence import MATCH, PRACTICAL, UNEXPLAINED, UNITS, sentence
+from .core.sentence import MATCH, PRACTICAL, UNEXPLAINED, UNITS, misstated, sentence
 
 
 def in_practice(content: Mapping, thresholds: Mapping[str, float]) -> dict:
@@ -40,7 +40,8 @@ def in_practice(content: Mapping, thresholds: Mapping[str, float]) -> dict:
         small = []  # each for itself could be missed, all of them not
     differing = over(told["recorded"], thresholds)
     content["practice"] = {"thresholds": dict(thresholds), **told, "small": small, "differing": differing}
-    if content["verdict"] != MATCH and small == names:
+    # A statement that does not hold is a finding of its own, though with it images agree.
+    if content["verdict"] != MATCH and small == names and not misstated(content):
         content["verdict"] = UNEXPLAINED if differing else PRACTICAL
     return content | {"sentence": sentence(content)}
 

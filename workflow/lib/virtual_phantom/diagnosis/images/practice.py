@@ -19,7 +19,7 @@ from ...statistics.multiplicity import holm
 from ...statistics.resolution import mtf_half
 from ..core.attribute import Choice
 from ..core.fit import Fit
-from .agreement import Features, Regions
+from .agreement import Features, Regions, agreement
 
 # Side of the squares whose mean HU is compared: that of the smallest which noise spectra are taken of.
 BLOCK_VOXELS = 8
@@ -83,6 +83,39 @@ def changes(
         except InputError:
             continue
     return found
+
+
+def agreement_and_practice(
+    recorded: np.ndarray,
+    images: Callable[[Fit], np.ndarray],
+    choice: Choice,
+    regions: Regions,
+    features: Features | None,
+    practice: bool,
+) -> dict:
+    """Agreement of a choice's models with recorded images, and what effects change in them.
+
+    Parameters
+    ----------
+    recorded : ndarray, shape (repeats, z, y, x)
+        HU.
+    images : callable
+        Images of a fit, all with the same noise.
+    choice : Choice
+    regions : Regions
+    features : Features or None
+    practice : bool
+        Whether it is told what effects change.
+
+    Returns
+    -------
+    dict
+        That of agreement.agreement, with rois (names), repeats (number) and, if asked for, practice (`told`).
+    """
+    simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
+    more = {"practice": told(recorded, simulated, images, choice, regions, features)} if practice else {}
+    found = agreement(recorded, simulated, regions, features=features)
+    return found | more | {"rois": list(regions.rois), "repeats": len(recorded)}
 
 
 def told(

@@ -19,10 +19,10 @@ from ..core.declared import BASELINE, declared
 from ..core.fit import Fit
 from ..projections.numerical import model_and_floor
 from ..projections.scanned import scene_of
-from .agreement import Features, agreement
+from .agreement import Features
 from .compared_regions import Scanned, complete, phantom_regions
 from .model import REALISATIONS
-from .practice import told
+from .practice import agreement_and_practice
 from .prepared import PreparedImages, prepare
 
 MOST_SLICES = 24  # more would add little but time
@@ -158,16 +158,8 @@ def agreement_of_images(
     def images(fit: Fit) -> np.ndarray:
         return model.repeats(fit.physics, fit.nuisance, fit.linearisation, count)
 
-    simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
     features = Features(regions)
-    more = {"practice": told(repeats, simulated, images, choice, regions, features)} if practice else {}
-    return (
-        agreement(repeats, simulated, regions, features=features)
-        | more
-        | {
-            "rois": list(regions.rois),
-            "repeats": len(repeats),
-            "algorithm": asked.protocol.algorithm,
-            "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
-        }
-    )
+    return agreement_and_practice(repeats, images, choice, regions, features, practice) | {
+        "algorithm": asked.protocol.algorithm,
+        "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
+    }

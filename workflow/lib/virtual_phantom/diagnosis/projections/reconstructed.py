@@ -6,7 +6,7 @@ import numpy as np
 
 from ...base.errors import InputError
 from ...base.geometry import Grid, OrbitGeometry
-from ...base.streams import Branch, Stream, branch, generator
+from ...base.streams import Branch, Stream, below, branch, generator
 from ...base.units import attenuation_to_hu
 from ...projectors import projector
 from ...reconstruction.fbp import fbp
@@ -15,11 +15,13 @@ from ..core.alignment import pose_of
 from ..core.asked import Asked
 from ..core.attribute import Choice
 from ..core.fit import Fit
-from ..images.agreement import Features, agreement
+from ..images.agreement import Features
 from ..images.compared_regions import Scanned, complete, disc_regions, image_grid, phantom_regions
-from ..images.practice import told
+from ..images.practice import agreement_and_practice
 from .observed import LEAST_TRANSMISSION, Scans, scans
 from .prepared import HALVES, PreparedScans, split
+
+NOISE = 0  # branch of the seed that simulated noise is drawn from
 
 
 def agreement_of_scans(
@@ -108,24 +110,16 @@ def agreement_of(
         recorded = reconstruct(repeats.repeats)
     except InputError as error:
         return {"metrics": {}, "left_out": {"images": str(error)}}
-    (stream,) = seed.spawn(1)
 
     def images(fit: Fit) -> np.ndarray:
-        return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(stream)))
+        # A stream anew for each: what has been drawn from it counts its branches.
+        return reconstruct(simulated_repeats(prepared, fit, len(repeats), generator(below(seed, NOISE))))
 
-    simulated = {"before": images(choice.baseline.fit), "after": images(choice.chosen.fit)}
     features = Features(regions) if scanned is not None and scanned.rois else None
-    more = {"practice": told(recorded, simulated, images, choice, regions, features)} if practice else {}
-    return (
-        agreement(recorded, simulated, regions, features=features)
-        | more
-        | {
-            "rois": list(regions.rois),
-            "repeats": len(repeats),
-            "algorithm": "fbp",
-            "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
-        }
-    )
+    return agreement_and_practice(recorded, images, choice, regions, features, practice) | {
+        "algorithm": "fbp",
+        "grid": {"shape": list(grid.shape), "spacing_mm": list(grid.spacing)},
+    }
 
 
 def compared(taken: Scans, further: Scans | None) -> Scans:
