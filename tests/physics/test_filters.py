@@ -66,9 +66,10 @@ def heel_mm(geometry, depth_mm, anode_deg):
     return depth_mm / (normal @ rays) - depth_mm / np.sin(np.deg2rad(anode_deg))
 
 
+@pytest.mark.parametrize("samples", [1, 2])
 @pytest.mark.parametrize("slab", [Slab(water=50.0), Slab(water=200.0, bone=15.0)])
-def test_a_bowtie_hardens_column_by_column(slab):
-    chain = Chain(slab, GEOMETRY)
+def test_a_bowtie_hardens_column_by_column(slab, samples):
+    chain = Chain(slab, GEOMETRY, samples=samples)
     state = chain.state({"spectrum": SPECTRUM, "bowtie": {"at_20deg_mm": 15.0}})
     lines, thickness = state.line_integrals()[0, 0], bowtie_mm(GEOMETRY, 15.0)
     for column in (0, 10, 40, 60):
@@ -82,11 +83,12 @@ def test_a_bowtie_hardens_column_by_column(slab):
     assert slab.paths_mm[0] > 50 or lines[at_20] / lines[40] - 1 == pytest.approx(-0.07, abs=0.01)
 
 
+@pytest.mark.parametrize("samples", [1, 2])
 @pytest.mark.parametrize("angle", [12.0, -12.0])
-def test_a_heel_hardens_row_by_row_towards_the_anode(angle):
+def test_a_heel_hardens_row_by_row_towards_the_anode(angle, samples):
     slab = Slab(water=200.0)
     physics = {"spectrum": SPECTRUM, "heel": {"depth_um": 10.0}}
-    state = Chain(slab, GEOMETRY).state(physics, anode=Anode("W", angle))
+    state = Chain(slab, GEOMETRY, samples=samples).state(physics, anode=Anode("W", angle))
     thickness = heel_mm(GEOMETRY, 0.01, abs(angle))[:: int(np.sign(angle))]
     lines = state.line_integrals()[0, :, 40]
     for row in (0, 5, 10, 20):

@@ -274,8 +274,9 @@ class Chain:
             return np.exp(-np.tensordot(self.scene.attenuation_per_mm, paths.astype(np.float64), 1))[None]
         table = np.stack([attenuation_per_mm(material, beam.energies_kev) for material in self.scene.materials])
         shares = np.stack([beam.signal, beam.noise])
-        if shares.ndim > 2:
-            shares = shares.repeat(rays[0], axis=-2).repeat(rays[1], axis=-1)
+        if shares.ndim > 2:  # where a filter is alike along rows or columns, there is one for all of them
+            for axis, count in zip((-2, -1), rays, strict=True):
+                shares = shares.repeat(count if shares.shape[axis] > 1 else 1, axis)
         return transmitted(paths, table, shares)
 
 
