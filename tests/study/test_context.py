@@ -115,7 +115,7 @@ def test_the_report_has_figures_with_captions_and_tables_with_titles_first():
     assert all(Path(path).exists() for path in pages.caption_files())
     titles = dict(zip(pages.table_titles(), pages.tables(), strict=True))
     assert list(titles)[:3] == ["Which features to trust", "Stable features by measure", "Measures of stability"]
-    assert list(titles)[-2:] == ["pca multicentre", "separability multicentre"]
+    assert list(titles)[-2:] == ["Separability of classes: FBP", "Separability of classes: multicentre"]
     assert titles["All features"] == "results/features.csv"
     assert pages.diagnoses() == {} and pages.links() == {"Slices to flip through": "viewer.html"}
 

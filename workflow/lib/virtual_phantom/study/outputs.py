@@ -336,8 +336,18 @@ OUTPUTS = (
     ),
     *_made_by(
         "pca",
-        Output("pca", "tables/pca_{pca}.csv", "principal components of a selection of protocols"),
-        Output("separability", "tables/separability_{pca}.csv", "how far principal components tell classes apart"),
+        Output(
+            "pca",
+            "tables/pca_{pca}.csv",
+            "principal components of a selection of protocols",
+            "Principal components: {pca}",
+        ),
+        Output(
+            "separability",
+            "tables/separability_{pca}.csv",
+            "how far principal components tell classes apart",
+            "Separability of classes: {pca}",
+        ),
         stage="tables",
         counted="tables",
     ),

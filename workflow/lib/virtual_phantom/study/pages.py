@@ -88,7 +88,9 @@ class Pages:
     def table_titles(self) -> list[str]:
         """What each is called."""
         return [
-            filled(output.title, **known) if output.title else label(Path(filled(output.pattern, **known)).stem)
+            filled(output.title, **{kind: label(name) for kind, name in known.items()})
+            if output.title
+            else label(Path(filled(output.pattern, **known)).stem)
             for output, known in self._tables
         ]
 
