@@ -17,8 +17,8 @@ import numpy as np
 from scipy import ndimage, stats
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.attribute import trial
 from virtual_phantom.diagnosis.core.locate import aligned
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.chain import Chain

@@ -31,12 +31,13 @@ from scipy import ndimage
 from scipy.optimize import brentq
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.attribute import choose, trial
+from virtual_phantom.diagnosis.core.attribute import choose
 from virtual_phantom.diagnosis.core.declared import declared
 from virtual_phantom.diagnosis.core.linearisation import BASE, Linearisation, LinearisationPoint
 from virtual_phantom.diagnosis.core.locate import EDGE_SHARE, Half, aligned
 from virtual_phantom.diagnosis.core.statement import stated_physics
 from virtual_phantom.diagnosis.core.templates import strength, varied, whitened
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.locate import locate

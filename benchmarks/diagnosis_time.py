@@ -15,7 +15,9 @@ import numpy as np
 from diagnosis_draws import PHOTONS, scans, scene
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis.core.attribute import choose, trial, trials
+from virtual_phantom.diagnosis.core.attribute import choose
+from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.core.trials import trials
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.numerical import model_and_floor

@@ -11,7 +11,8 @@ import argparse
 from pathlib import Path
 
 from virtual_phantom.diagnosis.core.asked import Asked, Disc, MaskedObject, Settings
-from virtual_phantom.diagnosis.core.attribute import Choice, Trial, trial
+from virtual_phantom.diagnosis.core.attribute import Choice
+from virtual_phantom.diagnosis.core.trial import Trial, trial
 from virtual_phantom.diagnosis.core.verdict import excess_rms_removed, metrics_of
 from virtual_phantom.diagnosis.core.verified import Physics, verified
 from virtual_phantom.diagnosis.ready import ready

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from virtual_phantom.diagnosis.core.attribute import choose, trial
+from virtual_phantom.diagnosis.core.attribute import choose
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.io.volumes import Volume
 
 

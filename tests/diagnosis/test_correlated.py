@@ -5,12 +5,12 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.attribute import trial
 from virtual_phantom.diagnosis.core.correlated import WHITE, Correlations, Whitening, estimated, of_state
 from virtual_phantom.diagnosis.core.fit import Problem
 from virtual_phantom.diagnosis.core.locate import Half
 from virtual_phantom.diagnosis.core.pattern import estimate
 from virtual_phantom.diagnosis.core.templates import data_changes
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.uncertainty import left_by_numbers
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.locate import locate

@@ -8,10 +8,11 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.attribute import trial
+from virtual_phantom.diagnosis.core import trials
+from virtual_phantom.diagnosis.core.kept import KeptFits
 from virtual_phantom.diagnosis.core.linearisation import BASE, Linearisation, LinearisationPoint
-from virtual_phantom.diagnosis.core.store import read_trial, write_trial
-from virtual_phantom.diagnosis.course import Fitted, explain
+from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.numerical import model_and_floor
 from virtual_phantom.physics.chain import Chain
@@ -54,24 +55,40 @@ def written(content):
     return json.dumps(content, indent=1, allow_nan=False)
 
 
-def test_a_verdict_is_the_same_in_one_job_and_in_jobs_of_their_own(scene, tmp_path):
-    """The proof diagnoses in one job. Recordings of a user have a job for every candidate, in any order, each with a
-    model of its own, which hand over their fits as files."""
+def test_a_verdict_is_the_same_in_several_processes_and_from_fits_that_were_kept(scene, tmp_path, monkeypatch):
+    """The proof keeps no fits, and makes one after the other. A user's diagnosis has processes, and may have been
+    stopped."""
     physics = {"scatter": {"amount": 0.03, "width_mm": 60.0}, "detector_offset": {"columns_px": 0.05}}
-    _, at_once = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2)
-
-    write_trial(trial(ready(scene, physics).fitter, ()), tmp_path / "alignment.json")
-    baseline = read_trial(tmp_path / "alignment.json")
-    used = ready(scene, physics).fitter
-    for name in reversed(CANDIDATES):
-        write_trial(trial(used, (name,), baseline, baseline), tmp_path / f"{name}.json")
-    fitted = Fitted(baseline, {name: read_trial(tmp_path / f"{name}.json") for name in CANDIDATES})
-    _, by_jobs = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=1, fitted=fitted)
-
+    kept = KeptFits(tmp_path, "this recording", lambda effect: "as it is")
+    _, at_once = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2, kept=kept)
     assert {one["name"] for one in at_once.content["effects"]} == set(physics)
-    assert written(by_jobs.content) == written(at_once.content)
-    for here, there in zip(by_jobs.after, at_once.after, strict=True):
-        np.testing.assert_array_equal(here.map, there.map)
+    files = {path.name for path in tmp_path.glob("*.json")}
+    assert {"alignment.json", *(f"{name}.json" for name in CANDIDATES)} < files
+    assert any("+" in name for name in files)
+
+    _, in_turn = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY)
+    made = []
+    monkeypatch.setattr(trials, "trial", lambda fitter, *task: made.append(task[0]) or trial(fitter, *task))
+    (tmp_path / "scatter.json").write_text("{")  # as a full disk leaves it
+    (tmp_path / "focal_spot.json").unlink()
+    _, gone_on = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY, kept=kept)
+    assert made == [("focal_spot",), ("scatter",)]
+    for other in (in_turn, gone_on):
+        assert written(other.content) == written(at_once.content)
+        for here, there in zip(other.after, at_once.after, strict=True):
+            np.testing.assert_array_equal(here.map, there.map)
+
+
+def test_a_fit_counts_for_nothing_but_what_it_was_made_of(scene, tmp_path):
+    fitter = ready(scene, {}).fitter
+    baseline = trial(fitter, ())
+    kept = KeptFits(tmp_path, "this recording", lambda effect: "as it is")
+    kept.put(baseline, ("scatter",), baseline, baseline)
+    asked = ("scatter",), baseline, baseline
+    assert kept.get(*asked).fit == baseline.fit
+    assert kept.get(("scatter",), None, baseline) is None and kept.get(("heel",), baseline, baseline) is None
+    assert KeptFits(tmp_path, "another recording", kept.code).get(*asked) is None
+    assert KeptFits(tmp_path, "this recording", lambda effect: f"{effect}, mended").get(*asked) is None
 
 
 SETTINGS = (

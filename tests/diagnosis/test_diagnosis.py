@@ -11,11 +11,11 @@ from simulated_scans import body, chosen
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.attribute import trial
 from virtual_phantom.diagnosis.core.linearisation import Linearisation, LinearisationPoint
 from virtual_phantom.diagnosis.core.locate import ALPHA, Half, variance_z
 from virtual_phantom.diagnosis.core.pattern import estimate
 from virtual_phantom.diagnosis.core.store import read_trial, write_trial
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.locate import locate
@@ -238,8 +238,9 @@ def test_fits_come_back_from_files_and_the_report_says_what_was_found(scene, tmp
     errors = LinearisationPoint({"detector_offset": {"columns_px": 0.3}}, {"x_mm": 0.1})
     moved = Linearisation(errors, LinearisationPoint({}, {"y_mm": 0.2}))
     elsewhere = replace(found.choice.chosen, fit=replace(found.choice.chosen.fit, linearisation=moved, corrected=2.5))
-    write_trial(elsewhere, tmp_path / "fit.json")
-    again = read_trial(tmp_path / "fit.json")
+    write_trial(elsewhere, tmp_path / "fit.json", "of this")
+    again, made_of = read_trial(tmp_path / "fit.json")
+    assert made_of == "of this"
     assert again.fit.linearisation == moved and again.fit.linearisation.errors.key == errors.key
     assert again.fit.corrected == 2.5
     assert again.fit.physics == found.choice.chosen.fit.physics and again.score == found.choice.chosen.score

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from virtual_phantom.diagnosis.core.alignment import nuisances
-from virtual_phantom.diagnosis.core.attribute import trial
 from virtual_phantom.diagnosis.core.fit import Fitter
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.verdict import excess_rms_removed
 from virtual_phantom.diagnosis.core.verified import Physics, verified
 from virtual_phantom.diagnosis.projections.model import ScansModel

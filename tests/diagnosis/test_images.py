@@ -9,8 +9,8 @@ from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.attribute import trial
 from virtual_phantom.diagnosis.core.linearisation import BASE, Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.images.compared_regions import complete
 from virtual_phantom.diagnosis.images.model import noise_lines

@@ -7,9 +7,10 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.attribute import choose, trial
+from virtual_phantom.diagnosis.core.attribute import choose
 from virtual_phantom.diagnosis.core.linearisation import BASE, NOMINAL, LinearisationPoint
 from virtual_phantom.diagnosis.core.pattern import estimate
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.numerical import MOST_STRAY, Numerical, model_and_floor

@@ -12,9 +12,10 @@ from scipy import ndimage
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core import attribute
-from virtual_phantom.diagnosis.core.attribute import Trial, best_few, trial
+from virtual_phantom.diagnosis.core.attribute import best_few
 from virtual_phantom.diagnosis.core.fit import Fit
 from virtual_phantom.diagnosis.core.screening import Screened
+from virtual_phantom.diagnosis.core.trial import Trial, trial
 from virtual_phantom.diagnosis.core.verdict import diagnose, excess_rms_removed
 from virtual_phantom.diagnosis.core.verified import Physics, stated, verified
 from virtual_phantom.diagnosis.projections import observed, prepared

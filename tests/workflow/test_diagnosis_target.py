@@ -16,6 +16,7 @@ from virtual_phantom.study.config import complete
 from virtual_phantom.study.plan import Plan
 
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
+EFFECTS = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]
 SCAN = {"trajectory": "circular", "columns": 68, "rows": 16, "column_pitch_mm": 9.5, "row_pitch_mm": 12.0}
 STUDY = {
     "noise": {"model": "physical", "levels": {"bench": {"A": 1.0e-5, "repeats": 4}}},
@@ -44,7 +45,7 @@ def bench(tmp_path_factory):
 
 
 def diagnosis(folder, *arguments, **settings):
-    diagnosed = {"samples": 1, "effects": ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]}
+    diagnosed = {"samples": 1, "effects": EFFECTS}
     overlay = {
         **STUDY,
         "recordings": {"bench": str(folder / "bench")},
@@ -89,9 +90,14 @@ def test_its_physics_is_an_overlay_that_the_study_takes(bench):
 
 def test_only_what_a_change_touches_is_done_again(bench):
     assert planned(diagnosis(bench, "-n")) == {}
-    more = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk", "heel"]
-    jobs = planned(diagnosis(bench, "-n", effects=more))
-    assert jobs["diagnosis_effect"] == ["recording=bench, effect=heel"] and "diagnosis_alignment" not in jobs
+    folder = bench / "results" / "diagnosis" / "bench"
+    made = {path.name: path.stat().st_mtime_ns for path in (folder / "fits").glob("*.json")}
+    assert {"alignment.json", *(f"{name}.json" for name in EFFECTS)} <= set(made)
+    process = diagnosis(bench, effects=[*EFFECTS, "heel"])
+    assert process.returncode == 0, process.stderr[-4000:]
+    again = {path.name: path.stat().st_mtime_ns for path in (folder / "fits").glob("*.json")}
+    assert "heel.json" in again.keys() - made.keys()
+    assert made.items() <= again.items()
 
 
 def test_bad_settings_are_one_line(bench):

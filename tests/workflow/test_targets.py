@@ -38,7 +38,7 @@ def test_targets_of_the_helsinki_recordings_plan(tmp_path):
     (tmp_path / "overlay.yaml").write_text(yaml.safe_dump(overlay))
     settings = ("--configfile", "config/htc2022.yaml", tmp_path / "overlay.yaml")
     jobs = planned(snakemake("diagnosis", "proof", "-n", *settings))
-    assert len(jobs["diagnosis_alignment"]) >= 3 and "proof_score" in jobs
+    assert len(jobs["diagnose"]) >= 3 and "proof_score" in jobs
 
 
 @pytest.mark.real

@@ -1,70 +1,10 @@
-# Where recordings and the simulator differ, and which physics explains it: one job per recording and candidate effect.
-rule diagnosis_setup:
-    """Whether the scan is described right: what is wrong there would pass for physics."""
-    input:
-        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
-        code=context.code("diagnose_setup.py"),
-    output:
-        context.file("setup"),
-    log:
-        context.log("diagnosis/{recording}/setup"),
-    resources:
-        mem_mb=lambda wildcards: context.diagnosis.megabytes(wildcards.recording),
-        runtime=60,
-    params:
-        model=lambda wildcards: context.diagnosis.model(wildcards.recording),
-    script:
-        "../scripts/diagnose_setup.py"
-
-
-rule diagnosis_alignment:
-    """The simulator with nothing but alignment: what every effect is held against."""
-    input:
-        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
-        setup=rules.diagnosis_setup.output[0],
-        code=context.code("diagnose_candidate.py"),
-    output:
-        context.file("baseline"),
-    log:
-        context.log("diagnosis/{recording}/alignment"),
-    resources:
-        mem_mb=lambda wildcards: context.diagnosis.megabytes(wildcards.recording),
-        runtime=60,
-        gpu=lambda wildcards: context.diagnosis.gpus(wildcards.recording),
-    params:
-        model=lambda wildcards: context.diagnosis.model(wildcards.recording),
-        effect=None,
-    script:
-        "../scripts/diagnose_candidate.py"
-
-
-use rule diagnosis_alignment as diagnosis_effect with:
-    input:
-        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
-        setup=rules.diagnosis_setup.output[0],
-        baseline=rules.diagnosis_alignment.output[0],
-        effect=lambda wildcards: context.effect_code(wildcards.effect),
-        code=context.code("diagnose_candidate.py"),
-    output:
-        context.file("candidate"),
-    log:
-        context.log("diagnosis/{recording}/{effect}"),
-    params:
-        model=lambda wildcards: context.diagnosis.model(wildcards.recording),
-        effect=lambda wildcards: wildcards.effect,
-
-
+# Where recordings and the simulator differ, and which physics explains it: one job per recording.
 rule diagnose:
     """Verdict, physics and report of one recording."""
     input:
         unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
         unpack(lambda wildcards: context.diagnosis.regions(wildcards.recording)),
         unpack(lambda wildcards: context.diagnosis.physics(wildcards.recording)),
-        setup=rules.diagnosis_setup.output[0],
-        baseline=rules.diagnosis_alignment.output[0],
-        candidates=lambda wildcards: context.diagnosis.candidate_files(
-            wildcards.recording
-        ),
         effects=lambda wildcards: context.effect_code(
             *context.diagnosis.candidates[wildcards.recording]
         ),
@@ -78,17 +18,22 @@ rule diagnose:
             context.file("diagnosis_report"), **context.reported("diagnosis_report")
         ),
         maps=directory(context.file("diagnosis_maps")),
+        setup=context.file("setup"),
     log:
         context.log("diagnosis/{recording}/diagnose"),
     wildcard_constraints:
         recording="|".join(context.diagnosis.settings) or "none",
-    threads: 2
+    threads: lambda made: context.diagnosis.processes(made.recording, workflow.cores)
     resources:
-        mem_mb=lambda wildcards: context.diagnosis.megabytes(wildcards.recording),
+        mem_mb=lambda wildcards, threads: context.diagnosis.megabytes(
+            wildcards.recording, threads
+        ),
         runtime=120,
         gpu=lambda wildcards: context.diagnosis.gpus(wildcards.recording),
     params:
         model=lambda wildcards: context.diagnosis.model(wildcards.recording),
+        # No output: Snakemake would delete what a job that was stopped goes on from.
+        kept=lambda wildcards: context.diagnosis.kept(wildcards.recording),
         effects=lambda wildcards: context.diagnosis.candidates[wildcards.recording],
         same_material=lambda wildcards: context.diagnosis.same_material(
             wildcards.recording

@@ -4,7 +4,8 @@ import json
 
 from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.core.attribute import choose, trial
+from virtual_phantom.diagnosis.core.attribute import choose
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.verified import Physics, verified
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
 from virtual_phantom.diagnosis.ready import agreement, ready

@@ -6,49 +6,52 @@ from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.core.asked import Asked
 from virtual_phantom.diagnosis.core.locate import ALPHA
 from virtual_phantom.diagnosis.core.sentence import PRACTICAL
-from virtual_phantom.diagnosis.core.store import RESIDUAL_MAPS, read_trial, write_diagnosis
+from virtual_phantom.diagnosis.core.store import RESIDUAL_MAPS, write_diagnosis
 from virtual_phantom.diagnosis.core.verified import Physics
-from virtual_phantom.diagnosis.course import Fitted, explain, hold_against
+from virtual_phantom.diagnosis.course import explain, hold_against
 from virtual_phantom.diagnosis.described import described
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
 from virtual_phantom.diagnosis.matters import in_practice
 from virtual_phantom.diagnosis.projections.scanned import shaped_object
 from virtual_phantom.diagnosis.ready import agreement, ready
 from virtual_phantom.diagnosis.setup.recorded import set_up
-from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, VERDICTS, doubted, read_setup, verdict
+from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, VERDICTS, doubted, verdict, write_setup
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.report.diagnosis import page, residual_maps
 from virtual_phantom.report.setup import setup_page
 from virtual_phantom.statistics.proof_record import read, with_coverage
 from virtual_phantom.study.job import job
+from virtual_phantom.study.kept_fits import kept_fits
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
     asked = Asked.of(params.model, given.get("phantom"), snakemake.threads)
-    setup = read_setup(given.setup) if "setup" in given.keys() else NOT_LOOKED
+    recording = load(asked.folder)
+    doubt = set_up(recording, asked) if doubted(recording, asked) else None
+    setup = NOT_LOOKED if doubt is None else doubt.content
+    if "setup" in output.keys():
+        write_setup(setup, output.setup)
     if setup["kind"] in VERDICTS:
-        recording = load(asked.folder)
-        doubt = set_up(recording, asked)
         content, shown = verdict(doubt, recording, asked), doubt.maps()
         write_diagnosis(output, content, {}, setup_page(content, *shown), dict(zip(RESIDUAL_MAPS, shown, strict=True)))
     else:
-        recording, prepared = ready(asked)
-        fitted = None
-        if "baseline" in given.keys():
-            singles = {name: read_trial(path) for name, path in zip(params.effects, given.candidates, strict=True)}
-            fitted = Fitted(read_trial(given.baseline), singles)
+        _, prepared = ready(asked, recording)
+        kept = None
+        if "kept" in params.keys():
+            scanned = filter(None, (given.get(name) for name in ("phantom", "mask", "shapes")))
+            kept = kept_fits(params.kept, params.model, [*given.files, *scanned])
         if "physics" in given.keys():
             physics = Physics.read(given.physics)
-            prepared, found = hold_against(recording.name, prepared, physics, params.same_material, fitted)
+            prepared, found = hold_against(recording.name, prepared, physics, params.same_material, kept)
         else:
             prepared, found = explain(
-                recording.name, prepared, params.effects, params.accuracy, snakemake.threads, fitted
+                recording.name, prepared, params.effects, params.accuracy, snakemake.threads, kept
             )
         if "record" in given.keys():
             found = replace(found, content=with_coverage(found.content, read(given.record)))
         tried = [] if "physics" in given.keys() else params.effects
         found.content["modelled"] = described(asked, recording, prepared, tried)
-        if setup is not NOT_LOOKED and doubted(recording, asked):
+        if doubt is not None:
             found.content["setup"] = setup
         scanned = None
         if "phantom" in given.keys():

@@ -105,13 +105,12 @@ def diagnose(
     study = defaults_of()
     materials = defaults_of("materials")
     asked = Asked(recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"])
-    setup = None
+    setup, read = None, load(recording)
     if asked.settings.check_setup:
-        read = load(recording)
         setup = set_up(read, asked)
         if setup.kind in VERDICTS:
             return Diagnosis(None, [], [], verdict(setup, read, asked))
-    read, prepared = ready(asked)
+    _, prepared = ready(asked, read)
     prepared, found = explain(read.name, prepared, tried, defaults_of("diagnosis", "model_accuracy"), processes)
     table = agreement(read, prepared, found.choice, asked, Branch.AGREEMENT, _regions(asked, read), practice=True)
     content = in_practice(found.content | {"agreement": table}, defaults_of("diagnosis", "matters") | (matters or {}))

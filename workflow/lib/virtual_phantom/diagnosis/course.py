@@ -3,49 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from .core.attribute import Choice, Trial, choose, trial, trials
-from .core.fit import Fitter
+from .core.attribute import Choice, choose
+from .core.kept import KeptFits
 from .core.prepared import Prepared
+from .core.trials import trials
 from .core.verdict import Diagnosis, diagnose
 from .core.verified import Physics, stated, verified
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """The fits that every diagnosis begins with.
-
-    Attributes
-    ----------
-    baseline : Trial
-        The alignment alone.
-    singles : mapping of str to Trial
-        Each candidate alone.
-    """
-
-    baseline: Trial
-    singles: Mapping[str, Trial]
-
-    @classmethod
-    def of(cls, fitter: Fitter, effects: Sequence[str], processes: int = 1) -> Fitted:
-        """Make them.
-
-        Parameters
-        ----------
-        fitter : Fitter
-        effects : sequence of str
-            Candidates.
-        processes : int, optional
-            As core.attribute.trials takes them.
-
-        Returns
-        -------
-        Fitted
-        """
-        baseline = trial(fitter, ())
-        tasks = [((name,), baseline, baseline) for name in effects]
-        return cls(baseline, dict(zip(effects, trials(fitter, tasks, processes), strict=True)))
 
 
 def explain(
@@ -54,7 +19,7 @@ def explain(
     effects: Sequence[str],
     accuracy: Mapping[str, float],
     processes: int = 1,
-    fitted: Fitted | None = None,
+    kept: KeptFits | None = None,
 ) -> tuple[Prepared, Diagnosis]:
     """Choose the effects that explain a recording, and judge them.
 
@@ -69,8 +34,8 @@ def explain(
         As choose takes it.
     processes : int, optional
         As choose takes them.
-    fitted : Fitted, optional
-        The first fits, where other jobs made them; None: they are made here.
+    kept : KeptFits, optional
+        As choose takes them.
 
     Returns
     -------
@@ -79,16 +44,18 @@ def explain(
     diagnosis : Diagnosis
     """
 
-    def choice(one: Prepared, first: Fitted | None) -> Choice:
-        first = first or Fitted.of(one.fitter, effects, processes)
-        return choose(one.fitter, first.baseline, first.singles, processes, accuracy)
+    def choice(one: Prepared, kept: KeptFits | None) -> Choice:
+        (baseline,) = trials(one.fitter, [((),)], kept=kept)
+        tasks = [((name,), baseline, baseline) for name in effects]
+        singles = dict(zip(effects, trials(one.fitter, tasks, processes, kept), strict=True))
+        return choose(one.fitter, baseline, singles, processes, accuracy, kept)
 
-    prepared, chosen = _settled(prepared, choice, fitted)
+    prepared, chosen = _settled(prepared, choice, kept)
     return prepared, diagnose(name, prepared, chosen)
 
 
 def hold_against(
-    name: str, prepared: Prepared, physics: Physics, same_material: bool, fitted: Fitted | None = None
+    name: str, prepared: Prepared, physics: Physics, same_material: bool, kept: KeptFits | None = None
 ) -> tuple[Prepared, Diagnosis]:
     """Judge a recording by physics that was found on another: only the alignment is fitted.
 
@@ -100,8 +67,8 @@ def hold_against(
     physics : Physics
     same_material : bool
         As verified takes it.
-    fitted : Fitted, optional
-        As explain takes it.
+    kept : KeptFits, optional
+        As explain takes them.
 
     Returns
     -------
@@ -110,17 +77,17 @@ def hold_against(
         As explain returns them.
     """
 
-    def choice(one: Prepared, first: Fitted | None) -> Choice:
-        first = first or Fitted.of(one.fitter, ())
-        return verified(one.fitter, first.baseline, physics, same_material)
+    def choice(one: Prepared, kept: KeptFits | None) -> Choice:
+        (baseline,) = trials(one.fitter, [((),)], kept=kept)
+        return verified(one.fitter, baseline, physics, same_material)
 
-    prepared, chosen = _settled(prepared, choice, fitted)
+    prepared, chosen = _settled(prepared, choice, kept)
     found = diagnose(name, prepared, chosen)
     return prepared, replace(found, content=stated(found.content, physics))
 
 
 def _settled(
-    prepared: Prepared, choice: Callable[[Prepared, Fitted | None], Choice], fitted: Fitted | None
+    prepared: Prepared, choice: Callable[[Prepared, KeptFits | None], Choice], kept: KeptFits | None
 ) -> tuple[Prepared, Choice]:
     """A choice; a second one where the first says how the noise is correlated and the recording does not.
 
@@ -130,14 +97,15 @@ def _settled(
     ----------
     prepared : Prepared
     choice : callable
-        (Prepared, Fitted or None) to Choice.
-    fitted : Fitted or None
+        (Prepared, KeptFits or None) to Choice.
+    kept : KeptFits or None
+        For the first one.
 
     Returns
     -------
     prepared : Prepared
     choice : Choice
     """
-    chosen = choice(prepared, fitted)
+    chosen = choice(prepared, kept)
     again = prepared.with_noise_of(chosen.chosen.fit)
     return (prepared, chosen) if again is prepared else (again, choice(again, None))

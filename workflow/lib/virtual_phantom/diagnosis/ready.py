@@ -20,12 +20,14 @@ from .projections.setting import ready_scans
 KINDS = {"projections": (ready_scans, agreement_of_scans), "images": (ready_images, agreement_of_images)}
 
 
-def ready(asked: Asked) -> tuple[Recording, Prepared]:
+def ready(asked: Asked, recording: Recording | None = None) -> tuple[Recording, Prepared]:
     """Read a recording and prepare it for fits.
 
     Parameters
     ----------
     asked : Asked
+    recording : Recording, optional
+        Where it was read already.
 
     Returns
     -------
@@ -37,7 +39,7 @@ def ready(asked: Asked) -> tuple[Recording, Prepared]:
     InputError
         For a recording of another kind, and a nominal anode or tube voltage that no spectrum is known of.
     """
-    recording = read(asked.folder)
+    recording = recording or read(asked.folder)
     if recording.kind not in KINDS:
         raise InputError(f"{recording.document.path}: holds {recording.kind}, which are diagnosed by comparison")
     return recording, KINDS[recording.kind][0](recording, asked, labels_of(recording))

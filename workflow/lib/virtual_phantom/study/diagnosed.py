@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -15,6 +16,8 @@ from .outputs import Files
 from .plan import Plan
 from .recorded import Recordings
 
+KEPT = "fits"  # folder beside a diagnosis
+DEFAULT_CORES = 2  # that a diagnosis takes where nobody says how many there are
 # A fit depends on none of these: another list of effects redoes none.
 NOT_MODELLED = ("effects", "physics_from")
 
@@ -199,9 +202,9 @@ class Diagnosis:
             "masks": self.files("phantom_rois"),
         }
 
-    def candidate_files(self, name: str) -> list[str]:
-        """The fits of all effects that are tried."""
-        return [self.files("candidate", recording=name, effect=effect) for effect in self.candidates[name]]
+    def kept(self, name: str) -> str:
+        """The folder of fits from which a diagnosis goes on."""
+        return f"{os.path.dirname(self.files('diagnosis', recording=name))}/{KEPT}"
 
     def protocol(self, name: str) -> dict | None:
         """The protocol that simulates a recording of images; None for projections."""
@@ -235,8 +238,24 @@ class Diagnosis:
             "protocol": self.protocol(name),
         }
 
-    def megabytes(self, name: str) -> int:
-        """Memory of a fit, MB.
+    def processes(self, name: str, cores: int | None) -> int:
+        """That fit a recording side by side: no more than it has effects to try.
+
+        Parameters
+        ----------
+        name : str
+            The recording.
+        cores : int or None
+            That there are; None where that is not known.
+
+        Returns
+        -------
+        int
+        """
+        return max(1, min(cores or DEFAULT_CORES, len(self.candidates[name])))
+
+    def megabytes(self, name: str, processes: int = 1) -> int:
+        """Memory of the fits, MB.
 
         That is rays of all repeats, path lengths at several samples per pixel, derivatives and numerical errors; of
         images, the realisations of noise.
@@ -245,6 +264,8 @@ class Diagnosis:
         ----------
         name : str
             The recording.
+        processes : int, optional
+            Side by side.
 
         Returns
         -------
@@ -254,4 +275,4 @@ class Diagnosis:
         scan = protocol["scan"] if protocol else self.recordings.content(name)["scan"]
         views = protocol["projections"] if protocol else scan["views"]
         rays = views * scan["rows"] * scan["columns"] / 1e6
-        return int(1500 + rays * (60 * self.settings[name]["samples"] ** 2 + 500))
+        return int(1500 + processes * rays * (60 * self.settings[name]["samples"] ** 2 + 500))

@@ -462,18 +462,6 @@ OUTPUTS = (
     ),
     # The diagnosis.
     *_made_by(
-        "diagnosis_setup",
-        Output("setup", "diagnosis/{recording}/setup.json", "whether the scan is described right"),
-    ),
-    *_made_by(
-        "diagnosis_alignment",
-        Output("baseline", "diagnosis/{recording}/alignment.json", "the simulation without any effect, fitted"),
-    ),
-    *_made_by(
-        "diagnosis_effect",
-        Output("candidate", "diagnosis/{recording}/effects/{effect}.json", "the simulation with one effect, fitted"),
-    ),
-    *_made_by(
         "diagnose",
         Output("diagnosis", "diagnosis/{recording}/diagnosis.json", "verdict, findings and their evidence"),
         Output("found_physics", "diagnosis/{recording}/physics.yaml", "the findings as an overlay of a configuration"),
@@ -486,6 +474,7 @@ OUTPUTS = (
             "diagnosis",
         ),
         Output("diagnosis_maps", "diagnosis/{recording}/maps", "maps of the differences, by domain"),
+        Output("setup", "diagnosis/{recording}/setup.json", "whether the scan is described right"),
     ),
     *_made_by(
         "diagnose_scanner",

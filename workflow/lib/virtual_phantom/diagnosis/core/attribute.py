@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-
-from scipy import stats
-from threadpoolctl import threadpool_limits
+from functools import partial
 
 from ...io.schema import defaults_of
-from ...physics.effect import load
-from . import pattern as patterns
 from .fit import Fit, Fitter
+from .kept import KeptFits
 from .screening import Screened, screened
+from .trial import Trial, chance
+from .trials import trials
 
 # Of an effect's likelihood ratio, over all candidates; a choice. Of 32 scans of the proof with nothing left out, an
 # effect was named in 1.
@@ -29,24 +27,6 @@ SCREEN = 0.01  # of the matched filter, times the candidates: what does worse is
 # Of those that the matched filter leaves: fitted are the first few by its gain, if it is this share of the best or, in
 # the place of an effect, of what that one gains; and all with that larger share of the best.
 FEW, LEAST_SHARE, NEAR_BEST = 6, 0.1, 0.5
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A fit, and how good it is.
-
-    Attributes
-    ----------
-    fit : Fit
-    score : float
-        Log score on held-out data.
-    p : float
-        p-value of its last effect, against the fit without it.
-    """
-
-    fit: Fit
-    score: float
-    p: float
 
 
 @dataclass(frozen=True)
@@ -105,92 +85,13 @@ class Choice:
         return {name: lost for name, lost in least.items() if lost >= enough and name not in self.undecided}
 
 
-def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None) -> Trial:
-    """Fit effects and score them.
-
-    Parameters
-    ----------
-    fitter : Fitter
-    effects : tuple of str
-    given : Trial, optional
-        Where to begin.
-    against : Trial, optional
-        The fit without the last effect, for its p-value; None: p is 1.
-
-    Returns
-    -------
-    Trial
-    """
-    fit = fitter.fit(effects, None if given is None else given.fit)
-    p = 1.0 if against is None else chance(fit, against.fit, effects[-1])
-    return Trial(fit, fitter.score(fit), p)
-
-
-def chance(fit: Fit, without: Fit, effect: str) -> float:
-    """Chance of such a fit if the effect is not there.
-
-    By the likelihood ratio, or, of a gain pattern, by its size.
-
-    Parameters
-    ----------
-    fit, without : Fit
-        With and without the effect.
-    effect : str
-
-    Returns
-    -------
-    float
-    """
-    if load(effect).pattern:
-        return patterns.chance(fit.physics[effect]["rms"], fit.errors[effect]["rms"])
-    lost = max(0.0, without.chi_square - fit.chi_square)
-    return float(stats.chi2.sf(lost, max(1, fit.free - without.free)))
-
-
-_fitter: Fitter | None = None  # of the processes that `trials` forks: too large to be sent with every task
-
-
-def trials(fitter: Fitter, tasks: Sequence[tuple], processes: int = 1) -> list[Trial]:
-    """Make trials in forked processes with one thread for linear algebra each.
-
-    Predictions depend on what is asked alone, so that results are the same whatever the number of processes and their
-    order.
-
-    Parameters
-    ----------
-    fitter : Fitter
-    tasks : sequence of tuple
-        (effects, given, against), as `trial` takes them.
-    processes : int, optional
-        At most.
-
-    Returns
-    -------
-    list of Trial
-        In the order of the tasks.
-    """
-    global _fitter
-    if not tasks:
-        return []
-    _fitter = fitter
-    try:
-        with multiprocessing.get_context("fork").Pool(min(processes, len(tasks))) as pool:
-            return pool.map(_trial, tasks, chunksize=1)
-    finally:
-        _fitter = None
-
-
-def _trial(task: tuple) -> Trial:
-    with threadpool_limits(1):
-        return trial(_fitter, *task)
-
-
 def choose(
     fitter: Fitter,
     baseline: Trial,
     singles: Mapping[str, Trial],
     processes: int = 1,
     accuracy: Mapping[str, float] | None = None,
+    kept: KeptFits | None = None,
 ) -> Choice:
     """Choose the effects that explain the data held out.
 
@@ -210,6 +111,8 @@ def choose(
         {effect: share of its own change of the data by which its model may be wrong}, `default` that of the others,
         `numerical` that of the corrections for finite steps: what that leaves over is no evidence for another effect,
         and none against one that could stand in. None: what the configuration has by default.
+    kept : KeptFits, optional
+        As for `trials`.
 
     Returns
     -------
@@ -217,6 +120,7 @@ def choose(
     """
     if accuracy is None:
         accuracy = defaults_of("diagnosis", "model_accuracy")
+    make = partial(trials, fitter, processes=processes, kept=kept)
     current, tried, found = baseline, dict(singles), {}
     worth: dict[str, float] = {}  # log score that each effect gained when it was taken
     steps = accuracy.get("numerical", 0.0) ** 2 * baseline.fit.corrected / 2
@@ -236,7 +140,7 @@ def choose(
         new, gone = (set(one.fit.effects) - set(other.fit.effects) for one, other in ((best, current), (current, best)))
         gained = best.score - current.score + sum(worth[name] for name in gone)
         worth.update(dict.fromkeys(new, max(0.0, gained)))
-        return _without_idle(fitter, best, baseline, singles, processes, least)
+        return _without_idle(make, best, baseline, singles, least)
 
     def standing_out(least_gain: float) -> dict[str, Screened]:
         return {name: one for name, one in found.items() if one.p * len(found) < SCREEN and one.gain > least_gain}
@@ -253,9 +157,9 @@ def choose(
         if not hopeful or not more:
             break
         tasks = [((*current.fit.effects, name), current, current) for name in hopeful]
-        tried = dict(zip(hopeful, trials(fitter, tasks, processes), strict=True))
+        tried = dict(zip(hopeful, make(tasks), strict=True))
     for _ in range(MOST_SWAPS + 1):
-        choice, best = _with_stand_ins(fitter, current, baseline, singles, processes)
+        choice, best = _with_stand_ins(fitter, make, current, baseline, singles)
         if best is None or best.score - current.score < LEAST_GAIN:
             break
         current = take(best)
@@ -265,10 +169,10 @@ def choose(
     return replace(choice, blur=blur(choice.chosen), undecided=undecided)
 
 
-def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes) -> tuple[Choice, Trial | None]:
+def _with_stand_ins(fitter, make, current: Trial, baseline: Trial, singles) -> tuple[Choice, Trial | None]:
     """These effects, with what each is worth and what could stand in; and the best fit with a stand-in."""
     rests = {effect: _less(current.fit.effects, effect) for effect in current.fit.effects}
-    without = dict(zip(rests, _known(fitter, list(rests.values()), current, baseline, singles, processes), strict=True))
+    without = dict(zip(rests, _known(make, list(rests.values()), current, baseline, singles), strict=True))
     gains, stand_ins, p, swapped = {}, {}, {}, []
     for effect, rest in rests.items():
         gains[effect] = current.score - without[effect].score
@@ -282,7 +186,7 @@ def _with_stand_ins(fitter, current: Trial, baseline: Trial, singles, processes)
             stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
             others = [name for name in others if name in hopeful or found[name].blind or first_order[name] < RULED_OUT]
         sets = [(*rest, name) for name in others]
-        fitted = _known(fitter, sets, without[effect], baseline, singles, processes)
+        fitted = _known(make, sets, without[effect], baseline, singles)
         stand_ins[effect] |= {name: current.score - one.score for name, one in zip(others, fitted, strict=True)}
         swapped += fitted
     best = max(swapped, key=lambda one: one.score, default=None)
@@ -322,18 +226,18 @@ def _less(effects: tuple[str, ...], effect: str) -> tuple[str, ...]:
     return tuple(name for name in effects if name != effect)
 
 
-def _known(fitter, sets: Sequence[tuple[str, ...]], given, baseline, singles, processes) -> list[Trial]:
+def _known(make, sets: Sequence[tuple[str, ...]], given, baseline, singles) -> list[Trial]:
     """Fits of sets of effects, those that were made already and new ones."""
     fresh = [effects for effects in sets if len(effects) > 1]
-    made = dict(zip(fresh, trials(fitter, [(effects, given) for effects in fresh], processes), strict=True))
+    made = dict(zip(fresh, make([(effects, given) for effects in fresh]), strict=True))
     made |= {(): baseline} | {(name,): one for name, one in singles.items()}
     return [made[effects] for effects in sets]
 
 
-def _without_idle(fitter, current: Trial, baseline: Trial, singles, processes, least) -> Trial:
+def _without_idle(make, current: Trial, baseline: Trial, singles, least) -> Trial:
     """Drop effects that later ones have made needless."""
     for effect in current.fit.effects[:-1]:
-        (without,) = _known(fitter, [_less(current.fit.effects, effect)], current, baseline, singles, processes)
+        (without,) = _known(make, [_less(current.fit.effects, effect)], current, baseline, singles)
         if current.score - without.score < least(without):
             current = without
     return current

@@ -1,4 +1,4 @@
-"""Files of a diagnosis: fits as JSON, so that every candidate can be a job of its own, and what all of it leaves."""
+"""Files of a diagnosis: fits as JSON, so that they can be kept, and what all of it leaves."""
 
 from __future__ import annotations
 
@@ -13,20 +13,25 @@ import yaml
 from ...base.errors import refusing
 from ...io.documents import DIAGNOSIS, write_document
 from ...io.files import read_text, replacing, write_text
-from .attribute import Trial
 from .fit import Fit
 from .linearisation import Linearisation, LinearisationPoint
+from .trial import Trial
 
 PATTERNS = ("pattern", "pattern_variance")
 RESIDUAL_MAPS = ("residuals before", "residuals after")  # beside the maps of domains
 
 
-def write_trial(trial: Trial, path: str | Path) -> None:
-    """Write a fit, its score and its p-value."""
+def content_of(trial: Trial) -> dict:
+    """A fit, its score and its p-value, as JSON holds them."""
     fit = asdict(trial.fit)
     for name in PATTERNS:
         fit[name] = None if fit[name] is None else fit[name].tolist()
-    content = {"fit": fit, "score": trial.score, "p": trial.p}
+    return {"fit": fit, "score": trial.score, "p": trial.p}
+
+
+def write_trial(trial: Trial, path: str | Path, made_of: str = "") -> None:
+    """Write a fit, its score and its p-value, and what they were made of."""
+    content = content_of(trial) | {"made_of": made_of}
     write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
 
 
@@ -57,7 +62,7 @@ def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mappi
     write_document(content, output.diagnosis, DIAGNOSIS)
 
 
-def read_trial(path: str | Path) -> Trial:
+def read_trial(path: str | Path) -> tuple[Trial, str]:
     """Read what `write_trial` wrote.
 
     Parameters
@@ -66,7 +71,8 @@ def read_trial(path: str | Path) -> Trial:
 
     Returns
     -------
-    Trial
+    trial : Trial
+    made_of : str
 
     Raises
     ------
@@ -83,4 +89,4 @@ def read_trial(path: str | Path) -> Trial:
         )
         for name in PATTERNS:
             fit[name] = None if fit[name] is None else np.array(fit[name])
-        return Trial(Fit(**fit), content["score"], content["p"])
+        return Trial(Fit(**fit), content["score"], content["p"]), content["made_of"]

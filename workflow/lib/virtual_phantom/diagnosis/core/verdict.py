@@ -8,7 +8,7 @@ import numpy as np
 
 from ...base.words import label
 from ...physics.effect import load
-from .attribute import Choice, Trial
+from .attribute import Choice
 from .caveats import caveats
 from .declared import statements
 from .doubts import doubts
@@ -17,6 +17,7 @@ from .model import Model
 from .prepared import Prepared
 from .sentence import MATCH, UNEXPLAINED, sentence
 from .steps import NORMAL_95
+from .trial import Trial
 
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
 NO_SIGNED_MAP = ("edges", "both halves")  # sums of squares and products

@@ -9,10 +9,11 @@ from pathlib import Path
 from ...base.errors import InputError, refusing
 from ...io.documents import DIAGNOSIS, read_document
 from ...physics.effect import READOUT_UNITS, checked, load
-from .attribute import Choice, Trial, trial
+from .attribute import Choice
 from .fit import Fitter
 from .sentence import sentence
 from .steps import NORMAL_95
+from .trial import Trial, trial
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ...base.errors import refusing
-from ...io.files import read_text
+from ...io.files import read_text, write_text
 from ...recordings.images import ImagesRecording
 from ...recordings.projections import ProjectionsRecording
 from ...recordings.recording import Recording
@@ -20,12 +20,16 @@ from .recorded import SetUp
 VERDICTS = {DESCRIPTION: "description wrong", OBJECT: "another object", EMPTY_BEAM: "nothing in the beam"}
 # Of recordings that are not looked at.
 NOT_LOOKED = {"of": "line integrals", "kind": AS_STATED, "mistakes": {}, "alike": [], "share_stated": 0.0, "share": 0.0}
-NOT_FITTED = "{}\n"  # in the place of a fit
 
 
 def doubted(recording: Recording, asked: Asked) -> bool:
     """Whether the description of a recording is looked at."""
     return asked.settings.check_setup and isinstance(recording, ProjectionsRecording | ImagesRecording)
+
+
+def write_setup(content: Mapping, path: str | Path) -> None:
+    """Write SetUp.content, or NOT_LOOKED."""
+    write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
 
 
 def read_setup(path: str | Path) -> dict:

@@ -1,0 +1,48 @@
+"""The fits that a diagnosis keeps: what they depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from functools import cache
+from pathlib import Path
+
+from ..diagnosis.core.kept import KeptFits
+from ..io.files import files_of, sha256
+from .dependencies import LIBRARY, files_behind
+
+DIAGNOSIS = LIBRARY / "diagnosis"
+FITTING = (DIAGNOSIS / "ready.py", DIAGNOSIS / "core" / "trials.py")  # behind every fit
+
+
+def kept_fits(folder: str | Path, model: Mapping, files: Iterable[str | Path]) -> KeptFits:
+    """Of one recording.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where they are kept.
+    model : mapping
+        Diagnosis.model of the recording.
+    files : iterable of str or Path
+        And folders of files: of the recording, and of what was scanned.
+
+    Returns
+    -------
+    KeptFits
+    """
+    code = sorted({path for module in FITTING for path in files_behind(module)})
+    made_of = [model, [sha256(file) for path in files for file in files_of(path)], _hash(code)]
+    text = json.dumps(made_of, sort_keys=True)
+    return KeptFits(folder, hashlib.sha256(text.encode()).hexdigest(), _effect)
+
+
+@cache
+def _effect(name: str) -> str:
+    return _hash(files_behind(LIBRARY / "physics" / "effects" / f"{name}.py"))
+
+
+def _hash(paths: Iterable[Path]) -> str:
+    """Of what files hold, whatever they are called and however old they are."""
+    return hashlib.sha256("".join(map(sha256, paths)).encode()).hexdigest()
