@@ -11,7 +11,7 @@ from workflow_runs import snakemake
 from virtual_phantom.study.outputs import OUTPUTS, WILDCARD
 from virtual_phantom.study.progress.time_left import stage_of
 
-ALL = ("report_page", "viewer", "dicom", "plan", "recordings", "alignment", "diagnosis")
+ALL = ("report_page", "viewer", "dicom", "plan", "recordings", "alignment", "diagnosis", "next_measurement")
 
 
 def made(process):

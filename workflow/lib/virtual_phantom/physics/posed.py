@@ -79,6 +79,11 @@ class PosedScene:
         self.allowed_mm = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
         self._kept: Kept | None = None
 
+    @property
+    def radius_mm(self) -> float:
+        """As VoxelScene.radius_mm."""
+        return self.scene.radius_mm
+
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
         """As VoxelScene.path_lengths."""
         return self.traced(geometry, pose, motion_mm).paths

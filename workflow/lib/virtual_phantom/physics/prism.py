@@ -9,7 +9,7 @@ import numpy as np
 from ..base.geometry import Grid, ScanGeometry
 from .materials import attenuation_per_mm
 from .rays import Rays, Voxels
-from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_back
+from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, reach_mm, turned_back
 
 
 class PrismScene:
@@ -34,6 +34,11 @@ class PrismScene:
         y, x = (low + high - np.array(share.shape)) / 2 * (dy, dx)
         # Of the part that holds anything; the slice is as high as it needs to be.
         self._part, self._centre = Grid((1, *(high - low)), (1.0, dy, dx)), np.array([x, y, 0.0])
+
+    @property
+    def radius_mm(self) -> float:
+        """How far it reaches from the z axis at most, mm."""
+        return reach_mm(self._part, self._centre)
 
     @property
     def attenuation_per_mm(self) -> np.ndarray:

@@ -58,6 +58,11 @@ class VoxelScene:
         return moved
 
     @property
+    def radius_mm(self) -> float:
+        """How far it reaches from the z axis at most, mm."""
+        return reach_mm(self.grid, self._centre)
+
+    @property
     def attenuation_per_mm(self) -> np.ndarray:
         """Of each material at the monochromatic energy, 1/mm, shape (materials,)."""
         return np.array([attenuation_per_mm(material, [self.energy_kev])[0] for material in self.materials])
@@ -110,6 +115,12 @@ class VoxelScene:
 
     def _sized(self, size: float) -> Grid:
         return self.grid if size == 1 else replace(self.grid, spacing=tuple(size * s for s in self.grid.spacing))
+
+
+def reach_mm(grid: Grid, centre_mm: np.ndarray) -> float:
+    """How far the corners of a grid whose centre lies at (x, y, z) are from the z axis, mm."""
+    half = np.array(grid.extent_mm[:0:-1]) / 2
+    return float(np.hypot(*(np.abs(centre_mm[:2]) + half)))
 
 
 class DiscScene:

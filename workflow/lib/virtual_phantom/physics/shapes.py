@@ -242,6 +242,12 @@ class ShapesScene:
         )
 
     @property
+    def radius_mm(self) -> float:
+        """How far it reaches from the z axis at most, mm."""
+        x, y, radius = self._shapes.around.T[:3]
+        return float((np.hypot(x, y) + radius).max())
+
+    @property
     def attenuation_per_mm(self) -> np.ndarray:
         """Of each material at the monochromatic energy, 1/mm, shape (materials,)."""
         return np.array([attenuation_per_mm(material, [self.energy_kev])[0] for material in self.materials])

@@ -164,6 +164,16 @@ class Diagnosis:
         documents += [self.files("scanner_diagnosis", scanner=name) for name in self.scanners]
         return documents + [self.files("feature_diagnosis", comparison=name) for name in self.comparisons]
 
+    def next_measurements(self) -> list[str]:
+        """Where further recordings are ranked: of recordings of projections with candidates, and of scanners."""
+        own = [name for name in self.settings if self.candidates[name] and self.protocol(name) is None]
+        scanners = [
+            name for name, one in self.scanners.items() if all(self.protocol(key) is None for key in one["recordings"])
+        ]
+        return [self.files("next_measurement", recording=name) for name in own] + [
+            self.files("scanner_next_measurement", scanner=name) for name in scanners
+        ]
+
     def reports(self) -> list[str]:
         """The pages of all diagnoses."""
         pages = [self.files("diagnosis_report", recording=name) for name in self.settings]

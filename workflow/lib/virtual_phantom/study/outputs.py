@@ -494,6 +494,23 @@ OUTPUTS = (
         ),
     ),
     *_made_by(
+        "next_of_recording",
+        Output(
+            "next_measurement",
+            "diagnosis/{recording}/next_measurement",
+            "further recordings ranked by what they would tell (ranking.csv, .png, .pdf), how alike effects are "
+            "(alike.csv), and the first one's recording.yaml to fill in",
+        ),
+    ),
+    *_made_by(
+        "next_of_scanner",
+        Output(
+            "scanner_next_measurement",
+            "diagnosis/scanners/{scanner}/next_measurement",
+            "the same of all recordings of a scanner together",
+        ),
+    ),
+    *_made_by(
         "diagnose_features",
         Output(
             "feature_diagnosis",

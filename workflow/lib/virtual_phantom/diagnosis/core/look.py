@@ -21,6 +21,8 @@ class Look:
         Domain, name of its axis, and number of its first place.
     one_repeat : str
         Where the noise of a recording with a single repeat is from.
+    ranked : bool
+        Whether further recordings of the kind are ranked by what they would tell (diagnosis.next_measurement).
     """
 
     unit: str
@@ -29,3 +31,4 @@ class Look:
     across: str
     profiles: tuple[tuple[str, str, int], ...]
     one_repeat: str
+    ranked: bool = False

@@ -98,7 +98,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "unexplained": [_location(place) for place in left],
         "doubts": doubted,
         "declared": known,
-        "next_measurement": next_measurements(choice, bool(left)),
+        "next_measurement": next_measurements(choice, bool(left), prepared.look.ranked),
         "held_out_data": prepared.held,
         "noise_from_one_repeat": prepared.single,
         "caveats": caveats(prepared, choice, fitter.model.tube_kvp),
@@ -245,13 +245,16 @@ def _location(place: Location) -> dict:
     return {"domain": place.domain, "where": place.where, "z": place.z, "p": place.p, "map": f"{place.domain}.npy"}
 
 
-def next_measurements(choice: Choice, something_left: bool) -> list[str]:
-    """What would settle the verdict: for every ambiguous effect its own and its rivals' tests.
+def next_measurements(choice: Choice, something_left: bool, ranked: bool) -> list[str]:
+    """What would settle the verdict.
 
     Parameters
     ----------
     choice : Choice
     something_left : bool
+    ranked : bool
+        Whether further recordings of this kind can be ranked (`snakemake next_measurement`); if not, every ambiguous
+        effect has its own and its rivals' tests.
 
     Returns
     -------
@@ -259,7 +262,11 @@ def next_measurements(choice: Choice, something_left: bool) -> list[str]:
     """
     found = []
     for name in choice.chosen.fit.effects:
-        if rivals := choice.ambiguous_with(name):
+        rivals = choice.ambiguous_with(name)
+        if rivals and ranked:
+            either = " or ".join(label(one) for one in (name, *rivals))
+            found.append(f"{either}: snakemake next_measurement ranks the recordings that would tell them apart")
+        elif rivals:
             found += [
                 f"{label(name)} or {label(rival)}: {load(one).settled_by}" for rival in rivals for one in (name, rival)
             ]

@@ -47,6 +47,7 @@ LOOK = Look(
         ("path length", "rays by line integral (tenths)", 1),
     ),
     one_repeat="was taken from second differences of neighbouring views, so variances and correlations were not tested",
+    ranked=True,
 )
 
 

@@ -1,0 +1,212 @@
+"""Further recordings are ranked by what they would tell of effects that look alike."""
+
+import numpy as np
+import pytest
+import yaml
+from scipy.optimize import lsq_linear
+from simulated_scans import noisy_lines
+
+from virtual_phantom.base.data import SCHEMAS
+from virtual_phantom.base.geometry import circular
+from virtual_phantom.diagnosis.core.information import Told, correlation, information_gain, parted, profiled, summed
+from virtual_phantom.diagnosis.next_measurement import (
+    Ambiguity,
+    alikeness,
+    found_in,
+    possible,
+    rank,
+    refitted,
+    refitted_jointly,
+    settles,
+)
+from virtual_phantom.diagnosis.next_written import alike_table, first_words, recording_to_fill_in, table
+from virtual_phantom.diagnosis.projections import observed
+from virtual_phantom.diagnosis.projections.prepared import prepare
+from virtual_phantom.figures.next_measurement import draw_ranking
+from virtual_phantom.io.schema import read_schema, validate
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.scene import DiscScene, Pose
+
+PHOTONS = 1e5
+GEOMETRY = circular(
+    views=24,
+    source_to_isocentre_mm=500.0,
+    source_to_detector_mm=900.0,
+    columns=64,
+    rows=1,
+    column_pitch_mm=8.0,
+    row_pitch_mm=8.0,
+    view_interval_ms=10.0,
+)
+SECTION = {"disc": {"diameter_mm": 160, "material": "water"}}
+OFFSET, AXIS = "detector_offset", "centre_of_rotation"
+
+
+def made_ready(physics, seed=1):
+    chain = Chain(DiscScene(160.0, "water"), GEOMETRY, PHOTONS, samples=2)
+    lines = noisy_lines(chain.state(physics, Pose(x_mm=0.4, y_mm=-0.3)), 4, np.random.default_rng(seed))
+    return prepare(observed.Scans(lines.astype(np.float32), None, np.ones(lines.shape[1:], bool)), None, chain)
+
+
+def measurement(name, seed, shared=2, own=3, data=40, knowledge=0.0):
+    random = np.random.default_rng(seed)
+    keys = (*(("effect", str(i)) for i in range(shared)), *((name, "alignment", str(i)) for i in range(own)))
+    count = shared + own
+    room = np.tile([-np.inf, np.inf], (count, 1))
+    changes, predicted = random.normal(size=(data, count)), random.normal(size=data)
+    return Told(keys, changes, predicted, np.full(count, knowledge), room, np.ones(count))
+
+
+GROUP = [("effect", "0"), ("effect", "1")]
+
+
+def test_profiled_information_is_the_inverse_of_the_covariance():
+    sums = summed([measurement("a", 1, knowledge=0.3), measurement("b", 2, knowledge=0.3)])
+    assert len(sums.keys) == 8
+    inside = [sums.keys.index(key) for key in GROUP]
+    covariance = np.linalg.inv(sums.information)[np.ix_(inside, inside)]
+    np.testing.assert_allclose(profiled(sums, GROUP), np.linalg.inv(covariance), rtol=1e-8)
+
+
+def test_knowledge_of_a_shared_number_counts_once():
+    one, two = measurement("a", 1, knowledge=5.0), measurement("b", 2, knowledge=5.0)
+    bare = summed([measurement("a", 1), measurement("b", 2)])
+    np.testing.assert_allclose(np.diag(summed([one, two]).information - bare.information), 5.0)
+
+
+def test_the_same_measurement_again_gains_half_the_logarithm_of_two_for_each_number():
+    """Without anything of its own beside what is shared: the information doubles."""
+    one = measurement("a", 3, own=0)
+    assert information_gain(summed([one]), summed([one, one]), GROUP) == pytest.approx(2 * 0.5 * np.log(2))
+
+
+def test_what_numbers_do_not_take_up_parts_explanations():
+    one, difference = measurement("a", 4), np.random.default_rng(5).normal(size=40)
+    left = np.linalg.lstsq(one.changes, difference, rcond=None)[1][0]
+    assert parted(summed([one], [difference])) == pytest.approx(left / 2)
+    room = np.tile([-0.05, 0.05], (5, 1))
+    held = Told(one.keys, one.changes, one.predicted, one.knowledge, room, one.steps)
+    bounded = lsq_linear(one.changes, difference, (-0.05, 0.05), method="bvls")
+    assert parted(summed([held], [difference])) == pytest.approx(bounded.cost) and bounded.cost > left / 2 * 1.01
+
+
+def test_numbers_that_change_the_same_have_a_correlation_of_one():
+    one = measurement("a", 6)
+    changes = one.changes.copy()
+    changes[:, 1] = -3 * changes[:, 0] + changes[:, 2]  # the alignment takes up the rest
+    alike = Told(one.keys, changes, one.predicted, one.knowledge, one.room, one.steps)
+    assert correlation(summed([alike]), GROUP[:1], GROUP[1:]) == pytest.approx(1)
+    assert correlation(summed([one]), GROUP[:1], GROUP[1:]) < 0.5
+
+
+@pytest.fixture(scope="module")
+def moved():
+    """A scan of a disc by a detector that has moved: as well, one whose axis lies beside the ray."""
+    prepared = {"disc": made_ready({OFFSET: {"columns_px": 0.15}})}
+    chosen, ambiguities = refitted(prepared["disc"], "disc", {OFFSET: [AXIS]})
+    wanted = ("same", "less_magnified", "half_current", "air", "dark_frames")
+    some = [one for one in possible(prepared, SECTION) if one.name in wanted]
+    assert [one.name for one in some] == ["same", "less_magnified", "half_current", "air", "dark_frames"]
+    return prepared, chosen, ambiguities, rank(prepared, chosen, ambiguities, some)
+
+
+def test_an_offset_and_an_axis_part_at_another_magnification(moved):
+    *_, found = moved
+    (pair,) = found.now.scores
+    assert found.now.alike[pair] > 0.99 and not settles(found.now)
+    assert found.ranked[0].measurement.name == "less_magnified" and settles(found.ranked[0])
+    gains = {one.measurement.name: one.gain for one in found.ranked}
+    assert gains["less_magnified"] > gains["same"] + 0.5 and gains["same"] > gains["half_current"] > gains["air"]
+    assert gains["dark_frames"] == pytest.approx(0, abs=1e-6)
+    for one in found.ranked:
+        assert one.scores[pair] >= found.now.scores[pair] - 1e-6
+
+
+def test_what_is_expected_of_a_pair_is_what_fits_of_such_a_recording_give(moved):
+    """Glare told from a dark signal by the recording that there is: two fits say by how much."""
+    prepared = {"disc": made_ready({"veiling_glare": {"share": 0.02, "width_mm": 60.0}}, seed=3)}
+    fitter = prepared["disc"].fitter
+    fits = {name: {"disc": fitter.fit((name,))} for name in ("veiling_glare", "scatter")}
+    found = rank(prepared, fits["veiling_glare"], [Ambiguity(fits)], [])
+    measured = fitter.score(fits["veiling_glare"]["disc"]) - fitter.score(fits["scatter"]["disc"])
+    assert found.now.least == pytest.approx(measured, rel=0.3)
+
+
+def test_dark_frames_tell_a_dark_signal():
+    prepared = {"disc": made_ready({"dark_signal": {"level_units": 400.0, "drift_units_per_s": 0.0}}, seed=4)}
+    fitter = prepared["disc"].fitter
+    fits = {name: {"disc": fitter.fit((name,))} for name in ("dark_signal", "scatter")}
+    frames = [one for one in possible(prepared, SECTION) if one.name in ("dark_frames", "air")]
+    found = rank(prepared, fits["dark_signal"], [Ambiguity(fits)], frames)
+    assert [one.measurement.name for one in found.ranked] == ["dark_frames", "air"]
+    assert found.ranked[0].least > found.now.least + 100
+
+
+def test_effects_are_as_alike_as_their_templates(moved):
+    prepared, *_ = moved
+    baseline = {"disc": prepared["disc"].fitter.fit(())}
+    alike = alikeness(prepared, baseline, (OFFSET, AXIS, "scatter", "gain_pattern"))
+    assert set(alike) == {(OFFSET, AXIS), (OFFSET, "scatter"), (AXIS, "scatter")}  # a pattern has no numbers
+    assert alike[OFFSET, AXIS]["disc"] > 0.95 and alike[OFFSET, "scatter"]["disc"] < 0.2
+    assert alike[OFFSET, AXIS][""] == pytest.approx(alike[OFFSET, AXIS]["disc"])
+    rows = alike_table(alike)
+    assert list(rows.columns) == ["effect", "other", "disc", "together"] and rows["together"].is_monotonic_decreasing
+
+
+def test_what_a_scanner_leaves_ambiguous_is_found(moved):
+    prepared, *_ = moved
+    baseline = {"disc": prepared["disc"].fitter.fit(())}
+    alike = alikeness(prepared, baseline, (OFFSET, AXIS, "scatter"))
+    chosen, ambiguities = refitted_jointly(prepared, (OFFSET,), (OFFSET, AXIS, "scatter"), alike)
+    assert chosen["disc"].effects == (OFFSET,)
+    assert [list(one.fits) for one in ambiguities] == [[OFFSET, AXIS]]
+
+
+def test_without_an_ambiguity_the_named_effects_are_told_better(moved):
+    prepared, chosen, _, _ = moved
+    some = [one for one in possible(prepared, SECTION) if one.name in ("same", "air")]
+    found = rank(prepared, chosen, [], some)
+    assert [one.measurement.name for one in found.ranked] == ["same", "air"]
+    assert found.ranked[0].least is None and not settles(found.ranked[0]) and found.ranked[0].gain > 0
+
+
+def test_patterns_of_pixels_are_left_to_an_air_scan():
+    named = {
+        "effects": [{"name": OFFSET}, {"name": "gain_pattern"}],
+        "ambiguous_with": {OFFSET: [AXIS, "gain_pattern"]},
+    }
+    assert found_in(named) == {OFFSET: [AXIS]}
+
+
+SCAN = {
+    "trajectory": "circular",
+    "source_to_isocentre_mm": 500,
+    "source_to_detector_mm": 900,
+    "columns": 64,
+    "rows": 1,
+    "column_pitch_mm": 8.0,
+    "row_pitch_mm": 8.0,
+    "views": 24,
+    "views_per_rotation": 24,
+    "start_angle_deg": 0,
+    "direction": 1,
+    "rotation_time_ms": 240,
+}
+
+
+def test_table_figure_and_the_recording_to_fill_in(moved):
+    *_, found = moved
+    rows = table(found)
+    assert list(rows["name"][:2]) == ["now", "less_magnified"] and rows["settles"][1]
+    assert first_words(found)[0].startswith("the object nearer to the detector")
+    assert [axes.get_xlabel() for axes in draw_ranking(rows, 3.0).axes][0].startswith("expected gain")
+    content = {"name": "disc", "kind": "projections", "scan": SCAN, "nominal": {"photons": 100.0}, "repeats": ["a.h5"]}
+    for one in found.ranked:
+        text = recording_to_fill_in("disc", one, content, SECTION, 4)
+        filled = yaml.safe_load(text)
+        validate(filled, read_schema(SCHEMAS / "recording.schema.yaml"), "recording.yaml")
+        assert one.measurement.words in text and len(filled["repeats"]) == 4
+        if one.measurement.name == "half_current":
+            assert filled["nominal"]["photons"] == 50
+        if one.measurement.name == "less_magnified":
+            assert filled["scan"]["source_to_isocentre_mm"] > 700 and content["scan"]["source_to_isocentre_mm"] == 500

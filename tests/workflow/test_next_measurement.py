@@ -1,0 +1,94 @@
+"""A recording that one scan leaves ambiguous, and what `snakemake next_measurement` says should be recorded next."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from workflow_runs import snakemake
+
+from virtual_phantom.io.exchange import write_line_integrals
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.scene import DiscScene, Pose
+from virtual_phantom.recordings.document import read_document
+from virtual_phantom.recordings.scan import scan_geometry
+
+SCAN = {
+    "trajectory": "circular",
+    "source_to_isocentre_mm": 500,
+    "source_to_detector_mm": 900,
+    "columns": 64,
+    "rows": 1,
+    "column_pitch_mm": 8.0,
+    "row_pitch_mm": 8.0,
+    "views": 24,
+    "views_per_rotation": 24,
+    "start_angle_deg": 0,
+    "direction": 1,
+    "rotation_time_ms": 240,
+}
+
+
+@pytest.fixture(scope="module")
+def ranked(tmp_path_factory):
+    """Where the ranking lies of a disc scanned by a detector that had moved."""
+    folder = tmp_path_factory.mktemp("next")
+    (folder / "disc").mkdir()
+    geometry = scan_geometry(SCAN, "scan")
+    chain = Chain(DiscScene(160.0, "water"), geometry, 1e5, samples=2)
+    state, random = chain.state({"detector_offset": {"columns_px": 0.15}}, Pose(x_mm=0.4, y_mm=-0.3)), np.random
+    random = random.default_rng(5)
+    names = [f"repeat_{number}.h5" for number in range(4)]
+    for name in names:
+        lines = -np.log(np.maximum(state.counts(random), 0.5) / (state.measured_air * state.photons))
+        write_line_integrals(folder / "disc" / name, lines, geometry)
+    content = {"name": "disc", "kind": "projections", "repeats": names, "scan": SCAN}
+    (folder / "disc" / "recording.yaml").write_text(yaml.safe_dump(content))
+    asked = {
+        "disc": {"diameter_mm": 160, "material": "water"},
+        "effects": ["detector_offset", "centre_of_rotation", "electronic_noise"],
+        "samples": 1,
+    }
+    overlay = {
+        "results_dir": str(folder / "results"),
+        "recordings": {"disc": str(folder / "disc")},
+        "diagnosis": {"recordings": {"disc": asked}, "matters": None},
+    }
+    (folder / "overlay.yaml").write_text(yaml.safe_dump(overlay))
+    process = snakemake("next_measurement", "--configfile", "config/tiny.yaml", folder / "overlay.yaml")
+    assert process.returncode == 0, process.stderr[-3000:]
+    return folder / "results" / "diagnosis" / "disc", process.stdout + process.stderr
+
+
+def test_the_diagnosis_points_to_the_ranking(ranked):
+    folder, _ = ranked
+    found = json.loads((folder / "diagnosis.json").read_text())
+    assert [one["name"] for one in found["effects"]] in (["detector_offset"], ["centre_of_rotation"]), found["sentence"]
+    (said,) = found["next_measurement"]
+    assert "snakemake next_measurement" in said and said in (folder / "report.html").read_text()
+
+
+def test_table_figure_and_recording_are_there(ranked):
+    folder, printed = ranked
+    table = pd.read_csv(folder / "next_measurement" / "ranking.csv")
+    first = table.iloc[1]
+    assert first["name"] == "less_magnified" and first["settles"] and not table.iloc[0]["settles"]
+    assert first["recording"] in printed
+    assert (np.diff(table["information_gain_nats"][1:]) <= 0).all()
+    for name in ("ranking.png", "ranking.pdf"):
+        assert (folder / "next_measurement" / name).stat().st_size > 1000
+    alike = pd.read_csv(folder / "next_measurement" / "alike.csv")
+    assert set(alike.iloc[0][["effect", "other"]]) == {"detector_offset", "centre_of_rotation"}
+    assert alike.iloc[0]["together"] > 0.95
+
+
+def test_the_recording_to_fill_in_is_one(ranked):
+    folder, _ = ranked
+    path = folder / "next_measurement" / "recording.yaml"
+    content = yaml.safe_load(path.read_text())
+    for name in content["repeats"]:
+        (path.parent / name).write_bytes(b"")
+    filled = read_document(path.parent).content
+    assert filled["name"] == "disc_less_magnified" and filled["scan"]["source_to_isocentre_mm"] > 500
+    assert "scanners" in path.read_text()

@@ -1,0 +1,63 @@
+# Which recording to make next, of recordings and scanners under diagnosis.
+rule next_of_recording:
+    """Further recordings, ranked by what they would tell of what one recording leaves ambiguous."""
+    input:
+        unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
+        diagnosis=context.file("diagnosis"),
+        effects=lambda wildcards: context.effect_code(
+            *context.diagnosis.candidates[wildcards.recording]
+        ),
+        code=context.code("next_measurement.py"),
+    output:
+        directory(context.file("next_measurement")),
+    log:
+        context.log("diagnosis/{recording}/next_measurement"),
+    wildcard_constraints:
+        recording="|".join(context.diagnosis.settings) or "none",
+    resources:
+        mem_mb=lambda wildcards: context.diagnosis.megabytes(wildcards.recording),
+        runtime=120,
+    params:
+        what=lambda wildcards: wildcards.recording,
+        models=lambda wildcards: {
+            wildcards.recording: context.diagnosis.model(wildcards.recording)
+        },
+        effects=lambda wildcards: context.diagnosis.candidates[wildcards.recording],
+    script:
+        "../scripts/next_measurement.py"
+
+
+use rule next_of_recording as next_of_scanner with:
+    input:
+        unpack(lambda wildcards: context.diagnosis.scanner_inputs(wildcards.scanner)),
+        diagnosis=context.file("scanner_diagnosis"),
+        effects=lambda wildcards: context.effect_code(
+            *context.diagnosis.shared(wildcards.scanner)
+        ),
+        code=context.code("next_measurement.py"),
+    output:
+        directory(context.file("scanner_next_measurement")),
+    log:
+        context.log("diagnosis/scanners/{scanner}/next_measurement"),
+    wildcard_constraints:
+        scanner="|".join(context.diagnosis.scanners) or "none",
+    resources:
+        mem_mb=lambda wildcards: sum(
+            context.diagnosis.megabytes(name)
+            for name in context.diagnosis.scanners[wildcards.scanner]["recordings"]
+        ),
+        runtime=300,
+    params:
+        what=lambda wildcards: wildcards.scanner,
+        models=lambda wildcards: {
+            name: context.diagnosis.model(name)
+            for name in context.diagnosis.scanners[wildcards.scanner]["recordings"]
+        },
+        effects=lambda wildcards: context.diagnosis.shared(wildcards.scanner),
+
+
+rule next_measurement:
+    """Which recording to make next, of all recordings of projections and scanners under diagnosis."""
+    input:
+        context.diagnosis.next_measurements(),
+    localrule: True

@@ -1,0 +1,45 @@
+"""Which recording to make next: a ranking, its figure, how alike effects are, and a recording.yaml to fill in."""
+
+import json
+from pathlib import Path
+
+from virtual_phantom.diagnosis.core.asked import Asked
+from virtual_phantom.diagnosis.core.attribute import AS_GOOD
+from virtual_phantom.diagnosis.next_measurement import alikeness, found_in, possible, rank, refitted, refitted_jointly
+from virtual_phantom.diagnosis.next_written import alike_table, first_words, recording_to_fill_in, table
+from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.figures.next_measurement import draw_ranking
+from virtual_phantom.figures.style import save
+from virtual_phantom.io.files import read_text, write_text
+from virtual_phantom.study.job import job
+
+with job(snakemake) as log:
+    params, given, folder = snakemake.params, snakemake.input, Path(snakemake.output[0])
+    diagnosis = json.loads(read_text(given.diagnosis))
+    folder.mkdir(parents=True, exist_ok=True)
+    named = [one["name"] for one in diagnosis["effects"]]
+    sentence = f"{params.what}: no effect was named, so that there is nothing to tell apart"
+    if named:
+        made = {
+            name: ready(Asked.of(model, given.get("phantom"), snakemake.threads))
+            for name, model in params.models.items()
+        }
+        prepared = {name: one[1] for name, one in made.items()}
+        alike = alikeness(prepared, {name: one.fitter.fit(()) for name, one in prepared.items()}, params.effects)
+        if len(prepared) == 1:
+            chosen, ambiguities = refitted(*prepared.values(), *prepared, found_in(diagnosis))
+        else:
+            chosen, ambiguities = refitted_jointly(prepared, named, params.effects, alike)
+        first = next(iter(prepared))
+        settings = params.models[first]["settings"]
+        found = rank(prepared, chosen, ambiguities, possible(prepared, settings))
+        rows = table(found)
+        write_text(rows.to_csv(index=False), folder / "ranking.csv")
+        write_text(alike_table(alike).to_csv(index=False), folder / "alike.csv")
+        save(draw_ranking(rows, AS_GOOD), [folder / "ranking.png", folder / "ranking.pdf"])
+        document = made[first][0].document.content
+        text = recording_to_fill_in(first, found.ranked[0], document, settings, len(document["repeats"]))
+        write_text(text, folder / "recording.yaml")
+        sentence = f"{params.what}: {first_words(found)[0]}"
+    log.info("%s", sentence)
+    print(sentence)
