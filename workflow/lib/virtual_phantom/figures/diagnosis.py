@@ -9,7 +9,7 @@ import seaborn
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 
 from ..io.volumes import Volume
 from . import axial, style
@@ -25,7 +25,23 @@ LINE_INTEGRALS = "line integrals"  # of draw_setup: what of a recording is drawn
 def _plain(axis: Axis) -> None:
     """Few numbers, written out: the shared style sets no formulas."""
     axis.get_major_locator().set_params(numticks=6)
-    axis.set_major_formatter(FuncFormatter(lambda value, _: style.number(value)))
+    axis.set_major_formatter(_written())
+
+
+def _written() -> FuncFormatter:
+    return FuncFormatter(lambda value, _: style.number(value))
+
+
+def _residual_ticks(low: float, high: float) -> np.ndarray:
+    """0 and powers of ten, at most three to a side: 1 would lie on 0. Round numbers where no residual reaches 10."""
+    furthest = max(-low, high)
+    if furthest < 10:
+        ticks = MaxNLocator(5).tick_values(low, high)
+    else:
+        powers = 10 ** np.arange(np.floor(np.log10(furthest)), 0, -1)
+        powers = powers[:: -(-len(powers) // 3)]
+        ticks = np.concatenate([-powers, [0], powers[::-1]])
+    return ticks[(ticks >= low) & (ticks <= high)]
 
 
 def bars(axes: Axes, values: Mapping[str, float], chosen: tuple[str, ...]) -> None:
@@ -137,7 +153,9 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
         axes.plot(x[there], before[there], color=BEFORE, label="alignment only")
         axes.plot(x[there], after[there], color=AFTER, label="with the effects found")
         axes.set_yscale("symlog", linthresh=LINEAR_SD)
-        _plain(axes.yaxis)
+        axes.set_yticks(_residual_ticks(*axes.get_ylim()))
+        axes.yaxis.set_minor_locator(NullLocator())
+        axes.yaxis.set_major_formatter(_written())
         axes.set(xlabel=label, ylabel="recorded − modelled (SD)" if index == 0 else None)
         style.letter_panel(axes, index)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
