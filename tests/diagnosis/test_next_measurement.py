@@ -8,10 +8,19 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.data import SCHEMAS
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis.core.information import Told, correlation, information_gain, parted, profiled, summed
+from virtual_phantom.diagnosis.core.information import (
+    Told,
+    correlation,
+    expected,
+    information_gain,
+    parted,
+    profiled,
+    summed,
+)
 from virtual_phantom.diagnosis.next_measurement import (
     Ambiguity,
     alikeness,
+    conditions_of,
     found_in,
     possible,
     rank,
@@ -21,6 +30,7 @@ from virtual_phantom.diagnosis.next_measurement import (
 )
 from virtual_phantom.diagnosis.next_written import alike_table, first_words, recording_to_fill_in, table
 from virtual_phantom.diagnosis.projections import observed
+from virtual_phantom.diagnosis.projections.measurement import Scan
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.figures.next_measurement import draw_ranking
 from virtual_phantom.io.schema import read_schema, validate
@@ -122,14 +132,20 @@ def test_an_offset_and_an_axis_part_at_another_magnification(moved):
         assert one.scores[pair] >= found.now.scores[pair] - 1e-6
 
 
-def test_what_is_expected_of_a_pair_is_what_fits_of_such_a_recording_give(moved):
-    """Glare told from a dark signal by the recording that there is: two fits say by how much."""
-    prepared = {"disc": made_ready({"veiling_glare": {"share": 0.02, "width_mm": 60.0}}, seed=3)}
-    fitter = prepared["disc"].fitter
-    fits = {name: {"disc": fitter.fit((name,))} for name in ("veiling_glare", "scatter")}
-    found = rank(prepared, fits["veiling_glare"], [Ambiguity(fits)], [])
-    measured = fitter.score(fits["veiling_glare"]["disc"]) - fitter.score(fits["scatter"]["disc"])
-    assert found.now.least == pytest.approx(measured, rel=0.3)
+def test_what_is_expected_of_a_pair_is_what_two_fits_give():
+    """Glare against scatter, which the recording that there is tells apart: fits say by how much."""
+    prepared = made_ready({"veiling_glare": {"share": 0.02, "width_mm": 60.0}}, seed=3)
+    fitter = prepared.fitter
+    fits = {name: fitter.fit((name,)) for name in ("veiling_glare", "scatter")}
+    scan, model = Scan("disc", "", fitter.model.chain.scene, GEOMETRY), fitter.model
+    weighed, conditions = fits["veiling_glare"], conditions_of(prepared)
+    parts = {
+        name: [scan.tells(model, (name,), fit, conditions, (), again=True, weighed=weighed)]
+        for name, fit in fits.items()
+    }
+    measured = fitter.score(fits["veiling_glare"]) - fitter.score(fits["scatter"])
+    assert measured > 1000
+    assert expected(parts, "veiling_glare", "scatter") == pytest.approx(measured, rel=0.3)
 
 
 def test_dark_frames_tell_a_dark_signal():
@@ -210,3 +226,14 @@ def test_table_figure_and_the_recording_to_fill_in(moved):
             assert filled["nominal"]["photons"] == 50
         if one.measurement.name == "less_magnified":
             assert filled["scan"]["source_to_isocentre_mm"] > 700 and content["scan"]["source_to_isocentre_mm"] == 500
+
+
+def test_explanations_are_weighed_by_the_same_noise():
+    """Both crosstalks blur alike and differ in a little noise: the same scan again does not part them by much."""
+    prepared = {"disc": made_ready({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
+    fitter = prepared["disc"].fitter
+    fits = {name: {"disc": fitter.fit((name,))} for name in ("xray_crosstalk", "optical_crosstalk")}
+    some = [one for one in possible(prepared, SECTION) if one.name in ("same", "air")]
+    found = rank(prepared, fits["xray_crosstalk"], [Ambiguity(fits)], some)
+    for one in [found.now, *found.ranked]:
+        assert one.least < 20, one

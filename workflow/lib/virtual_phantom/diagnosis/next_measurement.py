@@ -122,7 +122,7 @@ def rank(
     for label, fits in explanations.items():
         beside = there.get("", [None] * len(fits))
         parts = zip(fits.items(), beside, strict=True)
-        there[label] = [_as_it_is(prepared[name], name, fit, told_of) for (name, fit), told_of in parts]
+        there[label] = [_as_it_is(prepared[name], name, fit, told_of, chosen[name]) for (name, fit), told_of in parts]
     keys = _keys(there[""], group)
     first = next(iter(prepared))
     model, conditions = prepared[first].fitter.model, conditions_of(prepared[first])
@@ -142,7 +142,9 @@ def rank(
         parts, beside = {}, None
         for label, fits in explanations.items():
             fit = fits[first]
-            made_of = measurement.tells(model, fit.effects, fit, conditions, OF_ONE_SCAN, beside=beside)
+            made_of = measurement.tells(
+                model, fit.effects, fit, conditions, OF_ONE_SCAN, beside=beside, weighed=chosen[first]
+            )
             beside = beside or made_of
             parts[label] = [*there[label], made_of]
         ranked.append(made(measurement, parts))
@@ -150,11 +152,12 @@ def rank(
     return Next(list(ambiguities), made(None, there), ranked)
 
 
-def _as_it_is(prepared: PreparedScans, name: str, fit: Fit, beside: Told | None) -> Told:
+def _as_it_is(prepared: PreparedScans, name: str, fit: Fit, beside: Told | None, weighed: Fit) -> Told:
     """What a recording tells that there is, reckoned as that of a further one is."""
     model = prepared.fitter.model
     scan = Scan(name, "", model.chain.scene, model.chain.geometry)
-    return scan.tells(model, fit.effects, fit, conditions_of(prepared), OF_ONE_SCAN, again=True, beside=beside)
+    conditions = conditions_of(prepared)
+    return scan.tells(model, fit.effects, fit, conditions, OF_ONE_SCAN, again=True, beside=beside, weighed=weighed)
 
 
 def conditions_of(prepared: PreparedScans) -> Conditions:

@@ -114,6 +114,7 @@ class Scan:
         own: Collection[str],
         again: bool = False,
         beside: Told | None = None,
+        weighed: Fit | None = None,
     ) -> Told:
         """What it is expected to tell of the numbers of one explanation.
 
@@ -131,12 +132,14 @@ class Scan:
             Whether it is the recording that there is, with the alignment that was fitted and the effects that it has.
         beside : Told, optional
             Of another explanation, whose steps of derivatives are taken where it has the same numbers.
+        weighed : Fit, optional
+            Whose noise weighs the data: to be compared, explanations need the same; None: `fit`.
 
         Returns
         -------
         Told
         """
-        problem = self.problem(model, effects, fit, conditions, () if again else own, again)
+        problem = self.problem(model, effects, fit, conditions, () if again else own, again, weighed)
         keys = keys_of(problem, self.name, own)
         known = {} if beside is None else dict(zip(beside.keys, beside.steps, strict=True))
         if set(keys) <= set(known):
@@ -153,12 +156,13 @@ class Scan:
         conditions: Conditions,
         off: Collection[str] = (),
         again: bool = False,
+        weighed: Fit | None = None,
     ) -> Problem:
         """What its fit would solve, of views and rays that are few enough.
 
         Parameters
         ----------
-        model, effects, fit, conditions, again
+        model, effects, fit, conditions, again, weighed
             As `tells` takes them.
         off : collection of str, optional
             Effects that do nothing in it.
@@ -171,18 +175,23 @@ class Scan:
         step = thinning(chain.geometry)
         if step > 1:
             chain = chain.copy(chain.geometry.every(step))
-        aligned = self._aligned(model, fit)
+        aligned = self._aligned(model, weighed or fit)
         further = ScansModel(
             chain, aligned, model.anode, model.tube_kvp, density=model.density, declared=model.declared
         )
-        physics = {name: dict(values) for name, values in fit.physics.items()}
-        for name in off:
-            for one in further.parameters(name) if name in physics else ():
-                if one.neutral is not None:
-                    physics[name][one.name] = one.neutral
-        nuisance = {one.name: fit.nuisance[one.name] if again else one.expected for one in further.alignment(effects)}
-        given = replace(fit, effects=effects, physics=physics, nuisance=nuisance, linearisation=BASE)
-        return Problem(_expecting(further, given, conditions, step), effects, given)
+
+        def here(one: Fit) -> Fit:
+            physics = {name: dict(values) for name, values in one.physics.items()}
+            for name in off:
+                for parameter in further.parameters(name) if name in physics else ():
+                    if parameter.neutral is not None:
+                        physics[name][parameter.name] = parameter.neutral
+            expected = {number.name: number.expected for number in further.alignment(effects)}
+            nuisance = {name: one.nuisance[name] if again else value for name, value in expected.items()}
+            return replace(one, effects=effects, physics=physics, nuisance=nuisance, linearisation=BASE)
+
+        fitter = _expecting(further, here(weighed or fit), conditions, step)
+        return Problem(fitter, effects, here(fit))
 
     def _steps(self, problem: Problem) -> np.ndarray:
         """Of derivatives: all numbers change the data by as many standard deviations as a small displacement.
@@ -243,6 +252,7 @@ class DarkFrames:
         own: Collection[str],
         again: bool = False,
         beside: Told | None = None,
+        weighed: Fit | None = None,
     ) -> Told:
         """As Scan.tells: a dark signal, its drift, and the variance of the electronics."""
         unknowns = model.unknowns(model.whole(effects))
