@@ -4,7 +4,16 @@ import math
 from pathlib import Path
 
 from virtual_phantom.base.words import label
-from virtual_phantom.physics.effect import OF_AIR, OF_AIR_PER_SCAN, PER_SCAN, PER_VIEW, STAGES, load, names
+from virtual_phantom.physics.effect import (
+    OF_AIR,
+    OF_AIR_PER_SCAN,
+    PER_AIR_PHOTON,
+    PER_SCAN,
+    PER_VIEW,
+    STAGES,
+    load,
+    names,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -29,13 +38,12 @@ protocols:
 
 A parameter that is left out has its typical value.
 
-* **Order.** Effects act in this order: STAGES.
+* **Order.** Effects act in this order: STAGES, those of one stage in the order of their names.
   Those of the stage image act after the reconstruction, which always
   goes by the stated geometry.
 * **Diagnosis.** `snakemake diagnosis` tries all but those of the image on recordings of projections, the photon
   flux only if `nominal_photons` is given ([diagnosis.md](diagnosis.md)).
-* **Not there yet**: scatter grids, off-focal radiation, detector non-linearity. Scatter has one kernel and does not
-  know of depth.
+* **Not there yet**: scatter grids. Scatter has one kernel and does not know of depth.
 * **Baseline.** Without effects the study does not use this chain, but one path length in one material. The chain at
   its baseline agrees with that to 2e-5, the rounding of its path lengths in single precision.
 * **Materials.** A voxel is divided among two materials by its HU (`materials`). At the monochromatic energy, where
@@ -58,6 +66,7 @@ WORDS = {
     PER_SCAN: "mm over the scan",
     OF_AIR: "times the reading in air",
     OF_AIR_PER_SCAN: "times the reading in air over the scan",
+    PER_AIR_PHOTON: "over the photons of a pixel in air",
 }
 
 

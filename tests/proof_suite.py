@@ -85,7 +85,7 @@ TRUTHS = [
     truth("case_05", "none", phantom="quality_assurance"),
     truth("case_06", "pair", {"scatter": {"amount": 0.1}, "electronic_noise": {}}),
     truth("case_07", "pair", {"bowtie": {}, "heel": {}}),
-    truth("case_08", "unknown", {"!off_focal_radiation": {}}),
+    truth("case_08", "unknown", {"!periodic_motion": {}}),
     truth("case_09", "unknown", {"!rotation_blur": {}}),
 ]
 DIAGNOSES = [

@@ -183,7 +183,7 @@ def test_a_fit_finds_the_same_at_another_speed_dose_and_collimation(name, made, 
         assert abs(fit.physics[name][key] - value) < 3.5 * error and error < 0.5 * abs(value), (key, fit.physics[name])
 
 
-TIMED_OR_READ = {"motion", "dark_signal", "afterglow"}
+TIMED_OR_READ = {"motion", "dark_signal", "afterglow", "detector_saturation"}
 HELD_TO = {  # effects that the height of the beam changes
     "scatter": "its amount falls with the height of the beam",
     "veiling_glare": "the dark beside the beam spreads into it as its light does",

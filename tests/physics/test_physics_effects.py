@@ -380,7 +380,10 @@ def noise_of(chain, physics, repeats=40, seed=3):
     return state, noisy_lines(state, repeats, np.random.default_rng(seed))
 
 
-@pytest.mark.parametrize("name", ["electronic_noise", "optical_crosstalk", "afterglow", "bowtie", "current_modulation"])
+@pytest.mark.parametrize(
+    "name",
+    ["electronic_noise", "optical_crosstalk", "afterglow", "bowtie", "current_modulation", "detector_saturation"],
+)
 def test_simulated_noise_follows_the_law_of_the_model(chain, name):
     state, scans = noise_of(chain, {name: load(name).values({})})
     ratio = scans.var(axis=0, ddof=1) / state.variance()

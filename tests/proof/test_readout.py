@@ -34,9 +34,16 @@ def test_dark_signal_is_added_to_both_and_drifts(taken):
 
 
 def test_saturation_takes_most_where_most_arrives(taken):
-    found = read(taken, saturation=0.1)
+    """Per photon of 60 keV: a tenth of the 1000 keV in air."""
+    found = read(taken, saturation_per_photon=0.1 * 60 / 1000)
     assert found.air == pytest.approx(900.0)
     assert found.readings == pytest.approx(taken.readings * (1 - taken.readings / 10000), rel=1e-5)
+
+
+def test_a_power_of_the_signal_scales_line_integrals(taken):
+    found = read(taken, reading_power=1.1)
+    lines, before = (-np.log(one.readings / one.air) for one in (found, taken))
+    np.testing.assert_allclose(lines, 1.1 * before, rtol=1e-5)
 
 
 def test_gains_drift_in_the_scan_and_not_in_the_air_scan(taken):

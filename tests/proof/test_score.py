@@ -12,6 +12,7 @@ from virtual_phantom.physics.effect import names
 from virtual_phantom.proof.conceal.case import Case, checked, collect
 from virtual_phantom.proof.conceal.catalogue import MODELS, OTHER, REPEATED, XCIST
 from virtual_phantom.proof.score.intervals import share
+from virtual_phantom.proof.score.remainders import area
 from virtual_phantom.proof.score.score import score
 
 COLUMNS = ("before", "after", "floor")
@@ -114,7 +115,7 @@ def test_effects_are_counted_from_the_catalogue(found):
     assert effects["can_be_concealed"] == len(names()) - 1
     assert effects["models"] == {
         XCIST: {"concealed": ["bowtie", "electronic_noise", "focal_spot", "scatter"], "lacking": []},
-        OTHER: {"concealed": [], "lacking": ["off_focal_radiation"]},
+        OTHER: {"concealed": [], "lacking": ["periodic_motion"]},
         REPEATED: {"concealed": ["heel"], "lacking": []},
     }
     assert [counted(found["accuracy"]["first"]["by_model"][model]) for model in MODELS] == [(1, 2), (0, 0), (0, 1)]
@@ -160,7 +161,7 @@ def test_confusion(found):
         "heel",
         "scatter",
         "nothing",
-        "off_focal_radiation (not in library)",
+        "periodic_motion (not in library)",
         "rotation_blur (not in library)",
     ]
     cells = {(cell["row"], cell["column"]): cell for cell in matrix["cells"]}
@@ -170,7 +171,7 @@ def test_confusion(found):
         ("heel", "nothing"): ("weak", "wrong"),
         ("nothing", "nothing"): (None, "right"),
         ("nothing", "gain_pattern"): (None, "wrong"),
-        ("off_focal_radiation (not in library)", "veiling_glare"): (None, "right"),
+        ("periodic_motion (not in library)", "veiling_glare"): (None, "right"),
         ("rotation_blur (not in library)", "focal_spot"): (None, "wrong"),
     }
     assert {key: (cell["strength"], *[k for k, n in cell["outcomes"].items() if n]) for key, cell in cells.items()} == (
@@ -178,6 +179,36 @@ def test_confusion(found):
     )
     assert np.sum(matrix["counts"]) == 7 and matrix["pairs_left_out"] == 2
     assert matrix["counts"][matrix["rows"].index("heel")][matrix["columns"].index("nothing")] == 1
+
+
+def test_an_equal_that_was_written_down_before_owns_up():
+    hidden = truth("a", "unknown", {"!charge_sharing": {}})
+    hidden["effects"][0]["equals"] = ["optical_crosstalk", "photon_flux"]
+    said = {
+        "an equal": diagnosis("a", "mismatch explained", {"optical_crosstalk": {}}),
+        "and another": diagnosis("a", "mismatch explained", {"optical_crosstalk": {}, "heel": {}}),
+        "left": diagnosis("a", "mismatch partly explained", {"heel": {}}),
+        "nothing": diagnosis("a", "match"),
+    }
+    owned = {name: Case(hidden, one).owned_up for name, one in said.items()}
+    assert owned == {"an equal": True, "and another": False, "left": True, "nothing": False}
+    assert Case(hidden, said["an equal"]).right
+
+
+def test_remainders_tell_what_the_library_lacks(found):
+    """Of cases 8 and 9 0 and 2 standard deviations are left; where all was named, or nothing was there, 0."""
+    remainders = found["remainders"]
+    assert {name: counted(one) for name, one in remainders["by_kind"].items()} == {
+        "periodic_motion": (1, 1),
+        "rotation_blur": (0, 1),
+    }
+    assert (remainders["lacking"], remainders["had"]) == (2, 4)
+    assert remainders["area"] == pytest.approx((4 + 4 * 0.5) / 8)
+    assert remainders["curve"] == [
+        {"bound": 2.0, "lacking": 0.5, "had": 0.0},
+        {"bound": 0.0, "lacking": 1.0, "had": 1.0},
+    ]
+    assert area([3.0, 1.0], [2.0]) == 0.5 and area([], [1.0]) is None
 
 
 def test_calibration(found):

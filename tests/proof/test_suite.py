@@ -56,7 +56,7 @@ def test_every_effect_on_projections_can_be_concealed_at_every_strength(suite):
     lines = [t for t in suite.values() if t["kind"] == "projections"]
     singles = Counter((t["effects"][0]["name"], t["strength"]) for t in lines if t["category"] == "single")
     assert singles == {(name, strength): 1 for name in KNOWN for strength in SETTINGS["strengths"]}
-    assert Counter(t["category"] for t in lines) == {"single": 54, "none": 8, "pair": 30, "unknown": 8}
+    assert Counter(t["category"] for t in lines) == {"single": 66, "none": 8, "pair": 30, "unknown": 8}
 
 
 def test_every_image_has_another_kernel_and_some_another_effect(suite):
@@ -112,7 +112,7 @@ def test_truths_can_be_sealed(suite):
 def test_an_unknown_effect_is_refused():
     with pytest.raises(InputError, match=r"proof.effects: 'scater' cannot be concealed"):
         cases(SETTINGS | {"effects": ["scater"]})
-    for name in ("scater", KERNEL, "off_focal_radiation"):
+    for name in ("scater", KERNEL, "periodic_motion"):
         with pytest.raises(InputError, match=rf"proof.images.effects: '{name}' cannot be concealed beside a kernel"):
             cases(SETTINGS | {"images": {"strengths": [], "effects": [name], "tried": [KERNEL, name]}})
     with pytest.raises(InputError, match=r"proof.images.tried: lacks 'scatter'"):
@@ -121,7 +121,7 @@ def test_an_unknown_effect_is_refused():
         cases(SETTINGS | {"scan": {"views": 72, "rows": 4}})
 
 
-OF_ITS_OWN = ("readout", "generate")
+OF_ITS_OWN = ("readout", "generate", "faults", "unsteady", "changed_object")
 
 
 def test_whose_models_are_whose():

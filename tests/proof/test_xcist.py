@@ -6,10 +6,12 @@ import pytest
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.materials import attenuation_per_mm as attenuation
 from virtual_phantom.physics.scene import DiscScene
 from virtual_phantom.physics.shapes import ShapesScene, ellipsoid
 from virtual_phantom.physics.spectra import Anode
+from virtual_phantom.physics.state import State
 from virtual_phantom.proof.conceal.catalogue import CATALOGUE
 from virtual_phantom.proof.conceal.generate import NOMINAL
 from virtual_phantom.proof.conceal.xcist import (
@@ -267,6 +269,75 @@ def test_off_focal_radiation_comes_from_beside_the_spot(plain):
     there = np.abs(expected) > 0.05
     assert np.corrcoef(changed[there], expected[there])[0, 1] > 0.99
     assert np.polyfit(expected[there], changed[there], 1)[0] == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_collimator_hides_off_focal_radiation_from_the_outer_columns(plain):
+    """By the library's own equation, whose source is even where the simulator's is a Gaussian of the same variance."""
+    fwhm, collimator = 20.0, 200.0
+    taken = scan(off_focal_share=0.2, off_focal_width_mm=fwhm, off_focal_collimator_mm=collimator)
+    found = (taken.air / plain.air).mean(axis=0)
+    chain = Chain(DiscScene(1e-3, "water", attenuation("water", [KEV])[0]), circular(views=VIEWS, **DETECTOR))
+    width = fwhm * np.sqrt(12 / (8 * np.log(2)))
+    physics = {"share": 0.2, "width_mm": width, "collimator_mm": collimator}
+    expected = chain.state({"off_focal_radiation": physics}).air[0].mean(axis=0)
+    assert found[19:21] == pytest.approx(1.0, abs=1e-3) and found[[0, -1]] == pytest.approx(0.9, abs=0.02)
+    np.testing.assert_allclose(found, expected, atol=0.03)
+
+
+def track(angles):
+    """Where the ball's middle is seen, along the columns, mm."""
+    depth = DETECTOR["source_to_isocentre_mm"] + CENTRE[0] * np.sin(angles) - CENTRE[1] * np.cos(angles)
+    return (CENTRE[0] * np.cos(angles) + CENTRE[1] * np.sin(angles)) * DETECTOR["source_to_detector_mm"] / depth
+
+
+def moments(taken):
+    """Mean place and variance of the shadow along the columns in every view, mm and mm2."""
+    geometry = circular(views=VIEWS, **DETECTOR)
+    u = geometry.column_positions_mm()
+    seen = np.abs(u - track(geometry.angles_rad)[:, None]) < 60
+    shadow = np.where(seen, 1 - np.exp(-lines(taken).mean(axis=0)).mean(axis=1), 0)
+    mean = (shadow * u).sum(axis=1) / shadow.sum(axis=1)
+    return mean, (shadow * (u - mean[:, None]) ** 2).sum(axis=1) / shadow.sum(axis=1)
+
+
+def test_a_view_that_turns_blurs_the_shadow_by_the_way_of_its_middle(plain):
+    """Its variance grows by that of the middle's places over the arc."""
+    duty = 0.95
+    settings, comparable = CATALOGUE["view_blur"].make(duty, np.random.default_rng(3))
+    grown = moments(scan(repeats=12, **settings))[1] - moments(plain)[1]
+    geometry = circular(views=VIEWS, **DETECTOR)
+    arc = duty * ((np.arange(200) + 0.5) / 200 - 0.5) * 2 * np.pi / VIEWS
+    expected = track(geometry.angles_rad + arc[:, None]).var(axis=0)
+    assert np.polyfit(expected, grown, 1)[0] == pytest.approx(1.0, abs=0.1) and expected.max() > 6
+    state = State(geometry)
+    load("view_blur").apply(state, comparable)
+    moments_of = np.array(state.turns)
+    ours = (moments_of[:, 1] * moments_of[:, 0] ** 2).sum() * (2 * np.pi / VIEWS) ** 2
+    assert ours == pytest.approx(arc.var(), rel=1e-4)
+
+
+def test_the_spot_jumps_as_the_catalogue_says_of_the_library(plain):
+    """A source beside its place by s has the shadow of a point at s + (t - s) D / r, r from the source on."""
+    settings, comparable = CATALOGUE["focal_spot_wobble"].make(6.0, np.random.default_rng(3))
+    moved = moments(scan(repeats=12, **settings))[0] - moments(plain)[0]
+    state = State(circular(views=VIEWS, **DETECTOR))
+    load("focal_spot_wobble").apply(state, comparable)
+    angles = state.geometry.angles_rad
+    depth = DETECTOR["source_to_isocentre_mm"] + CENTRE[0] * np.sin(angles) - CENTRE[1] * np.cos(angles)
+    expected = state.jump_mm[:, 0] * (1 - DETECTOR["source_to_detector_mm"] / depth)
+    assert np.ptp(expected) > 9
+    np.testing.assert_allclose(moved, expected, atol=0.3)
+
+
+def test_an_object_that_swings_is_at_another_place_in_every_view(plain):
+    swung = scan(repeats=12, swing_deg=4.0, swing_per_turn=1.0, swing_phase=0.0)
+    changed = lines(swung).mean(axis=0) - lines(plain).mean(axis=0)
+    turn = np.deg2rad(4.0 * np.sin(2 * np.pi * np.arange(VIEWS) / VIEWS))
+    (x, y, z), cosine, sine = CENTRE, np.cos(turn), np.sin(turn)
+    centres = np.stack([cosine * x - sine * y, sine * x + cosine * y, np.full(VIEWS, z)], axis=1)
+    expected = attenuation_per_mm("water", KEV) * (chords(centres) - chords())
+    inside = chords() > 25
+    assert np.polyfit(expected[inside], changed[inside], 1)[0] == pytest.approx(1.0, abs=0.15)
 
 
 def test_a_focal_spot_blurs_as_all_of_its_width_does(plain):

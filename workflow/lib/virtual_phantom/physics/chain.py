@@ -1,7 +1,7 @@
 """The acquisition chain: the baseline and whatever effects are switched on, from path lengths to the mean signal.
 
 Baseline [1]_: one energy, a point source, an ideal detector, Poisson noise, the logarithm. Effects act in the order of
-`effect.STAGES`; with none the chain gives the baseline.
+`effect.STAGES`, those of one stage in that of their names; with none the chain gives the baseline.
 
 References
 ----------
@@ -20,6 +20,7 @@ from ..base.recent import Kept
 from .effect import (
     OF_AIR,
     OF_AIR_PER_SCAN,
+    PER_AIR_PHOTON,
     PER_SCAN,
     PER_VIEW,
     READOUT_UNITS,
@@ -30,7 +31,7 @@ from .effect import (
 )
 from .materials import attenuation_per_mm
 from .posed import NearScene, PosedScene, Scan
-from .sampling import averaged, displaced, divided
+from .sampling import averaged, divided, sources
 from .scene import IN_PLACE, Pose, VoxelScene
 from .sensors import Sensor
 from .spectra import SENSOR, Spectrum, passing
@@ -121,14 +122,14 @@ class Chain:
         state, _ = self._before_the_object(physics, **extra)
         return [
             (beside, pose, state.motion_mm)
-            for *place_mm, _ in state.sources
-            for beside, _ in divided(displaced(state.geometry, *place_mm), self.samples)
+            for source, _ in sources(state)
+            for beside, _ in divided(source, self.samples)
         ]
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:
         """An effect's parameters with range, start, typical strength and unit as this scan shows them.
 
-        Those that it cannot show (`held`) are left out.
+        Those that are not fitted (`held`) are left out.
 
         Returns
         -------
@@ -141,7 +142,7 @@ class Chain:
         """
         air = {PHOTONS: self.photons, AIR: 1.0}.get(self.readout, self.readout)
         unit = {PHOTONS: "photons", AIR: "of air"}.get(self.readout, READOUT_UNITS)
-        scan, geometry = {OF_AIR: air}, self.geometry
+        scan, geometry = {OF_AIR: air, PER_AIR_PHOTON: 1 / self.photons}, self.geometry
         if geometry.view_interval_ms is not None:
             scan |= {PER_VIEW: geometry.view_interval_ms, PER_SCAN: 1 / geometry.duration_s}
             scan[OF_AIR_PER_SCAN] = air / geometry.duration_s
@@ -152,7 +153,9 @@ class Chain:
         )
 
     def held(self, name: str) -> dict[str, float]:
-        """Parameters of an effect that a scan without known times cannot show, at the values where they do nothing.
+        """Parameters of an effect that are not fitted, at the values that are taken for them.
+
+        Those of the scanner's design are typical. Those that a scan without known times cannot show do nothing.
 
         Returns
         -------
@@ -161,14 +164,16 @@ class Chain:
         Raises
         ------
         InputError
-            For an effect that is nothing without them.
+            For an effect that is nothing without its times.
         """
-        timed = [one for one in load(name).parameters if one.timed]
-        if self.geometry.view_interval_ms is not None or not timed:
-            return {}
-        if needs_times(name):
-            self.geometry.known_interval_ms  # noqa: B018  raises
-        return {one.name: one.neutral for one in timed}
+        every = load(name).parameters
+        found = {one.name: one.typical for one in every if one.stated}
+        timed = [one for one in every if one.timed]
+        if self.geometry.view_interval_ms is None and timed:
+            if needs_times(name):
+                self.geometry.known_interval_ms  # noqa: B018  raises
+            found |= {one.name: one.neutral for one in timed}
+        return found
 
     def state(
         self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, photons: float | None = None, **extra
@@ -201,20 +206,23 @@ class Chain:
         state = State(self.geometry, photons or self.photons, sensor=self.sensor, readout=self.readout, **extra)
         if self.illumination == SOLID_ANGLE:
             state.fluence = self.geometry.solid_angles()
-        effects = sorted((load(name) for name in physics), key=lambda effect: STAGES.index(effect.stage))
+        effects = sorted((load(name) for name in physics), key=lambda effect: (STAGES.index(effect.stage), effect.name))
         before = [effect for effect in effects if STAGES.index(effect.stage) < STAGES.index("scatter")]
         for effect in before:
             effect.apply(state, physics[effect.name])
         return state, effects[len(before) :]
 
     def _transmit(self, state: State, pose: Pose) -> None:
-        beam, air = self._beam(state)
-        total = 0.0
-        for *place_mm, weight in state.sources:
-            geometry = displaced(state.geometry, *place_mm)
+        beam, thinned = self._beam(state)
+        air = thinned
+        total, seen = 0.0, 0.0
+        for geometry, weight in sources(state):
             total = total + weight * self.transmission(geometry, pose, state.motion_mm, beam)
+            seen = seen + weight
+        if any(np.ndim(weight) for *_, weight in state.sources):  # a collimator hides points of the source
+            air = air * seen
         if beam is None:  # one energy: filters thin the beam and no more
-            total = total * air
+            total = total * thinned
         state.air = np.broadcast_to(air * state.fluence, (state.fluence.shape[0], *total.shape[2:])).copy()
         state.signal = state.noise = total[0] * state.fluence
         if len(total) > 1:

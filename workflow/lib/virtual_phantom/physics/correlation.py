@@ -46,8 +46,7 @@ def correlations(state: State, weight: np.ndarray | None = None) -> np.ndarray:
 
 def _of_line_integrals(state: State) -> np.ndarray:
     """Change of a line integral with the signal that is read: [view, row, column]."""
-    gain = 1.0 if state.gain is None else state.gain
-    return np.broadcast_to(gain / state.measured, state.signal.shape)
+    return np.broadcast_to(1 / state.per_line, state.signal.shape)
 
 
 def _neighbours(array: np.ndarray, axis: int) -> np.ndarray:

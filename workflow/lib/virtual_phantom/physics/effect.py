@@ -29,8 +29,9 @@ STAGES = (
 
 
 # What a parameter is counted in where one scan is asked about: the time from view to view, that of the whole scan, what
-# the detector reads in air, and that over the scan's time.
+# the detector reads in air, that over the scan's time, and 1 over the photons of a pixel in air.
 PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN = "view interval", "scan", "air", "air over the scan"
+PER_AIR_PHOTON = "1 over the photons in air"
 READOUT_UNITS = (
     "readout units"  # in a study and of its own recordings photons, of line integrals alone the signal in air
 )
@@ -45,8 +46,8 @@ class Reach:
 
     Attributes
     ----------
-    of : {"view interval", "scan", "air", "air over the scan"}
-        What it is counted in: PER_VIEW, PER_SCAN, OF_AIR or OF_AIR_PER_SCAN.
+    of : str
+        What it is counted in: PER_VIEW, PER_SCAN, OF_AIR, OF_AIR_PER_SCAN or PER_AIR_PHOTON.
     low, high, start : float
         A fit's range and start.
     typical : float
@@ -80,6 +81,8 @@ class Parameter:
         straighter; LOGARITHM of what may be of any size.
     reach : Reach or None
         What of it one scan shows; None: as the range, start and typical strength say.
+    stated : bool
+        Of the scanner's design: a fit takes it at its typical value.
     """
 
     name: str
@@ -92,6 +95,7 @@ class Parameter:
     neutral: float | None = 0.0
     power: int = 1
     reach: Reach | None = None
+    stated: bool = False
 
     def number(self, value: float) -> float:
         """What fits vary, of a value."""
@@ -100,7 +104,7 @@ class Parameter:
     @property
     def timed(self) -> bool:
         """Whether it can be told only of a scan whose times are known."""
-        return self.reach is not None and self.reach.of != OF_AIR
+        return self.reach is not None and self.reach.of not in (OF_AIR, PER_AIR_PHOTON)
 
     def within(self, scan: Mapping[str, float]) -> Parameter:
         """Itself with range, start and typical strength as one scan shows them.
@@ -300,6 +304,13 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
                     raise InputError(
                         f"{source}.{name}.{one.name}: {values[one.name]:g} is {share:.2g} of the {air:g} photons that "
                         f"{scan} has in air; plausible are {one.reach.low:g} to {one.reach.high:g} of them"
+                    )
+            if one.reach is not None and one.reach.of == PER_AIR_PHOTON:
+                times = values[one.name] * air
+                if not one.reach.low <= times <= one.reach.high:
+                    raise InputError(
+                        f"{source}.{name}.{one.name}: {values[one.name]:g} times the {air:g} photons that {scan} has "
+                        f"in air is {times:.2g}; plausible are {one.reach.low:g} to {one.reach.high:g}"
                     )
 
 

@@ -13,6 +13,7 @@ from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
 
 PHOTONS, AIR = "photons", "air"  # of a readout: its unit
 LEAST_SIGNAL = 1e-6  # of the signal in air: a logarithm of less is none
+LINEAR = (1.0, 0.0)  # response of a detector whose readings are proportional to the signal
 MOST_NOISE = 0.2  # variance of line integrals up to which moments of the logarithm follow their series
 
 
@@ -37,8 +38,13 @@ class State:
     spectrum : Spectrum or None
         What is read out of the beam without an object; None for the monochromatic beam.
     sources : tuple of tuple of 4 float
-        Displacements of points of the focal spot along the columns, the rows and the central ray, away from the
-        isocentre, mm, and their weights.
+        Displacements of points of the source along the columns, the rows and the central ray, away from the isocentre,
+        mm, and their weights: of the photons that leave towards a pixel, a number or an array broadcastable to (rows,
+        columns) where a collimator hides some.
+    jump_mm : ndarray, shape (views, 3), or None
+        Displacement of the source in every view, as of `sources`.
+    turns : tuple of tuple of 2 float
+        When during a view rays are taken, in intervals from its middle, and the weights of these moments.
     filters : tuple of tuple of str and ndarray
         Materials that the beam passes before the object, and their thickness in mm, broadcastable to (rows, columns);
         over that of the central ray where this is in the spectrum already.
@@ -56,6 +62,9 @@ class State:
         (share, memory, before): share of a view's signal that is read with later views, what of the glow each further
         view of the scanner leaves, and how much of it there is before the first view, over what that view's signal
         would bring about if it lasted.
+    response : tuple of 2 float
+        (exponent, loss): what is read of the signal N in photons, when neighbours have shared it, it has glowed on and
+        electronic noise is in it, goes as N^exponent / (1 + loss N), in the scan and in the air scan.
     gain : ndarray or None
         Of each pixel since the air scan, a factor broadcastable to (rows, columns).
     dark : ndarray or None
@@ -73,7 +82,9 @@ class State:
     anode: Anode = TUNGSTEN
     sensor: Sensor = SENSOR
     spectrum: Spectrum | None = None
-    sources: tuple[tuple[float, float, float, float], ...] = ((0.0, 0.0, 0.0, 1.0),)
+    sources: tuple[tuple[float, float, float, float | np.ndarray], ...] = ((0.0, 0.0, 0.0, 1.0),)
+    jump_mm: np.ndarray | None = None
+    turns: tuple[tuple[float, float], ...] = ((0.0, 1.0),)
     filters: Filters = ()
     fluence: np.ndarray = field(default_factory=lambda: np.ones((1, 1, 1)))
     signal: np.ndarray | None = None
@@ -82,6 +93,7 @@ class State:
     electronic: float = 0.0
     neighbours: tuple[float, float] = (0.0, 0.0)
     lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    response: tuple[float, float] = LINEAR
     gain: np.ndarray | None = None
     dark: np.ndarray | None = None
     dark_air: float = 0.0
@@ -92,7 +104,7 @@ class State:
         """Readout units of the signal 1."""
         if self.readout == PHOTONS:
             return self.photons
-        air = float(self.air.mean())
+        air = float(self.responded(self.air).mean())
         return 1 / air if self.readout == AIR else (self.readout - self.dark_air) / air
 
     def __post_init__(self):
@@ -102,14 +114,56 @@ class State:
     @property
     def measured(self) -> np.ndarray:
         """The mean signal as it is read out, shape (views, rows, columns)."""
-        signal = self.read(self.signal)
+        signal = self.responded(self.read(self.signal))
         signal = signal if self.gain is None else signal * self.gain
         return signal if self.dark is None else np.maximum(signal + self.dark / self.unit, LEAST_SIGNAL)
 
     @property
     def measured_air(self) -> np.ndarray:
         """The air scan as it is read out, shape (views or 1, rows, columns)."""
-        return shared(self.air, self.neighbours) + self.dark_air / self.unit
+        return self.responded(shared(self.air, self.neighbours)) + self.dark_air / self.unit
+
+    def responded(self, signal: np.ndarray) -> np.ndarray:
+        """The reading of a signal by the detector's response.
+
+        Parameters
+        ----------
+        signal : ndarray
+            Over that of a pixel in air at fluence 1. Electronic noise may have it under 0, where the response goes on
+            as on the other side.
+
+        Returns
+        -------
+        ndarray
+            Shaped as `signal`, and itself of a linear response.
+        """
+        if self.response == LINEAR:
+            return signal
+        exponent, loss = self.response
+        return np.sign(signal) * np.abs(signal) ** exponent / (1 + loss * self.photons * np.abs(signal))
+
+    def exponent(self, signal: np.ndarray) -> np.ndarray | float:
+        """How ln(reading) grows with ln(signal) by the response, with signals as `responded` takes them."""
+        exponent, loss = self.response
+        if not loss:
+            return exponent
+        lost = loss * self.photons * signal
+        return exponent - lost / (1 + lost)
+
+    @property
+    def per_line(self) -> np.ndarray:
+        """How much signal, as it meets the response, changes a line integral by 1, to first order in either.
+
+        Returns
+        -------
+        ndarray, shape (views, rows, columns)
+        """
+        signal = self.read(self.signal)
+        exponent = self.exponent(signal)
+        if self.dark is None:  # gains change signal and noise alike
+            return signal / exponent
+        slope = exponent if self.response == LINEAR else exponent * self.responded(signal) / signal
+        return self.measured / (slope if self.gain is None else slope * self.gain)
 
     def read(
         self, signal: np.ndarray, squared: bool = False, first: np.ndarray | None = None, apart: int | None = None
@@ -173,17 +227,17 @@ class State:
         -------
         mean, variance : ndarray, shape (views, rows, columns)
         """
-        quantum, electronic = self._noise_parts()
+        # A power of the signal takes its logarithm that many times, noise and all.
+        exponent = self.exponent(self.read(self.signal))
+        quantum, electronic = (part / exponent**2 for part in self._noise_parts())
         first = quantum + electronic
         noise, quantum = np.minimum(first, MOST_NOISE), np.minimum(quantum, MOST_NOISE)
-        return first / 2 + 0.75 * noise**2 - quantum**2 / 3, first + 2.5 * noise**2 - quantum**2
+        above = first / 2 + 0.75 * noise**2 - quantum**2 / 3
+        return exponent * above, exponent**2 * (first + 2.5 * noise**2 - quantum**2)
 
     def _noise_parts(self) -> tuple[np.ndarray, np.ndarray]:
         """Variances of what is read over the square of its mean: quantum and electronic."""
-        if self.dark is None:  # gains change signal and noise alike
-            over = 1 / self.read(self.signal) ** 2
-        else:
-            over = (1.0 if self.gain is None else self.gain) ** 2 / self.measured**2
+        over = 1 / self.per_line**2
         return self.read(self.noise / self.photons, squared=True) * over, (self.electronic / self.photons) ** 2 * over
 
     def counts(self, random: np.random.Generator) -> np.ndarray:
@@ -213,6 +267,8 @@ class State:
         read = self.read(drawn, first=before, apart=1)[::apart]
         if self.electronic:
             read += self.electronic * electronic.normal(size=read.shape)
+        if self.response != LINEAR:
+            read = self.responded(read / self.photons) * self.photons
         read = read if self.gain is None else read * self.gain
         return read if self.dark is None else read + self.dark * (self.photons / self.unit)
 

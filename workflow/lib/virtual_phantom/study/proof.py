@@ -81,7 +81,7 @@ class Proof:
         """What is concealed depends on this alone."""
         settings = self.settings
         return {
-            **_parts(settings, "seed", "effects", "strengths", "none", "pairs", "unknown"),
+            **_parts(settings, "seed", "effects", "strengths", "none", "pairs", "unknown", "unknown_kinds"),
             "images": _parts(settings["images"], "strengths", "effects"),
             "scan": _parts(settings["scan"], "rows"),
         }

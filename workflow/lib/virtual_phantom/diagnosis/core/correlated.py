@@ -200,7 +200,7 @@ def of_state(state: State) -> Correlations:
     if not (any(state.neighbours) or share):
         return WHITE
     variance = state.variance()
-    electronic = (state.electronic / state.photons) ** 2 / state.measured**2 if state.electronic else 0.0
+    electronic = (state.electronic / state.photons) ** 2 / state.per_line**2 if state.electronic else 0.0
     coloured = 1 - float(np.mean(electronic / variance))
     pixels = []
     for one, length in zip(state.neighbours, variance.shape[:0:-1], strict=True):

@@ -232,6 +232,7 @@ def _effect(name: str, choice: Choice, model: Model) -> dict:
                 "unit": units[key],
             }
             for key, value in fit.physics[name].items()
+            if not parameters[key].stated  # which no fit has found
         },
         "evidence": {"held_out_gain": choice.gains[name], "p": choice.p[name]},
     }

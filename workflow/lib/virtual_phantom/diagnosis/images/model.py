@@ -165,7 +165,7 @@ def noise_lines(state: State, count: int, seed: Stream) -> np.ndarray:
     # What was before the scan is drawn with afterglow alone, and so from a stream of its own.
     random = generator(seed)
     earlier = generator(below(seed, EARLIER))
-    signal = state.read(state.signal) if state.dark is None else state.measured
+    signal = state.per_line
     lines = np.empty((count, *signal.shape), np.float32)
     for one in lines:
         variance = state.noise / state.photons

@@ -3,15 +3,9 @@
 import itertools
 import math
 
-import numpy as np
-
 from ..effect import Effect, Parameter
+from ..sampling import points
 from ..state import State
-
-# Points per side: their shadows, of what lies at the isocentre, are no farther apart than a pixel is wide. Against 96
-# points per side, the peak of a ball as wide as a pixel is then right to 6 % (three points of pixels a quarter as wide
-# as the blur: to 32 %).
-LEAST, MOST = 3, 7
 
 
 def apply(state: State, values: dict[str, float]) -> None:
@@ -25,27 +19,6 @@ def apply(state: State, values: dict[str, float]) -> None:
     state.sources = tuple(
         (u * width, v * length, v * away, one * other) for (u, one), (v, other) in itertools.product(across, along)
     )
-
-
-def points(side_mm: float, blurred_px: float) -> list[tuple[float, float]]:
-    """Places along a side of 1 from its middle, and their weights: Gauss and Legendre's, none of which is negative.
-
-    Parameters
-    ----------
-    side_mm : float
-        0: a point.
-    blurred_px : float
-        Width of the blur that the side makes of what lies at the isocentre, pixels.
-
-    Returns
-    -------
-    list of tuple of 2 float
-        (place, weight).
-    """
-    if not side_mm:
-        return [(0.0, 1.0)]
-    nodes, weights = np.polynomial.legendre.leggauss(min(max(LEAST, math.ceil(blurred_px) + 1), MOST))
-    return [(float(node) / 2, float(weight) / 2) for node, weight in zip(nodes, weights, strict=True)]
 
 
 EFFECT = Effect(

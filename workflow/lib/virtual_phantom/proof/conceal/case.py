@@ -125,12 +125,23 @@ class Case:
         )
 
     @property
+    def equal_named(self) -> bool:
+        """Whether effects that stand by right for what the library lacks were named, and nothing else."""
+        equals = {name for effect in self.truth["effects"] for name in effect.get("equals", ())}
+        return bool(self.named) and set(self.named) <= equals
+
+    @property
+    def owned_up(self) -> bool:
+        """Whether the verdict says that something outside of the library is left, or names an equal of it."""
+        return self.verdict in ADMITTED or self.equal_named
+
+    @property
     def right(self) -> bool:
-        """Whether the answer was the best one: of an effect that the library lacks, that something is unexplained."""
+        """Whether the answer was the best one: of what the library lacks, that something is left, or an equal."""
         if self.category == "none":
             return self.verdict == MATCH
         if self.category == "unknown":
-            return self.verdict in ADMITTED
+            return self.owned_up
         return self.first_right if self.category == "single" else self.all_named
 
 

@@ -6,78 +6,24 @@ diagnosis makes of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...physics.effect import names
+from .concealable import IMAGE, MEAN, NOISE, STRENGTHS, Concealable, ranges, sign
+from .lacking import LACKING
 from .objects import READOUT_KEV
 
-STRENGTHS = ("weak", "medium", "strong")
-MEAN = ("projections", "columns", "views", "rows", "path length", "edges")
-NOISE = ("noise variance", "noise level")
-IMAGE = ("image", "slices", "distance from the axis", "tissue", "edges")
+__all__ = ["CATALOGUE", "IMAGE", "MODELS", "STRENGTHS", "XCIST", "Concealable", "never_concealed"]
 
-
-@dataclass(frozen=True)
-class Concealable:
-    """An effect that can be concealed.
-
-    Attributes
-    ----------
-    known : bool
-        The library has an effect of this name.
-    ranges : mapping of str to tuple of 2 float
-        {strength: (low, high)} from which its size is drawn, log-uniform.
-    make : callable
-        (size, random generator) to the simulator's settings, and those of the library's parameters that are defined
-        alike.
-    where : tuple of str
-        Domains of the diagnosis, at least one of which must show it.
-    alike : str
-        Effects of one group change the readings nearly alike, and no pair is drawn from it.
-    of_images : bool
-        It is the reconstruction's, and images alone show it.
-    """
-
-    known: bool
-    ranges: Mapping[str, tuple[float, float]]
-    make: Callable[[float, np.random.Generator], tuple[dict, dict]]
-    where: tuple[str, ...]
-    alike: str = ""
-    of_images: bool = False
-
-    def draw(self, strength: str, random: np.random.Generator) -> tuple[dict, dict]:
-        """A size of this strength, as `make` gives it.
-
-        Parameters
-        ----------
-        strength : str
-            Of STRENGTHS.
-        random : numpy.random.Generator
-
-        Returns
-        -------
-        settings, comparable : dict
-        """
-        low, high = self.ranges[strength]
-        return self.make(float(np.exp(random.uniform(np.log(low), np.log(high)))), random)
-
-
-def _ranges(*bounds: tuple[float, float]) -> dict[str, tuple[float, float]]:
-    return dict(zip(STRENGTHS, bounds, strict=True))
-
-
-def _sign(random: np.random.Generator) -> float:
-    return float(random.choice([-1.0, 1.0]))
+COLLIMATOR_MM = 200.0  # of the scanner, from the focal spot, as the diagnosis takes it to be
+AT_PHOTONS = 1e5  # per pixel in air, of which a saturation takes the share that it is told by
 
 
 def _same(setting: str, parameter: str, signed: bool = False):
     """One number that simulator and library define alike."""
 
     def make(size, random):
-        value = size * (_sign(random) if signed else 1.0)
+        value = size * (sign(random) if signed else 1.0)
         return {setting: value}, {parameter: value}
 
     return make
@@ -117,7 +63,7 @@ def _modulation(size, random):
 
 
 def _heel(size, random):
-    depth_mm = size * _sign(random)
+    depth_mm = size * sign(random)
     # The library's anode is on the side that its angle says; the simulator's positive depth has it on the other.
     return {"heel_depth_mm": depth_mm}, {"depth_um": -1000 * depth_mm}
 
@@ -129,7 +75,7 @@ def _afterglow(size, random):
 
 
 def _source_distance(size, random):
-    isocentre, detector = size * _sign(random), 0.5 * size * float(random.uniform(-1, 1))
+    isocentre, detector = size * sign(random), 0.5 * size * float(random.uniform(-1, 1))
     return {"isocentre_mm": isocentre, "detector_mm": detector}, {"isocentre_mm": isocentre, "detector_mm": detector}
 
 
@@ -155,79 +101,97 @@ def _kernel(size, random):
 
 
 def _hu(size, random):
-    scale, offset = 1 + size * _sign(random), 500 * size * _sign(random)
+    scale, offset = 1 + size * sign(random), 500 * size * sign(random)
     return {"hu_scale": scale, "hu_offset": offset}, {"scale": scale, "offset_hu": offset}
 
 
 def _off_focal(size, random):
-    return {"off_focal_share": size, "off_focal_width_mm": float(random.uniform(15, 30))}, {}
+    # A Gaussian's full width at half maximum; the library's source is even.
+    width = float(random.uniform(15, 30))
+    settings = {"off_focal_share": size, "off_focal_width_mm": width, "off_focal_collimator_mm": COLLIMATOR_MM}
+    return settings, {"share": size}
+
+
+def _saturation(size, random):
+    """Half of them lose readings in proportion to what arrives; half read a power of it."""
+    if random.random() < 0.5:
+        return {"saturation_per_photon": size / AT_PHOTONS}, {}
+    exponent = 1 + size * sign(random)
+    return {"reading_power": exponent}, {"exponent": exponent}
+
+
+def _wobble(size, random):
+    side = size * sign(random)
+    # The simulator's spot lies on one side by so much, and then on the other.
+    return {"wobble_mm": side}, {"columns_mm": 2 * side, "rows_mm": 0.0}
 
 
 CATALOGUE: dict[str, Concealable] = {
-    "spectrum": Concealable(True, _ranges((1.0, 1.5), (2.5, 4.0), (5.0, 8.0)), _spectrum, MEAN, "haze"),
-    "scatter": Concealable(True, _ranges((0.3, 0.6), (1.5, 3.0), (5.0, 10.0)), _scatter, MEAN, "haze"),
-    "veiling_glare": Concealable(True, _ranges((0.002, 0.004), (0.01, 0.02), (0.03, 0.06)), _glare, MEAN, "haze"),
-    "dark_signal": Concealable(True, _ranges((20, 40), (100, 200), (400, 800)), _dark, MEAN, "haze"),
-    "focal_spot": Concealable(True, _ranges((1.0, 1.3), (1.8, 2.3), (3.0, 3.8)), _focal_spot, MEAN, "blur"),
+    "spectrum": Concealable(True, ranges((1.0, 1.5), (2.5, 4.0), (5.0, 8.0)), _spectrum, MEAN, "haze"),
+    "scatter": Concealable(True, ranges((0.3, 0.6), (1.5, 3.0), (5.0, 10.0)), _scatter, MEAN, "haze"),
+    "veiling_glare": Concealable(True, ranges((0.002, 0.004), (0.01, 0.02), (0.03, 0.06)), _glare, MEAN, "haze"),
+    "dark_signal": Concealable(True, ranges((20, 40), (100, 200), (400, 800)), _dark, MEAN, "haze"),
+    "focal_spot": Concealable(True, ranges((1.0, 1.3), (1.8, 2.3), (3.0, 3.8)), _focal_spot, MEAN, "blur"),
     "xray_crosstalk": Concealable(
-        True, _ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)), _crosstalk("crosstalk"), MEAN, "blur"
+        True, ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)), _crosstalk("crosstalk"), MEAN, "blur"
     ),
     "optical_crosstalk": Concealable(
         True,
-        _ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)),
+        ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.12)),
         _crosstalk("optical_crosstalk"),
         (*MEAN, "noise correlation"),
         "blur",
     ),
-    "afterglow": Concealable(True, _ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.15)), _afterglow, MEAN),
+    "afterglow": Concealable(True, ranges((0.005, 0.01), (0.02, 0.04), (0.08, 0.15)), _afterglow, MEAN),
     "electronic_noise": Concealable(
-        True, _ranges((12, 16), (25, 40), (80, 150)), _same("electronic_photons", "photons"), NOISE, "noise"
+        True, ranges((12, 16), (25, 40), (80, 150)), _same("electronic_photons", "photons"), NOISE, "noise"
     ),
     "photon_flux": Concealable(
         True,
-        _ranges((0.85, 0.9), (0.65, 0.75), (0.35, 0.5)),
+        ranges((0.85, 0.9), (0.65, 0.75), (0.35, 0.5)),
         _same("flux_factor", "factor"),
         (*NOISE, "alignment"),
         "noise",
     ),
-    "current_modulation": Concealable(True, _ranges((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _modulation, NOISE),
-    "bowtie": Concealable(True, _ranges((0.05, 0.1), (0.2, 0.4), (0.7, 1.0)), _bowtie, (*NOISE, "white field")),
-    "heel": Concealable(True, _ranges((1e-3, 2e-3), (4e-3, 7e-3), (0.012, 0.02)), _heel, (*NOISE, "white field")),
+    "current_modulation": Concealable(True, ranges((0.1, 0.15), (0.25, 0.35), (0.5, 0.6)), _modulation, NOISE),
+    "bowtie": Concealable(True, ranges((0.05, 0.1), (0.2, 0.4), (0.7, 1.0)), _bowtie, (*NOISE, "white field")),
+    "heel": Concealable(True, ranges((1e-3, 2e-3), (4e-3, 7e-3), (0.012, 0.02)), _heel, (*NOISE, "white field")),
     "gain_pattern": Concealable(
-        True, _ranges((6e-4, 1e-3), (2e-3, 4e-3), (8e-3, 0.015)), _same("gain_rms", "rms"), ("pixels", "columns")
+        True, ranges((6e-4, 1e-3), (2e-3, 4e-3), (8e-3, 0.015)), _same("gain_rms", "rms"), ("pixels", "columns")
     ),
     "centre_of_rotation": Concealable(
-        True, _ranges((0.05, 0.08), (0.15, 0.3), (0.6, 1.2)), _same("axis_shift_mm", "shift_mm", True), MEAN, "place"
+        True, ranges((0.05, 0.08), (0.15, 0.3), (0.6, 1.2)), _same("axis_shift_mm", "shift_mm", True), MEAN, "place"
     ),
     "detector_offset": Concealable(
         True,
-        _ranges((0.03, 0.05), (0.1, 0.2), (0.4, 0.8)),
+        ranges((0.03, 0.05), (0.1, 0.2), (0.4, 0.8)),
         _same("detector_columns_px", "columns_px", True),
         MEAN,
         "place",
     ),
     "source_distance": Concealable(
-        True, _ranges((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")
+        True, ranges((0.6, 1.0), (2.0, 4.0), (8.0, 15.0)), _source_distance, (*MEAN, "alignment")
     ),
-    "motion": Concealable(True, _ranges((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _motion, MEAN),
+    "motion": Concealable(True, ranges((0.1, 0.2), (0.4, 0.8), (1.5, 3.0)), _motion, MEAN),
     "reconstruction_kernel": Concealable(
-        True, _ranges((0.75, 0.85), (0.9, 1.0), (1.1, 1.2)), _kernel, IMAGE, of_images=True
+        True, ranges((0.75, 0.85), (0.9, 1.0), (1.1, 1.2)), _kernel, IMAGE, of_images=True
     ),
-    "hu_calibration": Concealable(True, _ranges((0.005, 0.01), (0.02, 0.03), (0.05, 0.08)), _hu, IMAGE, of_images=True),
-    "off_focal_radiation": Concealable(False, _ranges((0.01, 0.02), (0.04, 0.06), (0.1, 0.15)), _off_focal, MEAN),
+    "hu_calibration": Concealable(True, ranges((0.005, 0.01), (0.02, 0.03), (0.05, 0.08)), _hu, IMAGE, of_images=True),
+    "off_focal_radiation": Concealable(
+        True, ranges((0.01, 0.02), (0.04, 0.06), (0.1, 0.15)), _off_focal, (*MEAN, "white field"), "haze"
+    ),
     "view_blur": Concealable(
-        False, _ranges((0.2, 0.3), (0.5, 0.6), (0.9, 1.0)), lambda size, _: ({"duty": size, "subviews": 4}, {}), MEAN
+        True,
+        ranges((0.2, 0.3), (0.5, 0.6), (0.9, 1.0)),
+        lambda size, _: ({"duty": size, "subviews": 8}, {"duty": size}),
+        MEAN,
+        "blur",
     ),
     "detector_saturation": Concealable(
-        False,
-        _ranges((0.002, 0.004), (0.01, 0.02), (0.04, 0.08)),
-        lambda size, _: ({"saturation": size}, {}),
-        MEAN,
+        True, ranges((0.002, 0.004), (0.01, 0.02), (0.04, 0.08)), _saturation, (*MEAN, "alignment"), "haze"
     ),
-    "focal_spot_wobble": Concealable(
-        False, _ranges((0.1, 0.2), (0.4, 0.6), (1.0, 1.5)), lambda size, _: ({"wobble_mm": size}, {}), MEAN
-    ),
-}
+    "focal_spot_wobble": Concealable(True, ranges((0.1, 0.2), (0.4, 0.6), (1.0, 1.5)), _wobble, MEAN),
+} | LACKING
 
 # Whose model of an effect makes the recordings.
 XCIST = "XCIST's own"
@@ -247,8 +211,14 @@ MODELS: dict[str, tuple[str, ...]] = {
         "source_distance",
         "view_blur",
         "focal_spot_wobble",
+        "k_edge_filter",
     ),
-    OTHER: ("veiling_glare", "off_focal_radiation", "detector_saturation"),
+    OTHER: (
+        "veiling_glare",
+        "off_focal_radiation",
+        "detector_saturation",
+        *(name for name in LACKING if name != "k_edge_filter"),
+    ),
     REPEATED: (
         "dark_signal",
         "current_modulation",

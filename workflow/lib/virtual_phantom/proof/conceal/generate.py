@@ -14,6 +14,8 @@ from ...io.files import write_text
 from ...io.hdf5 import new_file
 from ...io.volumes import Volume, write_nifti
 from ...recordings.document import FILE_NAME
+from .changed_object import changed
+from .faults import faulty
 from .objects import Object
 from .phantoms import materials
 from .readout import read_out
@@ -83,10 +85,11 @@ def acquire(scan: Scan, one: Object, fine: Volume, mu_water_per_mm: float, repea
     -------
     Acquired
     """
-    noise, pixels = seed.spawn(2)
-    taken = simulate(scan, materials(fine, one, scan.kev, mu_water_per_mm), repeats, noise)
+    noise, pixels, faults = seed.spawn(3)
+    scanned = changed(fine, one, scan.settings)
+    taken = simulate(scan, materials(scanned, one, scan.kev, mu_water_per_mm), repeats, noise)
     return read_out(
-        taken,
+        faulty(taken, scan, generator(faults)),
         scan.settings,
         (scan.column_pitch_mm, scan.row_pitch_mm),
         scan.rotation_ms / 1000,

@@ -38,10 +38,12 @@ def read_out(
     if share := settings.get("glare_share", 0.0):
         spread = glare(settings["glare_range_mm"], pitch_mm)
         readings, air = ((1 - share) * one + share * wide(one, spread) for one in (readings, air))
-    if loss := settings.get("saturation", 0.0):
-        # A detector that counts short the more it gets: S' = S (1 - a S / S_max), in the air scan too.
+    if loss := settings.get("saturation_per_photon", 0.0) / READOUT_KEV:
+        # A detector that counts short the more it gets: S' = S (1 - a S), in the air scan too.
+        readings, air = (one * (1 - loss * one) for one in (readings, air))
+    if power := settings.get("reading_power", 0.0):
         most = float(air.max())
-        readings, air = (one * (1 - loss * one / most) for one in (readings, air))
+        readings, air = (most * np.sign(one) * np.abs(one / most) ** power for one in (readings, air))
     if rms := settings.get("gain_rms", 0.0):
         readings = readings * np.exp(random.normal(0, rms, air.shape))
     level, drift = (settings.get(key, 0.0) * READOUT_KEV for key in ("dark_photons", "dark_photons_per_s"))

@@ -10,6 +10,7 @@ import numpy as np
 from ...base.errors import InputError
 from ...base.streams import Stream, branch, generator
 from .catalogue import CATALOGUE, IMAGE, STRENGTHS
+from .lacking import LACKING
 from .objects import OBJECTS
 
 PHANTOMS = tuple(OBJECTS)
@@ -18,7 +19,7 @@ LEAST_ROWS = 6  # for the four slices of an image
 PROTOCOLS = ("scan", "held_out_protocol")  # sections of the configuration
 TRUTH, SALT, SCAN = range(3)  # branches of a case's seed
 KNOWN = tuple(name for name, one in CATALOGUE.items() if one.known and not one.of_images)
-UNKNOWN = tuple(name for name, one in CATALOGUE.items() if not one.known)
+UNKNOWN = tuple(LACKING)
 
 
 def cases(settings: Mapping) -> list[str]:
@@ -157,8 +158,32 @@ def _plan(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
     plan = [("single", strength, name) for name in effects for strength in settings["strengths"]]
     plan += [("none", None, None)] * settings["none"]
     plan += [("pair", None, None)] * settings["pairs"]
-    plan += [("unknown", None, UNKNOWN[number % len(UNKNOWN)]) for number in range(settings["unknown"])]
-    return plan
+    return plan + [("unknown", None, name) for name in _unknown(settings)]
+
+
+def _unknown(settings: Mapping) -> list[str]:
+    """Kinds that the library lacks, of cases in turn: each as often as the others, in an order drawn from the seed.
+
+    Parameters
+    ----------
+    settings : mapping
+        As `truths` takes them.
+
+    Returns
+    -------
+    list of str
+
+    Raises
+    ------
+    InputError
+        For a kind that there is not.
+    """
+    kinds = settings.get("unknown_kinds") or list(UNKNOWN)
+    for name in kinds:
+        if name not in UNKNOWN:
+            raise InputError(f"proof.unknown_kinds: there is no '{name}'; use some of {', '.join(UNKNOWN)}")
+    order = generator(branch(settings["seed"], 3)).permutation(len(kinds))
+    return [kinds[order[number % len(kinds)]] for number in range(settings["unknown"])]
 
 
 def _plan_of_images(settings: Mapping) -> list[tuple[str, str | None, str | None]]:
@@ -216,6 +241,8 @@ def _truth(case, kind, category, strength, effect, seed, number) -> dict:
                 "strength": size,
                 "settings": made,
                 "comparable": comparable,
+                "right": CATALOGUE[name].right,
+                "equals": list(CATALOGUE[name].equals),
             }
         )
     where = {domain for name in names for domain in CATALOGUE[name].where}

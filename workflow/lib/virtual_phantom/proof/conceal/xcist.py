@@ -42,6 +42,7 @@ IDLE = {
     "modulation": (0.0, 0.0),
     "off_focal_share": 0.0,
     "off_focal_width_mm": 20.0,
+    "off_focal_collimator_mm": 0.0,  # from the spot; 0: there is none
     "heel_depth_mm": 0.0,
 }
 
@@ -288,7 +289,7 @@ def _configured(scan: Scan, path: Path, current: float = 1.0, quantum_kev: float
     if "kvp" in settings:
         physics.energyCount = ENERGY_BINS
         protocol.spectrumFilename = f"tungsten_tar{TARGET_ANGLE_DEG:.1f}_{settings['kvp']:.0f}_filt.dat"
-        protocol.flatFilter = ["Al", settings["aluminium_mm"]]
+        protocol.flatFilter = ["Al", settings["aluminium_mm"], *settings.get("plate", ())]
     else:
         physics.energyCount = 1
         physics.monochromatic = scan.kev

@@ -35,7 +35,11 @@ def rows(score: Mapping) -> list[str]:
         line(f"named first, effects made by {model}", tally(share))
     line("both of two effects named", tally(accuracy["pairs"]["both_named"]), "pairs")
     line("false alarms where nothing is concealed", tally(accuracy["false_alarms"]), "false_alarms")
-    line("something left unexplained, where the library lacks the effect", tally(accuracy["unknown"]), "unknown")
+    line("owned up to, where the library lacks the effect", tally(accuracy["unknown"]), "unknown")
+    for name, one in score["remainders"]["by_kind"].items():
+        line(f"the same, {name.replace('_', ' ')}", tally(one))
+    if (area := score["remainders"]["area"]) is not None:
+        line("area under the curve of remainders, lacking against had", f"{area:.2f}")
     line("precisely what was concealed, and nothing else", tally(accuracy["exact"]["all"]))
     for key, what in (
         ("in_library", "one or two effects of the library"),

@@ -9,7 +9,7 @@ from ...physics.effect import names
 from ...statistics.proof_record import Entry
 from ..conceal.case import ADMITTED, CATEGORIES, KINDS, MATCH, Case
 from ..conceal.catalogue import CATALOGUE, MODELS, STRENGTHS, never_concealed
-from . import agreement, calibration, confusion, parameters, record
+from . import agreement, calibration, confusion, parameters, record, remainders
 from .intervals import median, quantile, share
 from .missed import why
 from .targets import targets
@@ -24,7 +24,8 @@ MEANING = {
     "left_open": "Cases with one or two concealed effects of the library, all of them named: the verdict left "
     "something unexplained all the same.",
     "false_alarms": "Cases with nothing concealed: the verdict was not a match.",
-    "unknown": "Cases with an effect that the library lacks: the verdict owned up to something unexplained.",
+    "unknown": "Cases with a fault that the library lacks: the verdict says that something is left unexplained, or "
+    "names what the catalogue had called an equal before the run, and nothing else.",
     "located": "Cases with stated domains: a significant difference was found in one of them.",
     "excess_removed": (
         "Share of the difference beyond noise, on data not fitted, that the named effects remove. Where something was "
@@ -74,6 +75,7 @@ def score(
         "counts": counts(cases),
         "effects": effects(cases),
         "accuracy": accuracy(cases),
+        "remainders": remainders.summary(cases),
         "parameters": parameters.summary(cases),
         "excess_removed": excess_removed(cases),
         "agreement": agreement.summary(cases),
@@ -145,7 +147,7 @@ def accuracy(cases: Sequence[Case]) -> dict:
         "beside": share(bool(set(case.named) - set(case.concealed)) for case in (*singles, *pairs)),
         "left_open": share(case.verdict in ADMITTED for case in (*singles, *pairs) if case.all_named),
         "false_alarms": share(case.verdict != MATCH for case in blank),
-        "unknown": share(case.verdict in ADMITTED for case in _of(cases, "unknown")),
+        "unknown": share(case.owned_up for case in _of(cases, "unknown")),
         "located": share(case.located for case in stated),
         "domains_never_tested": sorted({domain for case in stated for domain in case.truth["where"]} - tested),
     }

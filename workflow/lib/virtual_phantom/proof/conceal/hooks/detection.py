@@ -3,6 +3,8 @@
 import numpy as np
 from gecatsim.pyfiles.Detection_EI import Detection_EI
 
+from ..faults import refracted
+
 
 def detection(cfg, view, subview):
     """Add up a view's subviews, then let XCIST detect them once per repeat, each with its own noise and lag.
@@ -23,6 +25,9 @@ def detection(cfg, view, subview):
     subviews = cfg.sim.subViewCount
     if subview < subviews - 1:
         return cfg
+    if (amount := vars(hooks).get("refraction", 0.0)) and not cfg.sim.isAirScan:
+        shape = cfg.scanner.detectorColCount, cfg.scanner.detectorRowCount, -1
+        hooks.photons = refracted(hooks.photons.reshape(shape), amount).reshape(hooks.photons.shape)
     readings = []
     repeats = 1 if cfg.sim.isAirScan else hooks.repeats
     cfg.sim.subViewCount = 1  # detection sees them as one: sums of Poisson counts are Poisson counts

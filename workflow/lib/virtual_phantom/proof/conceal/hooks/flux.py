@@ -1,8 +1,10 @@
-"""Photons per pixel and view: XCIST's own, with the anode's heel and a tube current that follows the gantry's angle."""
+"""Photons per pixel and view: XCIST's own, with the anode's heel, a collimator, and a modulated tube current."""
 
 import numpy as np
 from gecatsim.pyfiles.Detection_Flux import Detection_Flux
 from gecatsim.pyfiles.GetMu import GetMu
+
+from .source import seen
 
 
 def flux(cfg):
@@ -31,6 +33,11 @@ def flux(cfg):
         longer = 1 / np.sin(target + np.sign(depth) * cfg.det.alphas) - 1 / np.sin(target)
         mu = np.atleast_1d(GetMu("W", np.atleast_1d(cfg.spec.Evec))) / 10
         cfg.detFlux = np.single(cfg.detFlux * np.exp(-abs(depth) * longer * mu))
+    if hooks.beside_mm:
+        open_ = (cfg.src.weights[0][:, None] * seen(cfg, hooks.cells_divided)).sum(axis=0)
+        open_ = open_.reshape(-1, hooks.cells_divided).mean(axis=1)
+        hooks.open = np.repeat(open_, cfg.scanner.detectorRowCount)[:, None]  # cells: column by column
+        cfg.detFlux = np.single(cfg.detFlux * hooks.open)
     cosine, sine = hooks.modulation
     if cfg.sim.isPhantomScan and (cosine or sine):
         turned = cfg.viewId / cfg.protocol.viewsPerRotation

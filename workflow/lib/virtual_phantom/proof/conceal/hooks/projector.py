@@ -11,6 +11,9 @@ from gecatsim.pyfiles.C_Projector_SetData import set_detector_voxelized
 from gecatsim.pyfiles.C_Projector_Voxelized import C_Projector_Voxelized
 from gecatsim.pyfiles.Detector_ThirdgenCurved import Detector_ThirdgenCurved
 
+from ..faults import displaced_tile
+from .source import seen
+
 
 def projector(cfg, view, subview):
     """Multiply `cfg.thisSubView`, shape (cells, energies), by the mean transmission over each cell.
@@ -33,9 +36,20 @@ def projector(cfg, view, subview):
     finer.detNew = copy.copy(cfg.detNew)
     finer.detNew.totalNumCells = fine.det.totalNumCells
     finer.thisSubView = np.ones((fine.det.totalNumCells, cfg.spec.nEbin), np.float32)
+    if cfg.hooks.beside_mm:  # points of the source that not every cell sees: weights of each cell's own
+        finer.srcNew = copy.copy(cfg.srcNew)
+        cells = np.repeat(seen(cfg, divided), scanner.detectorRowCount * divided, axis=1)
+        finer.srcNew.weights = (cfg.src.weights[0][:, None] * cells)[None, :, :, None]
     transmission = C_Projector_Voxelized(finer, view, subview).thisSubView
+    settings = vars(cfg.hooks)
+    if shift := settings.get("tile_px", 0.0):
+        columns = transmission.reshape(scanner.detectorColCount * divided, -1)
+        moved = displaced_tile(columns, settings["tile_from"], settings["tile_to"], shift * divided)
+        transmission = moved.reshape(transmission.shape)
     shape = scanner.detectorColCount, divided, scanner.detectorRowCount, divided, cfg.spec.nEbin
     mean = transmission.reshape(shape).mean(axis=(1, 3)).reshape(-1, cfg.spec.nEbin)
+    if cfg.hooks.beside_mm:  # which the flux holds already
+        mean = mean / cfg.hooks.open
     cfg.thisSubView = cfg.thisSubView * mean
     return cfg
 

@@ -1,0 +1,113 @@
+"""What diagnoses say of faults that the library lacks, on scans smaller than those of `snakemake proof`.
+
+    python benchmarks/lacking.py --seed 31 --unknown 14 --none 2 --out lacking.jsonl
+
+Scans by the proof's simulator, drawn as `snakemake proof` draws them: 64 columns x 4 rows x 36 views, 4 repeats of 1e5
+photons per pixel. Cases that the file has already are not done again, so that a run may be stopped.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+
+import yaml
+
+from virtual_phantom.base.streams import Branch, branch
+from virtual_phantom.diagnosis.candidates import candidates
+from virtual_phantom.diagnosis.core.asked import Asked
+from virtual_phantom.diagnosis.course import explain
+from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.io.volumes import write_nifti
+from virtual_phantom.proof.conceal.case import Case
+from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_of, write
+from virtual_phantom.proof.conceal.objects import OBJECTS
+from virtual_phantom.proof.conceal.phantoms import build
+from virtual_phantom.proof.conceal.suite import scan_seed, truths
+from virtual_phantom.proof.conceal.xcist import energy_of_water
+from virtual_phantom.proof.score.remainders import summary
+from virtual_phantom.study.config import complete
+from virtual_phantom.study.dependencies import resource
+
+ROOT = Path(__file__).resolve().parents[1]
+SCAN = {"columns": 64, "rows": 4, "views": 36, "photons": 1e5, "rotation_time_ms": 1000.0, "repeats": 4}
+
+
+def diagnosed(folder, truth, config, seed, left_out):
+    """What is said of one case, and how long the diagnosis took of the processor."""
+    one, mu = OBJECTS[truth["phantom"]], config["mu_water_per_mm"]
+    stream = branch(config["seed"], Branch.PROOF_PHANTOM)
+    phantom = build(one, resource(one.layout), SCAN["columns"], SCAN["rows"], stream)
+    kev, views = energy_of_water(mu), SCAN["views"]
+    scan = scan_of(one, SCAN, views, SCAN["photons"], SCAN["rotation_time_ms"], kev, concealed_settings(truth))
+    write(
+        folder,
+        truth["case"],
+        scan,
+        acquire(scan, one, phantom.fine, mu, SCAN["repeats"], scan_seed(seed, truth["number"])),
+    )
+    write_nifti(phantom.image, folder / "image.nii.gz")
+    settings = {"samples": 2, "view_step": 1, "nominal_photons": SCAN["photons"], "alignment": {}}
+    model = {"folder": str(folder), "settings": settings, "mu_water_per_mm": mu, "materials": one.stated}
+    asked = Asked.of(model | {"seed": config["seed"], "protocol": None}, str(folder / "image.nii.gz"), 1)
+    tried = [name for name in candidates(settings) if name not in left_out]
+    recording, prepared = ready(asked)
+    began = time.process_time()
+    _, found = explain(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
+    return found.content, time.process_time() - began
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--unknown", type=int, default=14)
+    parser.add_argument("--kinds", nargs="*", help="of the faults; all that there are")
+    parser.add_argument("--none", type=int, default=0)
+    parser.add_argument("--effects", nargs="*", default=[], help="effects of the library, each concealed alone")
+    parser.add_argument("--strengths", nargs="*", default=["medium"])
+    parser.add_argument("--left-out", nargs="*", default=[], help="effects that diagnoses do not try")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    config = complete(yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
+    settings = {
+        "seed": options.seed,
+        "effects": options.effects or ["scatter"],
+        "strengths": options.strengths if options.effects else [],
+        "none": options.none,
+        "pairs": 0,
+        "unknown": options.unknown,
+        "unknown_kinds": options.kinds,
+        "images": {"strengths": [], "effects": [], "views_times": 1},
+        "scan": SCAN,
+        "held_out_protocol": {"views": 30},
+    }
+    rows = []
+    if options.out.is_file():
+        rows = [json.loads(line) for line in options.out.read_text(encoding="utf-8").splitlines()]
+    done = {row["truth"]["case"] for row in rows}
+    for case, truth in truths(settings).items():
+        if case in done:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            said, seconds = diagnosed(Path(folder), truth, config, options.seed, options.left_out)
+        kept = ("recording", "verdict", "sentence", "effects", "ambiguous_with", "remainder_sd", "excess_removed")
+        rows.append({"truth": truth, "diagnosis": {key: said[key] for key in kept}, "seconds": seconds})
+        with options.out.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(rows[-1]) + "\n")
+        concealed = ", ".join(f"{one['name']} ({one['strength']})" for one in truth["effects"]) or "nothing"
+        print(f"{case} {concealed}: {said['sentence']} [{seconds:.0f} s]", flush=True)
+    cases = [Case(row["truth"], row["diagnosis"]) for row in rows]
+    found = summary(cases)
+    for name, one in found["by_kind"].items():
+        print(f"{name}: owned up to {one['count']} of {one['n']}")
+    singles = [case for case in cases if case.category == "single"]
+    blank = [case for case in cases if case.category == "none"]
+    unknown = [case for case in cases if case.category == "unknown"]
+    print(f"owned up to {sum(case.owned_up for case in unknown)} of {len(unknown)}; area {found['area']}")
+    print(f"effects of the library named first {sum(case.first_right for case in singles)} of {len(singles)}")
+    print(f"nothing concealed, no match {sum(not case.right for case in blank)} of {len(blank)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,209 @@
+"""Faults that the library has no effect for, against closed forms and what they keep."""
+
+import numpy as np
+import pytest
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.effect import load, names
+from virtual_phantom.proof.conceal.catalogue import CATALOGUE
+from virtual_phantom.proof.conceal.changed_object import AIR_HU, changed
+from virtual_phantom.proof.conceal.faults import charge_shared, chosen, displaced_tile, faulty, refracted, warmed
+from virtual_phantom.proof.conceal.lacking import LACKING
+from virtual_phantom.proof.conceal.objects import OBJECTS
+from virtual_phantom.proof.conceal.suite import truths
+from virtual_phantom.proof.conceal.unsteady import breathed, jittered, swung, turned
+from virtual_phantom.proof.conceal.xcist import Acquired, Scan
+
+VIEWS, COLUMNS, KEV = 40, 30, 70.0
+
+
+def order(**settings):
+    return Scan(VIEWS, COLUMNS, 4, 2.0, 2.0, 500.0, 900.0, KEV, 1e5, settings=settings)
+
+
+@pytest.fixture
+def taken():
+    random = np.random.default_rng(1)
+    readings = KEV * random.poisson(800.0, (3, VIEWS, 4, COLUMNS))
+    return Acquired(readings.astype(np.float32), np.full((4, COLUMNS), 1000 * KEV, np.float32))
+
+
+def read(taken, **settings):
+    return faulty(taken, order(**settings), np.random.default_rng(2))
+
+
+def test_nothing_asked_changes_nothing(taken):
+    found = read(taken)
+    assert np.array_equal(found.readings, taken.readings) and np.array_equal(found.air, taken.air)
+
+
+def test_ten_kinds_or_more_have_a_right_verdict_and_no_effect_of_their_name():
+    assert len(LACKING) >= 10 and not set(LACKING) & set(names())
+    for name, one in LACKING.items():
+        assert not one.known and "left" in one.right, name
+        for effect in one.equals:
+            assert load(effect) and effect.replace("_", " ").split()[-1] in one.right
+        sizes = [one.ranges[strength] for strength in ("weak", "medium", "strong")]
+        assert all(low < high for low, high in sizes) and sizes[0][1] <= sizes[1][0] < sizes[1][1] <= sizes[2][0]
+        assert one.draw("medium", np.random.default_rng(1)) == one.draw("medium", np.random.default_rng(1))
+        assert CATALOGUE[name] is one
+
+
+def test_a_dim_view_has_a_line_integral_that_is_higher_by_a_logarithm(taken):
+    found = read(taken, dim_share=0.1, dim_views=0.1, dim_seed=5)
+    shift = -np.log(found.readings / taken.readings).mean(axis=(0, 2, 3))
+    dim = chosen(VIEWS, 0.1, 5)
+    assert len(dim) == 4 and 0 not in dim
+    np.testing.assert_allclose(shift[dim], -np.log(0.9), rtol=1e-5)
+    assert np.array_equal(np.delete(found.readings, dim, axis=1), np.delete(taken.readings, dim, axis=1))
+
+
+def test_a_lost_view_is_the_one_before_again(taken):
+    found = read(taken, lost_views=0.1, lost_seed=8)
+    lost = chosen(VIEWS, 0.1, 8)
+    np.testing.assert_array_equal(found.readings[:, lost], found.readings[:, lost - 1])
+    kept = np.setdiff1d(np.arange(VIEWS), lost)
+    np.testing.assert_array_equal(found.readings[:, kept], taken.readings[:, kept])
+
+
+def test_a_detector_warms_towards_a_limit_and_leaves_the_mean_of_a_view():
+    gain = warmed(1000, COLUMNS, 0.02, 0.3)
+    np.testing.assert_allclose(gain.mean(axis=1), 1.0)
+    # After the time constant 1 - 1/e is reached.
+    assert gain[300, -1] - 1 == pytest.approx(0.02 * (1 - np.exp(-1)), rel=2e-3)
+    np.testing.assert_allclose(gain[:, 0] - 1, 1 - gain[:, -1])
+
+
+def test_shared_charge_keeps_the_mean_of_an_even_field_and_correlates_neighbours():
+    """Of Poisson counts n a share c is counted again beside: variance n (1 + c), covariance of neighbours n c."""
+    share, random = 0.3, np.random.default_rng(3)
+    counts = random.poisson(500.0, (400, 60)) * KEV
+    found = charge_shared(counts, share, KEV, random)
+    even = Acquired(counts[None, :, None].astype(np.float32), np.full((1, 60), 500 * KEV, np.float32))
+    lines = faulty(even, order(charge_share=share), np.random.default_rng(4))
+    # Over the air scan, edges included, an even field stays even.
+    ratio = (lines.readings / lines.air)[0, :, 0].mean(axis=0)
+    assert np.abs(ratio - 1).max() < 5 / np.sqrt(400 * 500)
+    inner = found[:, 1:-1] / KEV
+    assert inner.mean() == pytest.approx(500 * (1 + share), rel=2e-3)
+    noise = inner - inner.mean(axis=0)
+    assert (noise**2).mean() == pytest.approx(500 * (1 + share), rel=0.05)
+    correlation = (noise[:, 1:] * noise[:, :-1]).mean() / (noise**2).mean()
+    assert correlation == pytest.approx(share / (1 + share), abs=0.03)
+    assert abs((noise[:, 2:] * noise[:, :-2]).mean() / (noise**2).mean()) < 0.03
+
+
+def test_refraction_loses_no_photon_and_sharpens_an_edge():
+    photons = np.random.default_rng(1).uniform(10, 1000, (20, 6, 2))
+    found = refracted(photons, 0.05)
+    np.testing.assert_allclose(found.sum(axis=(0, 1)), photons.sum(axis=(0, 1)))
+    # The Laplacian of x^2 is 2: inside every mean falls by 2 k.
+    square = np.broadcast_to((np.arange(20.0) ** 2)[:, None, None], (20, 6, 1))
+    np.testing.assert_allclose((refracted(square, 0.05) - square)[1:-1], -0.1)
+    edge = np.where(np.arange(20) < 10, 100.0, 1000.0)[:, None, None] * np.ones((1, 6, 1))
+    there = refracted(edge, 0.05)
+    assert there[9, 0, 0] < 100 and there[10, 0, 0] > 1000
+
+
+def test_a_displaced_tile_sees_what_lies_beside_it():
+    slope = np.arange(40.0)[:, None] * [1.0, 2.0]
+    found = displaced_tile(slope, 0.25, 0.5, 0.6)
+    np.testing.assert_allclose((found - slope)[10:20], 0.6 * np.ones((10, 1)) * [1.0, 2.0])
+    assert np.array_equal(found[:10], slope[:10]) and np.array_equal(found[20:], slope[20:])
+
+
+def test_breathing_returns_and_a_swing_too():
+    settings = {"breathing_mm": (1.0, -2.0, 0.5), "breathing_per_turn": 4.0, "breathing_phase": 0.3}
+    np.testing.assert_allclose(breathed(0.1, settings), breathed(0.1 + 0.25, settings))
+    many = np.array([breathed(turn, settings) for turn in np.arange(400) / 400])
+    np.testing.assert_allclose(many.mean(axis=0), 0, atol=1e-12)
+    np.testing.assert_allclose((many**2).mean(axis=0), np.square((1.0, -2.0, 0.5)) / 2)
+    swing = {"swing_deg": 2.0, "swing_per_turn": 1.0, "swing_phase": 0.0}
+    assert swung(0.25, swing) == pytest.approx(2.0) and swung(0.5, swing) == pytest.approx(0, abs=1e-12)
+
+
+def test_jitter_is_white_and_of_a_seed():
+    settings = {"jitter_deg": 0.5, "jitter_seed": 7}
+    many = np.array([jittered(view, settings) for view in range(400)])
+    assert many.std() == pytest.approx(0.5, rel=0.1) and abs(np.corrcoef(many[1:], many[:-1])[0, 1]) < 0.15
+    assert many[3] == jittered(3, settings)
+
+
+def test_turning_goes_from_x_to_y():
+    np.testing.assert_allclose(turned(np.array([[1.0, 0, 0], [0, 1.0, 0]]), 90.0), [[0, 1, 0], [-1, 0, 0]], atol=1e-12)
+
+
+@pytest.fixture
+def body():
+    grid = Grid((4, 60, 80), (2.0, 2.0, 2.0))
+    _, y, x = grid.axes_mm()
+    inside = (x / 70) ** 2 + (y[:, None] / 50) ** 2 < 1
+    return Volume(np.broadcast_to(np.where(inside, 40.0, AIR_HU), grid.shape).astype(np.float32).copy(), grid)
+
+
+def added_mm2(found, body, hu):
+    """Area of what has `hu` and was not there before, in every slice."""
+    before, after = ((one.array - AIR_HU).sum(axis=(1, 2)) for one in (body, found))
+    return (after - before) / (hu - AIR_HU) * body.grid.spacing[1] * body.grid.spacing[2]
+
+
+def test_a_table_lies_below_and_holds_what_it_should(body):
+    found = changed(body, OBJECTS["abdomen"], {"table_mm": 7.0, "table_hu": -100.0})
+    width = found.grid.spacing[2] * (found.array[0] > AIR_HU).sum(axis=1)
+    _, y, _ = found.grid.axes_mm()
+    np.testing.assert_allclose(added_mm2(found, body, -100.0), 7.0 * 64 * 2, rtol=0.02)
+    assert y[width > 0].min() < -62 and abs(width[y < -63.5].max() - 128) <= 2
+    middle = slice((found.grid.shape[1] - 60) // 2, (found.grid.shape[1] + 60) // 2)
+    assert np.array_equal(found.array[:, middle], body.array)
+
+
+def test_an_arm_lies_outside_of_what_every_view_sees(body):
+    one = OBJECTS["abdomen"]
+    found = changed(body, one, {"arm_radius_mm": 12.0, "arm_side": -1.0, "arm_height_mm": 5.0})
+    np.testing.assert_allclose(added_mm2(found, body, 40.0), np.pi * 12.0**2, rtol=0.02)
+    _, _, x = found.grid.axes_mm()
+    more = (found.array[0] > AIR_HU).any(axis=0) & (np.abs(x) > 80)
+    detector = one.detector(64, 6)
+    seen = circular(views=4, **detector).field_of_view_radius_mm
+    assert x[more].max() < -seen and x[more].min() > -seen - 40
+
+
+def test_an_insert_changes_matter_alone(body):
+    settings = {"insert_hu": 100.0, "insert_at": (0.1, -0.2), "insert_radius_mm": 9.0}
+    found = changed(body, OBJECTS["abdomen"], settings)
+    more = found.array - body.array
+    assert more.max() == pytest.approx(100.0) and not more[body.array <= AIR_HU].any()
+    np.testing.assert_allclose(more.sum(axis=(1, 2)) * 4 / 100, np.pi * 81, rtol=0.03)
+    _, y, x = body.grid.axes_mm()
+    row, column = (np.average(axis, weights=more[0].sum(axis=1 - place)) for place, axis in enumerate((y, x)))
+    assert (row, column) == pytest.approx((0.1 * 120, -0.2 * 160), abs=0.5)
+    gone = changed(body, OBJECTS["abdomen"], settings | {"insert_hu": -5000.0})
+    assert gone.array.min() == AIR_HU and changed(body, OBJECTS["abdomen"], {}) is body
+
+
+SUITE = {
+    "seed": 3,
+    "effects": ["scatter"],
+    "strengths": [],
+    "none": 0,
+    "pairs": 0,
+    "unknown": 2 * len(LACKING),
+    "images": {"strengths": [], "effects": [], "tried": ["scatter"], "views_times": 2},
+    "scan": {"views": 36, "rows": 4},
+    "held_out_protocol": {"views": 30},
+}
+
+
+def test_every_kind_is_drawn_as_often_and_its_right_verdict_is_sealed():
+    drawn = [truth["effects"][0] for truth in truths(SUITE).values()]
+    counted = [one["name"] for one in drawn]
+    assert {counted.count(name) for name in LACKING} == {2}
+    assert all(one["right"] == LACKING[one["name"]].right and not one["known"] for one in drawn)
+    other = [truth["effects"][0]["name"] for truth in truths(SUITE | {"seed": 4, "unknown": 5}).values()]
+    assert len(set(other)) == 5
+    few = truths(SUITE | {"unknown_kinds": ["dim_views"], "unknown": 3})
+    assert {truth["effects"][0]["name"] for truth in few.values()} == {"dim_views"}
+    with pytest.raises(InputError, match="proof.unknown_kinds: there is no 'dimviews'; use some of periodic_motion"):
+        truths(SUITE | {"unknown_kinds": ["dimviews"]})

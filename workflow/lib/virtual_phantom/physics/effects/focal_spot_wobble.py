@@ -1,0 +1,38 @@
+"""A focal spot that jumps from view to view."""
+
+import math
+
+import numpy as np
+
+from ..effect import Effect, Parameter
+from ..state import State
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    """Set the source's place in every view."""
+    times = state.geometry.view_times
+    odd = np.round(times - times[0]).astype(int) % 2  # of the scanner's views, also where some are left out
+    side = np.where(odd, 0.5, -0.5)
+    along = values["rows_mm"]
+    # The spot moves along the anode's inclined surface.
+    place = [values["columns_mm"], along, -along / math.tan(math.radians(state.anode.angle_deg))]
+    state.jump_mm = side[:, None] * place
+
+
+EFFECT = Effect(
+    name="focal_spot_wobble",
+    physics="The focal spot jumps from one side to the other with every view, by a deflected electron beam or a "
+    "wobbling anode, and the geometry does not say so.",
+    equation="source_i' = source_i + (-1)^(i+1) j / 2, view i from 0: j along the columns, or along z on the anode's "
+    "inclined surface",
+    source="M. Kachelriess, M. Knaup, C. Penssel and W. A. Kalender, IEEE Trans. Nucl. Sci. 53, 1238 (2006); "
+    "T. G. Flohr et al., Med. Phys. 32, 2536 (2005)",
+    stage="focal_spot",
+    signature="residuals at edges that change their sign from view to view",
+    settled_by="a ball near the axis: its track jumps between even and odd views",
+    parameters=(
+        Parameter("columns_mm", "mm", "jump along the columns from an even view to an odd one", -5.0, 5.0, 0.0, 0.5),
+        Parameter("rows_mm", "mm", "the same along z, as seen from the isocentre", -5.0, 5.0, 0.0, 0.0),
+    ),
+    apply=apply,
+)

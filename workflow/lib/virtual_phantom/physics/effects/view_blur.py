@@ -1,0 +1,34 @@
+"""Rotation during a view."""
+
+import math
+
+from ...base.geometry import orbit_of
+from ..effect import Effect, Parameter
+from ..sampling import points
+from ..state import State
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    """Set the moments of a view at which rays are taken."""
+    geometry, duty = orbit_of(state.geometry, "view_blur"), values["duty"]
+    # How far the outermost of what every view sees turns, in pixels at the isocentre.
+    arc_rad = 2 * math.pi / geometry.views_per_rotation / geometry.views_apart
+    pixel_mm = geometry.column_pitch_mm / geometry.magnification
+    blurred = duty * arc_rad * geometry.field_of_view_radius_mm / pixel_mm
+    state.turns = tuple((duty * place, weight) for place, weight in points(duty, blurred))
+
+
+EFFECT = Effect(
+    name="view_blur",
+    physics="Source and detector turn on while a view is exposed: it is a mean over an arc, not one direction.",
+    equation="T_i = mean of T over the time from -q dt / 2 to q dt / 2 around the middle of view i: of transmissions, "
+    "not of line integrals",
+    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), section on azimuthal blurring",
+    stage="geometry",
+    signature="edges are blurred along the columns, the more so the farther they are from the axis, and edges seen end "
+    "on are not",
+    settled_by="the same scan with more views per turn, or a wire at two distances from the axis: its width grows with "
+    "the distance",
+    parameters=(Parameter("duty", "1", "exposed share of the time from view to view", 0.0, 1.0, 0.5, 1.0, power=2),),
+    apply=apply,
+)
