@@ -14,7 +14,7 @@ def apply(state: State, values: dict[str, float]) -> None:
     if not share:
         return
     to_detector, collimator = geometry.source_to_detector_mm, values["collimator_mm"]
-    columns = geometry.column_positions_mm()
+    columns = to_detector * np.tan(geometry.fan_angles_rad())  # on the flat through the detector's middle
     # A collimator that the beam of the focal spot just fits through hides, of what lies beside that spot, all whose ray
     # to the pixel passes it farther out.
     edge = np.array([columns[0], columns[-1]]) + np.array([-0.5, 0.5]) * geometry.column_pitch_mm
