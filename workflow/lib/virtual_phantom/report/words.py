@@ -15,12 +15,14 @@ DOMAINS = {
     "noise correlation": "correlation of the noise of neighbours",
     "white field": "difference of the recorded white field from the modelled one, by smooth shapes",
     "alignment": "how far the fit has pulled a nuisance parameter off what was known of it",
+    "kinds of change": "what changes without a cause explain beside the model: with the line integral, from view to "
+    "view, along columns and so on",
     "image": "mean difference of every block of voxels",
     "slices": "mean difference of every slice",
     "distance from the axis": "mean difference of every ring around the isocentre",
     "tissue": "mean difference of voxels in the order of their HU, in ten parts",
 }
-ONE_SIDED = ("edges", "pixels", "both halves")
+ONE_SIDED = ("edges", "pixels", "both halves", "kinds of change")
 # {nuisance parameter: (words, unit)}
 NUISANCES = {
     "log_photons": ("photons per pixel in air, natural logarithm", ""),

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from scipy.sparse import sparray
 
 from .fit import Fit, Fitter
 from .locate import Half, Location
@@ -88,6 +89,10 @@ class Prepared(ABC):
         list of Location
             The worst first.
         """
+
+    def kinds(self, fit: Fit) -> Iterable[tuple[str, np.ndarray | sparray]]:
+        """Kinds of change about what a fit predicts, as core.outside.changes takes them; none by default."""
+        return ()
 
     @abstractmethod
     def recorded(self) -> np.ndarray:

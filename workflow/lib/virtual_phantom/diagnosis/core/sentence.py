@@ -89,8 +89,14 @@ def misstated(content: Mapping) -> str:
 
 
 def listed(content: Mapping, names: list[str]) -> str:
-    """Effects by name, each with those that would do as well in its place."""
-    return " and ".join(" or ".join(map(label, (name, *content["ambiguous_with"].get(name, [])))) for name in names)
+    """Effects by name, each with those that would do as well in its place, or something that no effect stands for."""
+
+    def rivals(name: str) -> str:
+        found = " or ".join(map(label, (name, *content["ambiguous_with"].get(name, []))))
+        other = content.get("outside", {}).get(name)
+        return found if other is None else f"{found}, or something outside of the library that {other['what']},"
+
+    return " and ".join(map(rivals, names))
 
 
 def enumerated(phrases: list[str]) -> str:

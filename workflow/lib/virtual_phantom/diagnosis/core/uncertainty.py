@@ -32,10 +32,16 @@ def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
     information, _ = problem.normal(jacobian, problem.start, [np.zeros(rows.shape[1]) for rows in jacobian])
     directions = _directions(problem, fit, information)
     if fitter.held_out.usable is not fitter.data.usable:
-        other = copy.copy(fitter)
-        other.data, other.weights = fitter.held_out, fitter.held_weights
+        other = on_held_out(fitter)
         jacobian = _changes(Problem(other, fit.effects, fit), fit)
     return [(directions / problem.steps) @ rows for rows in jacobian]
+
+
+def on_held_out(fitter: Fitter) -> Fitter:
+    """The same fitter, whose data are those held out."""
+    other = copy.copy(fitter)
+    other.data, other.weights = fitter.held_out, fitter.held_weights
+    return other
 
 
 def _changes(problem: Problem, fit: Fit) -> list[np.ndarray]:

@@ -8,19 +8,20 @@ import numpy as np
 
 from ...base.words import label
 from ...physics.effect import load
-from .attribute import Choice
+from .attribute import AS_GOOD, LEAST_GAIN, Choice
 from .caveats import caveats
 from .declared import statements
 from .doubts import doubts
 from .locate import Location, aligned
 from .model import Model
+from .outside import DOMAIN, better, changes, standing_out
 from .prepared import Prepared
 from .sentence import MATCH, UNEXPLAINED, sentence
 from .steps import NORMAL_95
 from .trial import Trial
 
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
-NO_SIGNED_MAP = ("edges", "both halves")  # sums of squares and products
+NO_SIGNED_MAP = ("edges", "both halves", DOMAIN)  # sums of squares and products
 VERDICTS = (MATCH, "mismatch explained", "mismatch partly explained", UNEXPLAINED)
 
 
@@ -60,11 +61,16 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     """
     fitter = prepared.fitter
 
-    def places(fit):
-        fitted, held = prepared.halves(fit)
-        return prepared.domains(held, fit, fitted, aligned(fit, fitter.model.distortions))
+    def kinds(fit):
+        return changes(fitter, fit, prepared.kinds(fit))
 
-    before, after = places(choice.baseline.fit), places(choice.chosen.fit)
+    def places(fit, least_gain):
+        fitted, held = prepared.halves(fit)
+        more = [*aligned(fit, fitter.model.distortions), *standing_out(kinds(fit), least_gain)]
+        return prepared.domains(held, fit, fitted, more)
+
+    inexact = max(LEAST_GAIN, choice.blur)
+    before, after = places(choice.baseline.fit, LEAST_GAIN), places(choice.chosen.fit, inexact)
     effects = choice.chosen.fit.effects
     left = [place for place in after if place.significant]
     removed = excess_removed(prepared, choice.baseline, choice.chosen, left) if effects else None
@@ -74,8 +80,10 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     }
     doubted = doubts(choice, fitter.model, metrics["held_out"])
     known = statements(choice.chosen.fit, fitter.model)
+    beside = {name: kinds(fit) for name, fit in choice.without.items()}
+    outside = better(choice, beside, max(AS_GOOD, choice.blur))
     off = any(one["off"] for parameters in known.values() for one in parameters.values())
-    verdict = VERDICTS[(2 if left or doubted else 1) if effects or off else (0 if not left else 3)]
+    verdict = VERDICTS[(2 if left or doubted or outside else 1) if effects or off else (0 if not left else 3)]
     ambiguous = {name: choice.ambiguous_with(name) for name in effects}
     content = {
         "recording": recording,
@@ -83,6 +91,10 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "locations": [_location(place) for place in before],
         "effects": [_effect(name, choice, fitter.model) for name in effects],
         "ambiguous_with": ambiguous,
+        "outside": {
+            name: {"what": one.words, "better_by": one.gain - choice.gains[name], "z": one.z}
+            for name, one in outside.items()
+        },
         "ruled_out": choice.ruled_out,
         "undecided": choice.undecided,
         "alignment": {

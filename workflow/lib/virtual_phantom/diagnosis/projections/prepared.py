@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from scipy.sparse import sparray
 
 from ...base.errors import InputError
 from ...physics.chain import Chain
@@ -22,6 +23,7 @@ from ..core.prepared import Prepared
 from ..core.statement import Statement, stated_physics
 from ..core.uncertainty import left_by_numbers
 from .caveats import lost_rays
+from .kinds import kinds
 from .locate import locate
 from .model import ScansModel
 from .numerical import Numerical
@@ -70,6 +72,13 @@ class PreparedScans(Prepared):
         """As Prepared.domains."""
         uncertain = None if fitted is None else left_by_numbers(self.fitter, fit)
         return locate(half.residuals, half.weights, half.data, fit.pattern_variance, fitted, more, uncertain)
+
+    def kinds(self, fit: Fit) -> Iterable[tuple[str, np.ndarray | sparray]]:
+        """As Prepared.kinds."""
+        model = self.fitter.model
+        lines = model.predict(fit.physics, fit.nuisance, self.data, fit.linearisation).mean
+        source = model.chain.geometry.by_vectors().source_mm
+        return kinds(lines, np.arctan2(source[:, 1], source[:, 0]), self.usable, self.data.whitened)
 
     def recorded(self) -> np.ndarray:
         """As Prepared.recorded."""

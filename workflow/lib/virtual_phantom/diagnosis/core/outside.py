@@ -1,0 +1,235 @@
+"""What kind of change a fit leaves over, by a basis that knows no physics: what is outside of the library shows there.
+
+A kind of change is a span of directions of the data. The data fitted say which direction of it would serve best, beyond
+what the fit's numbers take up, and the data held out say whether it does: their noise is independent, so that their
+residual along that direction is normal whatever the span.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+from scipy.sparse import issparse, sparray
+
+from .attribute import Choice
+from .fit import Fit, Fitter, Problem
+from .locate import Location
+from .templates import SMALL, data_changes, whitened
+from .uncertainty import on_held_out
+
+DOMAIN = "kinds of change"
+ALIKE = 1e-6  # of the largest eigenvalue of a span, each direction of length 1: less is rounding
+Directions = np.ndarray | sparray
+
+
+@dataclass(frozen=True)
+class Change:
+    """What one kind of change does for a fit.
+
+    Attributes
+    ----------
+    words : str
+        Of the kind, after "what is left".
+    z : float
+        Of the residual held out, along the direction that the data fitted say.
+    p : float
+        Chance of such a z without any such change.
+    gain : float
+        Log score of the data held out that the change would add, its size shrunk for what noise alone gives
+        (W. James and C. Stein, Proc. 4th Berkeley Symp. 1, 361, 1961).
+    rms : float
+        Root mean square of the change, where data count, in their unit; its size as shrunk.
+    """
+
+    words: str
+    z: float
+    p: float
+    gain: float
+    rms: float
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One half of the data about a fit, whitened, all parts.
+
+    Attributes
+    ----------
+    residual : ndarray, shape (data,)
+    columns : ndarray, shape (data, numbers)
+        Changes with the fit's numbers and with numerical distortions.
+    root : ndarray, shape (mean data,)
+        Roots of the mean's weights.
+    scatter : ndarray, shape (mean data,), or float
+        Relative variance of these weights.
+    """
+
+    residual: np.ndarray
+    columns: np.ndarray
+    root: np.ndarray
+    scatter: np.ndarray | float
+
+    @classmethod
+    def of(cls, fitter: Fitter, problem: Problem, fit: Fit) -> _Side:
+        """From the data that a fitter fits."""
+        columns = data_changes(problem, fit.pattern)
+        root = np.sqrt(fitter.weights[0])
+        distorted = np.zeros((len(columns), len(fitter.data.numerical)))
+        for place, one in enumerate(fitter.data.numerical):
+            distorted[: root.size, place] = root * one.ravel()
+        residual = whitened(fitter.residuals(fit, held_out=False), fitter.weights)
+        return cls(residual, np.hstack([columns, distorted]), root, np.ravel(fitter.data.scatter))
+
+    def weighed(self, directions: Directions) -> Directions:
+        """Directions of the mean's data in standard deviations."""
+        return (
+            directions.multiply(self.root[:, None]).tocsr() if issparse(directions) else directions * self.root[:, None]
+        )
+
+
+def changes(fitter: Fitter, fit: Fit, kinds: Iterable[tuple[str, Directions]]) -> list[Change]:
+    """What every kind of change does for a fit, beyond what its numbers take up.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    fit : Fit
+    kinds : iterable of tuple of str and ndarray or sparse array, shape (mean data, directions)
+        Every kind in words, and its directions, as `Prepared.kinds` gives them.
+
+    Returns
+    -------
+    list of Change
+        The most certain first.
+    """
+    problem = Problem(fitter, fit.effects, fit)
+    fitted = _Side.of(fitter, problem, fit)
+    held = fitted
+    if fitter.held_out is not fitter.data:
+        other = on_held_out(fitter)
+        held = _Side.of(other, Problem(other, fit.effects, fit), fit)
+    # Of a distortion its size is known to one standard deviation.
+    knowledge = np.concatenate([problem.knowledge, np.ones(len(fitter.data.numerical))])
+    off = np.concatenate([problem.knowledge * (problem.centre - problem.start), np.zeros(len(fitter.data.numerical))])
+    information = fitted.columns.T @ fitted.columns + np.diag(knowledge)
+    inverse = np.linalg.pinv(information, hermitian=True)
+    residual = fitted.residual - fitted.columns @ (inverse @ (fitted.columns.T @ fitted.residual + off))
+    found = []
+    for words, directions in kinds:
+        change = _change(fitted, held, residual, inverse, directions, fit.pattern_variance)
+        if change is not None:
+            found.append(Change(words, *change))
+    return sorted(found, key=lambda one: one.p)
+
+
+def _change(
+    fitted: _Side,
+    held: _Side,
+    residual: np.ndarray,
+    inverse: np.ndarray,
+    directions: Directions,
+    of_pattern: np.ndarray | None,
+) -> tuple[float, float, float, float] | None:
+    """z, p, gain and rms of one kind; None where the fit takes up all of it.
+
+    A gain pattern has a constant of every pixel that is no number of the fit: it has taken what is constant out of the
+    residuals, and is known to the variance `of_pattern`.
+
+    Parameters
+    ----------
+    fitted, held : _Side
+    residual : ndarray, shape (data,)
+        Of the data fitted, less what the fit's numbers could still take up.
+    inverse : ndarray, shape (numbers, numbers)
+        Covariance of the numbers.
+    directions : ndarray or sparse array, shape (mean data, directions)
+    of_pattern : ndarray, shape (rows, columns), or None
+
+    Returns
+    -------
+    tuple of 4 float, or None
+    """
+    count = fitted.root.size
+    seen = fitted.weighed(directions)
+    crossed = fitted.columns[:count].T @ seen  # (numbers, directions)
+    gram = seen.T @ seen
+    gram = np.asarray(gram.todense()) if issparse(gram) else gram
+    lengths = np.sqrt(np.diag(gram))
+    inside = gram - crossed.T @ inverse @ crossed
+    known = np.diag(inside) > SMALL * np.maximum(lengths**2, 1e-300)
+    if not known.any():
+        return None
+    units = np.where(known, 1 / np.where(lengths > 0, lengths, 1), 0)
+    values, vectors = np.linalg.eigh(inside * np.outer(units, units))
+    kept = values > ALIKE * values[-1]
+    along = units * (seen.T @ residual[:count])
+    inner = vectors[:, kept].T @ along
+    amounts = units * (vectors[:, kept] @ (inner / values[kept]))
+    explained, freedom = float((inner**2 / values[kept]).sum()), int(kept.sum())
+    if not explained:
+        return None
+    # What the numbers do about a change is known of the data fitted.
+    answered = inverse @ (crossed @ amounts)
+    change = -(held.columns @ answered)
+    change[: held.root.size] += held.weighed(directions) @ amounts
+    taken_up = held.columns.T @ change  # what errors of the numbers add along it
+    mean = change[: held.root.size]
+    variance = float(change @ change + (held.scatter * mean**2).sum() + taken_up @ inverse @ taken_up)
+    if of_pattern is not None:  # what errors of its constants add along it
+        variance += float((of_pattern.ravel() * (held.root * mean).reshape(-1, of_pattern.size).sum(axis=0) ** 2).sum())
+    along = float(change @ held.residual)
+    shrunk = max(0.0, 1 - freedom / explained)
+    gain = shrunk * along - shrunk**2 * float(change @ change) / 2
+    counted = held.root > 0
+    rms = shrunk * float(np.sqrt((mean[counted] ** 2 / held.root[counted] ** 2).mean()))
+    z = along / np.sqrt(variance)
+    return z, float(stats.norm.sf(z)), gain, rms
+
+
+def standing_out(found: list[Change], least_gain: float) -> list[Location]:
+    """The kinds of change as one more domain of difference, by the most certain.
+
+    Parameters
+    ----------
+    found : list of Change
+        As `changes` gives them.
+    least_gain : float
+        Log score: kinds that gain less may be what inexact models leave, and count for nothing.
+
+    Returns
+    -------
+    list of Location
+        One, or none where there is no kind.
+    """
+    if not found:
+        return []
+    standing = [one for one in found if one.gain > least_gain] or found[:1]
+    best = standing[0]
+    p = min(1.0, best.p * len(found)) if best.gain > least_gain else 1.0
+    return [Location(DOMAIN, best.words, best.z, p, np.array([one.z for one in found]))]
+
+
+def better(choice: Choice, found: Mapping[str, list[Change]], least: float) -> dict[str, Change]:
+    """Effects that a kind of change beats in their place: each may be something outside of the library.
+
+    Parameters
+    ----------
+    choice : Choice
+    found : mapping of str to list of Change
+        {effect: the kinds beside the fit without it}.
+    least : float
+        Log score by which a kind must be better.
+
+    Returns
+    -------
+    dict of str to Change
+        {effect: the best of the kinds}.
+    """
+    beaten = {}
+    for effect, kinds in found.items():
+        best = max(kinds, key=lambda one: one.gain, default=None)
+        if best is not None and best.gain > choice.gains[effect] + least:
+            beaten[effect] = best
+    return beaten

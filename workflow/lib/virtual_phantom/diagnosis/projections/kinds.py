@@ -1,0 +1,79 @@
+"""Kinds of change of projections, as a basis without physics: by what a change depends on, not by what makes it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from scipy.sparse import csr_array, sparray
+
+HARMONICS = 3  # of the view angle: an object that swings, or a source that does, turns once or a few times
+PARTS = 8  # of the columns: modules of detectors are that many or fewer where one of them can stand out
+
+
+def kinds(
+    lines: np.ndarray, angles_rad: np.ndarray, usable: np.ndarray, whitened: Callable[[np.ndarray], np.ndarray]
+) -> Iterator[tuple[str, np.ndarray | sparray]]:
+    """Directions of every kind of change, one kind after the other: of all at once, memory would hold 70 scans.
+
+    Parameters
+    ----------
+    lines : ndarray, shape (views, rows, columns)
+        Line integrals that a model predicts.
+    angles_rad : ndarray, shape (views,)
+        Of the source.
+    usable : ndarray of bool, shape (views, rows, columns)
+    whitened : callable
+        As Observed.whitened. Changes of single views are not whitened: they would spread to others.
+
+    Yields
+    ------
+    words : str
+        Of the kind. Those that a scan of one view, row or column cannot show are left out.
+    directions : ndarray or sparse array, shape (rays, directions)
+        Changes of line integrals.
+    """
+    views, rows, columns = lines.shape
+    time, row, column = (np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in lines.shape)
+    time, row, column = time[:, None, None], row[:, None], column
+    turns = [wave(k * angles_rad)[:, None, None] for k in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)]
+    odd = [1 - 2.0 * (np.arange(n) % 2) for n in lines.shape]
+    by_view, by_row, by_column = (_slope(lines, axis) for axis in range(3))
+    of_pixels = [column, column**2, row, row**2, odd[2]]
+    last = np.minimum(np.arange(columns) * PARTS // columns, PARTS - 1)
+    parts = [(last == part).astype(float) for part in range(PARTS)]
+    of_views = [*turns, time, time**2]
+    dense = {
+        "depends on the line integral alone": lambda: [lines**2, lines**3, np.exp(-lines), np.exp(lines - lines.max())],
+        "changes from view to view, alike in all pixels": lambda: [*of_views, odd[0][:, None, None]],
+        "is the same in every view, by column": lambda: [column**k for k in (1, 2, 3, 4)] + [odd[2]],
+        "is the same in every view, by row": lambda: [row, row**2, odd[1][:, None]],
+        "grows over the scan, by column or row": lambda: [time * one for one in (column, column**2, column**3, row)],
+        "scales line integrals, by view": lambda: [lines * one for one in of_views],
+        "scales line integrals, by column or row": lambda: [lines * one for one in of_pixels],
+        "blurs along columns": lambda: [_slope(by_column, 2), by_column**2],
+        "blurs along rows": lambda: [_slope(by_row, 1), by_row**2],
+        "blurs from view to view": lambda: [by_view, _slope(by_view, 0), by_view**2],
+        "moves along columns, by view": lambda: [by_column * one for one in (1.0, column, *of_views)],
+        "moves along rows, by view": lambda: [by_row * one for one in (1.0, row, *of_views)],
+        "moves along columns, in a part of the columns": lambda: [by_column * one for one in parts],
+    }
+    for words, fields in dense.items():
+        fields = [one for one in fields() if np.ptp(one) > 0]
+        if fields:
+            yield words, np.stack([whitened(np.where(usable, one, 0)).ravel() for one in fields], axis=1)
+    if views > 1:
+        yield "is of some views alone", _each_view([np.ones(lines.shape), lines, by_column], usable)
+
+
+def _slope(values: np.ndarray, axis: int) -> np.ndarray:
+    return np.gradient(values, axis=axis) if values.shape[axis] > 1 else np.zeros_like(values)
+
+
+def _each_view(fields: list[np.ndarray], usable: np.ndarray) -> sparray:
+    """One direction per field and view."""
+    view = np.broadcast_to(np.arange(len(usable))[:, None, None], usable.shape)[usable]
+    ray = np.flatnonzero(usable.ravel())
+    values = np.concatenate([one[usable] for one in fields])
+    places = np.concatenate([len(usable) * k + view for k in range(len(fields))])
+    return csr_array((values, (np.tile(ray, len(fields)), places)), shape=(usable.size, len(fields) * len(usable)))
