@@ -7,7 +7,8 @@ from test_declared import GEOMETRY, PHOTONS
 
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.core.attribute import trial
-from virtual_phantom.diagnosis.core.outside import DOMAIN, changes
+from virtual_phantom.diagnosis.core.locate import KINDS
+from virtual_phantom.diagnosis.core.outside import changes
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
@@ -92,7 +93,7 @@ def test_what_is_left_and_what_beats_an_effect_is_told(chain):
     one = given(chain, 5, 0.03 * np.sin(2 * lines(chain)))
     content = diagnose("bench", one, chosen(one.fitter, ("dark_signal", "detector_offset"))).content
     assert content["verdict"] == "mismatch partly explained"
-    assert DOMAIN in [place["domain"] for place in content["unexplained"]]
+    assert KINDS in [place["domain"] for place in content["unexplained"]]
     (beaten,) = content["outside"].items()
     assert beaten[0] == content["effects"][0]["name"]
     assert beaten[1]["what"] == "depends on the line integral alone" and beaten[1]["better_by"] > 4

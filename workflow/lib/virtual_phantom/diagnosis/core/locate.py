@@ -13,6 +13,7 @@ from .alignment import PLACE
 from .fit import Fit
 from .observed import FEWEST, Observed
 
+KINDS = "kinds of change"  # a domain without places: see core.outside
 ALPHA = 0.01  # family-wise, over all domains and all places in them
 EDGE_SHARE = 0.1  # of the rays or voxels: those where what is recorded changes most count as edges
 BINS = 10  # of rays or voxels in the order of a value: enough to show a curve, few enough to test each

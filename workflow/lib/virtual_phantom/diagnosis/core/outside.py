@@ -16,11 +16,10 @@ from scipy.sparse import issparse, sparray
 
 from .attribute import Choice
 from .fit import Fit, Fitter, Problem
-from .locate import Location
+from .locate import KINDS, Location
 from .templates import SMALL, data_changes, whitened
 from .uncertainty import on_held_out
 
-DOMAIN = "kinds of change"
 ALIKE = 1e-6  # of the largest eigenvalue of a span, each direction of length 1: less is rounding
 Directions = np.ndarray | sparray
 
@@ -208,7 +207,7 @@ def standing_out(found: list[Change], least_gain: float) -> list[Location]:
     standing = [one for one in found if one.gain > least_gain] or found[:1]
     best = standing[0]
     p = min(1.0, best.p * len(found)) if best.gain > least_gain else 1.0
-    return [Location(DOMAIN, best.words, best.z, p, np.array([one.z for one in found]))]
+    return [Location(KINDS, best.words, best.z, p, np.array([one.z for one in found]))]
 
 
 def better(choice: Choice, found: Mapping[str, list[Change]], least: float) -> dict[str, Change]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ...base.words import label
-from .locate import ALPHA
+from .locate import ALPHA, KINDS
 
 MATCH, UNEXPLAINED = "match", "unexplained"
 PRACTICAL = "match for practical purposes"
@@ -44,7 +44,11 @@ def sentence(content: Mapping) -> str:
             f"({limits(practice)}).{taken(content)}"
         )
     worst = next((place for place in content["locations"] if place["p"] < ALPHA), content["locations"][0])
-    text = f"{recording} and the simulation differ, most in {worst['domain']} ({worst['where']})"
+    text = f"{recording} and the simulation differ"
+    if worst["domain"] == KINDS:
+        text += f" by what {worst['where']}"
+    else:
+        text += f", most in {worst['domain']} ({worst['where']})"
     named = [one["name"] for one in content["effects"] if one["name"] not in small]
     if not named and misstated(content):
         text += "."
@@ -62,7 +66,8 @@ def sentence(content: Mapping) -> str:
         text += f" Significant too, but less than matters in images ({limits(practice)}): {listed(content, small)}."
     if named and content["unexplained"]:
         rest = content["unexplained"][0]
-        text += f" What remains lies most in {rest['domain']} ({rest['where']})."
+        kind, where = rest["domain"], rest["where"]
+        text += f" What remains {where}." if kind == KINDS else f" What remains lies most in {kind} ({where})."
     return text + taken(content)
 
 
@@ -94,7 +99,7 @@ def listed(content: Mapping, names: list[str]) -> str:
     def rivals(name: str) -> str:
         found = " or ".join(map(label, (name, *content["ambiguous_with"].get(name, []))))
         other = content.get("outside", {}).get(name)
-        return found if other is None else f"{found}, or something outside of the library that {other['what']},"
+        return found if other is None else f"{found}, or something outside of the library that {other['what']}"
 
     return " and ".join(map(rivals, names))
 

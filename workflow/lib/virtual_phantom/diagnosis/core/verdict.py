@@ -12,16 +12,16 @@ from .attribute import AS_GOOD, LEAST_GAIN, Choice
 from .caveats import caveats
 from .declared import statements
 from .doubts import doubts
-from .locate import Location, aligned
+from .locate import KINDS, Location, aligned
 from .model import Model
-from .outside import DOMAIN, better, changes, standing_out
+from .outside import better, changes, standing_out
 from .prepared import Prepared
 from .sentence import MATCH, UNEXPLAINED, sentence
 from .steps import NORMAL_95
 from .trial import Trial
 
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
-NO_SIGNED_MAP = ("edges", "both halves", DOMAIN)  # sums of squares and products
+NO_SIGNED_MAP = ("edges", "both halves", KINDS)  # sums of squares and products
 VERDICTS = (MATCH, "mismatch explained", "mismatch partly explained", UNEXPLAINED)
 
 
@@ -67,7 +67,9 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     def places(fit, least_gain):
         fitted, held = prepared.halves(fit)
         more = [*aligned(fit, fitter.model.distortions), *standing_out(kinds(fit), least_gain)]
-        return prepared.domains(held, fit, fitted, more)
+        found = prepared.domains(held, fit, fitted, more)
+        # A place comes before a kind of change, which lies nowhere.
+        return sorted(found, key=lambda one: (not one.significant, one.domain == KINDS))
 
     inexact = max(LEAST_GAIN, choice.blur)
     before, after = places(choice.baseline.fit, LEAST_GAIN), places(choice.chosen.fit, inexact)
