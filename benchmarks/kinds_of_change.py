@@ -19,8 +19,9 @@ import numpy as np
 import yaml
 
 from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.core.attribute import LEAST_GAIN, trial
+from virtual_phantom.diagnosis.core.attribute import LEAST_GAIN
 from virtual_phantom.diagnosis.core.outside import changes
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.numerical import model_and_floor
 from virtual_phantom.diagnosis.ready import ready

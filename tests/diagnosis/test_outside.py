@@ -6,9 +6,9 @@ from simulated_scans import body, chosen
 from test_declared import GEOMETRY, PHOTONS
 
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.diagnosis.core.attribute import trial
 from virtual_phantom.diagnosis.core.locate import KINDS
 from virtual_phantom.diagnosis.core.outside import changes
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
