@@ -25,6 +25,7 @@ from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.numerical import model_and_floor
 from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.study.config import complete
@@ -71,6 +72,7 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     make = by_chain(options.edge_mm) if options.maker == "chain" else by_xcist()
+    numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
     rows = []
     if options.out.is_file():
         with options.out.open(encoding="utf-8", newline="") as file:
@@ -86,7 +88,7 @@ def main():
         found = [
             {"maker": options.maker, "draw": draw, "kind": change.words}
             | {key: f"{getattr(change, key):.6g}" for key in FIELDS[3:]}
-            for change in changes(one.fitter, fit, one.kinds(fit))
+            for change in changes(one.fitter, fit, one.kinds(fit), numerical)
         ]
         with options.out.open("a", encoding="utf-8", newline="") as file:
             csv.DictWriter(file, FIELDS).writerows(found)

@@ -242,7 +242,7 @@ def scored(monkeypatch):
         fit = Fit(tuple(effects), {}, {}, {}, {}, -2.0 * scores[tuple(sorted(effects))], (), len(effects))
         return Trial(fit, scores[tuple(sorted(effects))], 0.0)
 
-    monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, processes: [made(task[0]) for task in tasks])
+    monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, processes, kept: [made(task[0]) for task in tasks])
 
     def filtered(fitter, fit, names):
         return {

@@ -55,6 +55,8 @@ class Choice:
         the noise: not named, since inexact models of the chosen ones may leave as much.
     without : dict of str to Fit
         {effect: the fit without it, the others and the alignment refitted}.
+    numerical : float
+        Share by which the corrections for finite steps may be off.
     """
 
     baseline: Trial
@@ -66,6 +68,7 @@ class Choice:
     blur: float = 0.0
     undecided: dict[str, float] = field(default_factory=dict)
     without: dict[str, Fit] = field(default_factory=dict)
+    numerical: float = 0.0
 
     def ambiguous_with(self, effect: str) -> list[str]:
         """Effects that explain the data as well in its place."""
@@ -166,7 +169,8 @@ def choose(
     if set(choice.chosen.fit.effects) & set(found):  # swapped since
         found = screened(fitter, choice.chosen.fit, _others(singles, choice.chosen))
     undecided = {name: one.gain / 2 for name, one in standing_out(2 * LEAST_GAIN).items()}
-    return replace(choice, blur=blur(choice.chosen), undecided=undecided)
+    numerical = accuracy.get("numerical", 0.0)
+    return replace(choice, blur=blur(choice.chosen), undecided=undecided, numerical=numerical)
 
 
 def _with_stand_ins(fitter, make, current: Trial, baseline: Trial, singles) -> tuple[Choice, Trial | None]:

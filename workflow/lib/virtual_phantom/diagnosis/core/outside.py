@@ -88,7 +88,7 @@ class _Side:
         )
 
 
-def changes(fitter: Fitter, fit: Fit, kinds: Iterable[tuple[str, Directions]]) -> list[Change]:
+def changes(fitter: Fitter, fit: Fit, kinds: Iterable[tuple[str, Directions]], numerical: float = 0.0) -> list[Change]:
     """What every kind of change does for a fit, beyond what its numbers take up.
 
     Parameters
@@ -97,6 +97,8 @@ def changes(fitter: Fitter, fit: Fit, kinds: Iterable[tuple[str, Directions]]) -
     fit : Fit
     kinds : iterable of tuple of str and ndarray or sparse array, shape (mean data, directions)
         Every kind in words, and its directions, as `Prepared.kinds` gives them.
+    numerical : float, optional
+        Share of the corrections for finite steps by which they may be off, in any shape.
 
     Returns
     -------
@@ -117,7 +119,9 @@ def changes(fitter: Fitter, fit: Fit, kinds: Iterable[tuple[str, Directions]]) -
     residual = fitted.residual - fitted.columns @ (inverse @ (fitted.columns.T @ fitted.residual + off))
     found = []
     for words, directions in kinds:
-        change = _change(fitted, held, residual, inverse, directions, fit.pattern_variance)
+        change = _change(
+            fitted, held, residual, inverse, directions, fit.pattern_variance, numerical**2 * fit.corrected
+        )
         if change is not None:
             found.append(Change(words, *change))
     return sorted(found, key=lambda one: one.p)
@@ -130,6 +134,7 @@ def _change(
     inverse: np.ndarray,
     directions: Directions,
     of_pattern: np.ndarray | None,
+    of_steps: float,
 ) -> tuple[float, float, float, float] | None:
     """z, p, gain and rms of one kind; None where the fit takes up all of it.
 
@@ -145,6 +150,8 @@ def _change(
         Covariance of the numbers.
     directions : ndarray or sparse array, shape (mean data, directions)
     of_pattern : ndarray, shape (rows, columns), or None
+    of_steps : float
+        Square of what finite steps may leave along any direction, in standard deviations of the data.
 
     Returns
     -------
@@ -175,7 +182,9 @@ def _change(
     change[: held.root.size] += held.weighed(directions) @ amounts
     taken_up = held.columns.T @ change  # what errors of the numbers add along it
     mean = change[: held.root.size]
-    variance = float(change @ change + (held.scatter * mean**2).sum() + taken_up @ inverse @ taken_up)
+    variance = float(
+        (1 + of_steps) * (change @ change) + (held.scatter * mean**2).sum() + taken_up @ inverse @ taken_up
+    )
     if of_pattern is not None:  # what errors of its constants add along it
         variance += float((of_pattern.ravel() * (held.root * mean).reshape(-1, of_pattern.size).sum(axis=0) ** 2).sum())
     along = float(change @ held.residual)
@@ -183,7 +192,7 @@ def _change(
     gain = shrunk * along - shrunk**2 * float(change @ change) / 2
     counted = held.root > 0
     rms = shrunk * float(np.sqrt((mean[counted] ** 2 / held.root[counted] ** 2).mean()))
-    z = along / np.sqrt(variance)
+    z = float(along / np.sqrt(variance))
     return z, float(stats.norm.sf(z)), gain, rms
 
 

@@ -62,7 +62,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     fitter = prepared.fitter
 
     def kinds(fit):
-        return changes(fitter, fit, prepared.kinds(fit))
+        return changes(fitter, fit, prepared.kinds(fit), choice.numerical)
 
     def places(fit, least_gain):
         fitted, held = prepared.halves(fit)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ...base.errors import InputError, refusing
 from ...io.documents import DIAGNOSIS, read_document
+from ...io.schema import defaults_of
 from ...physics.effect import READOUT_UNITS, checked, load
 from .attribute import Choice
 from .fit import Fitter
@@ -127,7 +128,8 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     gains = {name: chosen.score - one.score for name, one in without.items()}
     chosen = replace(chosen, fit=replace(chosen.fit, errors=physics.errors))
     fits = {name: one.fit for name, one in without.items()}
-    return Choice(baseline, {}, chosen, gains, {}, dict.fromkeys(physics.effects), without=fits)
+    numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
+    return Choice(baseline, {}, chosen, gains, {}, dict.fromkeys(physics.effects), without=fits, numerical=numerical)
 
 
 def stated(content: dict, physics: Physics) -> dict:
