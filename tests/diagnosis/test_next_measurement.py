@@ -1,5 +1,7 @@
 """Further recordings are ranked by what they would tell of effects that look alike."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -237,3 +239,19 @@ def test_explanations_are_weighed_by_the_same_noise():
     found = rank(prepared, fits["xray_crosstalk"], [Ambiguity(fits)], some)
     for one in [found.now, *found.ranked]:
         assert one.least < 20, one
+
+
+def test_numbers_that_the_recording_does_not_tell_are_not_what_is_asked():
+    """A fan beam says nothing of what neighbouring rows share."""
+    prepared = {"disc": made_ready({"xray_crosstalk": {"column": 0.012, "row": 0.0}}, seed=7)}
+    fitter = prepared["disc"].fitter
+    fits = {"disc": fitter.fit(("xray_crosstalk",))}
+    some = [one for one in possible(prepared, SECTION) if one.name == "same"]
+    far = {
+        "disc": replace(
+            fits["disc"], physics={"xray_crosstalk": fits["disc"].physics["xray_crosstalk"] | {"row": 0.15}}
+        )
+    }
+    gains = [rank(prepared, one, [], some).ranked[0].gain for one in (fits, far)]
+    # Of one number, the share to the next column.
+    assert gains[0] == pytest.approx(gains[1], rel=1e-6) and 0.2 < gains[0] < 0.5 * np.log(2) * 1.05

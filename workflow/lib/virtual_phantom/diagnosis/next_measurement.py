@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 from types import MappingProxyType
@@ -22,6 +22,8 @@ from .projections.measurement import Conditions, DarkFrames, Scan
 from .projections.prepared import BY_VIEW, PreparedScans
 
 ALIKE = 0.9  # |correlation| from which an effect is tried in the place of another of a scanner; a choice
+# Standard deviations that a number changes the data by over its range, if they tell anything of it; a choice.
+UNTOLD_SD = 10.0
 Fits = Mapping[str, Fit]  # by recording
 Pair = tuple[str, str]
 
@@ -118,12 +120,15 @@ def rank(
     explanations: dict[str, Fits] = {"": _all_at_once(prepared, chosen, ambiguities)}
     for number, one in enumerate(ambiguities):
         explanations |= {f"{number} {name}": fits for name, fits in one.fits.items()}
-    there: dict[str, list[Told]] = {}
-    for label, fits in explanations.items():
-        beside = there.get("", [None] * len(fits))
-        parts = zip(fits.items(), beside, strict=True)
-        there[label] = [_as_it_is(prepared[name], name, fit, told_of, chosen[name]) for (name, fit), told_of in parts]
-    keys = _keys(there[""], group)
+    there = _told_of(prepared, explanations, chosen)
+    untold = {label: _untold(parts) for label, parts in there.items()}
+    if any(untold.values()):
+        explanations = {
+            label: {name: _without(prepared[name], fit, untold[label]) for name, fit in fits.items()}
+            for label, fits in explanations.items()
+        }
+        there = _told_of(prepared, explanations, chosen)
+    keys = [key for key in _keys(there[""], group) if key[-2:] not in untold[""]]
     first = next(iter(prepared))
     model, conditions = prepared[first].fitter.model, conditions_of(prepared[first])
 
@@ -150,6 +155,50 @@ def rank(
         ranked.append(made(measurement, parts))
     ranked.sort(key=lambda one: -one.gain)
     return Next(list(ambiguities), made(None, there), ranked)
+
+
+def _told_of(prepared, explanations: Mapping[str, Fits], chosen: Fits) -> dict[str, list[Told]]:
+    """What the recordings that there are tell, by explanation."""
+    there: dict[str, list[Told]] = {}
+    for label, fits in explanations.items():
+        beside = there.get("", [None] * len(fits))
+        parts = zip(fits.items(), beside, strict=True)
+        there[label] = [_as_it_is(prepared[name], name, fit, told_of, chosen[name]) for (name, fit), told_of in parts]
+    return there
+
+
+def _untold(parts: Sequence[Told]) -> set[Pair]:
+    """Numbers of effects that no recording tells anything of, over the whole of their range.
+
+    Explanations differ by them as chance had it, and another recording that tells them settles nothing.
+
+    Parameters
+    ----------
+    parts : sequence of Told
+        Of all recordings.
+
+    Returns
+    -------
+    set of tuple of str
+        (effect, parameter).
+    """
+    found: dict[Pair, bool] = {}
+    for part in parts:
+        for key, change, room in zip(part.keys, part.changes.T, part.room, strict=True):
+            if "alignment" not in key:
+                nothing = np.linalg.norm(change) * (room[1] - room[0]) < UNTOLD_SD
+                found[key[-2:]] = found.get(key[-2:], True) and bool(nothing)
+    return {key for key, nothing in found.items() if nothing}
+
+
+def _without(prepared: PreparedScans, fit: Fit, untold: Collection[Pair]) -> Fit:
+    """A fit with such numbers at nothing, where they have such a value."""
+    physics = {name: dict(values) for name, values in fit.physics.items()}
+    for effect, parameter in untold:
+        for one in varied(prepared.fitter.model.parameters(effect)):
+            if one.name == parameter:
+                physics[effect][parameter] = one.neutral
+    return replace(fit, physics=physics)
 
 
 def _as_it_is(prepared: PreparedScans, name: str, fit: Fit, beside: Told | None, weighed: Fit) -> Told:
