@@ -255,3 +255,14 @@ def test_numbers_that_the_recording_does_not_tell_are_not_what_is_asked():
     gains = [rank(prepared, one, [], some).ranked[0].gain for one in (fits, far)]
     # Of one number, the share to the next column.
     assert gains[0] == pytest.approx(gains[1], rel=1e-6) and 0.2 < gains[0] < 0.5 * np.log(2) * 1.05
+
+
+def test_where_nothing_is_in_the_beam_a_displacement_changes_nothing():
+    """The step of other numbers is then not as small as that."""
+    prepared = made_ready({OFFSET: {"columns_px": 0.15}})
+    fit, model = prepared.fitter.fit((OFFSET,)), prepared.fitter.model
+    nothing = Scan("air", "", DiscScene(0.0, "air"), GEOMETRY)
+    told_of = nothing.tells(model, (OFFSET,), fit, conditions_of(prepared), ())
+    assert np.isfinite(told_of.changes).all() and (told_of.steps > 0).all()
+    offset = told_of.keys.index(("air", "alignment", "offset"))
+    assert np.linalg.norm(told_of.changes[:, offset]) > 1e3

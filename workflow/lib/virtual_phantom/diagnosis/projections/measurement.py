@@ -27,6 +27,7 @@ SAMPLES = 4
 # Of derivatives: a displacement of the object in pixels, and at most that share of a number's range. With a tenth of a
 # pixel and more, an offset and an axis beside the ray of a centred disc, which are the same, had a correlation of 0.98.
 MOVED, STEP = 1 / 60, 0.02
+LEAST_STEP = 0.03  # share of a fit's own step: where nothing is in the beam, a displacement changes nothing; a choice
 # Of the signal in air: how well dark frames before and after a scan say what it had; a choice.
 DARK_SD = 1e-5
 ROUNDING = 1 / 12  # variance of a reading in whole units
@@ -213,7 +214,8 @@ class Scan:
         sizes = np.array([step * np.linalg.norm(slope(problem, index, step)) for index, step in enumerate(steps)])
         wanted = np.divide(sizes[place], sizes, out=np.ones_like(sizes), where=sizes > 0)
         most = STEP * (problem.high - problem.low)
-        return np.minimum(steps * wanted, np.maximum(np.where(np.isfinite(most), most, steps), steps))
+        most = np.maximum(np.where(np.isfinite(most), most, steps), steps)
+        return np.clip(steps * wanted, LEAST_STEP * steps, most)
 
     def _aligned(self, model: ScansModel, fit: Fit) -> tuple[Nuisance, ...]:
         found = []
