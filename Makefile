@@ -56,4 +56,4 @@ lock:
 	done
 
 clean:
-	rm -rf site results results-tiny results-abdomen results-large results-paper .snakemake
+	rm -rf site results results-tiny results-abdomen results-large results-paper results-quick-proof .snakemake

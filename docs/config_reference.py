@@ -24,6 +24,7 @@ INTRODUCTION = """# Configuration
 | `printed_phantom.yaml` | overlay: the printed phantom's scans ([printed-phantom.md](../docs/printed-phantom.md)) |
 | `multicentre.yaml` | overlay on that: scans of it by 13 scanners |
 | `every_scan.yaml` | overlay on that: features of all scans of the first collection, without a study |
+| `quick_proof.yaml` | overlay: 15 cases of the proof, for who changes the diagnosis ([proof.md](../docs/proof.md)) |
 | `htc2022.yaml` | overlay: which physics is missing on three real discs ([htc2022.md](../docs/htc2022.md)) |
 
 A key of `protocols`, `scans`, `noise.levels`, `recordings`, `public_scans` and its two selections, `analyses`,

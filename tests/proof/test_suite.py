@@ -29,6 +29,7 @@ from virtual_phantom.proof.conceal.suite import (
 )
 from virtual_phantom.proof.conceal.xcist import Acquired
 from virtual_phantom.recordings.reading import load as read
+from virtual_phantom.study.config import complete
 
 SETTINGS = {
     "seed": 7,
@@ -173,3 +174,12 @@ def test_images_tell_nothing_but_their_voxels(tmp_path):
         said.append((tmp_path / name / "recording.yaml").read_text())
         headers.append([path.read_bytes()[:NIFTI_HEADER] for path in sorted((tmp_path / name).glob("*.nii"))])
     assert said[0] == said[1] and headers[0] == headers[1] and len(headers[0]) == 2
+
+
+def test_the_quick_set_has_fifteen_cases_of_every_kind():
+    config = Path(__file__).resolve().parents[2] / "config"
+    whole, quick = (yaml.safe_load((config / f"{name}.yaml").read_text()) for name in ("config", "quick_proof"))
+    concealed = truths(complete(whole | quick)["proof"])
+    assert len(concealed) == 15
+    kinds = Counter(one["category"] for one in concealed.values())
+    assert kinds == {"single": 10, "none": 2, "pair": 2, "unknown": 1}
