@@ -46,7 +46,7 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
             if abs(value - bound) <= AT_BOUND * (high - low):
                 whole = plausible[one.effect, one.name]
                 stated = whole.low < bound < whole.high
-                limits = "what is stated of it allows" if stated else "its range"
+                limits = "what its statement allows" if stated else "its range"
                 found.append(f"{label(one.name)} of {label(one.effect)} lies at the {end} end of {limits}")
     most = SURE * (1 - AT_BOUND)
     pulled = [one.name for one in model.alignment(fit.effects) if abs(one.off(fit.nuisance[one.name])) > most]
