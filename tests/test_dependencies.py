@@ -1,12 +1,13 @@
 """The files behind a script are those that Python really loads for it."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from virtual_phantom.study.dependencies import LIBRARY, WITHOUT_EFFECT, files_behind
+from virtual_phantom.study.dependencies import LIBRARY, WITHOUT_EFFECT, files_behind, imported
 
 SCRIPTS = LIBRARY.parents[1] / "scripts"
 
@@ -43,3 +44,27 @@ def test_templates_count_with_the_pages_that_they_make():
     names = {file.name for file in files_behind(SCRIPTS / "viewer.py")}
     assert {"viewer.html.j2", "viewer.js.j2", "html.py"} <= names
     assert not [file for file in files_behind(SCRIPTS / "reconstruct.py") if file.suffix == ".j2"]
+
+
+def named(path):
+    """The library's modules that a file imports, as Python parses it: names below virtual_phantom."""
+    package = path.relative_to(LIBRARY.parent).parts[:-1] if LIBRARY in path.parents else ()
+    modules = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            modules |= {tuple(alias.name.split(".")) for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            around = package[: len(package) - node.level + 1] if node.level else ()
+            parts = (*around, *filter(None, (node.module or "").split(".")))
+            modules |= {parts} | {(*parts, alias.name) for alias in node.names}
+    return {module[1:] for module in modules if module[:1] == (LIBRARY.name,)} - set(WITHOUT_EFFECT)
+
+
+@pytest.mark.parametrize("folder", [LIBRARY, SCRIPTS], ids=["library", "scripts"])
+def test_imports_are_those_that_python_parses(folder):
+    for path in folder.rglob("*.py"):
+        expected = set()
+        for module in named(path):
+            packages = [LIBRARY.joinpath(*module[:depth], "__init__.py") for depth in range(1, len(module) + 1)]
+            expected |= {*packages, LIBRARY.joinpath(*module).with_suffix(".py")}
+        assert set(imported(path)) == {file for file in expected if file.is_file()}, path

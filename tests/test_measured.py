@@ -8,6 +8,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.features.stored import to_hu
 from virtual_phantom.statistics import measured, repeats, wilcoxon
+from virtual_phantom.statistics.dose_series import dose_variance
 from virtual_phantom.statistics.ranking import KINDS
 
 REAL = Path(__file__).resolve().parents[1] / "../shared/real"
@@ -144,12 +145,12 @@ def test_mean_hu_of_the_rois_is_what_the_data_sets_notes_say():
 
 @pytest.mark.parametrize("reconstruction, variances", [("fbp", [1253, 740, 365]), ("iterative", [674, 413, 228])])
 def test_variance_of_the_large_cyst_against_dose(reconstruction, variances):
-    assert [measured.dose_variance(reconstruction, dose) for dose in (1, 3, 10)] == pytest.approx(variances, abs=1)
+    assert [dose_variance(reconstruction, dose) for dose in (1, 3, 10)] == pytest.approx(variances, abs=1)
 
 
 def test_an_unknown_dose_is_refused():
     with pytest.raises(InputError, match="nothing for reconstruction fbp, 2 mGy, ROI cyst_1"):
-        measured.dose_variance("fbp", 2)
+        dose_variance("fbp", 2)
 
 
 def test_scores_of_equal_repeats():

@@ -5,14 +5,12 @@ from __future__ import annotations
 import copy
 from functools import cache
 
-import yaml
-
-from ..base.data import RESOURCES
+from ..base.data import RESOURCES, shipped_yaml
 
 
 @cache
 def _read() -> dict:
-    return yaml.safe_load((RESOURCES / "study_sizes.yaml").read_text(encoding="utf-8"))
+    return shipped_yaml(RESOURCES / "study_sizes.yaml")
 
 
 def sizes() -> dict:

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-import yaml
 from jsonschema import Draft202012Validator, validators
 from jsonschema.exceptions import best_match
 
-from ..base.data import SCHEMAS
+from ..base.data import SCHEMAS, shipped_yaml
 from ..base.errors import InputError, meant
 
 SCHEMA = SCHEMAS / "config.schema.yaml"
@@ -223,7 +222,7 @@ def fill_defaults(document: dict, schema: dict) -> None:
 @cache
 def read_schema(path: Path) -> dict:
     """A schema file in YAML."""
-    return yaml.safe_load(path.read_text(encoding="utf-8"))
+    return shipped_yaml(path)
 
 
 def _keys_not_text(value, path) -> Iterator[tuple[tuple, object]]:

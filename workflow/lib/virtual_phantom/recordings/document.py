@@ -11,7 +11,7 @@ from pathlib import Path, PureWindowsPath
 
 import yaml
 
-from ..base.data import SCHEMAS
+from ..base.data import SCHEMAS, shipped_yaml
 from ..base.errors import InputError, InputErrors, refusing
 from ..io.files import files_of, read_text
 from ..io.schema import check_nesting, fill_defaults, mistakes, validate
@@ -143,7 +143,7 @@ def _parse(path: Path) -> dict:
 
 @cache
 def _schema() -> dict:
-    return yaml.safe_load(SCHEMA.read_text(encoding="utf-8"))
+    return shipped_yaml(SCHEMA)
 
 
 def _numbers(value) -> Iterator[float]:

@@ -19,8 +19,9 @@ import pandas as pd
 
 from ..base.data import RESOURCES
 from ..base.errors import InputError
-from ..features.names import FEATURES, VARIANCE
+from ..features.names import FEATURES
 from ..io.files import read_csv
+from . import dose_series
 
 FIRST_REPOSITIONED = 21  # of 30 acquisitions; Flouris et al., Sci. Rep. 12, 4732 (2022), methods
 ACQUISITIONS = ("fixed", "all")  # without re-positioning, or with
@@ -132,44 +133,7 @@ def load_dose_series() -> pd.DataFrame:
     DataFrame
         Columns dose_mgy (1, 3, 10), reconstruction (fbp | iterative), roi, tissue_class, feature (all 86), mean, sd, n.
     """
-    return _with_classes(read_csv(RESOURCES / "edge_dose_series_summary.csv"))
-
-
-def dose_variance(reconstruction: str, dose_mgy: float, roi: str = "cyst_1") -> float:
-    """Measured variance among the voxels of an ROI of the dose series.
-
-    It holds the ROI's own texture and any shading beside the noise, so it bounds the noise variance from above.
-
-    Parameters
-    ----------
-    reconstruction : {"fbp", "iterative"}
-    dose_mgy : {1, 3, 10}
-        mGy.
-    roi : str, optional
-        By default the large, uniform cyst.
-
-    Returns
-    -------
-    float
-        HU^2.
-
-    Raises
-    ------
-    InputError
-        If the series has no such scans.
-    """
-    table = load_dose_series()
-    rows = table[
-        (table["reconstruction"] == reconstruction)
-        & (table["dose_mgy"] == dose_mgy)
-        & (table["roi"] == roi)
-        & (table["feature"] == VARIANCE)
-    ]
-    if len(rows) != 1:
-        raise InputError(
-            f"measured dose series: nothing for reconstruction {reconstruction}, {dose_mgy} mGy, ROI {roi}"
-        )
-    return float(rows["mean"].iloc[0])
+    return _with_classes(read_csv(dose_series.TABLE))
 
 
 def load_full_table(path: str | Path) -> pd.DataFrame:

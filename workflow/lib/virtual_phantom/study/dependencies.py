@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import os
-from collections.abc import Iterator
+import re
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +13,12 @@ LIBRARY = Path(__file__).resolve().parents[1]
 TEMPLATES = "templates"  # folder beside the modules that fill them in
 # They word mistakes and write logs; no result depends on them.
 WITHOUT_EFFECT = (("base", "errors"), ("study", "job"))
+# An import; each has lines of its own. Every start of the workflow reads hundreds of files, and a parser is slower.
+IMPORT = re.compile(
+    r"^[ \t]*(?:import[ \t]+(?P<names>[^\n#]+)"
+    r"|from[ \t]+(?P<dots>\.*)(?P<module>[\w.]*)[ \t]+import[ \t]+(?P<taken>\([^)]*\)|[^\n#(]+))",
+    re.MULTILINE,
+)
 
 
 def shipped(path: str | Path) -> str:
@@ -58,7 +63,12 @@ def files_behind(script: str | Path) -> list[Path]:
         if path not in found:
             found.add(path)
             waiting += imported(path)
-    return sorted(found | {page for path in found for page in (path.parent / TEMPLATES).glob("*.j2")})
+    return sorted(found.union(*map(_templates, {path.parent for path in found})))
+
+
+@cache
+def _templates(folder: Path) -> tuple[Path, ...]:
+    return tuple((folder / TEMPLATES).glob("*.j2"))
 
 
 @cache
@@ -67,30 +77,29 @@ def imported(path: Path) -> tuple[Path, ...]:
     inside = LIBRARY in path.parents
     package = path.relative_to(LIBRARY).parts[:-1] if inside else ()
     modules: set[tuple[str, ...]] = set()
-    for node in _statements(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-            modules |= {tuple(name.split(".")[1:]) for name in names if name.split(".")[0] == LIBRARY.name}
-        elif isinstance(node, ast.ImportFrom):
-            parts = tuple(filter(None, (node.module or "").split(".")))
-            if node.level:
-                parts = package[: len(package) - node.level + 1] + parts
-            elif parts[:1] == (LIBRARY.name,):
-                parts = parts[1:]
-            else:
-                continue
-            modules |= {parts} | {(*parts, alias.name) for alias in node.names}
+    for found in IMPORT.finditer(path.read_text(encoding="utf-8")):
+        if found["names"]:
+            names = [tuple(name.split(".")) for name in _names(found["names"])]
+            modules |= {name[1:] for name in names if name[0] == LIBRARY.name}
+            continue
+        parts = tuple(filter(None, found["module"].split(".")))
+        if level := len(found["dots"]):
+            parts = package[: len(package) - level + 1] + parts
+        elif parts[:1] == (LIBRARY.name,):
+            parts = parts[1:]
+        else:
+            continue
+        modules |= {parts} | {(*parts, name) for name in _names(found["taken"])}
     return tuple(file for module in sorted(modules) for file in _files(module))
 
 
-def _statements(node: ast.AST) -> Iterator[ast.stmt]:
-    """All statements within a node; expressions, of which there are far more, hold no imports."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
-            yield child
-            yield from _statements(child)
+def _names(listed: str) -> list[str]:
+    """What an import names, without what it is called here."""
+    listed = re.sub(r"#.*", "", listed).strip("() \t\n")
+    return [name.split()[0] for name in listed.split(",") if name.strip()]
 
 
+@cache
 def _files(module: tuple[str, ...]) -> list[Path]:
     """A module's file and the __init__ of each package around it; nothing if the last name is no module."""
     if module in WITHOUT_EFFECT:

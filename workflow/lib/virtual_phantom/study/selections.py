@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+from ..statistics.dose_series import dose_variance
 from .acquisitions import Acquisitions
 from .dependencies import resource
 from .outputs import PCA, Files
@@ -168,14 +169,12 @@ class Selections:
         """The measured variances of the algorithms that the noise is calibrated with."""
         if not self.plan.config["measured"]["overlay"]:
             return []
-        from ..statistics.measured import dose_variance  # takes a second to import, and few jobs need it
-
         calibrated = self._analyses.get("noise_calibration", {}).get("protocols", [])
         reconstructions = {"sirt": "iterative", "fbp": "fbp"}
         return [
             {
                 "label": f"{dose} mGy, {'FBP' if algorithm == 'fbp' else 'iterative'}",
-                "variance_hu2": float(dose_variance(reconstructions[algorithm], dose)),
+                "variance_hu2": dose_variance(reconstructions[algorithm], dose),
             }
             for algorithm in sorted({self.acquisitions.algorithm(name) for name in calibrated}, reverse=True)
             for dose in (1, 3, 10)

@@ -10,12 +10,12 @@ from ...base.words import label
 from ...physics.effect import load
 from .attribute import AS_GOOD, LEAST_GAIN, Choice
 from .caveats import caveats
-from .declared import statements
 from .doubts import doubts
 from .locate import KINDS, Location, aligned
 from .model import Model
 from .outside import better, changes, standing_out
 from .prepared import Prepared
+from .pulls import statements
 from .sentence import MATCH, UNEXPLAINED, sentence
 from .steps import NORMAL_95
 from .trial import Trial
