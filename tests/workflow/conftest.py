@@ -1,3 +1,6 @@
+import fcntl
+import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -12,15 +15,25 @@ def pytest_collection_modifyitems(items):
 
 
 @pytest.fixture(scope="session")
-def study_run(tmp_path_factory):
-    """The tiny study, run for real on two cores: its folder, and what was said."""
-    folder = tmp_path_factory.mktemp("study") / "results"
-    process = tiny(folder)
-    assert process.returncode == 0, process.stderr[-4000:]
-    return folder, process.stdout + process.stderr
+def made_once(tmp_path_factory, worker_id):
+    """A folder that all workers share: the tiny study in `results`, a copy of it in `kept`, what was said in `said`.
+
+    It is run for real on two cores, by the worker that asks first; others wait.
+    """
+    base = tmp_path_factory.getbasetemp()
+    folder = (base if worker_id == "master" else base.parent) / "tiny"
+    folder.mkdir(exist_ok=True)
+    with open(folder / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (folder / "said").exists():
+            process = tiny(folder / "results")
+            assert process.returncode == 0, process.stderr[-4000:]
+            shutil.copytree(folder / "results", folder / "kept")
+            (folder / "said").write_text(json.dumps(process.stdout + process.stderr))
+    return folder
 
 
 @pytest.fixture(scope="session")
-def study(study_run):
-    """The folder of the tiny study."""
-    return study_run[0]
+def study(made_once):
+    """The folder of the tiny study, to be read and copied; test_workflow.py alone changes it, and has its own."""
+    return made_once / "kept"

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import json
 import re
 import shutil
 
@@ -79,6 +80,18 @@ def test_every_shipped_config_plans(config, tmp_path):
     process = snakemake("-n", "-q", "rules", *settings, project=project)
     assert process.returncode == 0, process.stderr[-2000:]
     assert "figure_stability_discrimination" in process.stdout
+
+
+@pytest.fixture(scope="module")
+def study_run(made_once):
+    """The tiny study where it was run: its folder, and what was said."""
+    return made_once / "results", json.loads((made_once / "said").read_text())
+
+
+@pytest.fixture(scope="module")
+def study(study_run):
+    """The folder of the tiny study, which these tests go on in."""
+    return study_run[0]
 
 
 def test_every_figure_and_table_is_made(study):

@@ -148,7 +148,7 @@ class Effect:
         The further recording that shows it alone.
     parameters : tuple of Parameter
     apply : callable
-        (state, values by name): changes in place a state.State, or at stage "image" an image.ImageState.
+        (state, values by name): changes in place a state.State, or at stage "image" an image_state.ImageState.
     pattern : bool
         True if one unknown per detector pixel is fitted beside the parameters (rings).
     rank : int

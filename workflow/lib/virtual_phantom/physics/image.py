@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,22 +13,7 @@ from ..io.volumes import Volume
 from ..reconstruction.boxes import Box, fbp_in_boxes
 from ..reconstruction.images import in_hu, read_kernel
 from .effect import image_effects, load
-
-
-@dataclass
-class ImageState:
-    """What effects change.
-
-    Attributes
-    ----------
-    hu : ndarray of float, shape (z, y, x)
-        HU.
-    spacing_mm : tuple of 3 float
-        Voxels (z, y, x), mm, that effects go by.
-    """
-
-    hu: np.ndarray
-    spacing_mm: tuple[float, float, float]
+from .image_state import ImageState
 
 
 def with_effects(hu: np.ndarray, spacing_mm: tuple[float, float, float], physics: Mapping[str, Mapping[str, float]]):

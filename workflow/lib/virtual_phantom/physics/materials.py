@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import scipy
 import xraylib
-from scipy.optimize import brentq
 
 from ..base.errors import InputError
 from ..base.units import hu_to_attenuation
@@ -176,7 +176,7 @@ def energy_of(material: str, mu_per_mm: float) -> float:
         raise InputError(
             f"{mu_per_mm:g} per mm is not the attenuation of {material} at any energy from {low:g} to {high:g} keV"
         )
-    return float(brentq(excess, low, high, xtol=1e-6))
+    return float(scipy.optimize.brentq(excess, low, high, xtol=1e-6))
 
 
 @dataclass(frozen=True)

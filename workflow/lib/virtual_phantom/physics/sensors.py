@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 
 import numpy as np
+import scipy
 import xraylib
-from scipy.special import expn
 
 from ..base.errors import InputError
 
@@ -117,7 +117,7 @@ def _response(material: str, thickness_mm: float, energies_kev: tuple[float, ...
     first, second = energies.copy(), energies**2
     for line_kev, probability in _k_photons(material, energies_kev):
         mu = np.interp(line_kev, TABLE_KEV, sum(_tables(material)[:2]))
-        escaped = probability * ((expn(2, mu * above) + expn(2, mu * below)) / 2 @ weights)
+        escaped = probability * ((scipy.special.expn(2, mu * above) + scipy.special.expn(2, mu * below)) / 2 @ weights)
         first = first - escaped * line_kev
         second = second - escaped * (energies**2 - (energies - line_kev) ** 2)
     # Compton: the electron's energy, and the scattered photon's where it does not leave.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import toeplitz
+import scipy
 
 from ..base.geometry import ScanGeometry
 
@@ -42,4 +42,4 @@ def _matrix(length: int, sigma: float) -> np.ndarray:
     kernel /= 2 * kernel.sum() - kernel[0]
     column = np.zeros(length)
     column[: reach + 1] = kernel[:length]
-    return toeplitz(column)
+    return scipy.linalg.toeplitz(column)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..base.geometry import ScanGeometry
-from .poisson import poisson_counts
 from .sensors import Sensor
 from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
 
@@ -257,6 +256,8 @@ class State:
         ndarray of float64, shape (views, rows, columns)
             Photons.
         """
+        from .poisson import poisson_counts  # loads numba, for those who draw
+
         earlier, electronic = random.spawn(2)
         each = np.divide(self.noise, self.signal, out=np.ones_like(self.signal), where=self.signal > 0)
         before = self.drawn_before(self.signal[0] * self.photons, self.noise[0] * self.photons, earlier)

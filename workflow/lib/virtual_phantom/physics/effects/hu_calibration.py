@@ -1,7 +1,7 @@
 """HU calibration: scale and offset."""
 
 from ..effect import Effect, Parameter
-from ..image import ImageState
+from ..image_state import ImageState
 
 
 def apply(state: ImageState, values: dict[str, float]) -> None:

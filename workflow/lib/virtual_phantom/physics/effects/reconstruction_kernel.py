@@ -1,10 +1,10 @@
 """Reconstruction kernel: apodisation of the image."""
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from ..effect import Effect, Parameter
-from ..image import ImageState
+from ..image_state import ImageState
 
 
 def apply(state: ImageState, values: dict[str, float]) -> None:
@@ -12,6 +12,7 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
     if not values["sigma_mm"]:
         return
     # Cosines take the image to go on as in a mirror. Sampled, a Gaussian narrower than a voxel would do nothing at all.
+    fft = scipy.fft
     for axis, spacing in ((1, state.spacing_mm[1]), (2, state.spacing_mm[2])):
         count = state.hu.shape[axis]
         cycles_per_mm = np.arange(count) / (2 * count * spacing)

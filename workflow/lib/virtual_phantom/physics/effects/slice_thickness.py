@@ -1,11 +1,11 @@
 """Slice thickness: slices are means over more than their distance."""
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from ...reconstruction.slices import overlaps
 from ..effect import Effect, Parameter
-from ..image import ImageState
+from ..image_state import ImageState
 
 
 def apply(state: ImageState, values: dict[str, float]) -> None:
@@ -16,7 +16,7 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
     kernel = overlaps(offsets, half)
     if half <= 0.5:  # thinner than the distance: nothing is added
         return
-    state.hu = ndimage.convolve1d(state.hu, kernel / kernel.sum(), axis=0, mode="nearest")
+    state.hu = scipy.ndimage.convolve1d(state.hu, kernel / kernel.sum(), axis=0, mode="nearest")
 
 
 EFFECT = Effect(
