@@ -16,9 +16,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.fft import fftfreq, irfftn, rfftfreq, rfftn
-from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq
 
 from ..base.streams import Stream, generator, named
 
@@ -60,7 +59,7 @@ def lognormal_shape(skewness: float) -> float:
     def excess(s):
         return (math.exp(s * s) + 2) * math.sqrt(math.expm1(s * s)) - abs(skewness)
 
-    return brentq(excess, 0, 1.5) if skewness else 0.0
+    return scipy.optimize.brentq(excess, 0, 1.5) if skewness else 0.0
 
 
 class Field:
@@ -101,7 +100,7 @@ class Field:
     def _weights(self, positions_mm: np.ndarray) -> np.ndarray:
         """Weights (positions, nodes) of periodic cubic spline interpolation."""
         ends = np.vstack([np.eye(NODES), np.eye(NODES)[:1]])
-        spline = CubicSpline(np.arange(NODES + 1), ends, bc_type="periodic")
+        spline = scipy.interpolate.CubicSpline(np.arange(NODES + 1), ends, bc_type="periodic")
         return spline(np.asarray(positions_mm) / self.step_mm % NODES)
 
 

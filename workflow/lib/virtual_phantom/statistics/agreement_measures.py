@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.stats import f as f_distribution
+import scipy
 
 CONFIDENCE = 0.95  # of intervals
 ROUNDING = 1e-12  # a sum of squares under this share of the values' own squares is rounding alone
@@ -88,8 +88,8 @@ def icc_agreement(x: np.ndarray) -> Icc:
         value = (msr - mse) / (msr + (k - 1) * mse + k * (msc - mse) / n)
         a, b = k * value / (n * (1 - value)), 1 + k * value * (n - 1) / (n * (1 - value))
         freedom = (a * msc + b * mse) ** 2 / ((a * msc) ** 2 / (k - 1) + (b * mse) ** 2 / ((n - 1) * (k - 1)))
-        above = f_distribution.ppf((1 + CONFIDENCE) / 2, n - 1, freedom)
-        below = f_distribution.ppf((1 + CONFIDENCE) / 2, freedom, n - 1)
+        above = scipy.stats.f.ppf((1 + CONFIDENCE) / 2, n - 1, freedom)
+        below = scipy.stats.f.ppf((1 + CONFIDENCE) / 2, freedom, n - 1)
         rest = k * msc + (k * n - k - n) * mse
         low = n * (msr - above * mse) / (above * rest + n * msr)
         high = n * (below * msr - mse) / (rest + n * below * msr)
@@ -115,8 +115,8 @@ def icc_consistency(x: np.ndarray) -> Icc:
     with np.errstate(divide="ignore", invalid="ignore"):
         value = (msr - mse) / (msr + (k - 1) * mse)
         ratio = msr / mse
-        below = ratio / f_distribution.ppf((1 + CONFIDENCE) / 2, *freedom)
-        above = ratio * f_distribution.ppf((1 + CONFIDENCE) / 2, *freedom[::-1])
+        below = ratio / scipy.stats.f.ppf((1 + CONFIDENCE) / 2, *freedom)
+        above = ratio * scipy.stats.f.ppf((1 + CONFIDENCE) / 2, *freedom[::-1])
         low, high = (below - 1) / (below + k - 1), (above - 1) / (above + k - 1)
     return _settled(value, low, high)
 

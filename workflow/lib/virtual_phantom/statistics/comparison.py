@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scipy
 
 from ..base.errors import InputError
 from ..features.names import (
@@ -275,7 +275,7 @@ def shift_interval(
     .. [1] Donner and Zou, Stat. Methods Med. Res. 21, 347, 2012.
     """
     tail = (1 - level) / 2
-    small, large = (sd * np.sqrt((n - 1) / stats.chi2.ppf(q, n - 1)) for q in (1 - tail, tail))
+    small, large = (sd * np.sqrt((n - 1) / scipy.stats.chi2.ppf(q, n - 1)) for q in (1 - tail, tail))
 
     def upper_limit(difference, upper):
         product = difference * sd
@@ -293,7 +293,7 @@ def shift_interval(
 def ratio_interval(ratio: np.ndarray, n: int, m: int, level: float) -> tuple[np.ndarray, np.ndarray]:
     """Interval of a ratio of SDs of n and m normal values."""
     tail = (1 - level) / 2
-    return tuple(ratio / np.sqrt(stats.f.ppf(q, n - 1, m - 1)) for q in (1 - tail, tail))
+    return tuple(ratio / np.sqrt(scipy.stats.f.ppf(q, n - 1, m - 1)) for q in (1 - tail, tail))
 
 
 def _compare_roi(ours: np.ndarray, theirs: np.ndarray, margin_sd: float, sd_factor: float) -> dict[str, np.ndarray]:
@@ -307,19 +307,19 @@ def _compare_roi(ours: np.ndarray, theirs: np.ndarray, margin_sd: float, sd_fact
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = np.where(constant, np.nan, sd / sd_recorded)
         error, freedom = _welch(sd, n, sd_recorded, m)
-        p_mean = 2 * stats.t.sf(np.abs(mean - mean_recorded) / error, freedom)
+        p_mean = 2 * scipy.stats.t.sf(np.abs(mean - mean_recorded) / error, freedom)
         p_mean = np.where(constant, shift == 0, p_mean)
         # Rounding must not pass for spread.
         ours, theirs = np.where(sd > 0, ours, ours[0]), np.where(unit, theirs, theirs[0])
         if min(n, m) < BROWN_FORSYTHE_REPEATS:
             p_sd = np.where(constant, 1.0, np.nan)
         else:
-            p_sd = stats.levene(ours, theirs, center="median", axis=0).pvalue
+            p_sd = scipy.stats.levene(ours, theirs, center="median", axis=0).pvalue
             p_sd = np.where(np.isnan(p_sd), 1.0, p_sd)  # all deviations are the same
     difference, unit_sd = mean - mean_recorded, np.where(unit, sd_recorded, np.nan)
     intervals = []
     for level in (LEVEL, 1 - 2 * ALPHA):
-        half = stats.t.ppf((1 + level) / 2, freedom) * error
+        half = scipy.stats.t.ppf((1 + level) / 2, freedom) * error
         intervals.append(shift_interval(difference, difference - half, difference + half, unit_sd, m, level))
     wide, narrow = intervals
     ratio_wide, ratio_narrow = (
@@ -394,13 +394,13 @@ def ranks(table: pd.DataFrame) -> pd.DataFrame:
         if any(np.ptp(means) <= ROUNDING * np.abs(means).max() for means in pair):
             rows.append(row | {"kendall_tau": np.nan, "kendall_p": np.nan, "spearman": np.nan})
             continue
-        tau = stats.kendalltau(*pair)
+        tau = scipy.stats.kendalltau(*pair)
         rows.append(
             row
             | {
                 "kendall_tau": float(tau.statistic),
                 "kendall_p": float(tau.pvalue),
-                "spearman": float(stats.spearmanr(*pair).statistic),
+                "spearman": float(scipy.stats.spearmanr(*pair).statistic),
             }
         )
     return pd.DataFrame(rows)

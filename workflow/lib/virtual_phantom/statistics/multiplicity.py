@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy import stats
+import scipy
 
 
 def bonferroni(p: np.ndarray | float, tests: int) -> np.ndarray:
@@ -22,4 +22,4 @@ def holm(p: np.ndarray) -> np.ndarray:
 
 def benjamini_yekutieli(p: np.ndarray) -> np.ndarray:
     """False discovery rates, valid however the tests depend on each other (Ann. Stat. 29, 1165, 2001)."""
-    return stats.false_discovery_control(p, method="by")
+    return scipy.stats.false_discovery_control(p, method="by")

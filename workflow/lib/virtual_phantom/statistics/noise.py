@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.stats import linregress
+import scipy
 
 from ..base.errors import InputError
 from . import MINIMUM_LEVELS, MINIMUM_REPEATS
@@ -120,7 +120,7 @@ def linear_fit(noise_level: np.ndarray, variance: np.ndarray) -> LinearFit:
     noise_level = np.asarray(noise_level, dtype=np.float64)
     if np.unique(noise_level).size < 2:
         raise InputError("noise calibration: a line needs at least two different noise levels")
-    line = linregress(noise_level, np.asarray(variance, dtype=np.float64))
+    line = scipy.stats.linregress(noise_level, np.asarray(variance, dtype=np.float64))
     return LinearFit(slope=float(line.slope), intercept=float(line.intercept), r_squared=float(line.rvalue**2))
 
 

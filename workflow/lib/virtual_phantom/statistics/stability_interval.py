@@ -23,8 +23,8 @@ from dataclasses import dataclass, fields
 from functools import partial
 
 import numpy as np
+import scipy
 from numba import njit
-from scipy.stats import norm
 
 from ..base.streams import generator, root
 
@@ -112,7 +112,7 @@ def agreeing(repeats: int, threshold: float = 1.0) -> float:
     most = repeats * repeats
     below = np.abs(np.arange(most + 1) - most / 2) < threshold * _spread(repeats)
     if repeats > EXACT_UP_TO:
-        return float(2 * norm.cdf(below.sum() / 2 / _spread(repeats)) - 1)
+        return float(2 * scipy.stats.norm.cdf(below.sum() / 2 / _spread(repeats)) - 1)
     ways = np.zeros((repeats + 1, repeats * (2 * repeats - 1) + 1))  # by how many ranks are chosen, and by their sum
     ways[0, 0] = 1.0
     for rank in range(2 * repeats):
@@ -199,7 +199,7 @@ class _Family:
         # Above scale 1 groups that seem to agree move apart too, in their order: chance may have hidden a difference of
         # about a standard error. Without it few comparisons that all agree would never be refused.
         order = mean.argsort(axis=-1).argsort(axis=-1)
-        self.hidden = norm.ppf((order + 0.5) / mean.shape[-1]) * sd / np.sqrt(x.shape[-1])
+        self.hidden = scipy.stats.norm.ppf((order + 0.5) / mean.shape[-1]) * sd / np.sqrt(x.shape[-1])
         root = _root_of_correlation(x, sd, shared)
         self.noise = sd[..., None] * np.einsum("gh,srhn->srgn", root, design.noise)
         self.step = _step(x, sd)

@@ -22,7 +22,7 @@ from itertools import combinations
 
 import numpy as np
 import pandas as pd
-from scipy.stats import rankdata
+import scipy
 
 from ..base.errors import InputError
 from ..features.names import family
@@ -47,7 +47,7 @@ def ranksum_z(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     .. [1] Wilcoxon, Biometrics 1, 80, 1945.
     """
     n, m = len(a), len(b)
-    rank_sum = rankdata(np.concatenate([a, b]), axis=0)[:n].sum(axis=0)
+    rank_sum = scipy.stats.rankdata(np.concatenate([a, b]), axis=0)[:n].sum(axis=0)
     return np.abs(rank_sum - n * (n + m + 1) / 2) / np.sqrt(n * m * (n + m + 1) / 12)
 
 
