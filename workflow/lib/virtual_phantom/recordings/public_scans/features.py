@@ -73,7 +73,7 @@ def rows_of(
     regions : sequence of int or str
         Segments by number or name.
     parameters : Parameters
-        Of the extraction.
+        Of the extraction; its section and its stored offset do not count.
 
     Returns
     -------
@@ -86,10 +86,11 @@ def rows_of(
     InputError
         For a CT or a SEG that cannot be read, and a region that is not there or lost by its margin.
     """
-    import pandas as pd
+    import numpy as np
 
     from ...features import extraction
-    from ...features.sections import largest_section
+    from ...features.parameters import LARGEST, WHOLE
+    from ...io.volumes import Volume
     from ...phantom.ct import draw, read_hu
     from ...phantom.rois import read_entries
     from .files import regions_file
@@ -100,13 +101,12 @@ def rows_of(
         located = replace(entry, file=seg, label=regions[entry.label - 1])
         for name, mask in zip(entry.names, draw(located, image.grid, opened), strict=True):
             masks[name], classes[name] = mask, entry.tissue_class
-    flat = []
-    for name, mask in masks.items():
-        section, region = largest_section(image, mask, STORED_OFFSET_HU)
-        flat.append(extraction.extract(section, {name: region}, name=f"{folder}, section", parameters=parameters))
+    # Whichever way the study's own features are extracted.
+    whole = replace(parameters, section=WHOLE, stored_offset_hu=0.0)
+    stored = Volume(image.array.astype(np.float32) + np.float32(STORED_OFFSET_HU), image.grid)
     tables = {
-        "": extraction.extract(image, masks, name=str(folder), parameters=parameters),
-        FLAT: pd.concat(flat, ignore_index=True),
+        "": extraction.extract(image, masks, str(folder), whole),
+        FLAT: extraction.extract(stored, masks, f"{folder}, section", replace(whole, section=LARGEST)),
     }
     known = {"image": f"scan{scan.name}", "group": scan.group, "dose_mgy": scan.dose_mgy}
     known |= {"reconstruction": scan.reconstruction, "collection": scan.collection, "acquisition": scan.acquisition}
