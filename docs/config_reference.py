@@ -22,8 +22,10 @@ INTRODUCTION = """# Configuration
 | `large.yaml` | overlay: 1,760 acquisitions, for a cluster ([cluster.md](../docs/cluster.md)) |
 | `recordings.yaml` | overlay: real scans and features held against the study ([recordings.md](../docs/recordings.md)) |
 | `printed_phantom.yaml` | overlay: the printed phantom's scans ([printed-phantom.md](../docs/printed-phantom.md)) |
-| `multicentre.yaml` | overlay on that: scans of it by 13 scanners |
-| `every_scan.yaml` | overlay on that: features of all scans of the first collection, without a study |
+| `as_scanned.yaml` | overlay: the drawn phantom as a scanner scans it ([as-scanned.md](../docs/as-scanned.md)) |
+| `printed_groups.yaml` | overlay on both of these: the printed phantom's scan as its groups were scanned |
+| `multicentre.yaml` | overlay on `printed_phantom.yaml`: scans of it by 13 scanners |
+| `every_scan.yaml` | overlay on `printed_phantom.yaml`: features of all its scans, without a study |
 | `quick_proof.yaml` | overlay: 15 cases of the proof, for who changes the diagnosis ([proof.md](../docs/proof.md)) |
 | `htc2022.yaml` | overlay: which physics is missing on three real discs ([htc2022.md](../docs/htc2022.md)) |
 

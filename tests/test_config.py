@@ -318,6 +318,17 @@ def test_bundles_hold_every_acquisition_once_and_keep_levels_whole():
     assert tuple([("dose10", seed) for seed in plan.seeds("dose10")]) in plan.bundles()
 
 
+def test_a_level_that_is_found_from_images_is_in_no_bundle_with_them():
+    """Its images would wait for themselves."""
+    config = complete(DEFAULT)
+    config["noise"]["levels"] = {"one": {"A": 1e-6, "repeats": 3}, "met": {"meets": MEETS, "repeats": 3}}
+    config["noise"]["levels"] |= {"other": {"A": 2e-6, "repeats": 3}, "next": {"A": 3e-6, "repeats": 3}}
+    config["analyses"] = {"noise_calibration": {"protocols": ["sirt_300"], "noise": ["one", "other"]}}
+    pca = {"protocols": ["sirt_300"], "noise": ["met", "next"], "recordings": []}
+    bundles = Plan(config | {"analyses": config["analyses"] | {"pca": {"sirt": pca}}}).bundles()
+    assert [sorted({noise for noise, _ in bundle}) for bundle in bundles] == [["one"], ["met"], ["next", "other"]]
+
+
 def test_bundles_stay_when_an_analysis_asks_for_more():
     """A further level for one protocol leaves every bundle that does not share its group as it was."""
     before = Plan(complete(DEFAULT)).bundles()

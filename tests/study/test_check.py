@@ -332,14 +332,18 @@ def test_nothing_is_kept_where_snakemake_has_not_been(desk, capsys):
     assert checked(CT, capsys)[0] == 0 and not Path(".snakemake").exists()
 
 
-ON_PRINTED_PHANTOM = ("every_scan", "multicentre")  # overlays of config/printed_phantom.yaml, as their first lines say
+BENEATH = {  # overlays on overlays, as their first lines say
+    "every_scan": ["printed_phantom"],
+    "multicentre": ["printed_phantom"],
+    "printed_groups": ["printed_phantom", "as_scanned"],
+}
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "config").glob("*.yaml")))
 def test_what_is_shipped_has_no_mistake_but_files_that_are_to_be_fetched(name, monkeypatch):
     monkeypatch.chdir(ROOT)
-    beneath = ["config/printed_phantom.yaml"] if name in ON_PRINTED_PHANTOM else []
-    lines, settings = read_config.read_configs([*beneath, f"config/{name}.yaml"])
+    names = [*BENEATH.get(name, []), name]
+    lines, settings = read_config.read_configs([f"config/{one}.yaml" for one in names])
     assert not lines
     assert not [line for line in preflight.problems(settings) if "no such" not in line]
 

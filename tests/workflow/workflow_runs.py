@@ -11,7 +11,11 @@ import yaml
 ROOT = Path(__file__).resolve().parents[2]
 TINY = ROOT / "config" / "tiny.yaml"
 # Shipped overlays on an overlay.
-BENEATH = {name: ("printed_phantom.yaml",) for name in ("every_scan.yaml", "multicentre.yaml")}
+BENEATH = {
+    "every_scan.yaml": ("printed_phantom.yaml",),
+    "multicentre.yaml": ("printed_phantom.yaml",),
+    "printed_groups.yaml": ("printed_phantom.yaml", "as_scanned.yaml"),
+}
 
 
 def snakemake(*arguments, cores=2, environment=None, timeout=900, project=ROOT):

@@ -152,8 +152,8 @@ rule noise_calibration:
     """Variance over repeats, averaged over voxels, against the noise level."""
     input:
         images=context.selections.calibration_images(),
-        rois=rules.phantom.output.table,
-        masks=rules.phantom.output.rois,
+        rois=context.selections.calibration_rois()[0],
+        masks=context.selections.calibration_rois()[1],
         code=context.code("noise_calibration.py"),
     output:
         context.file("noise_calibration"),
@@ -169,6 +169,7 @@ rule noise_calibration:
             context.sizes.images(len(context.selections.calibration)),
         ),
     params:
+        protocols=context.selections.calibrated,
         acquisitions=context.selections.calibration_acquisitions(),
     script:
         "../scripts/noise_calibration.py"

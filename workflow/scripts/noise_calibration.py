@@ -15,11 +15,14 @@ with job(snakemake) as log:
     paths = list(snakemake.input.images)
     if len(paths) != len(acquisitions):
         raise InputError(f"noise calibration: {len(paths)} images for {len(acquisitions)} acquisitions")
-    _, masks = phantom.read_masks(snakemake.input.rois, volumes.read_nifti(paths[0]).grid)
+    tables, masks = dict(zip(snakemake.params.protocols, snakemake.input.rois, strict=True)), {}
     parts = []
     for (protocol, label, level), rows in acquisitions.groupby(KEYS, sort=False):
+        if protocol not in masks:
+            grid = volumes.read_nifti(paths[rows.index[0]]).grid
+            masks = {protocol: phantom.read_masks(tables[protocol], grid)[1]}
         images = (volumes.read_nifti(paths[index]).array for index in rows.index)
-        part = noise.repeat_variance(images, masks, name=f"noise calibration, {protocol}, noise {label}")
+        part = noise.repeat_variance(images, masks[protocol], name=f"noise calibration, {protocol}, noise {label}")
         parts.append(part.assign(protocol=protocol, noise=label, noise_level=level))
     table = pd.concat(parts).sort_values(["protocol", "noise_level"], kind="stable")
     table = table[KEYS + [column for column in table if column not in KEYS]]

@@ -175,9 +175,6 @@ class Rules:
         if boxed and self.config.get("phantom", {}).get("source") == "object":
             yield f"config: protocols.{min(boxed)}.voxels is for phantom.source synthetic or ct; take it out"
         takers = {"analyses.optimal.fbp": self.analyses.get("optimal", {}).get("fbp")}
-        for calibrated in self.analyses.get("noise_calibration", {}).get("protocols", []):
-            if calibrated in boxed:
-                takers["analyses.noise_calibration.protocols"] = calibrated
         for name, comparison in self.analyses.get("comparison", {}).items():
             if comparison["attribute"]:
                 takers[f"analyses.comparison.{name} with attribute: true"] = comparison["protocol"]

@@ -107,7 +107,8 @@ class Plan:
 
         Levels are kept whole where seeds_per_job allows, and fill bundles up in the order of noise.levels: realisations
         are lanes, and full registers cost no more. Which levels go together does not depend on which of them a
-        protocol is asked for, so that another analysis does not repack what is there.
+        protocol is asked for, so that another analysis does not repack what is there. Levels whose A is found from
+        other images are never in one bundle with these.
 
         Returns
         -------
@@ -115,12 +116,15 @@ class Plan:
             {bundle: protocols}.
         """
         size = self.config["seeds_per_job"]
+        levels = self.config["noise"]["levels"]
         together: list[list[tuple[str, str]]] = []
-        for noise in self.config["noise"]["levels"]:
+        for noise in levels:
             seeds = [(noise, seed) for seed in self.seeds(noise)]
             for part in (seeds[start : start + size] for start in range(0, len(seeds), size)):
-                if together and len(together[-1]) + len(part) <= size:
-                    together[-1] += part
+                last = together[-1] if together else []
+                alike = last and ("meets" in levels[last[-1][0]]) == ("meets" in levels[noise])
+                if alike and len(last) + len(part) <= size:
+                    last += part
                 else:
                     together.append(part)
         wanted = self.acquisitions()

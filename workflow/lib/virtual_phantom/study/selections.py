@@ -70,14 +70,19 @@ class Selections:
         """From where on a measure calls a feature stable."""
         return self._analyses.get("stability", {}).get("cut_offs")
 
+    @property
+    def calibrated(self) -> list[str]:
+        """Protocols of the noise calibration."""
+        return self._analyses.get("noise_calibration", {"protocols": []})["protocols"]
+
     @cached_property
     def calibration(self) -> list[tuple[str, str, str]]:
         """(protocol, noise level, seed) of every image that the noise is calibrated with."""
-        calibration = self._analyses.get("noise_calibration", {"protocols": [], "noise": []})
+        levels = self._analyses.get("noise_calibration", {"noise": []})["noise"]
         return [
             (protocol, noise, seed)
-            for protocol in calibration["protocols"]
-            for noise in calibration["noise"]
+            for protocol in self.calibrated
+            for noise in levels
             for seed in self.plan.still(noise)
         ]
 
@@ -86,6 +91,12 @@ class Selections:
         return [
             self.files("image", protocol=protocol, noise=noise, seed=seed) for protocol, noise, seed in self.calibration
         ]
+
+    def calibration_rois(self) -> tuple[list[str], list[str]]:
+        """Tables and masks of the ROIs on the voxels of each of these protocols' images."""
+        firsts = {protocol: (noise, seed) for protocol, noise, seed in reversed(self.calibration)}
+        places = [self.acquisitions.rois(name, *firsts[name]) for name in self.calibrated]
+        return [table for table, _ in places], [masks for _, masks in places]
 
     def calibration_acquisitions(self) -> list[dict]:
         """How they were acquired."""
@@ -169,13 +180,12 @@ class Selections:
         """The measured variances of the algorithms that the noise is calibrated with."""
         if not self.plan.config["measured"]["overlay"]:
             return []
-        calibrated = self._analyses.get("noise_calibration", {}).get("protocols", [])
         reconstructions = {"sirt": "iterative", "fbp": "fbp"}
         return [
             {
                 "label": f"{dose} mGy, {'FBP' if algorithm == 'fbp' else 'iterative'}",
                 "variance_hu2": dose_variance(reconstructions[algorithm], dose),
             }
-            for algorithm in sorted({self.acquisitions.algorithm(name) for name in calibrated}, reverse=True)
+            for algorithm in sorted({self.acquisitions.algorithm(name) for name in self.calibrated}, reverse=True)
             for dose in (1, 3, 10)
         ]
