@@ -183,6 +183,16 @@ def test_both_panels_say_their_repeats_and_spreads(stability, draws):
     assert "±" not in stability_discrimination.draw(stability, 1.0, draws[draws["draw"] == 1]).axes[1].get_title()
 
 
+def test_measured_scores_of_ones_own_have_their_families_too(stability, draws):
+    """As repeats.draws gives them; those that come with the library have none."""
+    family = stability.set_index("feature")["family"]
+    own, kept = (
+        stability_discrimination.draw(stability, 1.0, of).axes[1]
+        for of in (draws.assign(family=draws["feature"].map(family)), draws)
+    )
+    assert own.get_title() == kept.get_title()
+
+
 def test_the_noise_level_is_said(stability):
     said = " ".join(texts(stability_discrimination.draw(stability, 1.0, noise={"dose10": 1.24e-6})))
     assert "Noise level dose10 (A = 1.24 ×10⁻⁶).\nLarger markers: several features." in said

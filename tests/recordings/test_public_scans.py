@@ -285,3 +285,36 @@ def test_what_is_wrong_in_a_folder_is_one_line(bucket, tmp_path, wrong):
         found_scans(mine, scans)
     assert said in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("wrong", ["missing", "foreign", "doubled", "without regions", "cut off"])
+def test_a_scan_that_went_wrong_after_it_came_is_one_line(bucket, tmp_path, wrong):
+    """Jobs look before they read, so that nothing is made of half a scan."""
+    folder, (scan, other) = bucket
+    target = tmp_path / "801"
+    for series in scan.series:
+        shutil.copytree(folder / series.folder, target / series.modality.lower())
+    check(scan, target, sizes=False)
+    first, *_ = sorted((target / "ct").iterdir())
+    again = f"delete {target} and run snakemake fetch again"
+    if wrong == "missing":
+        first.unlink()
+        said = f"{target}: 5 of the 6 files of its CT are here; {again}"
+    elif wrong == "foreign":
+        stray = target / "ct" / "stray.dcm"
+        shutil.copy(min((folder / other.ct.folder).iterdir()), stray)
+        said = f"{stray}: is of series {other.ct.uid}, not of {scan.ct.uid}; {again}"
+    elif wrong == "doubled":
+        copy = target / "ct" / "zz.dcm"
+        shutil.copy(first, copy)
+        said = f"{copy}: is the same slice as {first}; keep one of them"
+    elif wrong == "without regions":
+        shutil.rmtree(target / "seg")
+        said = f"{target}: 0 of the 1 files of its SEG are here; {again}"
+    else:
+        first.write_bytes(first.read_bytes()[:200])
+        said = f"{first}: cannot be read as DICOM"
+    with pytest.raises(InputError) as error:
+        check(scan, target, sizes=False)
+    assert str(error.value).startswith(said)
+    assert "\n" not in str(error.value)

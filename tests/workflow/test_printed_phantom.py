@@ -1,4 +1,7 @@
-"""A phantom that is the mean of scans: stand-ins of the public ones, simulated by us, whose truth is known."""
+"""The printed phantom's study by one command, from scans on a service that speaks S3 to every figure.
+
+The scans are stand-ins of the public ones, simulated by us, whose truth is known.
+"""
 
 import nibabel
 import numpy as np
@@ -7,59 +10,110 @@ import public_files
 import pytest
 import SimpleITK as sitk
 import yaml
-from pages import copy_project
+from from_nothing import TANDEM, standing_in
 from radiomics.featureextractor import RadiomicsFeatureExtractor
-from test_fetch import PLACE, TABLE, TANDEM
+from test_fetch import PLACE
 from workflow_runs import ROOT, snakemake
 
+from virtual_phantom.features.names import VARIANCE
+
 NAMES = ("801", "802", "803", "804")
-OTHERS = ("811", "812")
-STUDY = {
-    "grid": {"shape": [24, 84, 84], "spacing_mm": [4.0, 3.75, 3.75], "oversampling": 1},
-    "scan": {"columns": 108, "rows": 30, "column_pitch_mm": 6.4, "row_pitch_mm": 6.4},
+PHANTOM = TANDEM | {"groups": [8], "acquisitions": [1, 2, 3, 4]}
+COMPARED = TANDEM | {"groups": [4, 8], "acquisitions": [11, 12]}
+LEVELS = {"dose10": 2.0e-5, "double": 6.0e-5, "quadruple": 12.0e-5}
+MEETS = {"recording": "printed_phantom", "where": {"group": 8}, "rois": ["cyst_1"], "protocol": "group_8"}
+SMALL = {  # one figure of each kind that takes scans; group 8 at the scans' own voxels, and with their noise
+    "noise": {
+        "levels": {name: {"A": A, "repeats": 3} for name, A in LEVELS.items()}
+        | {"dose10_plus12": None, "met": {"repeats": 2, "meets": MEETS}},
+    },
+    "reconstruction": {"sirt": {"iterations": 20, "terms": 5}},
+    "protocols": {
+        "sirt_300": None,
+        "fbp_300": None,
+        "group_8": {
+            "algorithm": "fbp",
+            "projections": 150,
+            "kernel": {"mtf50_per_cm": 0.7, "mtf10_per_cm": 1.1},
+            "voxels": {"spacing_mm": [4.0, 3.75, 3.75], "thickness_mm": 4.0},
+        },
+    },
+    "analyses": {
+        "optimal": None,
+        "noise_calibration": {"protocols": ["group_8"]},
+        "pca": {
+            "sirt": None,
+            "multicentre": None,
+            "fbp": {"protocols": ["fbp_150"], "noise": ["dose10"], "recordings": ["printed_phantom"]},
+        },
+        "comparison": {
+            "group_8": {"protocol": "group_8", "noise": "met", "attribute": False},
+            "group_4": None,
+            "group_3": None,
+        },
+    },
     "results_dir": "results",
 }
 
 
 @pytest.fixture(scope="module")
-def standing_in(tmp_path_factory):
-    """A copy of the project, scans 801 to 804, 811 and 812 in a folder, and what was scanned."""
-    folder = tmp_path_factory.mktemp("printed")
-    project, mine = folder / "project", folder / "mine"
-    copy_project(ROOT, project)
-    names = NAMES + OTHERS
-    phantom, images, masks = public_files.simulated(len(names))
-    of = dict(zip(names, images, strict=True))
-    scans = public_files.write_bucket(public_files.listed(*names), mine, lambda scan: of[scan.name], masks)
-    public_files.write_table(scans, project / TABLE)
-    return project, mine, phantom, of
+def made(tmp_path_factory):
+    """The project, what the command said, and what was scanned."""
+    folder = tmp_path_factory.mktemp("nothing")
+    with standing_in(folder, PHANTOM, COMPARED) as (project, settings, variables, truth):
+        settings = SMALL | settings | {"grid": settings["grid"] | {"oversampling": 1}}
+        (project / "mine.yaml").write_text(yaml.safe_dump(settings))
+        files = ("config/printed_phantom.yaml", "config/tiny.yaml", "mine.yaml")
+        environment = variables | {"PYTHONPATH": str(project / "workflow" / "lib")}
+        process = snakemake("--configfile", *files, project=project, environment=environment, timeout=1800)
+        yield project, process, truth
 
 
-def run(project, mine, target, **changes):
-    group = {"collection": TANDEM, "groups": [8]}
-    chosen = {"phantom": group | {"acquisitions": [1, 2, 3, 4]}, "compared": group | {"acquisitions": [11, 12]}}
-    settings = STUDY | {"public_scans": chosen, "downloads": {"scans": str(mine)}} | changes
-    (project / "mine.yaml").write_text(yaml.safe_dump(settings))
-    files = ("config/printed_phantom.yaml", "mine.yaml")
-    process = snakemake(target, "--configfile", *files, project=project, cores=1)
+def test_one_command_makes_every_figure(made):
+    project, process, _ = made
     said = process.stdout + process.stderr
-    assert "Traceback" not in said, said[-3000:]
-    return process.returncode, said, [line for line in said.splitlines() if line.startswith("Error:")]
+    assert process.returncode == 0, said[-3000:]
+    assert "8 CT and 8 SEG series" in said and "fetch_scan" in said
+    figures = project / "results" / "figures"
+    expected = {"rois", "stability_discrimination", "overlap", "overlap_printed_phantom", "pca_fbp"}
+    expected |= {"comparison_group_8", "noise_calibration"}
+    assert {path.stem for path in figures.glob("*.png")} == expected
+    assert (project / "results" / "index.html").stat().st_size > 0
 
 
-def test_the_phantom_is_the_mean_of_the_scans(standing_in):
-    project, mine, phantom, images = standing_in
-    code, said, _ = run(project, mine, "results/phantom/image.nii.gz")
-    assert code == 0, said[-3000:]
-    assert sorted(path.name for path in (project / PLACE).iterdir()) == sorted(NAMES + OTHERS)
+def test_measured_and_simulated_are_of_the_same_regions_and_as_many(made):
+    project, _, _ = made
+    cells = pd.read_csv(project / "results/tables/comparison_group_8.csv")
+    assert cells["roi"].nunique() == 6 and len(cells) == 6 * 86
+    assert set(cells["n_simulated"]) == set(cells["n_recorded"]) == {2}
+    points = pd.read_csv(project / "results/tables/pca_fbp.csv")
+    # A marker for each simulated image, and for each group of measured ones.
+    assert points["source"].value_counts().to_dict() == {"simulated": 3 * 6, "measured": 2 * 6}
 
+
+def test_a_level_meets_the_scans_at_their_own_voxels(made):
+    """Read off a line of three levels, and simulated again."""
+    project, _, _ = made
+    (level,) = pd.read_csv(project / "results/tables/matched_noise.csv").to_dict("records")
+    assert (level["noise"], level["protocol"]) == ("met", "group_8")
+    assert not level["extrapolated"] and level["A_standard_error"] < 0.1 * level["A"]
+    assert level["ratio"] == pytest.approx(1, abs=0.2)  # of two repeats, at an A that is known to 7 %
+    cells = pd.read_csv(project / "results/tables/comparison_group_8.csv")
+    variance = cells[(cells["feature"] == VARIANCE) & (cells["roi"] == "cyst_1")].iloc[0]
+    assert variance["mean_recorded"] == pytest.approx(level["recorded_variance_hu2"])
+    assert variance["mean_simulated"] == pytest.approx(level["simulated_variance_hu2"])
+
+
+def test_the_phantom_is_the_mean_of_the_scans(made):
+    project, _, (phantom, images) = made
+    assert sorted(path.name for path in (project / PLACE).iterdir()) == sorted(images)
     table = pd.read_csv(project / "results/public_scans/scans.csv", dtype={"scan": str})
     assert table["scan"].tolist() == list(NAMES) and table["largest_mm"].max() < 0.2
     repeats = np.stack([images[name].array for name in NAMES]).astype(float)
     inside = np.any([roi.mask for roi in phantom.rois], axis=0)
     noise = np.sqrt(repeats[:, inside].var(axis=0, ddof=1).mean())
     np.testing.assert_allclose(table["noise_hu"], noise, rtol=0.01)
-    np.testing.assert_allclose(table["remaining_noise_hu"], noise / 2, rtol=0.01)
+    np.testing.assert_allclose(table["remaining_noise_hu"], noise / len(NAMES) ** 0.5, rtol=0.01)
 
     rois = pd.read_csv(project / "results/phantom/rois.csv").set_index("roi")
     mean = repeats.mean(axis=0)
@@ -93,14 +147,12 @@ def by_hand(image, mask, spacing):
     return extractor.execute(*images)
 
 
-def test_features_of_the_other_scans_are_two_recordings(standing_in):
+def test_features_of_the_other_scans_are_two_recordings(made):
     """In three dimensions, and in two as the published table has them: largest section, stored values, pixels of 1."""
-    project, mine, phantom, images = standing_in
-    code, said, _ = run(project, mine, "results/recordings/printed_phantom/features.csv")
-    assert code == 0, said[-3000:]
+    project, _, (phantom, images) = made
     table = pd.read_csv(project / "results/recordings/printed_phantom/features.csv")
-    assert len(table) == 2 * 6 and set(table["image"]) == {"scan811", "scan812"}
-    assert set(table["group"]) == {8} and set(table["acquisition"]) == {11, 12}
+    assert len(table) == 4 * 6 and set(table["image"]) == {"scan411", "scan412", "scan811", "scan812"}
+    assert set(table["group"]) == {4, 8} and set(table["acquisition"]) == {11, 12}
     flat = pd.read_csv(project / "results/public_scans/compared_2d/features.csv")
     settings = yaml.safe_load((project / "results/public_scans/compared_2d/recording.yaml").read_text())["features"]
     assert settings["dimensions"] == 2 and settings["stored_offset_hu"] == 1024
@@ -119,10 +171,14 @@ def test_features_of_the_other_scans_are_two_recordings(standing_in):
                 assert row[name] == pytest.approx(float(expected[name]), rel=1e-6), name
 
 
-def test_a_region_that_is_none_is_one_line(standing_in):
-    project, mine, _, _ = standing_in
+def test_a_region_that_is_none_is_one_line(made):
+    project, _, _ = made
     rois = yaml.safe_load((ROOT / "config/printed_phantom.yaml").read_text())["phantom"]["ct"]["rois"]
     rois[2]["label"] = "cyst_1"
-    code, _, errors = run(project, mine, "results/phantom/image.nii.gz", phantom={"ct": {"rois": rois}})
-    assert code == 1 and len(errors) == 1
-    assert "cyst_1 has the label cyst_1, which is none of public_scans.regions; did you mean 'cyst1'?" in errors[0]
+    (project / "wrong.yaml").write_text(yaml.safe_dump({"phantom": {"ct": {"rois": rois}}}))
+    files = ("config/printed_phantom.yaml", "mine.yaml", "wrong.yaml")
+    process = snakemake("results/phantom/image.nii.gz", "--configfile", *files, project=project, cores=1)
+    said = process.stdout + process.stderr
+    assert process.returncode == 1 and "Traceback" not in said
+    (error,) = [line for line in said.splitlines() if line.startswith("Error:")]
+    assert "cyst_1 has the label cyst_1, which is none of public_scans.regions; did you mean 'cyst1'?" in error

@@ -77,7 +77,7 @@ def draw(
     shown = {"Simulated": (table, repeats, sd)}
     if measured is not None:
         tables.check_table(measured, "measured scores", text=["feature"], numbers=["draw", "repeats", "of", *SCORES])
-        measured = measured.merge(table[["feature", "family"]], on="feature")
+        measured = measured.drop(columns="family", errors="ignore").merge(table[["feature", "family"]], on="feature")
         if measured.empty:
             raise InputError("measured scores: share no feature with the stability table; name both as in pyradiomics")
         spreads = tuple(over_features(measured, kind)[1] for kind in KINDS)
