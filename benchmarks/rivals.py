@@ -1,0 +1,172 @@
+"""The diagnosis against simple rivals, on the same recordings.
+
+    python benchmarks/rivals.py --seed 51 --none 6 --unknown 7 --out rivals.jsonl
+
+Scans by the proof's simulator as lacking.py has them: every effect of --effects alone, nothing, pairs and faults that
+the library lacks. The rivals see both halves of the repeats, and know of no numerical error beyond what is fitted:
+
+* `filter`: the effect with the largest matched filter beside the alignment, if its chance is under 1 % over all.
+* `forward`: effects one after the other, each time the best by chi-square plus numbers times ln(data) (BIC), while that
+  falls.
+* `all`: all effects fitted at once; those whose removal would raise the same sum, by their standard errors.
+
+A rival owns up to a fault if chi-square of its last fit is above the number of data by more than three standard
+deviations.
+Cases that the file has already are not done again.
+"""
+
+import argparse
+import copy
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import lacking
+import numpy as np
+import yaml
+
+from virtual_phantom.diagnosis.candidates import candidates
+from virtual_phantom.diagnosis.core.asked import Asked
+from virtual_phantom.diagnosis.core.fit import Fitter
+from virtual_phantom.diagnosis.core.screening import screened
+from virtual_phantom.diagnosis.course import explain
+from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.physics.effect import load
+from virtual_phantom.proof.conceal.case import Case
+from virtual_phantom.proof.conceal.suite import truths
+from virtual_phantom.study.config import complete
+
+CHANCE = 0.01
+MOST = 4  # effects that a rival takes one after the other, as many as the diagnosis names
+WAYS = ("ours", "filter", "forward", "all")
+
+
+def without_halves(prepared):
+    """A fitter of all repeats, whose weights hold noise alone."""
+    one, two = prepared.data, prepared.held_out
+    data = replace(
+        one,
+        mean=(one.mean + two.mean) / 2,
+        n=one.n + two.n,
+        variance=(one.variance + two.variance) / 2,
+        variance_error=one.variance_error / np.sqrt(2),
+        correlation=(one.correlation + two.correlation) / 2,
+        correlation_error=one.correlation_error / np.sqrt(2),
+    )
+    fitter = copy.copy(prepared.fitter)
+    return Fitter(fitter.model, data, data, prepared.variance, np.zeros(data.mean.shape))
+
+
+def left(fitter, fit):
+    """Whether chi-square says that something is left."""
+    count = sum(int((weight > 0).sum()) for weight in fitter.weights)
+    return bool(fit.chi_square - count > 3 * np.sqrt(2 * count))
+
+
+def matched_filter(fitter, tried):
+    found = screened(fitter, fitter.fit(()), tried)
+    best = max(found, key=lambda name: found[name].gain)
+    named = [best] if found[best].p * len(tried) < CHANCE else []
+    return named, left(fitter, fitter.fit(tuple(named)))
+
+
+def forward(fitter, tried):
+    price = np.log(sum(int((weight > 0).sum()) for weight in fitter.weights))
+    current = fitter.fit(())
+    while len(current.effects) < MOST:
+        rest = [name for name in tried if name not in current.effects]
+        fits = [fitter.fit((*current.effects, name), current) for name in rest]
+        best = min(fits, key=lambda fit: fit.chi_square + price * fit.free)
+        if best.chi_square + price * best.free >= current.chi_square + price * current.free:
+            break
+        current = best
+    return list(current.effects), left(fitter, current)
+
+
+def all_at_once(fitter, tried):
+    price = np.log(sum(int((weight > 0).sum()) for weight in fitter.weights))
+    fit = fitter.fit(tuple(tried))
+    worth = {}
+    for name in tried:
+        pulls = [
+            ((fit.physics[name][one.name] - one.neutral) / fit.errors[name][one.name]) ** 2
+            for one in fitter.model.parameters(name)
+            if one.neutral is not None and fit.errors[name].get(one.name)
+        ]
+        if pulls:
+            worth[name] = sum(pulls) - price * len(pulls)
+    named = sorted((name for name, one in worth.items() if one > 0), key=lambda name: -worth[name])
+    return named, left(fitter, fit)
+
+
+def answers(folder, truth, config, seed):
+    """{way: (effects named, first the surest; whether something is left)}."""
+    model = lacking.recorded(folder, truth, config, seed)
+    tried = list(candidates(model["settings"]))
+    recording, prepared = ready(Asked.of(model, str(folder / "image.nii.gz"), 1))
+    _, found = explain(recording.name, prepared, tried, config["diagnosis"]["model_accuracy"])
+    said = found.content
+    equals = [[one["name"], *said["ambiguous_with"].get(one["name"], [])] for one in said["effects"]]
+    fitter = without_halves(prepared)
+    smooth = [name for name in tried if not load(name).pattern]  # least squares has no number for each pixel's gain
+    rivals = {
+        "filter": matched_filter(fitter, tried),
+        "forward": forward(fitter, tried),
+        "all": all_at_once(fitter, smooth),
+    }
+    ours = equals, said["verdict"] in ("unexplained", "mismatch partly explained")
+    return {"ours": ours} | {way: ([[name] for name in named], rest) for way, (named, rest) in rivals.items()}
+
+
+def judged(case, named, rest):
+    """What of a case an answer has right, by the category's measure."""
+    true = [one["name"] for one in case.truth["effects"]]
+    if case.category == "none":
+        return {"no false alarm": not named and not rest}
+    if case.category == "unknown":
+        equals = {equal for one in case.truth["effects"] for equal in one["equals"]}
+        return {"owned up": rest or (bool(named) and {group[0] for group in named} <= equals)}
+    first = bool(named) and bool(set(named[0]) & set(true))  # or as its equal
+    every = all(any(name in group for group in named) for name in true)
+    return {"first": first, "all": every, "none beside": len(named) == len(true), "no false remainder": not rest}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument(
+        "--effects", nargs="*", default=["scatter", "spectrum", "focal_spot", "afterglow", "dark_signal"]
+    )
+    parser.add_argument("--strengths", nargs="*", default=["medium"])
+    parser.add_argument("--none", type=int, default=6)
+    parser.add_argument("--pairs", type=int, default=0)
+    parser.add_argument("--unknown", type=int, default=7)
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    config = complete(yaml.safe_load((lacking.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
+    drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
+    rows = []
+    if options.out.is_file():
+        rows = [json.loads(line) for line in options.out.read_text(encoding="utf-8").splitlines()]
+    done = {row["truth"]["case"] for row in rows}
+    for case, truth in truths(lacking.asked_of_proof(drawn)).items():
+        if case in done:
+            continue
+        with tempfile.TemporaryDirectory() as folder:
+            rows.append({"truth": truth, "answers": answers(Path(folder), truth, config, options.seed)})
+        with options.out.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(rows[-1]) + "\n")
+        print(case, [one["name"] for one in truth["effects"]], rows[-1]["answers"], flush=True)
+    counted: dict[tuple[str, str], dict[str, list[bool]]] = {}
+    for row in rows:
+        case = Case(row["truth"], {})
+        for way in WAYS:
+            for measure, right in judged(case, *row["answers"][way]).items():
+                counted.setdefault((case.category, measure), {}).setdefault(way, []).append(right)
+    for (category, measure), ways in counted.items():
+        print(f"{category}, {measure}: " + ", ".join(f"{way} {sum(ok)} of {len(ok)}" for way, ok in ways.items()))
+
+
+if __name__ == "__main__":
+    main()
