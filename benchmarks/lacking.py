@@ -64,6 +64,20 @@ def diagnosed(folder, truth, config, seed, left_out):
     return found.content, sum(os.times()[:4]) - began
 
 
+def asked_of_proof(drawn):
+    """What is drawn, as `proof` of the configuration has it: small projections alone, without pairs unless asked."""
+    settings = {
+        "pairs": 0,
+        "unknown_kinds": None,
+        "images": {"strengths": [], "effects": [], "views_times": 1},
+        "scan": SCAN,
+        "held_out_protocol": {"views": 30},
+    } | drawn
+    if not settings["effects"]:  # none alone
+        settings |= {"effects": ["scatter"], "strengths": []}
+    return settings
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True)
@@ -76,18 +90,15 @@ def main():
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     config = complete(yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
-    settings = {
+    drawn = {
         "seed": options.seed,
-        "effects": options.effects or ["scatter"],
-        "strengths": options.strengths if options.effects else [],
+        "effects": options.effects,
+        "strengths": options.strengths,
         "none": options.none,
-        "pairs": 0,
         "unknown": options.unknown,
         "unknown_kinds": options.kinds,
-        "images": {"strengths": [], "effects": [], "views_times": 1},
-        "scan": SCAN,
-        "held_out_protocol": {"views": 30},
     }
+    settings = asked_of_proof(drawn)
     rows = []
     if options.out.is_file():
         rows = [json.loads(line) for line in options.out.read_text(encoding="utf-8").splitlines()]
