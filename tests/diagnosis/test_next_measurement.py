@@ -21,9 +21,11 @@ from virtual_phantom.diagnosis.core.information import (
 )
 from virtual_phantom.diagnosis.next_measurement import (
     Ambiguity,
+    Ranked,
     alikeness,
     conditions_of,
     found_in,
+    order,
     possible,
     rank,
     refitted,
@@ -266,3 +268,13 @@ def test_where_nothing_is_in_the_beam_a_displacement_changes_nothing():
     assert np.isfinite(told_of.changes).all() and (told_of.steps > 0).all()
     offset = told_of.keys.index(("air", "alignment", "offset"))
     assert np.linalg.norm(told_of.changes[:, offset]) > 1e3
+
+
+def test_what_leaves_a_pair_as_alike_as_it_was_stands_behind_what_parts_all():
+    """By the gain alone, the first would be first."""
+    of_some = Ranked(None, 5.8, {("glare", "scatter"): 0.1, ("dark", "scatter"): 900.0}, {})
+    of_all = Ranked(None, 1.2, {("glare", "scatter"): 4.0, ("dark", "scatter"): 5.0}, {})
+    faint = Ranked(None, 0.3, {("glare", "scatter"): 2.0, ("dark", "scatter"): 5.0}, {})
+    assert sorted([faint, of_some, of_all], key=order) == [of_all, of_some, faint]
+    alone = [Ranked(None, gain, {}, {}) for gain in (0.1, 0.4)]
+    assert sorted(alone, key=order) == alone[::-1]

@@ -100,6 +100,7 @@ def rank(
 ) -> Next:
     """Rank further recordings by the information that they are expected to give of ambiguous effects.
 
+    Those that are expected to leave two of the effects as good as each other (AS_GOOD) come last.
     Without an ambiguity it is that of the effects that were chosen.
 
     Parameters
@@ -153,7 +154,7 @@ def rank(
             beside = beside or made_of
             parts[label] = [*there[label], made_of]
         ranked.append(made(measurement, parts))
-    ranked.sort(key=lambda one: -one.gain)
+    ranked.sort(key=order)
     return Next(list(ambiguities), made(None, there), ranked)
 
 
@@ -326,6 +327,14 @@ def _named(problem: Problem) -> dict[str, float]:
 def settles(one: Ranked) -> bool:
     """Whether a further recording is expected to leave no ambiguity."""
     return one.least is not None and one.least >= AS_GOOD
+
+
+def order(one: Ranked) -> tuple[bool, float]:
+    """By what the best come first: those that leave no pair alike, and among them by gain.
+
+    Of a group of three much may be learnt by what still leaves two of them alike.
+    """
+    return one.least is not None and not settles(one), -one.gain
 
 
 def possible(prepared: Mapping[str, PreparedScans], section: Mapping = MappingProxyType({})) -> list[Scan | DarkFrames]:
