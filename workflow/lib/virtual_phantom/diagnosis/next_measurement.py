@@ -333,6 +333,15 @@ def order(one: Ranked) -> tuple[bool, float]:
     """By what the best come first: those that leave no pair alike, and among them by gain.
 
     Of a group of three much may be learnt by what still leaves two of them alike.
+
+    Parameters
+    ----------
+    one : Ranked
+
+    Returns
+    -------
+    tuple of bool and float
+        To be sorted by.
     """
     return one.least is not None and not settles(one), -one.gain
 
