@@ -1,4 +1,7 @@
 # Where recordings and the simulator differ, and which physics explains it: one job per recording.
+AT_MOST = workflow.resource_settings.cores  # None on a cluster that sets no --cores
+
+
 rule diagnose:
     """Verdict, physics and report of one recording."""
     input:
@@ -6,7 +9,7 @@ rule diagnose:
         unpack(lambda wildcards: context.diagnosis.regions(wildcards.recording)),
         unpack(lambda wildcards: context.diagnosis.physics(wildcards.recording)),
         effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.candidates[wildcards.recording]
+            *context.diagnosis.in_fits(wildcards.recording)
         ),
         # How often the intervals that a diagnosis states held the truth in the proof.
         record=context.resource("proof_record.yaml"),
@@ -23,12 +26,14 @@ rule diagnose:
         context.log("diagnosis/{recording}/diagnose"),
     wildcard_constraints:
         recording="|".join(context.diagnosis.settings) or "none",
-    threads: lambda made: context.diagnosis.processes(made.recording, workflow.cores)
+    threads: lambda made: context.diagnosis.processes(made.recording, AT_MOST)
     resources:
         mem_mb=lambda wildcards, threads: context.diagnosis.megabytes(
             wildcards.recording, threads
         ),
-        runtime=120,
+        runtime=lambda wildcards, threads: context.diagnosis.minutes(
+            wildcards.recording, threads
+        ),
         gpu=lambda wildcards: context.diagnosis.gpus(wildcards.recording),
     params:
         model=lambda wildcards: context.diagnosis.model(wildcards.recording),
@@ -49,7 +54,9 @@ rule diagnose_scanner:
     input:
         unpack(lambda wildcards: context.diagnosis.scanner_inputs(wildcards.scanner)),
         effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.shared(wildcards.scanner)
+            *context.diagnosis.in_fits(
+                *context.diagnosis.scanners[wildcards.scanner]["recordings"]
+            )
         ),
         code=context.code("diagnose_scanner.py"),
     output:

@@ -5,7 +5,7 @@ rule next_of_recording:
         unpack(lambda wildcards: context.diagnosis.inputs(wildcards.recording)),
         diagnosis=context.file("diagnosis"),
         effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.candidates[wildcards.recording]
+            *context.diagnosis.in_fits(wildcards.recording)
         ),
         code=context.code("next_measurement.py"),
     output:
@@ -32,7 +32,9 @@ use rule next_of_recording as next_of_scanner with:
         unpack(lambda wildcards: context.diagnosis.scanner_inputs(wildcards.scanner)),
         diagnosis=context.file("scanner_diagnosis"),
         effects=lambda wildcards: context.effect_code(
-            *context.diagnosis.shared(wildcards.scanner)
+            *context.diagnosis.in_fits(
+                *context.diagnosis.scanners[wildcards.scanner]["recordings"]
+            )
         ),
         code=context.code("next_measurement.py"),
     output:

@@ -9,8 +9,8 @@ import numpy as np
 
 from ..base.geometry import Grid, ScanGeometry
 from ..projectors.any_rays import COORDINATES, Bundles, follow, trace_slopes, trace_sums
-from ..projectors.cpu import share_out
 from ..projectors.rows import empty_lines, in_registers, packed, tile_width, trace_rows
+from ..projectors.threads import share_out
 from .sampling import Divided
 
 

@@ -14,7 +14,7 @@ from ..base.errors import InputError
 from ..base.geometry import ScanGeometry
 from ..base.pose import turned_axes
 from ..projectors.chords import Room, Shapes, chords
-from ..projectors.cpu import share_out
+from ..projectors.threads import share_out
 from .materials import Material, attenuation_per_mm
 from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, turned_back
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -12,6 +9,7 @@ from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry
 from . import kernels, parallel
 from .lanes import aligned_zeros
+from .threads import share_out
 
 VIEWS_PER_BLOCK = 16
 
@@ -329,13 +327,3 @@ def check_in_orbit(geometry: ScanGeometry, grid: Grid, centre_mm: ArrayLike) -> 
             f"grid: its corners lie {half_diagonal:.0f} mm from the isocentre, outside the source's orbit of "
             f"{orbit_mm:g} mm; shrink the grid or move the source out"
         )
-
-
-def share_out(run: Callable[[int, int], None], count: int, threads: int) -> None:
-    """Call run(first, last) over [0, count) in one contiguous share per thread; the shares write to separate places."""
-    if threads == 1:
-        run(0, count)
-        return
-    edges = np.linspace(0, count, threads + 1).astype(int)
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(run, edges[:-1], edges[1:]))

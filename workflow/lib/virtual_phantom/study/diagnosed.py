@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -107,6 +108,24 @@ class Diagnosis:
         if phantoms := [one["phantom"] for one in every if "phantom" in one]:
             inputs["phantom"] = phantoms[0]
         return inputs
+
+    def in_fits(self, *recordings: str) -> list[str]:
+        """The effects that fits of recordings may hold: those that are tried, and those that are declared.
+
+        Parameters
+        ----------
+        *recordings : str
+
+        Returns
+        -------
+        list of str
+        """
+        names = [
+            effect
+            for name in recordings
+            for effect in (*self.candidates[name], *self.settings[name].get("baseline", {}))
+        ]
+        return sorted(set(names))
 
     def shared(self, scanner: str) -> list[str]:
         """The effects that are tried on a scanner: those that every recording shows, or those that are asked for.
@@ -262,7 +281,25 @@ class Diagnosis:
         -------
         int
         """
+        if self.gpus(name):  # what has begun on a device survives no fork, and there is one of it
+            return 1
         return max(1, min(cores or DEFAULT_CORES, len(self.candidates[name])))
+
+    def minutes(self, name: str, processes: int) -> int:
+        """The most that a diagnosis may take on a cluster: an hour for each round of fits, and four for all else.
+
+        Parameters
+        ----------
+        name : str
+            The recording.
+        processes : int
+            Side by side.
+
+        Returns
+        -------
+        int
+        """
+        return 60 * (4 + math.ceil(len(self.candidates[name]) / processes))
 
     def megabytes(self, name: str, processes: int = 1) -> int:
         """Memory of the fits, MB.

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import platform
 from collections.abc import Iterable, Mapping
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 
 from ..diagnosis.core.kept import KeptFits
@@ -13,6 +15,7 @@ from ..io.files import files_of, sha256
 from .dependencies import LIBRARY, files_behind
 
 DIAGNOSIS = LIBRARY / "diagnosis"
+PACKAGES = ("numpy", "scipy", "numba", "xraylib", "spekpy")  # whose numbers are in every fit
 FITTING = (DIAGNOSIS / "ready.py", DIAGNOSIS / "core" / "trials.py")  # behind every fit
 
 
@@ -33,7 +36,9 @@ def kept_fits(folder: str | Path, model: Mapping, files: Iterable[str | Path]) -
     KeptFits
     """
     code = sorted({path for module in FITTING for path in files_behind(module)})
-    made_of = [model, [sha256(file) for path in files for file in files_of(path)], _hash(code)]
+    declared = [_effect(name) for name in sorted(model["settings"].get("baseline", {}))]
+    made_of = [model, [sha256(file) for path in files for file in files_of(path)], _hash(code), declared]
+    made_of.append([platform.python_version(), *map(version, PACKAGES)])
     text = json.dumps(made_of, sort_keys=True)
     return KeptFits(folder, hashlib.sha256(text.encode()).hexdigest(), _effect)
 

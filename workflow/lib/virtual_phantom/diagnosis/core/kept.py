@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from ...base.errors import InputError
 from .store import content_of, read_trial, write_trial
 from .trial import Trial
 
+LOGGER = logging.getLogger("virtual_phantom")  # of the job
 ALIGNMENT = "alignment"  # what the fit without any effect is called
 
 
@@ -46,8 +47,12 @@ class KeptFits:
         self, found: Trial, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None
     ) -> None:
         """Keep a trial in the place of another one of these effects."""
-        with contextlib.suppress(ValueError):  # numbers that are not finite: no file holds them
+        try:
             write_trial(found, self._path(effects), self._made_of(effects, given, against))
+        except InputError as error:  # a full disk: the diagnosis itself may go on
+            LOGGER.warning("not kept: %s", error)
+        except ValueError:  # numbers that are not finite: no file holds them
+            LOGGER.info("not kept: the fit of %s is not finite", " and ".join(effects) or ALIGNMENT)
 
     def _path(self, effects: tuple[str, ...]) -> Path:
         return self.folder / f"{'+'.join(effects) or ALIGNMENT}.json"

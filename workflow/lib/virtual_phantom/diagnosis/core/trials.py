@@ -5,9 +5,13 @@ from __future__ import annotations
 import logging
 import multiprocessing
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 
 from threadpoolctl import threadpool_limits
 
+from ...base.errors import InputError
+from ...projectors.threads import limit_threads
 from .fit import Fitter
 from .kept import KeptFits
 from .trial import Trial, trial
@@ -37,6 +41,11 @@ def trials(fitter: Fitter, tasks: Sequence[tuple], processes: int = 1, kept: Kep
     -------
     list of Trial
         In the order of the tasks.
+
+    Raises
+    ------
+    InputError
+        If a process was killed.
     """
     global _shared
     made = [None if kept is None else kept.get(*task) for task in tasks]
@@ -45,10 +54,16 @@ def trials(fitter: Fitter, tasks: Sequence[tuple], processes: int = 1, kept: Kep
     _shared = fitter, kept
     try:
         if at_once > 1:
-            with multiprocessing.get_context("fork").Pool(at_once) as pool:
-                fresh = pool.map(_trial, missing, chunksize=1)
+            forked = multiprocessing.get_context("fork")
+            with ProcessPoolExecutor(at_once, forked, limit_threads, (1,)) as pool:
+                fresh = list(pool.map(_trial, missing))
         else:  # no other process would know what rays this one has traced
             fresh = [_trial(task) for task in missing]
+    except BrokenProcessPool as error:
+        raise InputError(
+            f"one of the {at_once} processes that fit side by side was killed, most likely for want of memory: run "
+            "with fewer cores. Fits that were made are kept"
+        ) from error
     finally:
         _shared = before
     ready = iter(fresh)

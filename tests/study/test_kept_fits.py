@@ -1,0 +1,65 @@
+"""Fits that a diagnosis keeps: what they depend on, and what becomes of a process that is killed."""
+
+import os
+import signal
+
+import pytest
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.diagnosis.core import trials as side_by_side
+from virtual_phantom.study import kept_fits as module
+from virtual_phantom.study.kept_fits import kept_fits
+
+MODEL = {"folder": "bench", "settings": {"samples": 2, "baseline": {"focal_spot": {"width_mm": {"value": 1, "sd": 0}}}}}
+
+
+@pytest.fixture
+def recording(tmp_path):
+    for name in ("recording.yaml", "repeat_1.h5"):
+        (tmp_path / name).write_text(name)
+    return tmp_path
+
+
+def made_of(folder, model=MODEL):
+    module._effect.cache_clear()
+    return kept_fits(folder / "fits", model, [folder / "recording.yaml", folder / "repeat_1.h5"]).made_of
+
+
+@pytest.mark.parametrize("name", ["recording.yaml", "repeat_1.h5"])
+def test_a_byte_of_the_recording_counts(recording, name):
+    before = made_of(recording)
+    assert made_of(recording) == before
+    (recording / name).write_text(name[:-1] + "X")
+    assert made_of(recording) != before
+
+
+def test_a_setting_and_what_is_declared_count(recording):
+    before, settings = made_of(recording), MODEL["settings"]
+    for changed in ({"samples": 3}, {"baseline": {}}, {"baseline": {"scatter": {}}}):
+        assert made_of(recording, MODEL | {"settings": settings | changed}) != before
+
+
+@pytest.mark.parametrize("changed", ["physics/effects/focal_spot.py", "physics/chain.py", "diagnosis/core/fit.py"])
+def test_the_code_behind_counts_that_of_declared_effects_too(recording, monkeypatch, changed):
+    before, real = made_of(recording), module.sha256
+    monkeypatch.setattr(module, "sha256", lambda path: "other" if str(path).endswith(changed) else real(path))
+    assert made_of(recording) != before
+
+
+def test_code_of_effects_that_are_in_no_fit_does_not_count(recording, monkeypatch):
+    before, real = made_of(recording), module.sha256
+    monkeypatch.setattr(module, "sha256", lambda path: "other" if str(path).endswith("scatter.py") else real(path))
+    assert made_of(recording) == before
+
+
+def test_versions_of_what_computes_count(recording, monkeypatch):
+    before = made_of(recording)
+    monkeypatch.setattr(module, "version", lambda name: "0.0.1" if name == "scipy" else "2.0")
+    assert made_of(recording) != before
+
+
+def test_a_process_that_is_killed_is_one_line(monkeypatch):
+    """A pool that waited for it would wait for ever."""
+    monkeypatch.setattr(side_by_side, "trial", lambda *task: os.kill(os.getpid(), signal.SIGKILL))
+    with pytest.raises(InputError, match="2 processes .* was killed, .* memory: run with fewer cores"):
+        side_by_side.trials(None, [(("scatter",), None, None), (("motion",), None, None)], 2)
