@@ -125,8 +125,8 @@ def judged(case, named, rest):
     if case.category == "none":
         return {"no false alarm": not named and not rest}
     if case.category == "unknown":
-        equals = {equal for one in case.truth["effects"] for equal in one["equals"]}
-        return {"owned up": rest or (bool(named) and {group[0] for group in named} <= equals)}
+        equals = [set(equal) for one in case.truth["effects"] for equal in one["equals"]]
+        return {"owned up": rest or {group[0] for group in named} in equals}
     first = bool(named) and bool(set(named[0]) & set(true))  # or as its equal
     every = all(any(name in group for group in named) for name in true)
     return {"first": first, "all": every, "none beside": len(named) == len(true), "no false remainder": not rest}

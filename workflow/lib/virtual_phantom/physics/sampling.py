@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from .state import State
 
 # Points along a side: the shadows that they cast, of what lies at the isocentre, are no farther apart than a pixel is
-# wide. Of a focal spot, against 96 points per side, the peak of a ball as wide as a pixel is then right to 6 % (three
-# points of pixels a quarter as wide as the blur: to 32 %).
+# wide, as far as MOST points reach. Of a focal spot, against 96 points per side, the peak of a ball as wide as a pixel
+# is then right to 6 % (three points of pixels a quarter as wide as the blur: to 32 %).
 LEAST, MOST = 3, 7
 MOST_RAYS = 4_000_000  # that are worked out at once: some 100 bytes each
 # Where source and detector are, whatever rays meet the pixels.

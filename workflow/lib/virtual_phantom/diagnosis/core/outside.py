@@ -17,6 +17,8 @@ from scipy.sparse import issparse, sparray
 from .attribute import Choice
 from .fit import Fit, Fitter, Problem
 from .locate import KINDS, Location
+from .observed import Observed
+from .steps import Known
 from .templates import SMALL, data_changes, whitened
 from .uncertainty import on_held_out
 
@@ -63,12 +65,14 @@ class _Side:
         Roots of the mean's weights.
     scatter : ndarray, shape (mean data,), or float
         Relative variance of these weights.
+    data : Observed
     """
 
     residual: np.ndarray
     columns: np.ndarray
     root: np.ndarray
     scatter: np.ndarray | float
+    data: Observed
 
     @classmethod
     def of(cls, fitter: Fitter, problem: Problem, fit: Fit) -> _Side:
@@ -79,13 +83,16 @@ class _Side:
         for place, one in enumerate(fitter.data.numerical):
             distorted[: root.size, place] = root * one.ravel()
         residual = whitened(fitter.residuals(fit, held_out=False), fitter.weights)
-        return cls(residual, np.hstack([columns, distorted]), root, np.ravel(fitter.data.scatter))
+        return cls(residual, np.hstack([columns, distorted]), root, np.ravel(fitter.data.scatter), fitter.data)
 
     def weighed(self, directions: Directions) -> Directions:
         """Directions of the mean's data in standard deviations."""
-        return (
-            directions.multiply(self.root[:, None]).tocsr() if issparse(directions) else directions * self.root[:, None]
-        )
+        root = self.root[:, None]
+        if issparse(directions):  # of single views, and as they are: whitening would spread them to others
+            return directions.multiply(root).tocsr()
+        fields = (one.reshape(self.data.mean.shape) for one in directions.T)
+        white = [self.data.whitened(np.where(self.data.usable, one, 0)).ravel() for one in fields]
+        return np.stack(white, axis=1) * root
 
 
 def changes(fitter: Fitter, fit: Fit, kinds: Iterable[tuple[str, Directions]], numerical: float = 0.0) -> list[Change]:
@@ -115,13 +122,15 @@ def changes(fitter: Fitter, fit: Fit, kinds: Iterable[tuple[str, Directions]], n
     knowledge = np.concatenate([problem.knowledge, np.ones(len(fitter.data.numerical))])
     off = np.concatenate([problem.knowledge * (problem.centre - problem.start), np.zeros(len(fitter.data.numerical))])
     information = fitted.columns.T @ fitted.columns + np.diag(knowledge)
-    inverse = np.linalg.pinv(information, hermitian=True)
-    residual = fitted.residual - fitted.columns @ (inverse @ (fitted.columns.T @ fitted.residual + off))
-    found = []
+    known = Known.of(information)
+    root = known.units[:, None] * known.vectors / np.sqrt(known.values)
+    inverse = root @ root.T
+    # A fit has settled but for its last step, and has not fitted the sizes that numerical distortions are left with.
+    step = inverse @ (fitted.columns.T @ fitted.residual + off)
+    residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step
+    found, of_steps = [], numerical**2 * fit.corrected
     for words, directions in kinds:
-        change = _change(
-            fitted, held, residual, inverse, directions, fit.pattern_variance, numerical**2 * fit.corrected
-        )
+        change = _change(fitted, held, residuals, inverse, directions, fit.pattern_variance, of_steps)
         if change is not None:
             found.append(Change(words, *change))
     return sorted(found, key=lambda one: one.p)
@@ -130,7 +139,7 @@ def changes(fitter: Fitter, fit: Fit, kinds: Iterable[tuple[str, Directions]], n
 def _change(
     fitted: _Side,
     held: _Side,
-    residual: np.ndarray,
+    residuals: tuple[np.ndarray, np.ndarray],
     inverse: np.ndarray,
     directions: Directions,
     of_pattern: np.ndarray | None,
@@ -144,8 +153,8 @@ def _change(
     Parameters
     ----------
     fitted, held : _Side
-    residual : ndarray, shape (data,)
-        Of the data fitted, less what the fit's numbers could still take up.
+    residuals : tuple of 2 ndarray, shape (data,)
+        Of the data fitted and held out, less what the fit's numbers could still take up of the data fitted.
     inverse : ndarray, shape (numbers, numbers)
         Covariance of the numbers.
     directions : ndarray or sparse array, shape (mean data, directions)
@@ -170,7 +179,7 @@ def _change(
     units = np.where(known, 1 / np.where(lengths > 0, lengths, 1), 0)
     values, vectors = np.linalg.eigh(inside * np.outer(units, units))
     kept = values > ALIKE * values[-1]
-    along = units * (seen.T @ residual[:count])
+    along = units * (seen.T @ residuals[0][:count])
     inner = vectors[:, kept].T @ along
     amounts = units * (vectors[:, kept] @ (inner / values[kept]))
     explained, freedom = float((inner**2 / values[kept]).sum()), int(kept.sum())
@@ -187,7 +196,7 @@ def _change(
     )
     if of_pattern is not None:  # what errors of its constants add along it
         variance += float((of_pattern.ravel() * (held.root * mean).reshape(-1, of_pattern.size).sum(axis=0) ** 2).sum())
-    along = float(change @ held.residual)
+    along = float(change @ residuals[1])
     shrunk = max(0.0, 1 - freedom / explained)
     gain = shrunk * along - shrunk**2 * float(change @ change) / 2
     counted = held.root > 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -61,12 +62,15 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     """
     fitter = prepared.fitter
 
-    def kinds(fit):
-        return changes(fitter, fit, prepared.kinds(fit), choice.numerical)
+    @cache
+    def kinds(effects):
+        return changes(fitter, fits[effects], prepared.kinds(fits[effects]), choice.numerical)
+
+    fits = {fit.effects: fit for fit in (choice.baseline.fit, *choice.without.values(), choice.chosen.fit)}
 
     def places(fit, least_gain):
         fitted, held = prepared.halves(fit)
-        more = [*aligned(fit, fitter.model.distortions), *standing_out(kinds(fit), least_gain)]
+        more = [*aligned(fit, fitter.model.distortions), *standing_out(kinds(fit.effects), least_gain)]
         found = prepared.domains(held, fit, fitted, more)
         # A place comes before a kind of change, which lies nowhere.
         return sorted(found, key=lambda one: (not one.significant, one.domain == KINDS))
@@ -82,7 +86,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
     }
     doubted = doubts(choice, fitter.model, metrics["held_out"])
     known = statements(choice.chosen.fit, fitter.model)
-    beside = {name: kinds(fit) for name, fit in choice.without.items()}
+    beside = {name: kinds(fit.effects) for name, fit in choice.without.items()}
     outside = better(choice, beside, max(AS_GOOD, choice.blur))
     off = any(one["off"] for parameters in known.values() for one in parameters.values())
     verdict = VERDICTS[(2 if left or doubted or outside else 1) if effects or off else (0 if not left else 3)]

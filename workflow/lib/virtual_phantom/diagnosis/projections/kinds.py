@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 from scipy.sparse import csr_array, sparray
 
 HARMONICS = 3  # of the view angle: an object that swings, or a source that does, turns once or a few times
+MOST_VIEWS = 240  # each on its own; of more, neighbours go together: three directions each, and time as their cube
 PARTS = 8  # of the columns: modules of detectors are that many or fewer where one of them can stand out
 
 
 def kinds(
-    lines: np.ndarray, angles_rad: np.ndarray, usable: np.ndarray, whitened: Callable[[np.ndarray], np.ndarray]
+    lines: np.ndarray, angles_rad: np.ndarray, usable: np.ndarray, in_all_views: bool = True
 ) -> Iterator[tuple[str, np.ndarray | sparray]]:
     """Directions of every kind of change, one kind after the other: of all at once, memory would hold 70 scans.
 
@@ -23,8 +24,9 @@ def kinds(
     angles_rad : ndarray, shape (views,)
         Of the source.
     usable : ndarray of bool, shape (views, rows, columns)
-    whitened : callable
-        As Observed.whitened. Changes of single views are not whitened: they would spread to others.
+    in_all_views : bool, optional
+        Whether data fitted and data held out are of the same views. Else none says anything of another, and changes of
+        single views and of odd and even ones are left out.
 
     Yields
     ------
@@ -39,13 +41,17 @@ def kinds(
     turns = [wave(k * angles_rad)[:, None, None] for k in range(1, HARMONICS + 1) for wave in (np.cos, np.sin)]
     odd = [1 - 2.0 * (np.arange(n) % 2) for n in lines.shape]
     by_view, by_row, by_column = (_slope(lines, axis) for axis in range(3))
+    odd_views = [odd[0][:, None, None]] if in_all_views else []
     of_pixels = [column, column**2, row, row**2, odd[2]]
     last = np.minimum(np.arange(columns) * PARTS // columns, PARTS - 1)
     parts = [(last == part).astype(float) for part in range(PARTS)]
     of_views = [*turns, time, time**2]
     dense = {
         "depends on the line integral alone": lambda: [lines**2, lines**3, np.exp(-lines), np.exp(lines - lines.max())],
-        "changes from view to view, alike in all pixels": lambda: [*of_views, odd[0][:, None, None]],
+        "changes from view to view, alike in all pixels": lambda: [
+            *of_views,
+            *([odd[0][:, None, None]] if in_all_views else []),
+        ],
         "is the same in every view, by column": lambda: [column**k for k in (1, 2, 3, 4)] + [odd[2]],
         "is the same in every view, by row": lambda: [row, row**2, odd[1][:, None]],
         "grows over the scan, by column or row": lambda: [time * one for one in (column, column**2, column**3, row)],
@@ -61,8 +67,8 @@ def kinds(
     for words, fields in dense.items():
         fields = [one for one in fields() if np.ptp(one) > 0]
         if fields:
-            yield words, np.stack([whitened(np.where(usable, one, 0)).ravel() for one in fields], axis=1)
-    if views > 1:
+            yield words, np.stack([np.broadcast_to(one, lines.shape).ravel() for one in fields], axis=1)
+    if views > 1 and in_all_views:
         yield "is of some views alone", _each_view([np.ones(lines.shape), lines, by_column], usable)
 
 
@@ -71,9 +77,10 @@ def _slope(values: np.ndarray, axis: int) -> np.ndarray:
 
 
 def _each_view(fields: list[np.ndarray], usable: np.ndarray) -> sparray:
-    """One direction per field and view."""
-    view = np.broadcast_to(np.arange(len(usable))[:, None, None], usable.shape)[usable]
+    """One direction per field and view, or per few neighbouring views."""
+    views = min(len(usable), MOST_VIEWS)
+    view = np.broadcast_to((np.arange(len(usable)) * views // len(usable))[:, None, None], usable.shape)[usable]
     ray = np.flatnonzero(usable.ravel())
     values = np.concatenate([one[usable] for one in fields])
-    places = np.concatenate([len(usable) * k + view for k in range(len(fields))])
-    return csr_array((values, (np.tile(ray, len(fields)), places)), shape=(usable.size, len(fields) * len(usable)))
+    places = np.concatenate([views * k + view for k in range(len(fields))])
+    return csr_array((values, (np.tile(ray, len(fields)), places)), shape=(usable.size, len(fields) * views))

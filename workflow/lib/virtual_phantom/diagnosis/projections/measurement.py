@@ -264,7 +264,7 @@ class DarkFrames:
         photons = float(fit.physics.get("electronic_noise", {}).get("photons", 0.0))
         values = fit.physics.get("dark_signal", {})
         level, drift = values.get("level_units", 0.0), values.get("drift_units_per_s", 0.0) * half
-        variance = photons**2 + ROUNDING
+        variance = photons**2 + ROUNDING * (model.chain.photons / air) ** 2
         sd = DARK_SD * air
         predicted = np.array([(level - drift) / sd, (level + drift) / sd, np.log(variance) / MOST_KNOWN])
         slopes = {
@@ -281,9 +281,10 @@ class DarkFrames:
 
 
 def thinning(geometry: OrbitGeometry) -> int:
-    """One view of so many is enough for an expectation."""
+    """One view of so many is enough for an expectation: an odd number, as a focal spot may jump every second view."""
     rays = geometry.views * geometry.rows * geometry.columns
-    return max(1, min(int(rays / MOST_RAYS), geometry.views // LEAST_VIEWS))
+    step = max(1, min(int(rays / MOST_RAYS), geometry.views // LEAST_VIEWS))
+    return step - (step % 2 == 0)
 
 
 def _expecting(model: ScansModel, fit: Fit, conditions: Conditions, step: int) -> Fitter:

@@ -78,7 +78,7 @@ class PreparedScans(Prepared):
         model = self.fitter.model
         lines = model.predict(fit.physics, fit.nuisance, self.data, fit.linearisation).mean
         source = model.chain.geometry.by_vectors().source_mm
-        return kinds(lines, np.arctan2(source[:, 1], source[:, 0]), self.usable, self.data.whitened)
+        return kinds(lines, np.arctan2(source[:, 1], source[:, 0]), self.usable, self.held != BY_VIEW)
 
     def recorded(self) -> np.ndarray:
         """As Prepared.recorded."""

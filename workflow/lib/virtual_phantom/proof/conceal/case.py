@@ -127,8 +127,8 @@ class Case:
     @property
     def equal_named(self) -> bool:
         """Whether effects that stand by right for what the library lacks were named, and nothing else."""
-        equals = {name for effect in self.truth["effects"] for name in effect.get("equals", ())}
-        return bool(self.named) and set(self.named) <= equals
+        equals = [set(one) for effect in self.truth["effects"] for one in effect.get("equals", ())]
+        return set(self.named) in equals
 
     @property
     def owned_up(self) -> bool:

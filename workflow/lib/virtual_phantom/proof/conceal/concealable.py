@@ -34,8 +34,8 @@ class Concealable:
         It is the reconstruction's, and images alone show it.
     right : str
         Of what the library lacks: the verdict that is right, written down before any run.
-    equals : tuple of str
-        Of what the library lacks: its effects that stand for it by right, alone or together.
+    equals : tuple of tuple of str
+        Of what the library lacks: sets of its effects, each of which stands for it by right.
     """
 
     known: bool
@@ -45,7 +45,7 @@ class Concealable:
     alike: str = ""
     of_images: bool = False
     right: str = ""
-    equals: tuple[str, ...] = ()
+    equals: tuple[tuple[str, ...], ...] = ()
 
     def draw(self, strength: str, random: np.random.Generator) -> tuple[dict, dict]:
         """A size of this strength, as `make` gives it.

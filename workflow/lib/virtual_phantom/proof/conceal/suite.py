@@ -242,7 +242,7 @@ def _truth(case, kind, category, strength, effect, seed, number) -> dict:
                 "settings": made,
                 "comparable": comparable,
                 "right": CATALOGUE[name].right,
-                "equals": list(CATALOGUE[name].equals),
+                "equals": [list(one) for one in CATALOGUE[name].equals],
             }
         )
     where = {domain for name in names for domain in CATALOGUE[name].where}

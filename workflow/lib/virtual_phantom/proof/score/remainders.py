@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from ..conceal.case import Case
 from .intervals import share
@@ -10,8 +10,8 @@ from .intervals import share
 MEANING = (
     "By the standard deviations that are left (remainder_sd), for every bound on them: the share of cases with a fault "
     "that the library lacks, without an equal among what is named, that lie over it, and the share of cases of the "
-    "library's effects, all named, or of nothing, that do. Area: the chance that one of the first has more left than "
-    "one of the second, equal numbers counted as half."
+    "library's effects, all named and none beside, or of nothing, that do. Area: the chance that one of the first has "
+    "more left than one of the second, equal numbers counted as half."
 )
 
 
@@ -30,8 +30,8 @@ def summary(cases: Sequence[Case]) -> dict:
     """
     unknown = [case for case in cases if case.category == "unknown"]
     kinds = sorted({name for case in unknown for name in case.concealed})
-    lacking = [case.diagnosis["remainder_sd"] for case in unknown if not case.equal_named]
-    had = [case.diagnosis["remainder_sd"] for case in cases if case.in_library and case.all_named]
+    lacking = _left(case for case in unknown if not case.equal_named)
+    had = _left(case for case in cases if case.in_library and set(case.named) == set(case.concealed))
     bounds = sorted({*lacking, *had}, reverse=True) if lacking and had else []
     return {
         "meaning": MEANING,
@@ -41,6 +41,12 @@ def summary(cases: Sequence[Case]) -> dict:
         "curve": [{"bound": bound, "lacking": _over(lacking, bound), "had": _over(had, bound)} for bound in bounds],
         "area": area(lacking, had),
     }
+
+
+def _left(cases: Iterable[Case]) -> list[float]:
+    """What is left of cases, but for those whose halves share no ray."""
+    left = (case.diagnosis["remainder_sd"] for case in cases)
+    return [one for one in left if one is not None]
 
 
 def _over(values: Sequence[float], bound: float) -> float:
