@@ -48,10 +48,7 @@ def kinds(
     of_views = [*turns, time, time**2]
     dense = {
         "depends on the line integral alone": lambda: [lines**2, lines**3, np.exp(-lines), np.exp(lines - lines.max())],
-        "changes from view to view, alike in all pixels": lambda: [
-            *of_views,
-            *([odd[0][:, None, None]] if in_all_views else []),
-        ],
+        "changes from view to view, alike in all pixels": lambda: of_views + odd_views,
         "is the same in every view, by column": lambda: [column**k for k in (1, 2, 3, 4)] + [odd[2]],
         "is the same in every view, by row": lambda: [row, row**2, odd[1][:, None]],
         "grows over the scan, by column or row": lambda: [time * one for one in (column, column**2, column**3, row)],
