@@ -101,6 +101,7 @@ rule failed:
 # Attributes of `workflow` by the file that uses them: common.smk while the Snakefile is read, the other once jobs run.
 USED = {
     "common.smk": ["configfiles", "current_basedir.get_path_or_uri", "is_main_process"],
+    "diagnose.smk": ["resource_settings.cores"],
     "fetch.smk": ["is_main_process"],
     "progress.smk": [
         "cores",
@@ -141,6 +142,7 @@ def test_attributes_that_rules_use_are_there(seen):
     assert seen["attributes"].keys() == {chain for chains in USED.values() for chain in chains}
     assert not {chain: found for chain, found in seen["attributes"].items() if "AttributeError" in found}
     assert seen["attributes"]["is_main_process"] == "True" and seen["attributes"]["cores"] == "1"
+    assert seen["attributes"]["resource_settings.cores"] == "1"
 
 
 def test_rules_use_no_others():

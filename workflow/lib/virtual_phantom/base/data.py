@@ -16,4 +16,8 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 def shipped_yaml(path: Path) -> dict:
     """A YAML file that comes with the library."""
-    return yaml.load(path.read_text(encoding="utf-8"), _LOADER)
+    loader = _LOADER(path.read_text(encoding="utf-8"))
+    try:
+        return loader.get_single_data()
+    finally:
+        loader.dispose()
