@@ -36,6 +36,7 @@ def look(file):
 
 
 look("common.smk")
+look("diagnose.smk")
 
 
 class Records(logging.Handler):
