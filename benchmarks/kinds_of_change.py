@@ -30,7 +30,7 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.study.config import complete
 
-FIELDS = ("maker", "draw", "kind", "z", "p", "gain", "rms")
+FIELDS = ("maker", "draw", "kind", "z", "p", "gain")
 FINER, SAMPLES = 4, 2
 SEED = 20261123
 
@@ -88,7 +88,7 @@ def main():
         found = [
             {"maker": options.maker, "draw": draw, "kind": change.words}
             | {key: f"{getattr(change, key):.6g}" for key in FIELDS[3:]}
-            for change in changes(one.fitter, fit, one.kinds(fit), numerical)
+            for change in changes(one, fit, numerical)
         ]
         with options.out.open("a", encoding="utf-8", newline="") as file:
             csv.DictWriter(file, FIELDS).writerows(found)

@@ -6,6 +6,22 @@ from virtual_phantom.diagnosis.core.attribute import choose
 from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.io.volumes import Volume
 
+# Of a fan beam, as recording.yaml has it.
+SCAN = {
+    "trajectory": "circular",
+    "source_to_isocentre_mm": 500,
+    "source_to_detector_mm": 900,
+    "columns": 64,
+    "rows": 1,
+    "column_pitch_mm": 8.0,
+    "row_pitch_mm": 8.0,
+    "views": 24,
+    "views_per_rotation": 24,
+    "start_angle_deg": 0,
+    "direction": 1,
+    "rotation_time_ms": 240,
+}
+
 
 def body(grid, half_axes_mm, hu, inserts):
     """An elliptic cylinder along z in air, with inserts of other HU.

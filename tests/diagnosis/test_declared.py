@@ -32,6 +32,10 @@ OTHERS = ("electronic_noise", "detector_offset", "optical_crosstalk")
 
 @pytest.fixture(scope="module")
 def scene():
+    return inserts_in_muscle()
+
+
+def inserts_in_muscle():
     grid = Grid((16, 64, 64), (4.0, 4.5, 4.5))
     volume = body(grid, (110, 80), 20.0, [((50, 10, 5), 20, 800.0), ((-40, -20, -5), 18, -80.0)])
     return VoxelScene.of(volume, Segmentation(), 0.0193)

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import yaml
 from scipy.optimize import lsq_linear
-from simulated_scans import noisy_lines
+from simulated_scans import SCAN, noisy_lines
 
 from virtual_phantom.base.data import SCHEMAS
-from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.core.information import (
     Told,
     correlation,
@@ -40,18 +39,10 @@ from virtual_phantom.figures.next_measurement import draw_ranking
 from virtual_phantom.io.schema import read_schema, validate
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scene import DiscScene, Pose
+from virtual_phantom.recordings.scan import scan_geometry
 
 PHOTONS = 1e5
-GEOMETRY = circular(
-    views=24,
-    source_to_isocentre_mm=500.0,
-    source_to_detector_mm=900.0,
-    columns=64,
-    rows=1,
-    column_pitch_mm=8.0,
-    row_pitch_mm=8.0,
-    view_interval_ms=10.0,
-)
+GEOMETRY = scan_geometry(SCAN, "the scan")
 SECTION = {"disc": {"diameter_mm": 160, "material": "water"}}
 OFFSET, AXIS = "detector_offset", "centre_of_rotation"
 
@@ -196,22 +187,6 @@ def test_patterns_of_pixels_are_left_to_an_air_scan():
         "ambiguous_with": {OFFSET: [AXIS, "gain_pattern"]},
     }
     assert found_in(named) == {OFFSET: [AXIS]}
-
-
-SCAN = {
-    "trajectory": "circular",
-    "source_to_isocentre_mm": 500,
-    "source_to_detector_mm": 900,
-    "columns": 64,
-    "rows": 1,
-    "column_pitch_mm": 8.0,
-    "row_pitch_mm": 8.0,
-    "views": 24,
-    "views_per_rotation": 24,
-    "start_angle_deg": 0,
-    "direction": 1,
-    "rotation_time_ms": 240,
-}
 
 
 def test_table_figure_and_the_recording_to_fill_in(moved):

@@ -2,18 +2,15 @@
 
 import numpy as np
 import pytest
-from simulated_scans import body, chosen
-from test_declared import GEOMETRY, PHOTONS
+from simulated_scans import chosen
+from test_declared import GEOMETRY, PHOTONS, inserts_in_muscle
 
-from virtual_phantom.base.geometry import Grid
 from virtual_phantom.diagnosis.core.locate import KINDS
 from virtual_phantom.diagnosis.core.outside import changes
 from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import VoxelScene
 from virtual_phantom.recordings.projections import Projections
 
 NOISE_DRAWS = 10
@@ -22,9 +19,7 @@ TURN = np.arange(GEOMETRY.views)[:, None, None] * 2 * np.pi / GEOMETRY.views
 
 @pytest.fixture(scope="module")
 def chain():
-    grid = Grid((16, 64, 64), (4.0, 4.5, 4.5))
-    volume = body(grid, (110, 80), 20.0, [((50, 10, 5), 20, 800.0), ((-40, -20, -5), 18, -80.0)])
-    return Chain(VoxelScene.of(volume, Segmentation(), 0.0193), GEOMETRY, PHOTONS)
+    return Chain(inserts_in_muscle(), GEOMETRY, PHOTONS)
 
 
 def given(chain, seed, changed=0.0):
@@ -37,7 +32,7 @@ def given(chain, seed, changed=0.0):
 
 
 def found(one, fit):
-    return changes(one.fitter, fit, one.kinds(fit))
+    return changes(one, fit)
 
 
 def test_noise_alone_gives_standard_normal_z_of_every_kind(chain):

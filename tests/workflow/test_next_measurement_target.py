@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from simulated_scans import SCAN
 from workflow_runs import snakemake
 
 from virtual_phantom.io.exchange import write_line_integrals
@@ -13,21 +14,6 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scene import DiscScene, Pose
 from virtual_phantom.recordings.document import read_document
 from virtual_phantom.recordings.scan import scan_geometry
-
-SCAN = {
-    "trajectory": "circular",
-    "source_to_isocentre_mm": 500,
-    "source_to_detector_mm": 900,
-    "columns": 64,
-    "rows": 1,
-    "column_pitch_mm": 8.0,
-    "row_pitch_mm": 8.0,
-    "views": 24,
-    "views_per_rotation": 24,
-    "start_angle_deg": 0,
-    "direction": 1,
-    "rotation_time_ms": 240,
-}
 
 
 @pytest.fixture(scope="module")

@@ -126,6 +126,11 @@ class Chain:
             for beside, _ in divided(source, self.samples)
         ]
 
+    @property
+    def reads_in_air(self) -> float:
+        """What the detector reads of the photons in air, in readout units."""
+        return {PHOTONS: self.photons, AIR: 1.0}.get(self.readout, self.readout)
+
     def parameters(self, name: str) -> tuple[Parameter, ...]:
         """An effect's parameters with range, start, typical strength and unit as this scan shows them.
 
@@ -140,7 +145,7 @@ class Chain:
         InputError
             For an effect that needs the scan's times where they are not known.
         """
-        air = {PHOTONS: self.photons, AIR: 1.0}.get(self.readout, self.readout)
+        air = self.reads_in_air
         unit = {PHOTONS: "photons", AIR: "of air"}.get(self.readout, READOUT_UNITS)
         scan, geometry = {OF_AIR: air, PER_AIR_PHOTON: 1 / self.photons}, self.geometry
         if geometry.view_interval_ms is not None:

@@ -126,7 +126,8 @@ def choose(
     make = partial(trials, fitter, processes=processes, kept=kept)
     current, tried, found = baseline, dict(singles), {}
     worth: dict[str, float] = {}  # log score that each effect gained when it was taken
-    steps = accuracy.get("numerical", 0.0) ** 2 * baseline.fit.corrected / 2
+    numerical = accuracy.get("numerical", 0.0)
+    steps = numerical**2 * baseline.fit.corrected / 2
 
     def blur(beside: Trial) -> float:
         # What an effect gained may be less than it explains, once another that came before has gone.
@@ -169,7 +170,6 @@ def choose(
     if set(choice.chosen.fit.effects) & set(found):  # swapped since
         found = screened(fitter, choice.chosen.fit, _others(singles, choice.chosen))
     undecided = {name: one.gain / 2 for name, one in standing_out(2 * LEAST_GAIN).items()}
-    numerical = accuracy.get("numerical", 0.0)
     return replace(choice, blur=blur(choice.chosen), undecided=undecided, numerical=numerical)
 
 

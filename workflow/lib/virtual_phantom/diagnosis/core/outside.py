@@ -7,7 +7,7 @@ residual along that direction is normal whatever the span.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,12 +15,13 @@ from scipy import stats
 from scipy.sparse import issparse, sparray
 
 from .attribute import Choice
-from .fit import Fit, Fitter, Problem
-from .locate import KINDS, Location
+from .fit import Fit, Problem
+from .locate import KINDS, Half, Location
 from .observed import Observed
+from .prepared import Prepared
 from .steps import Known
-from .templates import SMALL, data_changes, whitened
-from .uncertainty import on_held_out
+from .templates import SMALL, whitened
+from .uncertainty import of_both_halves
 
 ALIKE = 1e-6  # of the largest eigenvalue of a span, each direction of length 1: less is rounding
 Directions = np.ndarray | sparray
@@ -41,15 +42,12 @@ class Change:
     gain : float
         Log score of the data held out that the change would add, its size shrunk for what noise alone gives
         (W. James and C. Stein, Proc. 4th Berkeley Symp. 1, 361, 1961).
-    rms : float
-        Root mean square of the change, where data count, in their unit; its size as shrunk.
     """
 
     words: str
     z: float
     p: float
     gain: float
-    rms: float
 
 
 @dataclass(frozen=True)
@@ -75,15 +73,15 @@ class _Side:
     data: Observed
 
     @classmethod
-    def of(cls, fitter: Fitter, problem: Problem, fit: Fit) -> _Side:
-        """From the data that a fitter fits."""
-        columns = data_changes(problem, fit.pattern)
-        root = np.sqrt(fitter.weights[0])
-        distorted = np.zeros((len(columns), len(fitter.data.numerical)))
-        for place, one in enumerate(fitter.data.numerical):
-            distorted[: root.size, place] = root * one.ravel()
-        residual = whitened(fitter.residuals(fit, held_out=False), fitter.weights)
-        return cls(residual, np.hstack([columns, distorted]), root, np.ravel(fitter.data.scatter), fitter.data)
+    def of(cls, half: Half, jacobian: list[np.ndarray], steps: np.ndarray) -> _Side:
+        """From what a fit leaves of the half, and changes of what it predicts over steps of its numbers."""
+        changes = [whitened([rows[number] for rows in jacobian], half.weights) for number in range(len(steps))]
+        root = np.sqrt(half.weights[0])
+        none = np.zeros(len(changes[0]) - root.size)
+        changes = [change / step for change, step in zip(changes, steps, strict=True)]
+        changes += [np.concatenate([root * one.ravel(), none]) for one in half.data.numerical]
+        residual = whitened(half.residuals, half.weights)
+        return cls(residual, np.stack(changes, axis=1), root, np.ravel(half.data.scatter), half.data)
 
     def weighed(self, directions: Directions) -> Directions:
         """Directions of the mean's data in standard deviations."""
@@ -95,15 +93,14 @@ class _Side:
         return np.stack(white, axis=1) * root
 
 
-def changes(fitter: Fitter, fit: Fit, kinds: Iterable[tuple[str, Directions]], numerical: float = 0.0) -> list[Change]:
+def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change]:
     """What every kind of change does for a fit, beyond what its numbers take up.
 
     Parameters
     ----------
-    fitter : Fitter
+    prepared : Prepared
+        Whose kinds are tried.
     fit : Fit
-    kinds : iterable of tuple of str and ndarray or sparse array, shape (mean data, directions)
-        Every kind in words, and its directions, as `Prepared.kinds` gives them.
     numerical : float, optional
         Share of the corrections for finite steps by which they may be off, in any shape.
 
@@ -112,24 +109,22 @@ def changes(fitter: Fitter, fit: Fit, kinds: Iterable[tuple[str, Directions]], n
     list of Change
         The most certain first.
     """
-    problem = Problem(fitter, fit.effects, fit)
-    fitted = _Side.of(fitter, problem, fit)
-    held = fitted
-    if fitter.held_out is not fitter.data:
-        other = on_held_out(fitter)
-        held = _Side.of(other, Problem(other, fit.effects, fit), fit)
+    problem = Problem(prepared.fitter, fit.effects, fit)
+    jacobians = of_both_halves(prepared.fitter, problem, fit)
+    halves = zip(prepared.halves(fit), jacobians, strict=True)
+    fitted, held = (_Side.of(half, jacobian, problem.steps) for half, jacobian in halves)
     # Of a distortion its size is known to one standard deviation.
-    knowledge = np.concatenate([problem.knowledge, np.ones(len(fitter.data.numerical))])
-    off = np.concatenate([problem.knowledge * (problem.centre - problem.start), np.zeros(len(fitter.data.numerical))])
+    distortions = np.zeros(len(fitted.data.numerical))
+    knowledge = np.concatenate([problem.knowledge, distortions + 1])
+    off = np.concatenate([problem.knowledge * (problem.centre - problem.start), distortions])
     information = fitted.columns.T @ fitted.columns + np.diag(knowledge)
-    known = Known.of(information)
-    root = known.units[:, None] * known.vectors / np.sqrt(known.values)
+    root = Known.of(information).root
     inverse = root @ root.T
     # A fit has settled but for its last step, and has not fitted the sizes that numerical distortions are left with.
     step = inverse @ (fitted.columns.T @ fitted.residual + off)
     residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step
     found, of_steps = [], numerical**2 * fit.corrected
-    for words, directions in kinds:
+    for words, directions in prepared.kinds(fit):
         change = _change(fitted, held, residuals, inverse, directions, fit.pattern_variance, of_steps)
         if change is not None:
             found.append(Change(words, *change))
@@ -144,8 +139,8 @@ def _change(
     directions: Directions,
     of_pattern: np.ndarray | None,
     of_steps: float,
-) -> tuple[float, float, float, float] | None:
-    """z, p, gain and rms of one kind; None where the fit takes up all of it.
+) -> tuple[float, float, float] | None:
+    """z, p and gain of one kind; None where the fit takes up all of it.
 
     A gain pattern has a constant of every pixel that is no number of the fit: it has taken what is constant out of the
     residuals, and is known to the variance `of_pattern`.
@@ -164,7 +159,7 @@ def _change(
 
     Returns
     -------
-    tuple of 4 float, or None
+    tuple of 3 float, or None
     """
     count = fitted.root.size
     seen = fitted.weighed(directions)
@@ -199,10 +194,8 @@ def _change(
     along = float(change @ residuals[1])
     shrunk = max(0.0, 1 - freedom / explained)
     gain = shrunk * along - shrunk**2 * float(change @ change) / 2
-    counted = held.root > 0
-    rms = shrunk * float(np.sqrt((mean[counted] ** 2 / held.root[counted] ** 2).mean()))
     z = float(along / np.sqrt(variance))
-    return z, float(stats.norm.sf(z)), gain, rms
+    return z, float(stats.norm.sf(z)), gain
 
 
 def standing_out(found: list[Change], least_gain: float) -> list[Location]:

@@ -91,7 +91,16 @@ class Prepared(ABC):
         """
 
     def kinds(self, fit: Fit) -> Iterable[tuple[str, np.ndarray | sparray]]:
-        """Kinds of change about what a fit predicts, as core.outside.changes takes them; none by default."""
+        """Kinds of change about what a fit predicts: each in words, and its directions; none by default.
+
+        Parameters
+        ----------
+        fit : Fit
+
+        Returns
+        -------
+        iterable of tuple of str and ndarray or sparse array, shape (mean data, directions)
+        """
         return ()
 
     @abstractmethod

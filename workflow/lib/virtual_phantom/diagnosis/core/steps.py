@@ -41,6 +41,11 @@ class Known:
         seen = values > LEAST_EIGENVALUE * values[-1]
         return cls(units, values[seen], vectors[:, seen])
 
+    @property
+    def root(self) -> np.ndarray:
+        """Of the covariance: root @ root.T, as far as anything is known; shape (numbers, directions)."""
+        return self.vectors / np.sqrt(self.values) * self.units[:, None]
+
 
 def standard_errors(information: np.ndarray) -> np.ndarray:
     """Standard errors of the numbers of a fit.

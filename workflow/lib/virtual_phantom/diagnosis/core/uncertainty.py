@@ -28,20 +28,33 @@ def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
         By part.
     """
     problem = Problem(fitter, fit.effects, fit)
-    jacobian = _changes(problem, fit)
-    information, _ = problem.normal(jacobian, problem.start, [np.zeros(rows.shape[1]) for rows in jacobian])
+    fitted, held = of_both_halves(fitter, problem, fit)
+    information, _ = problem.normal(fitted, problem.start, [np.zeros(rows.shape[1]) for rows in fitted])
     directions = _directions(problem, fit, information)
-    if fitter.held_out.usable is not fitter.data.usable:
-        other = on_held_out(fitter)
-        jacobian = _changes(Problem(other, fit.effects, fit), fit)
-    return [(directions / problem.steps) @ rows for rows in jacobian]
+    return [(directions / problem.steps) @ rows for rows in held]
 
 
-def on_held_out(fitter: Fitter) -> Fitter:
-    """The same fitter, whose data are those held out."""
+def of_both_halves(fitter: Fitter, problem: Problem, fit: Fit) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Changes of what a fit predicts of the data fitted and of those held out.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    problem : Problem
+        Of the data fitted, which begins where the fit ended.
+    fit : Fit
+
+    Returns
+    -------
+    fitted, held : list of ndarray, shape (numbers, data)
+        As Problem.jacobian gives them.
+    """
+    fitted = _changes(problem, fit)
+    if fitter.held_out.usable is fitter.data.usable:
+        return fitted, fitted
     other = copy.copy(fitter)
     other.data, other.weights = fitter.held_out, fitter.held_weights
-    return other
+    return fitted, _changes(Problem(other, fit.effects, fit), fit)
 
 
 def _changes(problem: Problem, fit: Fit) -> list[np.ndarray]:
@@ -53,7 +66,7 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
     """Directions, the sum of whose outer products is the numbers' covariance, shape (directions, numbers)."""
     known = 0 if fit.free or not problem.unknowns else len(problem.unknowns)
     inside = Known.of(information[known:, known:])
-    fitted = (inside.vectors / np.sqrt(inside.values)).T * inside.units
+    fitted = inside.root.T
     elsewhere = np.zeros((known, known))
     for place, one in enumerate(problem.unknowns[:known]):
         value, error = fit.physics[one.effect][one.name], fit.errors[one.effect][one.name]

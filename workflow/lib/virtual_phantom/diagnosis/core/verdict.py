@@ -64,7 +64,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
 
     @cache
     def kinds(effects):
-        return changes(fitter, fits[effects], prepared.kinds(fits[effects]), choice.numerical)
+        return changes(prepared, fits[effects], choice.numerical)
 
     fits = {fit.effects: fit for fit in (choice.baseline.fit, *choice.without.values(), choice.chosen.fit)}
 

@@ -10,7 +10,7 @@ from scipy import special
 
 from ...base.geometry import OrbitGeometry
 from ...physics.chain import Chain
-from ...physics.state import AIR, MOST_NOISE, PHOTONS
+from ...physics.state import MOST_NOISE, PHOTONS
 from ..core.alignment import Nuisance
 from ..core.fit import Fit, Fitter, Problem
 from ..core.information import Told, keys_of, slope, told
@@ -101,7 +101,7 @@ class Scan:
         """
         readout = like.readout
         if readout != PHOTONS:  # a reading in air goes with the photons, what is read beside them does not
-            readout = (1.0 if readout == AIR else readout) * self.photons
+            readout = like.reads_in_air * self.photons
         photons = like.photons * self.photons
         samples = like.samples if hasattr(self.scene, "slopes") else max(like.samples, SAMPLES)
         return Chain(self.scene, self.geometry, photons, samples, like.illumination, like.sensor, readout)
@@ -259,7 +259,7 @@ class DarkFrames:
         """As Scan.tells: a dark signal, its drift, and the variance of the electronics."""
         unknowns = model.unknowns(model.whole(effects))
         geometry = model.chain.geometry
-        air = {PHOTONS: model.chain.photons, AIR: 1.0}.get(model.chain.readout, model.chain.readout)
+        air = model.chain.reads_in_air
         half = (geometry.duration_s if geometry.view_interval_ms is not None else 1.0) / 2
         photons = float(fit.physics.get("electronic_noise", {}).get("photons", 0.0))
         values = fit.physics.get("dark_signal", {})
