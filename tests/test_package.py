@@ -100,6 +100,20 @@ def test_where_nothing_may_be_written_kernels_go_to_the_user_s_cache(installed, 
     assert Path(kernels.strip()).is_relative_to(tmp_path / "cache")
 
 
+def test_a_copy_of_the_library_has_its_kernels(installed, tmp_path):
+    """One that was compiled in a folder is found in a copy of it, and so in a project that was moved."""
+    program = """
+from virtual_phantom.projectors.kernels import tile_width
+tile_width((0,) * 13)
+print(sum(tile_width.stats.cache_hits.values()), sum(tile_width.stats.cache_misses.values()))
+"""
+    copy = tmp_path / "copy"
+    first = run(sys.executable, "-c", program, cwd=tmp_path, PYTHONPATH=str(installed), NUMBA_CACHE_DIR="")
+    shutil.copytree(installed, copy)
+    again = run(sys.executable, "-c", program, cwd=tmp_path, PYTHONPATH=str(copy), NUMBA_CACHE_DIR="")
+    assert (first.split(), again.split()) == (["0", "1"], ["1", "0"])
+
+
 def test_the_importer_is_a_command(installed, tmp_path):
     scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
     assert set(scripts) == {"virtual-phantom", "virtual-phantom-import"}

@@ -5,17 +5,22 @@ length of a tuple, which numba knows when it compiles, so LLVM keeps a whole set
 loops over the same axis ran 1.5 to 3 times slower: LLVM cannot prove that input and output do not overlap.
 """
 
+from __future__ import annotations
+
 import hashlib
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
+from numba.core.caching import CacheImpl, UserProvidedCacheLocator
 from numba.extending import intrinsic
 
+LIBRARY = Path(__file__).resolve().parents[1]
 CACHE_LINE_BYTES = 64
 KERNEL_FILES = (
     "any_rays.py",
@@ -54,9 +59,25 @@ def _cache_folder() -> str:
     return str(beside)
 
 
+class Locator(UserProvidedCacheLocator):
+    """Where numba keeps the library's compiled functions: whatever its path, so that a copy of it finds them too."""
+
+    @classmethod
+    def from_function(cls, py_func: Callable, py_file: str) -> Locator | None:
+        """The place of a function; None for one that is not the library's."""
+        return super().from_function(py_func, py_file) if LIBRARY in Path(py_file).resolve().parents else None
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """A folder within CACHE_DIR for the functions of a file."""
+        return Path(py_file).resolve().parent.relative_to(LIBRARY).as_posix()
+
+
 # Numba notices a change in a kernel's own file only, and would run old machine code of what it calls from the others.
 if not numba.config.CACHE_DIR:
     numba.config.CACHE_DIR = _cache_folder()
+    others = [locator.__name__ for locator in CacheImpl._locator_classes]
+    numba.config.CACHE_LOCATOR_CLASSES = ",".join([f"{__name__}.{Locator.__name__}", *others])
 
 
 def aligned_zeros(shape: tuple[int, ...]) -> np.ndarray:
