@@ -98,8 +98,17 @@ def summed(values: np.ndarray) -> tuple[str, np.ndarray]:
     return kept, sums[kept]
 
 
+LEAST_SHOWN = 1e-3  # share of a template: less is rounding in a table of percent to one decimal
+
+
 def percent(share: float) -> str:
-    return "-" if share < 5e-5 else "< 0.1" if share < 1e-3 else f"{100 * share:.1f}"
+    return "< 0.1" if share < LEAST_SHOWN else f"{100 * share:.1f}"
+
+
+def shown(shares: dict[str, float]) -> str:
+    """The part of the data that a template is in; of several each with its percent, the largest first."""
+    parts = sorted((one for one in shares.items() if one[1] >= LEAST_SHOWN), key=lambda one: -one[1])
+    return ", ".join(f"{part} {percent(share)}" for part, share in parts) if len(parts) > 1 else parts[0][0]
 
 
 def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
@@ -108,9 +117,8 @@ def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
     in_range = separability.taken_up_in_range(prepared.fitter, fit, np.stack([one.whole for one in found]))
     effects, called = np.array([one.effect for one in found]), labels(found)
     lines = [
-        "| effect | strength | mean | variance | correlation | white | alignment takes up | in its range | left, SD "
-        "| most alike | correlation | left beside it, SD |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "| effect | strength | shows in | taken up | in range | left | most alike | rho | beside it |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for place, one in enumerate(found):
         size = np.linalg.norm(one.left)
@@ -118,7 +126,7 @@ def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
         other = int(np.argmax(np.abs(alike)))
         beside = size * np.sqrt(max(0.0, 1 - alike[other] ** 2))
         cells = [called[place], at(one, prepared.fitter.model)]
-        cells += [percent(share) for share in separability.shares(prepared.fitter, one.whole).values()]
+        cells += [shown(separability.shares(prepared.fitter, one.whole))]
         cells += [percent(one.taken_up), percent(in_range[place]), number(size)]
         cells += [called[other], f"{alike[other]:.3f}", number(beside)]
         lines.append("| " + " | ".join(cells) + " |")

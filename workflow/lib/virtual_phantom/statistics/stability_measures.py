@@ -1,6 +1,6 @@
 """Which features are stable by which measure: W, ICC, CCC, coefficients of variation, each with a stated cut-off.
 
-Equations and sources are those of `agreement_measures`; why these cut-offs, docs/statistics.md says.
+Equations and sources are those of `agreement_measures`; why these cut-offs, config.schema.yaml says.
 """
 
 from __future__ import annotations
