@@ -11,6 +11,7 @@ from virtual_phantom.physics.effect import (
     PER_SCAN,
     PER_VIEW,
     STAGES,
+    Parameter,
     load,
     names,
 )
@@ -22,11 +23,8 @@ TARGET = ROOT / "docs" / "physics.md"
 INTRODUCTION = """# The acquisition chain and its effects
 
 The baseline is [the paper's](https://doi.org/10.1038/s41598-022-08301-1): one energy, a point source, an ideal
-detector, Poisson noise, the logarithm. What it leaves out are effects. This page lists them, each with its
-equation, source, parameters and what tells it apart, as `docs/effects_catalogue.py` reads them from
-`workflow/lib/virtual_phantom/physics/effects`.
-
-An effect is off until it is switched on, for all protocols or for one:
+detector, Poisson noise, the logarithm. What it leaves out are effects. An effect is off until it is switched on, for
+all protocols or for one:
 
 ```yaml
 noise: {model: physical} # the paper's formula, with photons to act on; the default, astra, has none
@@ -36,28 +34,24 @@ protocols:
   sirt_300: {physics: {spectrum: {kvp: 100}, electronic_noise: }} # no scatter here: it replaces the common physics
 ```
 
-A parameter that is left out has its typical value.
+Each effect begins with its key and its stage. Its parameters follow with their typical value (which one that is left out
+has), plausible range, and the value at which the effect is off.
 
-* **Order.** Effects act in this order: STAGES, those of one stage in the order of their names.
-  Those of the stage image act after the reconstruction, which always
-  goes by the stated geometry.
-* **Diagnosis.** `snakemake diagnosis` tries all but those of the image on recordings of projections, the photon
-  flux only if `nominal_photons` is given ([diagnosis.md](diagnosis.md)).
-* **Not there yet**: scatter grids. Scatter has one kernel and does not know of depth.
-* **Baseline.** Without effects the study does not use this chain, but one path length in one material. The chain at
-  its baseline agrees with that to 2e-5, the rounding of its path lengths in single precision.
-* **Materials.** A voxel is divided among two materials by its HU (`materials`). At the monochromatic energy, where
-  water attenuates `mu_water_per_mm`, their amounts add up to the HU exactly. Attenuation comes from xraylib,
-  spectra from SpekPy.
-* **Sensor** (`sensor` of the configuration, `nominal.sensor` of a recording; `physics/sensors.py`). Photons are
-  weighed by the energy that they leave in its layer, K escape and Compton scattering in it, or counted, and their
-  noise with them. A pixel's photons, 1/A, are noise-equivalent quanta: 1 over the relative quantum variance in air.
-* **Units carry over**: two scans of one scanner at another speed, dose or collimation have the same parameters, but
-  for the amount of scatter, which falls with the height of the beam. A dark signal is in readout units: in a study,
-  and in recordings of it, photons per pixel; of line integrals and images, which have none, the mean signal in air
-  takes their place.
-* **Time.** View i of N is exposed in the middle of its interval dt, at t_i = (i + 1/2 - N/2) dt from the middle of
-  the scan; dt is `scan.rotation_time_ms` over the views of a turn.
+* **Order** of stages: STAGES. Those of the image act after the reconstruction, which goes by the stated geometry;
+  `snakemake diagnosis` tries the others on recordings of projections ([how](diagnosis.md)).
+* **Not there**: scatter grids. Scatter has one kernel and does not know of depth.
+* **Baseline.** A study without effects does not use this chain, but one path length in one material; they agree to
+  2e-5.
+* **Materials.** A voxel is divided among two materials by its HU (`materials`), exactly at the energy where water
+  attenuates `mu_water_per_mm`. Attenuation comes from xraylib, spectra from SpekPy.
+* **Sensor** (`sensor` of the configuration, `nominal.sensor` of a recording). Photons are weighed by the energy that
+  they leave in its layer (with K escape and Compton scattering) or counted, and their noise with them. 1/A are a
+  pixel's noise-equivalent quanta.
+* **Units carry over** to scans at another speed, dose or collimation, but for the amount of scatter, which falls with
+  the height of the beam. A dark signal is in readout units: photons per pixel in a study; of line integrals and
+  images, shares of the mean signal in air.
+* **Time.** View i of N is exposed in the middle of its interval dt, at t_i = (i + 1/2 - N/2) dt; dt is
+  `scan.rotation_time_ms` over the views of a turn.
 """
 
 
@@ -78,24 +72,20 @@ def heading(name: str) -> str:
 
 def section(name: str) -> str:
     effect = load(name)
-    lines = [f"## {heading(name)}", "", effect.physics, ""]
-    lines += [f"* key: `{name}`, stage: {label(effect.stage)}"]
-    lines += [f"* equation: {effect.equation}", f"* source: {effect.source}"]
-    lines += [f"* told apart by: {effect.signature}", f"* settled by: {effect.settled_by}", ""]
-    lines += ["| parameter | meaning | unit | typical | plausible | off at |", "|---|---|---|---|---|---|"]
-    reaches: dict[str, list[str]] = {}
-    for one in effect.parameters:
-        off = "never" if one.neutral is None else f"{one.neutral:g}"
-        lines.append(
-            f"| `{one.name}` | {one.meaning} | {one.unit} | {one.typical:g} | {_range(one.low, one.high)} | {off} |"
-        )
-        if one.reach is not None:
-            reach = f"{_range(one.reach.low, one.reach.high)} {WORDS[one.reach.of]}"
-            reaches.setdefault(reach, []).append(f"`{one.name}`")
-    if reaches:
-        kept = "; ".join(f"{', '.join(names)} from {reach}" for reach, names in reaches.items())
-        lines += ["", f"A fit of one scan keeps to {kept}."]
+    lines = [f"## {heading(name)}", "", f"`{name}`, {label(effect.stage)}. {effect.physics}", ""]
+    lines += [f"* {_parameter(one)}" for one in effect.parameters]
+    lines += [f"* **Equation**: {effect.equation}", f"* **Source**: {effect.source}"]
+    lines += [f"* **Told apart by**: {effect.signature}", f"* **Settled by**: {effect.settled_by}"]
     return "\n".join(lines)
+
+
+def _parameter(one: Parameter) -> str:
+    unit = "" if one.unit in ("1", "number") else f" {one.unit}"
+    off = "" if one.neutral is None else f"; off at {one.neutral:g}"
+    line = f"`{one.name}`: {one.meaning}, **{one.typical:g}{unit}** ({_range(one.low, one.high)}{off})"
+    if one.reach is not None:
+        line += f". A fit of one scan keeps to {_range(one.reach.low, one.reach.high)} {WORDS[one.reach.of]}"
+    return line
 
 
 def _range(low: float, high: float) -> str:

@@ -48,12 +48,12 @@ def of_views(
 EFFECT = Effect(
     name="afterglow",
     physics="Part of the signal glows on and is read with the next views.",
-    equation="light(t) = (1 - k) S(t) + k/T times the integral of S(t - t') exp(-t'/T) over t'; a view reads the mean "
-    "over its interval; before the first one the glow is b times what its signal would bring about if it lasted",
+    equation="light(t) = (1 - k) S(t) + k/T times the integral of S(t - t') exp(-t'/T) over t'; a view reads the "
+    "mean over its interval; before the first one the glow is b times that of its lasting signal",
     source="J. Hsieh, O. E. Gurmen and K. F. King, IEEE Trans. Med. Imaging 19, 930 (2000), one of its exponentials",
     stage="noise",
     signature="edges lag behind the rotation, and noise of successive views is correlated",
-    settled_by="the same scan turning the other way: the lag changes its sign, a turned object does not",
+    settled_by="the same scan turning the other way: the lag changes its sign",
     parameters=(
         Parameter("share", "1", "share of the scintillator's light that glows on", 0.0, 1.0, 0.02, 0.05),
         # From ceramics of body scanners (1 and 10 ms are XCIST's example) to flat panels, whose ghosts last for minutes

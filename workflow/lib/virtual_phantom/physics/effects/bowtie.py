@@ -19,13 +19,13 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="bowtie",
-    physics="A shaped filter thins the beam towards its edges, and hardens it there where a spectrum is switched on.",
-    equation="fluence(u, E) = exp(-mu_Al(E) t (g / 20 deg)^2), tan g = u / D; without a spectrum at the one energy",
-    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), section on bowtie filters; parabolic profile. XCIST's "
+    physics="A shaped filter thins the beam towards its edges, and hardens it there beside a spectrum.",
+    equation="fluence(u, E) = exp(-mu_Al(E) t (g / 20 deg)^2), tan g = u / D",
+    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), bowtie filters; parabolic profile. XCIST's "
     "three (M. Wu et al., Phys. Med. Biol. 67, 194002, 2022) have 33 to 34 mm at 20 deg",
     stage="fluence",
-    signature="white field falls to both edges, and noise grows there; the mean of the line integrals stays, or falls "
-    "behind the outer columns with a spectrum",
+    signature="white field falls to both edges, and noise grows there; line integrals stay, or fall behind the "
+    "outer columns with a spectrum",
     settled_by="the white field, or an air scan without the filter",
     parameters=(Parameter("at_20deg_mm", "mm Al", "thickness at a fan angle of 20 degrees", 0.0, 100.0, 10.0, 30.0),),
     apply=apply,

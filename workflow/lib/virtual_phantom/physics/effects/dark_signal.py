@@ -15,10 +15,8 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="dark_signal",
-    physics="The detector reads a signal without radiation that differs from the one subtracted, and that drifts as it "
-    "warms up.",
-    equation="reading_i' = reading_i + d + r t_i, reading_air' = reading_air + d, t_i = (i + 1/2 - N/2) dt from the "
-    "middle of the scan",
+    physics="Without radiation the detector reads another signal than the one subtracted, which drifts as it warms up.",
+    equation="reading_i' = reading_i + d + r t_i, reading_air' = reading_air + d",
     source="J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624 (1999)",
     stage="readout",
     signature="line integrals too low where little is transmitted, alike in all columns; with a drift, more from view "

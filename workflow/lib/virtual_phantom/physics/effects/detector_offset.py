@@ -18,7 +18,7 @@ EFFECT = Effect(
     equation="u' = u + d",
     source="K. Yang et al., Med. Phys. 33, 1695 (2006)",
     stage="geometry",
-    signature="residuals of opposite signs at the left and right edges of the shadow, the same in all views",
+    signature="residuals of opposite signs at the left and right edges of the shadow in all views",
     settled_by="a needle or ball scanned over a turn: its track's middle gives the offset",
     parameters=(Parameter("columns_px", "pixels", "shift along the columns", -5.0, 5.0, 0.0, 0.25),),
     apply=apply,

@@ -11,15 +11,14 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="detector_saturation",
-    physics="The detector's readings are not proportional to the signal: they fall behind where much arrives, or go by "
-    "a power of it that was not linearised.",
-    equation="read ~ N^p / (1 + a N) of the N photons that a pixel counts for, in the scan and in the air scan; "
-    "variance by the slope of that",
-    source="roll-off: dead time without paralysis, G. F. Knoll, Radiation Detection and Measurement, 4th ed., Wiley "
-    "(2010), chapter 4; response and its linearisation: IEC 62220-1-1:2015 (conversion function)",
+    physics="Readings are not proportional to the signal: they fall behind where much arrives, or go by a power of it.",
+    equation="read ~ N^p / (1 + a N) of the N photons that a pixel counts for, in the air scan too; variance by "
+    "its slope",
+    source="roll-off: G. F. Knoll, Radiation Detection and Measurement, 4th ed., Wiley (2010), chapter 4 (dead "
+    "time without paralysis); power: IEC 62220-1-1:2015 (conversion function)",
     stage="readout",
-    signature="line integrals too low by a share that is the same everywhere (exponent), or most where little is "
-    "absorbed (loss), alike in all views and columns; noise changes by the slope",
+    signature="line integrals too low by the same share everywhere (exponent), or most where little is absorbed "
+    "(loss), alike in all views and columns",
     settled_by="air scans at several tube currents: their readings over the mAs",
     parameters=(
         Parameter(

@@ -24,10 +24,10 @@ def apply(state: State, values: dict[str, float]) -> None:
 EFFECT = Effect(
     name="focal_spot",
     physics="The source is not a point: edges in the projections are blurred, more so far from the detector.",
-    equation="T = mean of T(source point) over a uniform rectangle on the anode, inclined by a: w wide along the "
-    "columns, l long along z and so l / tan(a) deep",
-    source="IEC 60336:2020, X-ray tube assemblies: focal spot dimensions; line focus: J. T. Bushberg et al., The "
-    "Essential Physics of Medical Imaging (2012), chapter 6",
+    equation="T = mean of T(source point) over a rectangle on the anode, inclined by a: w wide along the columns, "
+    "l long along z and l / tan(a) deep",
+    source="IEC 60336:2020; line focus: J. T. Bushberg et al., The Essential Physics of Medical Imaging (2012), "
+    "chapter 6",
     stage="focal_spot",
     signature="residuals of both signs at edges, wider for what is near the source; noise stays white",
     settled_by="an edge or wire scanned near the source and near the detector: focal-spot blur follows the "

@@ -21,12 +21,11 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="focal_spot_wobble",
-    physics="The focal spot jumps from one side to the other with every view, by a deflected electron beam or a "
-    "wobbling anode, and the geometry does not say so.",
+    physics="The focal spot jumps from one side to the other with every view, and the geometry does not say so.",
     equation="source_i' = source_i + (-1)^(i+1) j / 2, view i from 0: j along the columns, or along z on the anode's "
     "inclined surface",
-    source="M. Kachelriess, M. Knaup, C. Penssel and W. A. Kalender, IEEE Trans. Nucl. Sci. 53, 1238 (2006); "
-    "T. G. Flohr et al., Med. Phys. 32, 2536 (2005)",
+    source="M. Kachelriess et al., IEEE Trans. Nucl. Sci. 53, 1238 (2006); T. G. Flohr et al., Med. Phys. 32, "
+    "2536 (2005)",
     stage="focal_spot",
     signature="residuals at edges that change their sign from view to view",
     settled_by="a ball near the axis: its track jumps between even and odd views",

@@ -28,7 +28,7 @@ def _row(detector: int, row: int, state: State) -> np.ndarray:
 
 EFFECT = Effect(
     name="gain_pattern",
-    physics="Pixels' gains have drifted since the air scan: each adds a constant in all views, a ring in the image.",
+    physics="Pixels' gains have drifted since the air scan: a constant in all views, a ring in the image.",
     equation="read(u, v) = g(u, v) S(u, v), ln g with standard deviation r",
     source="J. Sijbers and A. Postnov, Phys. Med. Biol. 49, N247 (2004)",
     stage="readout",

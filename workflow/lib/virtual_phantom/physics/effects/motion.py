@@ -23,9 +23,8 @@ def apply(state: State, values: dict[str, float]) -> None:
 EFFECT = Effect(
     name="motion",
     physics="The object drifts steadily while it is scanned.",
-    equation="place_i = place + v t_i, t_i = (i + 1/2 - N/2) dt: view i of N in the middle of its interval dt, "
-    "from the middle of the scan",
-    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), section on patient motion",
+    equation="place_i = place + v t_i",
+    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), patient motion",
     stage="motion",
     signature="residuals at edges that grow towards the first and last views, with opposite signs",
     settled_by="the first view again at the end of the scan",

@@ -15,8 +15,7 @@ EFFECT = Effect(
     equation="I0' = f I0",
     source="Flouris et al., Sci. Rep. (2022): A = 1/I0",
     stage="noise",
-    signature="all variances scaled alike; the mean stays. Without a stated number of photons it is aligned, "
-    "not tested",
+    signature="all variances scaled alike; the mean stays. Without stated photons it is aligned, not tested",
     settled_by="the tube's output measured with a dosemeter",
     parameters=(Parameter("factor", "1", "photons over those stated", 0.02, 50.0, 1.0, 0.7, 1.0),),
     apply=apply,

@@ -26,7 +26,7 @@ EFFECT = Effect(
     name="reconstruction_kernel",
     physics="The kernel damps high frequencies in the plane: less resolution, less and coarser noise.",
     equation="image' = G_s * image in x and y; MTF'(f) = MTF(f) exp(-2 (pi s f)^2)",
-    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), section on reconstruction filters; here a Gaussian",
+    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), reconstruction filters; here a Gaussian",
     stage="image",
     signature="edges in the plane are wider and noise is coarser, alike everywhere",
     settled_by="a wire or edge phantom: its MTF",

@@ -25,11 +25,10 @@ def apply(state: State, values: dict[str, float]) -> None:
 EFFECT = Effect(
     name="scatter",
     physics="Photons scattered in the object reach the detector from other directions and add a smooth haze.",
-    equation="S' = S + a G_w * (S ln(S_air / S)), G_w a Gaussian of standard deviation w on the detector",
+    equation="S' = S + a G_w * (S ln(S_air / S)), G_w a Gaussian of SD w on the detector",
     source="M. Sun and J. Star-Lack, Phys. Med. Biol. 55, 6695 (2010), with one kernel",
     stage="scatter",
-    signature="line integrals too low, most behind the thickest parts and in the middle of the shadow; smooth on the "
-    "detector",
+    signature="line integrals too low, most behind the thickest parts; smooth on the detector",
     settled_by="the same scan with the beam collimated to a few rows: scatter falls with the beam's height",
     parameters=(
         Parameter("amount", "1", "scattered share of what the primary beam loses", 0.0, 0.6, 0.03, 0.05),

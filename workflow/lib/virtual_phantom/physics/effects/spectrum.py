@@ -14,11 +14,9 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="spectrum",
-    physics="The beam holds many energies; soft ones are absorbed first, so attenuation per mm falls with depth (beam "
-    "hardening).",
-    equation="T = sum_E s(E) exp(-sum_m mu_m(E) l_m), s(E) = n e1 / sum n e1; variance of the signal: "
-    "sum_E q(E) exp(-sum_m mu_m(E) l_m) / I0, q(E) = n e2 / sum n e2; n(E) photons detected in air, e1 and e2 mean and "
-    "mean square of what one adds to the signal",
+    physics="The beam holds many energies; soft ones are absorbed first, so attenuation per mm falls with depth.",
+    equation="T = sum_E s(E) exp(-sum_m mu_m(E) l_m); variance of the signal: sum_E q(E) exp(-sum_m mu_m(E) l_m) /"
+    " I0; s and q: shares of the photons' deposits and of their squares",
     source="R. A. Brooks and G. Di Chiro, Phys. Med. Biol. 21, 390 (1976); noise: B. R. Whiting et al., Med. Phys. 33, "
     "3290 (2006); spectra: G. Poludniowski et al., Med. Phys. 48, 3630 (2021); deposits: R. K. Swank, J. Appl. Phys. "
     "44, 4199 (1973)",

@@ -19,13 +19,13 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="veiling_glare",
-    physics="Light and fluorescence spread far within the detector, so that every pixel shows a little of its wide "
-    "surroundings, in the air scan too.",
-    equation="S' = (1 - g) S + g G_w * S, for the scan and for the air scan, G_w a Gaussian of standard deviation w; "
-    "variance (1 - g)^2 of what it was",
+    physics="Light and fluorescence spread far within the detector: every pixel shows a little of its wide "
+    "surroundings.",
+    equation="S' = (1 - g) S + g G_w * S, in the air scan too, G_w a Gaussian of SD w; variance (1 - g)^2 of what "
+    "it was",
     source="J. A. Seibert, O. Nalcioglu and W. W. Roeck, Med. Phys. 11, 172 (1984), with one Gaussian",
     stage="crosstalk",
-    signature="the shadow is too bright and the air beside it too dark: line integrals rise above 0 there; the white "
+    signature="the shadow is too bright and the air beside it too dark: line integrals above 0 there; the white "
     "field falls off at the edges",
     settled_by="a lead disc in the beam: signal behind it that grows with the open field around it",
     parameters=(

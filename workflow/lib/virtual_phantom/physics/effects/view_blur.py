@@ -20,13 +20,11 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="view_blur",
-    physics="Source and detector turn on while a view is exposed: it is a mean over an arc, not one direction.",
-    equation="T_i = mean of T over the time from -q dt / 2 to q dt / 2 around the middle of view i: of transmissions, "
-    "not of line integrals",
-    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), section on azimuthal blurring",
+    physics="Source and detector turn on while a view is exposed.",
+    equation="T_i = mean of the transmissions T over the time from -q dt / 2 to q dt / 2 around the middle of view i",
+    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), azimuthal blurring",
     stage="geometry",
-    signature="edges are blurred along the columns, the more so the farther they are from the axis, and edges seen end "
-    "on are not",
+    signature="edges are blurred along the columns, more so far from the axis; edges seen end on are not",
     settled_by="the same scan with more views per turn, or a wire at two distances from the axis: its width grows with "
     "the distance",
     parameters=(Parameter("duty", "1", "exposed share of the time from view to view", 0.0, 1.0, 0.5, 1.0, power=2),),
