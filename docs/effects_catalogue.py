@@ -34,7 +34,7 @@ protocols:
   sirt_300: {physics: {spectrum: {kvp: 100}, electronic_noise: }} # no scatter here: it replaces the common physics
 ```
 
-Each effect begins with its key and its stage. Its parameters follow with their typical value (which one that is left out
+Each effect begins with its key and its stage. Its parameters follow with their typical value (which one left out
 has), plausible range, and the value at which the effect is off.
 
 * **Order** of stages: STAGES. Those of the image act after the reconstruction, which goes by the stated geometry;
