@@ -34,22 +34,21 @@ protocols:
   sirt_300: {physics: {spectrum: {kvp: 100}, electronic_noise: }} # no scatter here: it replaces the common physics
 ```
 
-Each effect begins with its key and its stage. Its parameters follow with their typical value (which one left out
-has), plausible range, and the value at which the effect is off.
+Each effect begins with its key and its stage. Its parameters follow with their **typical value** (which one left out
+has), plausible range, the value at which the effect is off, and what a fit of one scan keeps to.
 
-* **Order** of stages: STAGES. Those of the image act after the reconstruction, which goes by the stated geometry;
-  `snakemake diagnosis` tries the others on recordings of projections ([how](diagnosis.md)).
+* **Order** of stages: STAGES. Those of the image act after the reconstruction; `snakemake diagnosis` tries the others on
+  projections ([how](diagnosis.md)).
 * **Not there**: scatter grids. Scatter has one kernel and does not know of depth.
 * **Baseline.** A study without effects does not use this chain, but one path length in one material; they agree to
   2e-5.
 * **Materials.** A voxel is divided among two materials by its HU (`materials`), exactly at the energy where water
   attenuates `mu_water_per_mm`. Attenuation comes from xraylib, spectra from SpekPy.
-* **Sensor** (`sensor` of the configuration, `nominal.sensor` of a recording). Photons are weighed by the energy that
-  they leave in its layer (with K escape and Compton scattering) or counted, and their noise with them. 1/A are a
-  pixel's noise-equivalent quanta.
+* **Sensor** (`sensor`, `nominal.sensor` of a recording). Photons, and their noise, are weighed by the energy that they
+  leave in its layer (with K escape and Compton scattering) or counted. 1/A are a pixel's noise-equivalent quanta.
 * **Units carry over** to scans at another speed, dose or collimation, but for the amount of scatter, which falls with
-  the height of the beam. A dark signal is in readout units: photons per pixel in a study; of line integrals and
-  images, shares of the mean signal in air.
+  the height of the beam. A dark signal is in photons per pixel in a study; of line integrals and images, in shares of
+  the mean signal in air.
 * **Time.** View i of N is exposed in the middle of its interval dt, at t_i = (i + 1/2 - N/2) dt; dt is
   `scan.rotation_time_ms` over the views of a turn.
 """
@@ -84,7 +83,7 @@ def _parameter(one: Parameter) -> str:
     off = "" if one.neutral is None else f"; off at {one.neutral:g}"
     line = f"`{one.name}`: {one.meaning}, **{one.typical:g}{unit}** ({_range(one.low, one.high)}{off})"
     if one.reach is not None:
-        line += f". A fit of one scan keeps to {_range(one.reach.low, one.reach.high)} {WORDS[one.reach.of]}"
+        line += f"; in a fit {_range(one.reach.low, one.reach.high)} {WORDS[one.reach.of]}"
     return line
 
 
