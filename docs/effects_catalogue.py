@@ -37,8 +37,8 @@ protocols:
 Each effect begins with its key and its stage. Its parameters follow with their **typical value** (which one left out
 has), plausible range, the value at which the effect is off, and what a fit of one scan keeps to.
 
-* **Order** of stages: STAGES. Those of the image act after the reconstruction; `snakemake diagnosis` tries the others on
-  projections ([how](diagnosis.md)).
+* **Order** of stages: STAGES. Those of the image act after the
+  reconstruction; `snakemake diagnosis` tries the others on projections ([how](diagnosis.md)).
 * **Not there**: scatter grids. Scatter has one kernel and does not know of depth.
 * **Baseline.** A study without effects does not use this chain, but one path length in one material; they agree to
   2e-5.
