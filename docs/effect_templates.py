@@ -117,18 +117,20 @@ def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
     in_range = separability.taken_up_in_range(prepared.fitter, fit, np.stack([one.whole for one in found]))
     effects, called = np.array([one.effect for one in found]), labels(found)
     lines = [
-        "| effect | strength | shows in | taken up | in range | left | most alike | rho | beside it |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| effect | strength | shows in | taken up | left | most alike | rho |",
+        "|---|---|---|---|---|---|---|",
     ]
     for place, one in enumerate(found):
-        size = np.linalg.norm(one.left)
         alike = np.where(effects == one.effect, 0, np.nan_to_num(correlation[place]))
         other = int(np.argmax(np.abs(alike)))
-        beside = size * np.sqrt(max(0.0, 1 - alike[other] ** 2))
         cells = [called[place], at(one, prepared.fitter.model)]
         cells += [shown(separability.shares(prepared.fitter, one.whole))]
-        cells += [percent(one.taken_up), percent(in_range[place]), number(size)]
-        cells += [called[other], f"{alike[other]:.3f}", number(beside)]
+        first_order, within = percent(one.taken_up), percent(in_range[place])
+        cells += [
+            first_order if within == first_order else f"{first_order} ({within})",
+            number(np.linalg.norm(one.left)),
+        ]
+        cells += [called[other], f"{alike[other]:.3f}"]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

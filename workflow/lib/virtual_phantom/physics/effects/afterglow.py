@@ -49,7 +49,7 @@ EFFECT = Effect(
     name="afterglow",
     physics="Part of the signal glows on and is read with the next views.",
     equation="light(t) = (1 - k) S(t) + k/T times the integral of S(t - t') exp(-t'/T) over t'; a view reads the "
-    "mean over its interval; before the first one the glow is b times what it were if its signal had lasted",
+    "mean over its interval; b: glow before the first view, over that of its lasting signal",
     source="J. Hsieh, O. E. Gurmen and K. F. King, IEEE Trans. Med. Imaging 19, 930 (2000), one of its exponentials",
     stage="noise",
     signature="edges lag behind the rotation, and noise of successive views is correlated",

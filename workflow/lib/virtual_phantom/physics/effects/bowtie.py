@@ -24,8 +24,8 @@ EFFECT = Effect(
     source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), bowtie filters; parabolic profile. XCIST's "
     "three (M. Wu et al., Phys. Med. Biol. 67, 194002, 2022) have 33 to 34 mm at 20 deg",
     stage="fluence",
-    signature="white field falls to both edges, and noise grows there; line integrals stay, or fall behind the "
-    "outer columns with a spectrum",
+    signature="white field falls to both edges, and noise grows there; with a spectrum, line integrals fall behind "
+    "the outer columns",
     settled_by="the white field, or an air scan without the filter",
     parameters=(Parameter("at_20deg_mm", "mm Al", "thickness at a fan angle of 20 degrees", 0.0, 100.0, 10.0, 30.0),),
     apply=apply,

@@ -12,7 +12,7 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="centre_of_rotation",
-    physics="Source and detector do not turn about the isocentre: the axis lies beside the central ray.",
+    physics="The axis of rotation lies beside the central ray.",
     equation="object displaced by s along the detector's columns in every view",
     source="S. G. Azevedo et al., IEEE Trans. Nucl. Sci. 37, 1525 (1990)",
     stage="motion",

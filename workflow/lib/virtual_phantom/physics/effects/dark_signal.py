@@ -19,8 +19,8 @@ EFFECT = Effect(
     equation="reading_i' = reading_i + d + r t_i, reading_air' = reading_air + d",
     source="J. H. Siewerdsen and D. A. Jaffray, Med. Phys. 26, 1624 (1999)",
     stage="readout",
-    signature="line integrals too low where little is transmitted, alike in all columns; with a drift, more from view "
-    "to view",
+    signature="line integrals too low where little is transmitted, alike in all columns; a drift grows from view to"
+    " view",
     settled_by="dark frames before and after the scan",
     parameters=(
         Parameter(

@@ -14,7 +14,7 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="detector_offset",
-    physics="The detector is shifted along its columns against what the geometry says.",
+    physics="The detector is shifted along its columns.",
     equation="u' = u + d",
     source="K. Yang et al., Med. Phys. 33, 1695 (2006)",
     stage="geometry",

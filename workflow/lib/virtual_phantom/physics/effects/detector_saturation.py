@@ -12,13 +12,11 @@ def apply(state: State, values: dict[str, float]) -> None:
 EFFECT = Effect(
     name="detector_saturation",
     physics="Readings are not proportional to the signal: they fall behind where much arrives, or go by a power of it.",
-    equation="read ~ N^p / (1 + a N) of the N photons that a pixel counts for, in the air scan too; variance by "
-    "its slope",
+    equation="read ~ N^p / (1 + a N) of the N photons that a pixel counts for, in the air scan too",
     source="roll-off: G. F. Knoll, Radiation Detection and Measurement, 4th ed., Wiley (2010), chapter 4 (dead "
     "time without paralysis); power: IEC 62220-1-1:2015 (conversion function)",
     stage="readout",
-    signature="line integrals too low by the same share everywhere (exponent), or most where little is absorbed "
-    "(loss), alike in all views and columns",
+    signature="line integrals too low by the same share everywhere (exponent), or most where little is absorbed (loss)",
     settled_by="air scans at several tube currents: their readings over the mAs",
     parameters=(
         Parameter(

@@ -30,8 +30,8 @@ EFFECT = Effect(
     "chapter 6",
     stage="focal_spot",
     signature="residuals of both signs at edges, wider for what is near the source; noise stays white",
-    settled_by="an edge or wire scanned near the source and near the detector: focal-spot blur follows the "
-    "magnification, crosstalk does not",
+    settled_by="an edge or wire near the source and near the detector: focal-spot blur follows the magnification, "
+    "crosstalk does not",
     parameters=(
         Parameter("width_mm", "mm", "width along the columns", 0.0, 4.0, 1.0, 1.0, power=2),
         Parameter("length_mm", "mm", "length along z, as seen from the isocentre", 0.0, 4.0, 1.0, 1.0, power=2),

@@ -24,12 +24,12 @@ def apply(state: State, values: dict[str, float]) -> None:
 EFFECT = Effect(
     name="heel",
     physics="The anode absorbs part of its own beam: fluence falls towards its side, along the rows, and hardens "
-    "there beside a spectrum.",
+    "beside a spectrum.",
     equation="fluence(v, E) = exp(-mu(E) d (1 / sin(a - c) - 1 / sin a)), tan c = v / D; a: inclination of the anode",
     source="J. Beutel, H. L. Kundel and R. L. Van Metter, Handbook of Medical Imaging 1, SPIE (2000), chapter 1",
     stage="fluence",
-    signature="white field and noise change steadily from row to row; line integrals stay, or fall towards the "
-    "anode's side with a spectrum",
+    signature="white field and noise change steadily from row to row; with a spectrum, line integrals fall towards "
+    "the anode's side",
     settled_by="the white field",
     parameters=(
         Parameter(

@@ -15,7 +15,7 @@ EFFECT = Effect(
     equation="HU' = a HU + b",
     source="IEC 61223-3-5:2019 (CT numbers)",
     stage="image",
-    signature="means of all regions shifted alike, or in proportion to their HU; nothing else",
+    signature="means of all regions shifted alike, or in proportion to their HU",
     settled_by="a water phantom and the air around it",
     parameters=(
         Parameter("scale", "1", "factor of HU", 0.8, 1.2, 1.0, 1.02, 1.0),

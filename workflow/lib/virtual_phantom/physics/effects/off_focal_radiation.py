@@ -32,15 +32,15 @@ def apply(state: State, values: dict[str, float]) -> None:
 EFFECT = Effect(
     name="off_focal_radiation",
     physics="Electrons scattered back strike the anode around the focal spot: a faint, wide source.",
-    equation="T = (1 - s) T(spot) + s mean of h T(x) over x from -w/2 to w/2 along the columns; h = 1 where the "
-    "ray from x to the pixel passes the pre-patient collimator (at c, as wide as the beam), else 0; in the "
-    "air scan too",
+    equation="T = (1 - s) T(spot) + s mean of h T(x) over x from -w/2 to w/2 along the columns, in the air scan "
+    "too; h = 1 where the ray from x passes the pre-patient collimator (at c, as wide as the beam), else "
+    "0",
     source="R. Birch, Br. J. Radiol. 49, 951 (1976); J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), "
     "off-focal radiation",
     stage="focal_spot",
-    signature="a faint shadow beside the object's edges, over several pixels: line integrals too low inside and "
-    "above 0 outside; the white field falls at both ends of the rows",
-    settled_by="a lead edge or slit near the source and near the detector: the faint shadow's width follows the "
+    signature="a faint shadow beside the object's edges: line integrals too low inside and above 0 outside; the "
+    "white field falls at both ends of the rows",
+    settled_by="a lead edge or slit near the source and near the detector: its faint shadow's width follows the "
     "magnification, glare's does not",
     parameters=(
         Parameter("share", "1", "share of the radiation that comes from beside the spot", 0.0, 0.3, 0.02, 0.05),

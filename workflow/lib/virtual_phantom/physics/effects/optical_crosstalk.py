@@ -16,7 +16,7 @@ EFFECT = Effect(
     source="M. Wu et al., XCIST, Phys. Med. Biol. 67, 194002 (2022)",
     stage="noise",
     signature="noise of neighbouring pixels is correlated and smaller; edges are blurred a little",
-    settled_by="two air scans: the correlation of their difference between neighbours shows it without any object",
+    settled_by="two air scans: the correlation of their difference between neighbours",
     parameters=(
         Parameter("column", "1", "share that goes to either neighbouring column", 0.0, 0.2, 0.03, 0.03),
         Parameter("row", "1", "share that goes to either neighbouring row", 0.0, 0.2, 0.03, 0.03),

@@ -21,7 +21,7 @@ def apply(state: ImageState, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="slice_thickness",
-    physics="Slices are thicker than they are apart: what lies above and below is mixed in.",
+    physics="Slices are thicker than they are apart: neighbours are mixed in.",
     equation="image'(z) = mean of image over z - t/2 to z + t/2",
     source="IEC 61223-3-5:2019 (slice thickness); W. A. Kalender, Computed Tomography, 3rd ed., Publicis (2011)",
     stage="image",

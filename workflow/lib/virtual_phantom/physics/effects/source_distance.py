@@ -19,7 +19,7 @@ def apply(state: State, values: dict[str, float]) -> None:
 
 EFFECT = Effect(
     name="source_distance",
-    physics="The source is nearer or farther from isocentre and detector than stated: magnification is off.",
+    physics="The source is nearer or farther from isocentre and detector than stated.",
     equation="R' = R + r, D' = D + d",
     source="F. Noo et al., Phys. Med. Biol. 45, 3489 (2000)",
     stage="geometry",

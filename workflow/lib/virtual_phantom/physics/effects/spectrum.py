@@ -21,7 +21,7 @@ EFFECT = Effect(
     "3290 (2006); spectra: G. Poludniowski et al., Med. Phys. 48, 3630 (2021); deposits: R. K. Swank, J. Appl. Phys. "
     "44, 4199 (1973)",
     stage="spectrum",
-    signature="line integrals bend down with path length, alike in all views, columns and rows; more so behind bone",
+    signature="line integrals bend down with path length, alike everywhere; more so behind bone",
     settled_by="the same object behind a plate of aluminium or copper: hardening shrinks, scatter grows",
     parameters=(
         Parameter("kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None),

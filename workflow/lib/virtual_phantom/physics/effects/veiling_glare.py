@@ -25,8 +25,7 @@ EFFECT = Effect(
     "it was",
     source="J. A. Seibert, O. Nalcioglu and W. W. Roeck, Med. Phys. 11, 172 (1984), with one Gaussian",
     stage="crosstalk",
-    signature="the shadow is too bright and the air beside it too dark: line integrals above 0 there; the white "
-    "field falls off at the edges",
+    signature="line integrals too low behind the object and above 0 beside it; the white field falls off at the edges",
     settled_by="a lead disc in the beam: signal behind it that grows with the open field around it",
     parameters=(
         Parameter("share", "1", "share of the signal that spreads", 0.0, 0.3, 0.02, 0.03),

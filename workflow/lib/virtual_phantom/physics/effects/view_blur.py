@@ -25,8 +25,7 @@ EFFECT = Effect(
     source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), azimuthal blurring",
     stage="geometry",
     signature="edges are blurred along the columns, more so far from the axis; edges seen end on are not",
-    settled_by="the same scan with more views per turn, or a wire at two distances from the axis: its width grows with "
-    "the distance",
+    settled_by="the same scan with more views per turn, or a wire at two distances from the axis",
     parameters=(Parameter("duty", "1", "exposed share of the time from view to view", 0.0, 1.0, 0.5, 1.0, power=2),),
     apply=apply,
 )

@@ -20,8 +20,7 @@ EFFECT = Effect(
     source="M. Wu et al., XCIST, Phys. Med. Biol. 67, 194002 (2022)",
     stage="crosstalk",
     signature="residuals of both signs at edges, of one or two pixels; noise stays white",
-    settled_by="an edge or wire scanned near the source and near the detector: crosstalk is the same, focal-spot blur "
-    "is not",
+    settled_by="an edge or wire near the source and near the detector: crosstalk is the same, focal-spot blur is not",
     parameters=(
         Parameter("column", "1", "share that goes to either neighbouring column", 0.0, 0.2, 0.03, 0.03),
         Parameter("row", "1", "share that goes to either neighbouring row", 0.0, 0.2, 0.03, 0.03),
