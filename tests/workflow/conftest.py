@@ -1,17 +1,9 @@
 import fcntl
 import json
 import shutil
-from pathlib import Path
 
 import pytest
 from workflow_runs import tiny
-
-HERE = Path(__file__).parent
-
-
-def pytest_collection_modifyitems(items):
-    """Tests of the workflow take longest: workers of `pytest -n --dist loadfile` begin with them."""
-    items.sort(key=lambda item: HERE not in item.path.parents)
 
 
 @pytest.fixture(scope="session")
