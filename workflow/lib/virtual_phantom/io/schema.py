@@ -107,9 +107,10 @@ def mistakes(
         for mistake in _each(error, source):
             found.setdefault(mistake.path, mistake)
     for _ in range(DEEPEST):  # what is taken out may have been required a level higher
-        _without(
-            rest, {place for error in _Validator(schema).iter_errors(rest) for place in _places(error, rest, entries)}
-        )
+        places = {place for error in _Validator(schema).iter_errors(rest) for place in _places(error, rest, entries)}
+        if not places:
+            break
+        _without(rest, places)
     return list(found.values()), rest
 
 
