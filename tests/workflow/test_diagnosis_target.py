@@ -6,6 +6,7 @@ import shutil
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from workflow_runs import ROOT, planned, tiny
@@ -88,6 +89,61 @@ def test_its_physics_is_an_overlay_that_the_study_takes(bench):
     assert jobs["project"] and all("_physics_" in job for job in jobs["project"])
 
 
+def twin(bench, *arguments, of="bench"):
+    """A study on the scanner that the diagnosis of `of` finds, with the same protocols without that physics."""
+    overlay = {
+        **STUDY,
+        "recordings": {of: str(bench / of)},
+        "diagnosis": {"recordings": {of: {"samples": 1, **({"effects": EFFECTS} if of == "bench" else {})}}},
+        "physics": {"from": of},
+        "protocols": {
+            **{f"{kind}_{views}": None for kind in ("sirt", "fbp") for views in (150, 200, 250, 300, 450)},
+            "bench": {"algorithm": "fbp", "projections": 90, "group": 1},
+            "fewer": {"algorithm": "fbp", "projections": 70, "group": 2},
+        },
+        "analyses": {
+            **dict.fromkeys(("optimal", "noise_calibration", "pca")),
+            "stability": {"noise": "bench", "without_physics": True},
+        },
+        "measured": {"overlay": False},
+    }
+    return tiny(bench / "results", *arguments, overlay=overlay, beside=bench / "twin")
+
+
+def test_the_study_runs_on_the_scanner_that_was_found(bench):
+    """The diagnosis is made first where it is missing, its effects are in the scans, and a table holds both."""
+    physics = bench / "results" / "diagnosis" / "bench" / "physics.yaml"
+    kept = physics.read_bytes()
+    physics.unlink()
+    jobs = planned(twin(bench, "-n"))
+    assert jobs["diagnose"] and len(jobs["project"]) == 4
+    assert sum("_physics_of_bench" in job for job in jobs["project"]) == 2
+    physics.write_bytes(kept)
+    process = twin(bench)
+    assert process.returncode == 0, process.stderr[-4000:]
+    results = bench / "results"
+    log = (results / "logs" / "project" / "views90_physics_of_bench.log").read_text()
+    found = yaml.safe_load(kept)["physics"]
+    assert f"effects: {found}" in log
+    table = pd.read_csv(results / "tables" / "physics_change.csv").set_index("feature")
+    stability = pd.read_csv(results / "tables" / "stability.csv").set_index("feature")["stability_percent"]
+    np.testing.assert_allclose(table["with_percent"], stability.loc[table.index])
+    features = pd.read_csv(results / "features.csv")
+    assert set(features["protocol"]) == {"bench", "fewer", "bench_without_physics", "fewer_without_physics"}
+    means = features.groupby("protocol")["original_firstorder_Mean"].mean()
+    assert means["bench_without_physics"] - means["bench"] > 5  # scatter darkens
+    assert (results / "figures" / "physics_change.png").stat().st_size > 0
+    assert "With physics and without" in (results / "index.html").read_text()
+
+
+def test_where_physics_cannot_come_from_is_said_in_one_line(bench):
+    process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": {"from": "bank"}}, beside=bench / "bank")
+    assert "physics.from names 'bank', which is not there" in process.stderr
+    beside = {"from": "bank", "scatter": None}
+    process = tiny(bench / "results", "-n", overlay={**STUDY, "physics": beside}, beside=bench / "bank")
+    assert "physics has from and scatter; keep the one or the other" in process.stderr
+
+
 def test_only_what_a_change_touches_is_done_again(bench):
     assert planned(diagnosis(bench, "-n")) == {}
     folder = bench / "results" / "diagnosis" / "bench"
@@ -137,3 +193,6 @@ def test_a_scan_described_wrong_ends_in_the_line_to_change(bench):
     overlay["diagnosis"]["recordings"]["bench"] = {"samples": 1, "physics_from": "wrong"}
     process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "wrong_overlay")
     assert process.returncode == 1 and "Physics cannot be taken from it" in process.stdout + process.stderr
+    process = twin(bench, of="wrong")
+    assert process.returncode == 1
+    assert "wrong/physics.yaml: names no effect (" in process.stdout + process.stderr

@@ -106,6 +106,31 @@ rule figure_stability_discrimination:
         "../scripts/figures/stability_discrimination.py"
 
 
+rule figure_physics_change:
+    input:
+        table=rules.physics_change.output[0],
+        code=context.code("figures/physics_change.py"),
+    output:
+        png=report(
+            context.file("figure_physics_change", ".png"),
+            **context.reported("figure_physics_change"),
+        ),
+        pdf=context.file("figure_physics_change", ".pdf"),
+    log:
+        context.log("figure_physics_change"),
+    group:
+        "analyses"
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    params:
+        threshold=context.config["statistics"]["threshold"],
+        noise=context.selections.compared_noise(),
+        trial=context.config["trial"],
+    script:
+        "../scripts/figures/physics_change.py"
+
+
 rule figure_overlap:
     input:
         table=rules.overlap.output[0],

@@ -23,6 +23,9 @@ for number, (bundle, protocols) in enumerate(context.plan.bundles().items()):
             effects=lambda wildcards: context.effect_code(
                 *context.acquisitions.image_physics(wildcards.protocol)
             ),
+            physics=lambda wildcards: context.diagnosis.found(
+                context.acquisitions.found_in(wildcards.protocol)
+            ),
             code=context.code("reconstruct.py"),
         output:
             [

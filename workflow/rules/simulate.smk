@@ -26,7 +26,10 @@ rule project:
         masks=rules.phantom.output.rois,
         kernels=context.file("kernels", lanes=1),
         effects=lambda wildcards: context.effect_code(
-            *context.plan.geometry_settings(wildcards.geometry)["physics"]
+            *context.diagnosis.effects_of(wildcards.geometry)
+        ),
+        physics=lambda wildcards: context.diagnosis.found(
+            context.plan.geometry_settings(wildcards.geometry).get("physics_from")
         ),
         code=context.code("project.py"),
     output:
@@ -41,11 +44,7 @@ rule project:
     resources:
         mem_mb=lambda wildcards: context.megabytes(
             # Materials are volumes of their own, packed and not.
-            fine=(
-                9
-                if context.plan.geometry_settings(wildcards.geometry)["physics"]
-                else 3
-            ),
+            fine=9 if context.plan.has_physics(wildcards.geometry) else 3,
             projections=8,
             geometry=wildcards.geometry,
         ),
@@ -70,7 +69,10 @@ rule project_moved:
         masks=context.file("moved_rois", voxels="grid"),
         kernels=context.file("kernels", lanes=1),
         effects=lambda wildcards: context.effect_code(
-            *context.plan.geometry_settings(wildcards.geometry)["physics"]
+            *context.diagnosis.effects_of(wildcards.geometry)
+        ),
+        physics=lambda wildcards: context.diagnosis.found(
+            context.plan.geometry_settings(wildcards.geometry).get("physics_from")
         ),
         code=context.code("project.py"),
     output:
@@ -85,11 +87,7 @@ rule project_moved:
     resources:
         mem_mb=lambda wildcards: context.megabytes(
             # Materials are volumes of their own, packed and not.
-            fine=(
-                9
-                if context.plan.geometry_settings(wildcards.geometry)["physics"]
-                else 3
-            ),
+            fine=9 if context.plan.has_physics(wildcards.geometry) else 3,
             projections=8,
             geometry=wildcards.geometry,
         ),

@@ -42,6 +42,32 @@ rule trust:
         "../scripts/trust.py"
 
 
+rule physics_change:
+    """The stability of every feature with the study's physics beside that without."""
+    input:
+        features=rules.merge_features.output[0],
+        trust=rules.trust.output[0],
+        code=context.code("physics_change.py"),
+    output:
+        report(context.file("physics_change"), **context.reported("physics_change")),
+    log:
+        context.log("physics_change"),
+    group:
+        "analyses"
+    resources:
+        mem_mb=2000,
+        runtime=30,
+    params:
+        groups=context.plan.groups_without_physics(),
+        noise=context.selections.grouped["noise"],
+        seeds=context.selections.grouped["seeds"],
+        statistics=context.config["statistics"],
+        cut_offs=context.selections.cut_offs,
+        sharing=context.selections.sharing(context.plan.groups_without_physics()),
+    script:
+        "../scripts/physics_change.py"
+
+
 rule stability_measures:
     """ICC, CCC and coefficients of variation beside W, and which features are stable by which."""
     input:

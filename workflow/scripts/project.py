@@ -9,6 +9,7 @@ with job(snakemake) as log:
     from virtual_phantom.io.volumes import read_nifti
     from virtual_phantom.phantom import read_masks
     from virtual_phantom.phantom.repositioning import drawn_pose
+    from virtual_phantom.physics.found import read_found
     from virtual_phantom.physics.line_integrals import check_rois_seen
     from virtual_phantom.physics.projected import projected
     from virtual_phantom.physics.stored_state import to_store
@@ -25,17 +26,20 @@ with job(snakemake) as log:
     )
     _, masks = read_masks(snakemake.input.rois, grid)
     check_rois_seen(geometry, grid, masks)
+    physics = params.geometry["physics"]
+    if snakemake.input.physics:
+        physics, _ = read_found(*snakemake.input.physics)
     pose = drawn_pose(**params.pose) if params.pose else IN_PLACE
     log.info("%s", pose)
     line_integrals, state = projected(
         phantom,
         geometry,
-        params.geometry["physics"],
+        physics,
         mu_water_per_mm=params.mu_water_per_mm,
         materials=params.materials,
         sensor=params.sensor,
         threads=snakemake.threads,
         pose=pose,
     )
-    log.info("effects: %s", params.geometry["physics"] or "none")
+    log.info("effects: %s", physics or "none")
     write_line_integrals(snakemake.output[0], line_integrals, geometry, None if state is None else to_store(state))

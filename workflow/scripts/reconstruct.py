@@ -8,6 +8,7 @@ with job(snakemake) as log:
     from virtual_phantom.io.exchange import read_line_integrals
     from virtual_phantom.io.volumes import read_nifti, write_nifti
     from virtual_phantom.phantom import read_masks
+    from virtual_phantom.physics.found import read_found
     from virtual_phantom.physics.image import reconstruct, reconstruct_in_boxes
     from virtual_phantom.physics.noise import acquire
     from virtual_phantom.physics.stored_state import read_state
@@ -17,6 +18,9 @@ with job(snakemake) as log:
     params = snakemake.params
     grid = read_nifti(snakemake.input.phantom).grid
     paths = list(snakemake.input.clean)
+    physics = params.physics
+    if snakemake.input.physics:
+        _, physics = read_found(*snakemake.input.physics)
     noisy, read = None, None
     for lane, (acquisition, path) in enumerate(
         zip(resolve(params.acquisitions, snakemake.input.levels), paths, strict=True)
@@ -49,7 +53,7 @@ with job(snakemake) as log:
             params.settings,
             engine=params.engine,
             mu_water_per_mm=params.mu_water_per_mm,
-            physics=params.physics,
+            physics=physics,
             threads=snakemake.threads,
         )
     else:

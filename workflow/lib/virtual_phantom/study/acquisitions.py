@@ -127,6 +127,10 @@ class Acquisitions:
         """Effects that act on a protocol's images."""
         return self.plan.config["protocols"][protocol].get("image_physics", {})
 
+    def found_in(self, protocol: str) -> str | None:
+        """The recording or scanner whose physics it is scanned with."""
+        return self.plan.config["protocols"][protocol].get("physics_from")
+
     def settings(self, protocol: str) -> dict:
         """Of its reconstruction."""
         settings = self.plan.config["reconstruction"][self.algorithm(protocol)]

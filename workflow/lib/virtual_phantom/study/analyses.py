@@ -110,6 +110,9 @@ def _stability(plan: Plan) -> Iterator[AnalysisJob]:
     if plan.config["measured"]["overlay"]:
         yield _job("overlap")
         yield _job("figure_overlap")
+    if plan.config["analyses"]["stability"]["without_physics"]:
+        yield _job("physics_change")
+        yield _job("figure_physics_change")
     for name in plan.config["analyses"]["stability"]["recordings"]:
         yield _job("scores", recording=name)
         yield _job("stability_beside", recording=name)

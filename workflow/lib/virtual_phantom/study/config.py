@@ -11,6 +11,7 @@ from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_sch
 from ..physics.effect import acts_on_images, checked
 from .config_rules import Names, Rules
 from .outputs import Files
+from .plan import without_physics
 from .public_scans import made_folders
 
 # Sections of entries by names of the user's.
@@ -61,10 +62,16 @@ def complete(settings: Mapping) -> dict:
         As `check` does.
     """
     config = _checked(settings)
+    protocols = config["protocols"]
     for name, physics in _physics(config):
+        if "from" in physics:
+            protocols[name] |= {"physics": {}, "physics_from": physics["from"]}
+            continue
         effects = checked(physics)
-        config["protocols"][name]["physics"] = {key: of for key, of in effects.items() if not acts_on_images(key)}
-        config["protocols"][name]["image_physics"] = {key: of for key, of in effects.items() if acts_on_images(key)}
+        protocols[name]["physics"] = {key: of for key, of in effects.items() if not acts_on_images(key)}
+        protocols[name]["image_physics"] = {key: of for key, of in effects.items() if acts_on_images(key)}
+    if config["analyses"].get("stability", {}).get("without_physics"):
+        config["protocols"] = protocols | without_physics(protocols)
     return config
 
 

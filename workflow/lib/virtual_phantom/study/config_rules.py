@@ -20,7 +20,7 @@ class Names:
 
     Attributes
     ----------
-    protocols, levels, scans, recordings, diagnosed, comparisons, phantom : collection of str
+    protocols, levels, scans, recordings, diagnosed, scanners, comparisons, phantom : collection of str
     """
 
     protocols: Collection[str]
@@ -28,6 +28,7 @@ class Names:
     scans: Collection[str]
     recordings: Collection[str]
     diagnosed: Collection[str]
+    scanners: Collection[str]
     comparisons: Collection[str]
     phantom: Collection[str]
 
@@ -47,6 +48,7 @@ class Names:
             scans=keys("scans"),
             recordings=keys("recordings"),
             diagnosed=keys("diagnosis", "recordings"),
+            scanners=keys("diagnosis", "scanners"),
             comparisons=keys("analyses", "comparison"),
             phantom=keys("phantom"),
         )
@@ -200,6 +202,11 @@ class Rules:
         grouped = {protocol["group"] for protocol in self.protocols.values() if "group" in protocol}
         if len(grouped) < 2 and not broken:
             yield "config: analyses.stability needs at least two protocols with a group number"
+        if self.analyses["stability"]["without_physics"] and not broken:
+            every = [protocol for protocol in self.protocols.values() if "group" in protocol]
+            if not any(protocol.get("physics", self.config["physics"]) for protocol in every):
+                where = "config: analyses.stability.without_physics"
+                yield f"{where}: no protocol with a group has physics; state some, or take it out"
 
     def _optimal(self) -> Iterator[str]:
         if "optimal" in self.analyses:
@@ -242,6 +249,9 @@ class Rules:
             if self.config.get("noise", {"model": "physical"})["model"] != "physical":
                 yield f"{where} needs noise.model: physical; the astra model has no photons"
                 continue
+            if "from" in stated:
+                yield from self._physics_from(stated, where)
+                continue
             for effect, parameters in stated.items():
                 try:
                     physics = checked({effect: parameters}, where)
@@ -250,6 +260,14 @@ class Rules:
                             check_readings(physics, 1 / level["A"], where, f"noise level {label}")
                 except InputError as error:
                     yield str(error)
+
+    def _physics_from(self, stated: dict, where: str) -> Iterator[str]:
+        name, beside = stated["from"], sorted(set(stated) - {"from"})
+        if beside:
+            yield f"{where} has from and {beside[0]}; keep the one or the other"
+        if name in self.names.diagnosed and name in self.names.scanners:
+            yield f"{where}.from is '{name}', a recording and a scanner under diagnosis; call one of them otherwise"
+        yield from self._known(name, [*self.names.diagnosed, *self.names.scanners], f"{where.split(': ')[1]}.from")
 
     def _matched(self) -> Iterator[str]:
         calibrated = self.analyses.get("noise_calibration", {}).get("protocols", [])

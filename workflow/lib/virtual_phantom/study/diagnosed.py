@@ -214,6 +214,22 @@ class Diagnosis:
         other = self.settings[name].get("physics_from")
         return {} if other is None else {"physics": self.files("diagnosis", recording=other)}
 
+    def found(self, name: str | None) -> list[str]:
+        """The file of the physics that is found of a recording or a scanner; of None, none."""
+        if name is None:
+            return []
+        if name in self.settings:
+            return [self.files("found_physics", recording=name)]
+        return [self.files("scanner_physics", scanner=name)]
+
+    def effects_of(self, geometry: str) -> list[str]:
+        """Effects that scans of a geometry have, or may have where they are to be found."""
+        settings = self.plan.geometry_settings(geometry)
+        name = settings.get("physics_from")
+        if name is None:
+            return list(settings["physics"])
+        return self.in_fits(*([name] if name in self.settings else self.scanners[name]["recordings"]))
+
     def same_material(self, name: str) -> bool:
         """Whether the object whose physics is taken was of the same single material."""
         settings = self.settings[name]

@@ -194,6 +194,12 @@ OUTPUTS = (
         "how many of the best features are also the measured phantom's best",
     ),
     *_figure(
+        "physics_change",
+        "Stability",
+        "With physics and without",
+        "which features' stability changes by the physics",
+    ),
+    *_figure(
         "overlap_{recording}",
         "Recordings",
         "Overlap with {recording}",
@@ -246,6 +252,18 @@ OUTPUTS = (
             "tables/trust.csv",
             "which features to trust: stability with its interval, what it rests on, and a sentence",
             "Which features to trust",
+            "Stability",
+        ),
+        stage="trust",
+        counted="tables",
+    ),
+    *_made_by(
+        "physics_change",
+        Output(
+            "physics_change",
+            "tables/physics_change.csv",
+            "the stability of every feature with the study's physics and without",
+            "Stability with physics and without",
             "Stability",
         ),
         stage="trust",

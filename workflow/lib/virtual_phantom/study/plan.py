@@ -4,10 +4,35 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 # Settings of a scan that came after scores were kept: at these values they change none of them.
 LATER = {"detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
+
+
+OF_PHYSICS = ("physics", "image_physics", "physics_from")
+WITHOUT_PHYSICS = "_without_physics"  # what the name of a protocol gets that is scanned without its effects too
+
+
+def without_physics(protocols: Mapping[str, Mapping]) -> dict[str, dict]:
+    """Protocols with a group, as they are without the effects that they have.
+
+    Parameters
+    ----------
+    protocols : mapping of str to mapping
+        By name.
+
+    Returns
+    -------
+    dict of str to dict
+        By a name of their own, without a group.
+    """
+    return {
+        f"{name}{WITHOUT_PHYSICS}": {key: of for key, of in settings.items() if key not in ("group", *OF_PHYSICS)}
+        for name, settings in protocols.items()
+        if "group" in settings and any(settings.get(key) for key in OF_PHYSICS)
+    }
 
 
 def _without_later(geometry: dict) -> dict:
@@ -29,6 +54,8 @@ class Plan:
         if physics:
             text = json.dumps(physics, sort_keys=True)
             label += f"_physics_{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+        if found := settings.get("physics_from"):
+            label += f"_physics_of_{found}"
         return label
 
     def geometry_settings(self, label: str) -> dict:
@@ -42,7 +69,8 @@ class Plan:
         Returns
         -------
         dict
-            {scan: the whole scan section, projections: int, physics: {effect: parameters}}.
+            {scan: the whole scan section, projections: int, physics: {effect: parameters}}, and physics_from where that
+            is what a diagnosis finds.
 
         Raises
         ------
@@ -52,12 +80,19 @@ class Plan:
         for protocol, settings in self.config["protocols"].items():
             if self.geometry_of(protocol) == label:
                 name = settings.get("scan")
+                found = {"physics_from": settings["physics_from"]} if "physics_from" in settings else {}
                 return {
                     "scan": self.config["scans"][name] if name else self.config["scan"],
                     "projections": settings["projections"],
                     "physics": settings.get("physics") or {},
+                    **found,
                 }
         raise KeyError(label)
+
+    def has_physics(self, label: str) -> bool:
+        """Whether scans of a geometry have effects, stated or to be found."""
+        settings = self.geometry_settings(label)
+        return bool(settings["physics"]) or "physics_from" in settings
 
     def voxels_of(self, protocol: str) -> str | None:
         """Label of a protocol's own voxels; None where its images lie on the study's grid."""
@@ -143,6 +178,14 @@ class Plan:
         """{protocol: group number} of the stability analysis."""
         return {name: settings["group"] for name, settings in self.config["protocols"].items() if "group" in settings}
 
+    def groups_without_physics(self) -> dict[str, int]:
+        """The same of those that are scanned without their effects too, and of those that have none."""
+        if not self.config["analyses"].get("stability", {}).get("without_physics"):
+            return {}
+        twins = without_physics(self.config["protocols"])
+        named = {name: f"{name}{WITHOUT_PHYSICS}" for name in self.groups()}
+        return {named[name] if named[name] in twins else name: group for name, group in self.groups().items()}
+
     def scored_settings(self) -> str:
         """Hash of every setting that the stability analysis' scores depend on, but for the seed; "" without one."""
         if "stability" not in self.config["analyses"]:
@@ -170,7 +213,8 @@ class Plan:
         analyses = self.config["analyses"]
         wanted = set()
         if "stability" in analyses:
-            wanted |= {(protocol, analyses["stability"]["noise"]) for protocol in self.groups()}
+            compared = {**self.groups(), **self.groups_without_physics()}
+            wanted |= {(protocol, analyses["stability"]["noise"]) for protocol in compared}
         if "optimal" in analyses:
             wanted |= {(analyses["optimal"][algorithm], analyses["optimal"]["noise"]) for algorithm in ("sirt", "fbp")}
         if "noise_calibration" in analyses:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -50,10 +51,15 @@ class Selections:
             return self.files("scores", recording=self.own_reference)
         return resource("ct_phantom4radiomics_draws.csv")
 
-    def sharing(self) -> dict[str, str]:
+    def sharing(self, groups: Mapping[str, int] | None = None) -> dict[str, str]:
         """Which protocols with a group have their noise in common.
 
         Those that reconstruct the same acquisitions do; with common draws all do.
+
+        Parameters
+        ----------
+        groups : mapping of str to int, optional
+            {protocol: group}; absent: those of the stability analysis.
 
         Returns
         -------
@@ -62,7 +68,8 @@ class Selections:
         """
         draws = self.acquisitions.noise["draws"]
         return {
-            protocol: draws if draws == "common" else self.plan.geometry_of(protocol) for protocol in self.plan.groups()
+            protocol: draws if draws == "common" else self.plan.geometry_of(protocol)
+            for protocol in (self.plan.groups() if groups is None else groups)
         }
 
     @property

@@ -123,7 +123,7 @@ class Sizes:
 
     def projection(self, geometry: str) -> tuple[str, dict[str, float]]:
         """Stage and work of a geometry's clean projections."""
-        stage = "project_physics" if self.plan.geometry_settings(geometry)["physics"] else "project"
+        stage = "project_physics" if self.plan.has_physics(geometry) else "project"
         steps = self.rays(geometry) * self.across * self.plan.config["grid"]["oversampling"]
         return stage, {"job": 1, "fine_voxel": self.fine, "ray_step": steps}
 
