@@ -22,6 +22,7 @@ from virtual_phantom.features.names import FEATURES
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct
+from virtual_phantom.physics.found import read_found
 from virtual_phantom.physics.line_integrals import clean_line_integrals
 from virtual_phantom.recordings.public_scans import fetch
 from virtual_phantom.recordings.public_scans.files import found_scans
@@ -172,6 +173,12 @@ def object_that_is_not_there():
     raise InputErrors(problems({**DEFAULT, "recordings": {"bench": "bench"}, "diagnosis": diagnosed}))
 
 
+def physics_without_effects():
+    Path("bench").mkdir()
+    Path("bench/physics.yaml").write_text("# bench and the simulation agree.\n{}\n")
+    read_found("bench/physics.yaml")
+
+
 TANDEM = {"collection": "ct_phantom4radiomics"}
 MULTICENTRIC = {"collection": "ct4harmonization_multicentric"}
 
@@ -246,6 +253,7 @@ MISTAKES = {
         "physics",
     ),
     "Effects without photons": (lambda: configured(("physics", {"scatter": {}})), "protocols.sirt_150.physics"),
+    "A study on a scanner of which nothing was found": (physics_without_effects, "bench and the simulation agree"),
     "A recording that is not configured": (
         lambda: configured(("recordings", {"bench": "recordings/bench"}), ("diagnosis.recordings", {"benhc": {}})),
         "diagnosis.recordings",

@@ -52,9 +52,9 @@ def planned_files(tmp_path_factory):
     scanned = made(
         snakemake("all", "-n", "--forceall", "--configfile", "config/printed_phantom.yaml", "--config", "results_dir=r")
     )
-    (folder / "moved.yaml").write_text(
-        yaml.safe_dump({"results_dir": "r", "repeats": {"repositioned": 1, "shift_mm": 1.0}})
-    )
+    moved = {"results_dir": "r", "repeats": {"repositioned": 1, "shift_mm": 1.0}, "physics": {"scatter": None}}
+    moved["analyses"] = {"stability": {"without_physics": True}}
+    (folder / "moved.yaml").write_text(yaml.safe_dump(moved))
     voxels = made(snakemake("all", "-n", "--forceall", "--configfile", "config/as_scanned.yaml", folder / "moved.yaml"))
     alone = made(snakemake("all", "proof", "-n", "--forceall", "--config", "results_dir=r"))
     return {(rule, str(PurePosixPath(file).relative_to("r"))) for rule, file in beside | alone | scanned | voxels}
