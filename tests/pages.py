@@ -16,6 +16,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import warm
+
 MARKED = re.compile(
     r"^<!-- (write|run|prints|makes)(?: (?!on )(\S+))?( on slurm)? -->\n+```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL
 )
@@ -79,7 +81,7 @@ def copy_project(root: Path, folder: Path) -> None:
 def run(commands: str, folder: Path) -> str:
     """What commands print in `folder`, a copy of the project, run by bash with this interpreter's programs and the
     copy's library, as if `make setup` had been run there. Fails where one of them does."""
-    programs = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    programs = os.pathsep.join([str(warm.programs()), str(Path(sys.executable).parent), os.environ["PATH"]])
     process = subprocess.run(
         ["bash", "-e", "-o", "pipefail", "-c", commands],
         cwd=folder,

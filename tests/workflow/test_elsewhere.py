@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+import warm
 from workflow_runs import ROOT, planned
 
 SNAKEFILE = ROOT / "workflow" / "Snakefile"
@@ -29,9 +30,9 @@ onstart:
 TABLE = "results-tiny/features/fbp_150/dose10/seed00.csv"
 
 
-def snakemake(folder, *words, cwd=None):
+def snakemake(folder, *words, cwd=None, python=sys.executable):
     """Snakemake on the tiny study, without PYTHONPATH."""
-    command = [sys.executable, "-m", "snakemake", "--cores", "2", *map(str, words)]
+    command = [python, "-m", "snakemake", "--cores", "2", *map(str, words)]
     command += ["--configfile", str(folder / "config" / "tiny.yaml")]
     return subprocess.run(command, cwd=cwd or folder, capture_output=True, text=True, timeout=600)
 
@@ -71,12 +72,16 @@ def test_one_run_by_directory_goes_on_as_a_module(folder, tmp_path):
 
 def test_all_of_the_study_is_planned_as_in_the_project(folder, tmp_path):
     """By its own names and by others; local rules are local by both."""
-    here = jobs_of(snakemake(folder, "-n", cwd=ROOT))
+
+    def dry(*words, cwd=None):
+        return snakemake(folder, "-n", *words, cwd=cwd, python=warm.python())
+
+    here = jobs_of(dry(cwd=ROOT))
     assert len(here) > 20
-    assert jobs_of(snakemake(folder, "-n", "-s", SNAKEFILE, "--directory", folder, cwd=tmp_path)) == here
+    assert jobs_of(dry("-s", SNAKEFILE, "--directory", folder, cwd=tmp_path)) == here
     for names in ("", " as phantom_*"):
         (folder / "Snakefile").write_text(MODULE.format(names=names))
-        process = snakemake(folder, "-n")
+        process = dry()
         renamed = {names.removeprefix(" as ").replace("*", rule) or rule: jobs for rule, jobs in here.items()}
         assert jobs_of(process) == renamed
         assert "localrules directive" not in process.stderr

@@ -3,9 +3,9 @@
 import os
 import re
 import subprocess
-import sys
 from pathlib import Path
 
+import warm
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,7 +21,7 @@ BENEATH = {
 def snakemake(*arguments, cores=2, environment=None, timeout=900, project=ROOT):
     """Run snakemake in the repository, or a copy of it, with these variables besides its own; returns the finished
     process, output and errors as text."""
-    command = [sys.executable, "-m", "snakemake", "--cores", str(cores), "--nolock", *map(str, arguments)]
+    command = [warm.python(), "-m", "snakemake", "--cores", str(cores), "--nolock", *map(str, arguments)]
     environment = os.environ | (environment or {})
     return subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, timeout=timeout)
 
