@@ -34,11 +34,15 @@ protocols:
   sirt_300: {physics: {spectrum: {kvp: 100}, electronic_noise: }} # no scatter here: it replaces the common physics
 ```
 
+`physics: {from: bench}` takes the effects [that a diagnosis found](diagnosis.md#what-does-it-change-in-my-features).
+
 Each effect begins with its key and its stage. Its parameters follow with their **typical value** (which one left out
 has), plausible range, the value at which the effect is off, and what a fit of one scan keeps to.
 
 * **Order** of stages: STAGES. Those of the image act after the
   reconstruction; `snakemake diagnosis` tries the others on projections ([how](diagnosis.md)).
+* **Geometry.** Rays run to where the pixels of a turned detector are, flat or curved. Bowtie, heel and off-focal
+  radiation keep to the stated one: 10 degrees off the central ray, 1 degree of tilt or skew changes angles by 0.3 %.
 * **Not there**: scatter grids. Scatter has one kernel and does not know of depth.
 * **Baseline.** A study without effects does not use this chain, but one path length in one material; they agree to
   2e-5.

@@ -157,6 +157,32 @@ def test_displaced_parts_are_where_they_are_said_to_be(settings, geometry, centr
     assert np.polyfit(expected[inside], changed[inside], 1)[0] == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("settings", "physics"),
+    [
+        ({"detector_rows_mm": 3.0}, {"detector_row_offset": {"rows_mm": 3.0}}),
+        (
+            {"source_mm_per_s": (6.0, -3.0, 10.0)},
+            {"source_drift": {"columns_mm_per_s": 6.0, "rows_mm_per_s": -3.0, "away_mm_per_s": 10.0}},
+        ),
+        ({"angle_wave_deg": (1.5, -2.0)}, {"view_angle_error": {"cosine_deg": 1.5, "sine_deg": -2.0}}),
+    ],
+)
+def test_bench_geometry_is_the_librarys(settings, physics, plain):
+    """Two programs, by equations of their own: what changes in the shadow of a ball."""
+    taken = scan(repeats=12, **settings)
+    geometry = circular(views=VIEWS, view_interval_ms=1000.0 / VIEWS, **DETECTOR)
+    scene = ShapesScene([ellipsoid("water", CENTRE, 3 * (RADIUS,))])
+    chain = Chain(scene, geometry, samples=4)
+    expected, still = chain.state(physics), chain.state({})
+    mu = attenuation_per_mm("water", KEV) / chain.scene.attenuation_per_mm[0]
+    change = mu * (expected.line_integrals() - still.line_integrals())
+    inside = still.line_integrals() > 0.4
+    found = (lines(taken).mean(axis=0) - lines(plain).mean(axis=0))[inside]
+    assert np.corrcoef(found, change[inside])[0, 1] > 0.9
+    assert np.polyfit(change[inside], found, 1)[0] == pytest.approx(1.0, abs=0.1)
+
+
 def test_an_axis_beside_the_central_ray_displaces_the_object_along_the_columns(plain):
     changed = lines(scan(repeats=12, axis_shift_mm=1.5)).mean(axis=0) - lines(plain).mean(axis=0)
     geometry = circular(views=VIEWS, **DETECTOR)

@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..base.geometry import ScanGeometry
+from ..base.mounting import AS_STATED
 from ..base.recent import Kept
 from .effect import (
     OF_AIR,
@@ -215,6 +216,8 @@ class Chain:
         before = [effect for effect in effects if STAGES.index(effect.stage) < STAGES.index("scatter")]
         for effect in before:
             effect.apply(state, physics[effect.name])
+        if self.illumination == SOLID_ANGLE and state.mounting != AS_STATED:
+            state.fluence = state.fluence * state.mounting.solid_angles(self.geometry)
         return state, effects[len(before) :]
 
     def _transmit(self, state: State, pose: Pose) -> None:

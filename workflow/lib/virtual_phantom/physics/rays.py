@@ -26,11 +26,14 @@ class Rays:
         Of voxels, (z, y, x), mm.
     planes : tuple of 2 int
         Number of planes across x and across y.
+    columns : int
+        Of the detector.
     """
 
     bundles: Bundles
     spacing_mm: tuple[float, float, float]
     planes: tuple[int, int]
+    columns: int
 
     @classmethod
     def of(cls, geometry: ScanGeometry, grid: Grid, centre_mm: np.ndarray, along_x: np.ndarray | None = None) -> Rays:
@@ -69,7 +72,7 @@ class Rays:
             rows_mm=rows_mm,
             between=np.stack([np.abs(step), to_x**2 + to_y**2], axis=-1),
         )
-        return cls(bundles, grid.spacing, (nx, ny))
+        return cls(bundles, grid.spacing, (nx, ny), geometry.shape[2])
 
     @property
     def rises_mm(self) -> np.ndarray:
@@ -147,9 +150,10 @@ class Voxels:
             sums = sums.transpose(2, 0, 3, 1)
         else:
             sums = np.zeros((len(self._amounts), *rays.bundles.along_x.shape))
+            apart = rays.columns if sums.shape[2] > rays.columns else 1
 
             def run(first, last):
-                trace_sums(self._volumes[0], sums[:, first:last], first, self._shape, rays.bundles)
+                trace_sums(self._volumes[0], sums[:, first:last], first, self._shape, rays.bundles, apart)
 
             share_out(run, sums.shape[1], threads)
             sums = sums[:, :, None]

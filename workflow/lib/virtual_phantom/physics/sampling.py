@@ -183,7 +183,7 @@ def sources(state: State) -> Iterator[tuple[ScanGeometry, float | np.ndarray]]:
     Parameters
     ----------
     state : State
-        Its geometry, `turns`, `jump_mm` and `sources`.
+        Its geometry, `mounting`, `turns`, `jump_mm` and `sources`.
 
     Yields
     ------
@@ -195,7 +195,7 @@ def sources(state: State) -> Iterator[tuple[ScanGeometry, float | np.ndarray]]:
     for turn, share in state.turns:
         geometry = later(state.geometry, turn) if turn else state.geometry
         for *place_mm, weight in state.sources:
-            yield displaced(geometry, *place_mm, jump_mm=state.jump_mm), share * weight
+            yield state.mounting.of(displaced(geometry, *place_mm, jump_mm=state.jump_mm)), share * weight
 
 
 def later(geometry: ScanGeometry, intervals: float) -> OrbitGeometry:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..base.geometry import ScanGeometry
+from ..base.mounting import AS_STATED, Mounting
 from .sensors import Sensor
 from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
 
@@ -23,7 +24,7 @@ class State:
     Attributes
     ----------
     geometry : ScanGeometry
-        Of the scan as it really is.
+        Of the scan as it really is, but for what turns the detector.
     photons : float
         Noise-equivalent quanta of a pixel in air at fluence 1, that is 1 over its relative quantum variance: 1/A. Where
         all photons count alike, their number. What widens all deposits alike (the light's part of Swank's factor)
@@ -73,6 +74,8 @@ class State:
     readout : float or {"photons", "air"}
         Mean reading of the air scan in readout units; PHOTONS where these are photons; AIR where no reading is known
         and the mean signal in air takes their place.
+    mounting : Mounting
+        How the detector hangs in the geometry.
     """
 
     geometry: ScanGeometry
@@ -97,6 +100,7 @@ class State:
     dark: np.ndarray | None = None
     dark_air: float = 0.0
     readout: float | str = PHOTONS
+    mounting: Mounting = AS_STATED
 
     @property
     def unit(self) -> float:

@@ -68,7 +68,7 @@ def axes(along_x, shape):
 
 
 @njit(**OPTIONS)
-def trace_sums(volumes, sums, first_view, shape, rays):
+def trace_sums(volumes, sums, first_view, shape, rays, apart):
     """Add what interpolation meets in the planes along every bundle's first ray.
 
     Parameters
@@ -82,14 +82,19 @@ def trace_sums(volumes, sums, first_view, shape, rays):
     shape : tuple of 3 int
         (z, y, x) of the grid without its border.
     rays : Bundles
+    apart : int
+        From one bundle to that which is traced next, which had better meet much the same voxels: the columns of a
+        detector that is not upright, else 1.
     """
     nz = shape[0]
     lanes, views, bundles = sums.shape
+    together = bundles // apart
     for lane in range(lanes):
         volume = volumes[lane]
         for i in range(views):
             view = first_view + i
-            for bundle in range(bundles):
+            for turn in range(bundles):
+                bundle = turn if apart == 1 else turn % together * apart + turn // together
                 n, n_other, step, step_other = axes(rays.along_x[view, bundle], shape)
                 a, b = rays.across[view, bundle, 0], rays.across[view, bundle, 1]
                 rise = rays.lift_mm[view, bundle] + rays.rows_mm[0]

@@ -16,7 +16,8 @@ def apply(state: State, values: dict[str, float]) -> None:
     along = values["rows_mm"]
     # The spot moves along the anode's inclined surface.
     place = [values["columns_mm"], along, -along / math.tan(math.radians(state.anode.angle_deg))]
-    state.jump_mm = side[:, None] * place
+    moved = side[:, None] * place
+    state.jump_mm = moved if state.jump_mm is None else state.jump_mm + moved
 
 
 EFFECT = Effect(

@@ -44,6 +44,9 @@ IDLE = {
     "off_focal_width_mm": 20.0,
     "off_focal_collimator_mm": 0.0,  # from the spot; 0: there is none
     "heel_depth_mm": 0.0,
+    "detector_rows_mm": 0.0,
+    "source_mm_per_s": (0.0, 0.0, 0.0),  # along columns, rows and away from the detector
+    "angle_wave_deg": (0.0, 0.0),
 }
 
 

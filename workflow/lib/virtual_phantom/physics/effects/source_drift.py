@@ -1,0 +1,38 @@
+"""Drift of the source during the scan."""
+
+from ..effect import PER_SCAN, Effect, Parameter, Reach
+from ..state import State
+
+FASTEST = 20.0  # mm/s
+FARTHEST_MM = 5.0  # over the scan, as a focal spot that wobbles
+
+
+def _reach(typical_mm: float) -> Reach:
+    return Reach(PER_SCAN, -FARTHEST_MM, FARTHEST_MM, 0.0, typical_mm)
+
+
+def apply(state: State, values: dict[str, float]) -> None:
+    """Move the source from view to view, about the middle of the scan; the detector stays."""
+    velocity = [values[f"{axis}_mm_per_s"] for axis in ("columns", "rows", "away")]
+    moved = state.geometry.times_s[:, None] * velocity
+    state.jump_mm = moved if state.jump_mm is None else state.jump_mm + moved
+
+
+EFFECT = Effect(
+    name="source_drift",
+    physics="The focal spot drifts steadily while the tube warms up, and the detector stays.",
+    equation="source_i' = source_i + w t_i, w along columns, rows and away from the detector, t_i = (i + 1/2 - N/2) dt "
+    "from the middle of the scan",
+    source="M. Ferrucci et al., Meas. Sci. Technol. 26, 092003 (2015)",
+    stage="focal_spot",
+    signature="shadows that wander from the first view to the last, more of what is near the source; away from the "
+    "detector: that shrink",
+    settled_by="the first view again at the end of the scan, of something near the source and something near the "
+    "detector: a drifting object moves the one as the other",
+    parameters=(
+        Parameter("columns_mm_per_s", "mm/s", "along the columns", -FASTEST, FASTEST, 0.0, 0.5, reach=_reach(0.5)),
+        Parameter("rows_mm_per_s", "mm/s", "along the rows", -FASTEST, FASTEST, 0.0, 0.0, reach=_reach(0.0)),
+        Parameter("away_mm_per_s", "mm/s", "away from the detector", -FASTEST, FASTEST, 0.0, 0.0, reach=_reach(0.0)),
+    ),
+    apply=apply,
+)
