@@ -249,8 +249,12 @@ def test_a_file_that_is_no_configuration_is_one_line(text, message, desk, capsys
     [
         ({"bright": "tumour"}, None),
         ({"bright": "tumour", "spine": "bone"}, None),
-        ({"bright": "cyst"}, "bright is of tissue_class cyst, in the study of tumour; name one alike"),
-        ({"spine": "bone"}, "none of spine is an ROI of the study (bright, dark)"),
+        (
+            {"bright": "cyst"},
+            "bright is of tissue_class cyst, in the study of tumour; if they are the same tissue, write",
+        ),
+        ({"spine": "bone"}, "none of spine is an ROI of the study, so nothing could be compared"),
+        ({"spine": "bone"}, "the study's name and tissue_class: bright (tumour), dark ("),
     ],
 )
 def test_regions_of_a_table_are_held_against_those_of_the_study(rois, message, desk, capsys):

@@ -34,13 +34,15 @@ def roi_problems(config: Mapping, documents: Mapping[str, Document]) -> Iterator
         common = theirs.keys() & ours.keys()
         if not common:
             yield (
-                f"{path}: rois: none of {', '.join(theirs)} is an ROI of the study ({', '.join(ours)}), so nothing "
-                "could be compared; give those that are alike the study's names"
+                f"{path}: rois: none of {', '.join(theirs)} is an ROI of the study, so nothing could be compared; give "
+                "those that are alike the study's name and tissue_class: "
+                + ", ".join(f"{name} ({tissue})" for name, tissue in ours.items())
             )
         for roi in sorted(common):
             if theirs[roi] != ours[roi]:
                 yield (
-                    f"{path}: rois: {roi} is of tissue_class {theirs[roi]}, in the study of {ours[roi]}; name one alike"
+                    f"{path}: rois: {roi} is of tissue_class {theirs[roi]}, in the study of {ours[roi]}; if they are "
+                    f"the same tissue, write tissue_class: {ours[roi]}, else give the ROI another name"
                 )
 
 
