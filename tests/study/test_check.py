@@ -245,25 +245,35 @@ def test_a_file_that_is_no_configuration_is_one_line(text, message, desk, capsys
 
 
 @pytest.mark.parametrize(
-    ("rois", "message"),
+    ("rois", "chosen", "message"),
     [
-        ({"bright": "tumour"}, None),
-        ({"bright": "tumour", "spine": "bone"}, None),
+        ({"bright": "tumour", "dark": "fat"}, None, None),
+        ({"bright": "tumour"}, ["bright"], None),
+        ({"bright": "tumour", "spine": "bone"}, ["bright"], None),
         (
             {"bright": "cyst"},
-            "bright is of tissue_class cyst, in the study of tumour; if they are the same tissue, write",
+            ["bright"],
+            "bright is of tissue_class cyst, in the study of tumour; if they are the same",
         ),
-        ({"spine": "bone"}, "none of spine is an ROI of the study, so nothing could be compared"),
-        ({"spine": "bone"}, "the study's name and tissue_class: bright (tumour), dark ("),
+        ({"spine": "bone"}, None, "none of spine is an ROI of the study, so nothing could be compared"),
+        ({"spine": "bone"}, None, "the study's name and tissue_class: bright (tumour), dark (fat)"),
+        (
+            {"bright": "tumour"},
+            None,
+            "comparison.ours: the recording has no ROI dark; to compare what both have, write rois: [bright]",
+        ),
+        ({"bright": "tumour", "dark": "fat", "spine": "bone"}, None, "comparison.ours: the study has no ROI spine; to"),
+        ({"bright": "tumour"}, ["dark"], "comparison.ours: the recording has no ROI dark; to compare"),
     ],
 )
-def test_regions_of_a_table_are_held_against_those_of_the_study(rois, message, desk, capsys):
+def test_regions_of_a_table_are_held_against_those_of_the_study(rois, chosen, message, desk, capsys):
     _, content = recording_folders.features_folder(Path("clinic"))
     content["rois"] = [{"name": name, "tissue_class": kind, "label": 1} for name, kind in rois.items()]
     recording_folders.write_yaml(Path("clinic"), content)
     asked = {"recording": "clinic", "where": {"dose_mgy": 1}, "protocol": "fbp_150", "noise": "dose10"}
+    asked |= {} if chosen is None else {"rois": chosen}
     code, lines = checked(changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"ours": asked}), capsys)
-    assert (code, len(lines)) == (int(message is not None), 1)
+    assert (code, len(lines)) == (int(message is not None), 1), lines
     assert (message or "nothing wrong") in lines[0]
 
 

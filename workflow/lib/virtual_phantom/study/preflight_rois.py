@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from ..base.errors import InputError
 from ..recordings.document import Document
@@ -21,10 +21,11 @@ def roi_problems(config: Mapping, documents: Mapping[str, Document]) -> Iterator
     Yields
     ------
     str
-        For each region that recording.yaml has in another tissue class than the phantom, and each recording of which
-        no region has the name of one of the phantom's.
+        For each region that recording.yaml has in another tissue class than the phantom, each recording of which no
+        region has the name of one of the phantom's, and each comparison that does not choose those of both.
     """
-    compared = {one["recording"] for one in config["analyses"].get("comparison", {}).values()}
+    comparisons = config["analyses"].get("comparison", {})
+    compared = {one["recording"] for one in comparisons.values()}
     ours = _classes_of_phantom(config["phantom"]) if compared & documents.keys() else {}
     for name in sorted(compared & documents.keys()):
         path, entries = documents[name].path, documents[name].content.get("rois", [])
@@ -44,6 +45,25 @@ def roi_problems(config: Mapping, documents: Mapping[str, Document]) -> Iterator
                     f"{path}: rois: {roi} is of tissue_class {theirs[roi]}, in the study of {ours[roi]}; if they are "
                     f"the same tissue, write tissue_class: {ours[roi]}, else give the ROI another name"
                 )
+        if common:
+            here = {key: one for key, one in comparisons.items() if one["recording"] == name}
+            yield from _not_on_both_sides(here, list(ours), list(theirs))
+
+
+def _not_on_both_sides(comparisons: Mapping, ours: Sequence[str], theirs: Sequence[str]) -> Iterator[str]:
+    """Of comparisons with one recording: those that would miss an ROI, after hours of simulation."""
+    common = [roi for roi in ours if roi in theirs]
+    for key, one in comparisons.items():
+        chosen = one.get("rois")
+        lacks = {
+            "the recording": [roi for roi in chosen or ours if roi not in theirs],
+            "the study": [roi for roi in chosen or theirs if roi not in ours],
+        }
+        if missing := [f"{side} has no ROI {', '.join(rois)}" for side, rois in lacks.items() if rois]:
+            yield (
+                f"config: analyses.comparison.{key}: {' and '.join(missing)}; to compare what both have, write "
+                f"rois: [{', '.join(common)}] there"
+            )
 
 
 def _classes_of_phantom(phantom: Mapping) -> dict[str, str]:
