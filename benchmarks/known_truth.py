@@ -1,6 +1,6 @@
 """A scanned phantom whose truth is known: how often a simulation of it lies within repeat error of real scans.
 
-    python benchmarks/known_truth.py [--repeats 10] [--scans 3 [--own-voxels]]
+    python benchmarks/known_truth.py [--scans 3 [--own-voxels]] [--oversampling 3] [--seed 1]
 
 The truth is the drawn phantom on voxels a third as wide as the study's. A mean of ten scans of it is the truth blurred
 by a Gaussian of 0.75 voxels, and noise. What is made of it is scanned by one scanner, as the truth is. A cell is a
@@ -10,7 +10,7 @@ scans of the same do in 95 % of the cells. Prints a row for each phantom:
     the truth          scanned again, by other photons: the best there is
     own blur kept      the mean as it is: blurred twice
     own blur removed   the mean without its own blur and noise (phantom.own_blur)
-    and interpolation  the same, the linear interpolation to the phantom's voxels counted as blur too
+    and voxels         the same, what the phantom's voxels blur counted too, as the workflow does
     wrong kernel       own blur removed, and images blurred by a Gaussian of 3 mm that the scanner has not
 
 With --scans the mean is of ten reconstructions of the truth in place of a Gaussian and white noise, by a scanner whose
@@ -30,7 +30,7 @@ from virtual_phantom.features.names import FEATURES
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import block_mean
 from virtual_phantom.phantom.ct import resample
-from virtual_phantom.phantom.own_blur import SD_OF_FWHM, SD_OF_HALF, spectra, with_interpolation, without_own_blur
+from virtual_phantom.phantom.own_blur import SD_OF_FWHM, SD_OF_HALF, spectra, with_voxels, without_own_blur
 from virtual_phantom.statistics.comparison import compare
 from virtual_phantom.statistics.own_edge import edge_mtf_half
 
@@ -45,16 +45,16 @@ def images(phantom, repeats, seed, finer=1):
     return vp.reconstruct(vp.scan(phantom, noise_level=LEVEL, repeats=repeats, seed=seed, **scanner), "fbp")
 
 
-def of_image(drawn, image):
+def of_image(drawn, image, oversampling=2):
     """The drawn phantom with another image, its regions kept."""
     grid = drawn.image.grid
-    fine = resample(image, grid.refined(2), outside=-1000.0)
-    return replace(drawn, fine=Volume(fine, grid.refined(2)), image=Volume(block_mean(fine, 2), grid))
+    fine = Volume(resample(image, grid.refined(oversampling), outside=-1000.0), grid.refined(oversampling))
+    return replace(drawn, fine=fine, image=Volume(block_mean(fine.array, oversampling), grid))
 
 
-def of_own_scans(drawn, finer):
+def of_own_scans(drawn, finer, seed):
     """The mean of AVERAGED scans, its own blur and the spectra of itself and its noise, as the workflow has them."""
-    scans = np.stack([one.array for one in images(drawn, AVERAGED, 3, finer)]).astype(np.float64)
+    scans = np.stack([one.array for one in images(drawn, AVERAGED, seed, finer)]).astype(np.float64)
     noise = np.tensordot(np.resize([1, -1], AVERAGED), scans, 1) / AVERAGED
     inside = np.any([roi.mask for roi in drawn.rois], axis=0)
     print(f"noise of one scan {np.sqrt(scans[:, inside].var(axis=0, ddof=1).mean()):.1f} HU", flush=True)
@@ -65,22 +65,25 @@ def of_own_scans(drawn, finer):
     return mean, own, spectra(mean.array[box], noise[box], mean.grid.spacing)
 
 
-def main(repeats, scans, own_voxels):
+def main(repeats, scans, own_voxels, oversampling, seed):
     warnings.simplefilter("ignore")  # small regions: it is the comparison that is looked at
-    drawn, truth, mean, own, measured = scanned(scans, own_voxels) if scans else modelled()
+    drawn, truth, mean, own, measured = scanned(scans, own_voxels, seed) if scans else modelled()
     finer = scans if own_voxels else 1
-    spacing = mean.grid.spacing
+    spacing, fine = mean.grid.spacing, drawn.image.grid.refined(oversampling).spacing
+    aligned = np.allclose(spacing, fine)
     print(f"own blur in the plane: SD {own[1]:.2f} mm, along z {own[0]:.2f} mm; {repeats} repeats", flush=True)
-    phantoms = {
-        "the truth": truth,
-        "own blur kept": of_image(drawn, mean),
-        "own blur removed": of_image(drawn, without_own_blur(mean, own, measured)),
-        "and interpolation": of_image(drawn, without_own_blur(mean, with_interpolation(own, spacing), measured)),
+    phantoms = {"the truth": truth} | {
+        name: of_image(drawn, image, oversampling)
+        for name, image in (
+            ("own blur kept", mean),
+            ("own blur removed", without_own_blur(mean, own, measured)),
+            ("and voxels", without_own_blur(mean, with_voxels(own, spacing, fine, aligned), measured)),
+        )
     }
-    reference = vp.extract(images(truth, repeats, 1, finer), drawn)
+    reference = vp.extract(images(truth, repeats, seed, finer), drawn)
     print("phantom             within repeat error   median |shift| (repeat SDs)")
     for name, phantom in phantoms.items():
-        series = images(phantom, repeats, 2, finer)
+        series = images(phantom, repeats, seed + 1, finer)
         show(name, series, drawn, reference)
         if name == "own blur removed":
             sigma = [WRONG_MM / step for step in drawn.image.grid.spacing]
@@ -95,30 +98,31 @@ def show(name, series, drawn, reference):
 
 
 def modelled():
-    """The drawn phantom on the study's voxels, on finer ones, and a mean that is these blurred by a Gaussian."""
-    drawn = vp.draw_phantom(SHAPE, SPACING)
-    fine = vp.draw_phantom(
-        tuple(FINER * size for size in SHAPE), tuple(step / FINER for step in SPACING), oversampling=1
-    ).image
+    """The drawn phantom, it on finer voxels, and a mean that is these blurred by a Gaussian, with noise."""
+    fine, drawn, truth = drawn_finer(FINER)
     rng = np.random.default_rng(2022)
-    noise = rng.normal(0, NOISE_HU / AVERAGED**0.5, (2, *fine.grid.shape))
-    mean = Volume((gaussian_filter(fine.array, OWN_VOXELS) + noise[0]).astype(np.float32), fine.grid)
-    inside = np.any([roi.mask for roi in drawn.rois], axis=0)
-    box = tuple(slice(FINER * index.min(), FINER * (index.max() + 1)) for index in np.nonzero(inside))
+    noise = rng.normal(0, NOISE_HU / AVERAGED**0.5, (2, *fine.image.grid.shape))
+    mean = Volume((gaussian_filter(fine.image.array, OWN_VOXELS) + noise[0]).astype(np.float32), fine.image.grid)
+    inside = np.any([roi.mask for roi in fine.rois], axis=0)
+    (box,) = find_objects(inside.astype(np.uint8))
     in_plane = SD_OF_HALF / edge_mtf_half(mean)
-    own = (OWN_VOXELS * fine.grid.spacing[0], in_plane, in_plane)
-    return drawn, of_image(drawn, fine), mean, own, spectra(mean.array[box], noise[1][box], fine.grid.spacing)
+    own = (OWN_VOXELS * mean.grid.spacing[0], in_plane, in_plane)
+    return drawn, truth, mean, own, spectra(mean.array[box], noise[1][box], mean.grid.spacing)
 
 
-def scanned(finer, own_voxels):
+def scanned(finer, own_voxels, seed):
     """The same, but that the mean is of scans, and how it was scanned is found from it."""
+    fine, drawn, truth = drawn_finer(finer)
+    mean, own, measured = of_own_scans(fine, finer, seed + 2)
+    return (fine, fine, mean, own, measured) if own_voxels else (drawn, truth, mean, own, measured)
+
+
+def drawn_finer(finer):
+    """The phantom on finer voxels, on the study's, and on the study's as the scan of the finer one sees it."""
     fine = vp.draw_phantom(tuple(finer * size for size in SHAPE), tuple(step / finer for step in SPACING))
-    mean, own, measured = of_own_scans(fine, finer)
-    if own_voxels:
-        return fine, fine, mean, own, measured
     drawn = vp.draw_phantom(SHAPE, SPACING)
-    truth = replace(drawn, fine=fine.fine, image=Volume(block_mean(fine.fine.array, 2 * finer), drawn.image.grid))
-    return drawn, truth, mean, own, measured
+    seen = Volume(block_mean(fine.fine.array, 2 * finer), drawn.image.grid)
+    return fine, drawn, replace(drawn, fine=fine.fine, image=seen)
 
 
 if __name__ == "__main__":
@@ -126,5 +130,7 @@ if __name__ == "__main__":
     parser.add_argument("--repeats", type=int, default=10)
     parser.add_argument("--scans", type=int, metavar="FINER", help="2 or 3; absent: a Gaussian and white noise")
     parser.add_argument("--own-voxels", action="store_true", help="with --scans")
+    parser.add_argument("--oversampling", type=int, default=2, help="of the phantom that is made of the mean")
+    parser.add_argument("--seed", type=int, default=1)
     asked = parser.parse_args()
-    main(asked.repeats, asked.scans, asked.own_voxels)
+    main(asked.repeats, asked.scans, asked.own_voxels, asked.oversampling, asked.seed)

@@ -5,16 +5,18 @@ import pytest
 from scipy.special import ndtr
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.io.volumes import Volume
+from virtual_phantom.phantom.ct import resample
 from virtual_phantom.phantom.own_blur import (
     SD_OF_HALF,
     Spectra,
     spectra,
-    with_interpolation,
+    with_voxels,
     within_object,
     without_own_blur,
 )
+from virtual_phantom.physics.line_integrals import clean_line_integrals
 from virtual_phantom.statistics.own_edge import edge_mtf_half
 
 GRID = Grid((40, 96, 96), (0.75, 0.7, 0.7), (0.0, 0.0, 0.0))
@@ -109,7 +111,35 @@ def test_linear_interpolation_is_a_blur_of_a_sixth_of_a_voxel_squared():
     places = np.linspace(-50, 50, 1001)
     read = np.interp(places, x, values)
     variance = (read * places**2).sum() / read.sum()
-    assert variance == pytest.approx(with_interpolation((4.0, 0, 0), (1.0, 1.0, 1.0))[0] ** 2, rel=1e-3)
+    of_points = with_voxels((4.0, 0, 0), (1.0, 1.0, 1.0), (1e-6, 1e-6, 1e-6))
+    assert variance == pytest.approx(of_points[0] ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("fine", [1, 2])
+def test_what_voxels_blur_is_seen_in_projections(fine):
+    """A Gaussian through `ct` and the projector: its width along z, and across rays of all directions."""
+    own, sd = Grid((64, 64, 64), (1.3, 1.3, 1.3)), 3.1
+    z, y, x = np.meshgrid(*own.axes_mm(), indexing="ij")
+    image = Volume((-1000 + 800 * np.exp(-(x**2 + y**2 + z**2) / 2 / sd**2)).astype(np.float32), own)
+    grid = Grid((28, 28, 28), (3.0, 3.0, 3.0)).refined(fine)
+    phantom = Volume(resample(image, grid, outside=-1000.0), grid)
+    far = 1e5  # all but parallel
+    scan = circular(
+        views=64,
+        source_to_isocentre_mm=far,
+        source_to_detector_mm=far + 1,
+        columns=200,
+        rows=200,
+        column_pitch_mm=0.4,
+        row_pitch_mm=0.4,
+    )
+    profile = clean_line_integrals(phantom, scan, 0.02).mean(axis=0, dtype=np.float64)
+    places = (np.arange(200) - 99.5) * 0.4
+    of_rows, of_columns = (profile.sum(axis=axis) for axis in (1, 0))
+    found = [np.average((places - np.average(places, weights=w)) ** 2, weights=w) for w in (of_rows, of_columns)]
+    expected = with_voxels((sd,) * 3, own.spacing, grid.spacing)
+    np.testing.assert_allclose(found, np.square(expected[:2]), rtol=2e-3)
+    assert expected[0] ** 2 > 1.04 * sd**2  # what is tested is not lost in the tolerance
 
 
 def test_a_blur_that_is_none_is_refused():

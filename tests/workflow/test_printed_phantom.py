@@ -61,7 +61,7 @@ def made(tmp_path_factory):
     """The project, what the command said, and what was scanned."""
     folder = tmp_path_factory.mktemp("nothing")
     with standing_in(folder, PHANTOM, COMPARED) as (project, settings, variables, truth):
-        settings = SMALL | settings | {"grid": settings["grid"] | {"oversampling": 1}}
+        settings = SMALL | settings | {"grid": settings["grid"] | {"oversampling": 2}}
         (project / "mine.yaml").write_text(yaml.safe_dump(settings))
         files = ("config/printed_phantom.yaml", "config/tiny.yaml", "mine.yaml")
         environment = variables | {"PYTHONPATH": str(project / "workflow" / "lib")}

@@ -38,6 +38,7 @@ rule without_own_blur:
         runtime=60,
     params:
         slice_mm=context.scans.slice_mm,
+        grid=context.config["grid"],
         regions=context.scans.regions,
     script:
         "../scripts/without_own_blur.py"

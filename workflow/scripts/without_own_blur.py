@@ -8,7 +8,7 @@ from virtual_phantom.phantom.own_blur import (
     SD_OF_FWHM,
     SD_OF_HALF,
     Spectra,
-    with_interpolation,
+    with_voxels,
     within_object,
     without_own_blur,
 )
@@ -22,7 +22,8 @@ with job(snakemake) as log:
     half = edge_mtf_half(mean)
     in_plane, along = SD_OF_HALF / half, SD_OF_FWHM * params.slice_mm
     spectra = Spectra.of_table(files.read_csv(snakemake.input.spectra))
-    blur = with_interpolation((along, in_plane, in_plane), mean.grid.spacing)
+    fine = [step / params.grid["oversampling"] for step in params.grid["spacing_mm"]]
+    blur = with_voxels((along, in_plane, in_plane), mean.grid.spacing, fine)
     sharp = within_object(without_own_blur(mean, blur, spectra), mean)
     write_nifti(sharp, output.image)
     rows = [("mtf_half_per_mm", "", half, edge_mtf_half(sharp))]

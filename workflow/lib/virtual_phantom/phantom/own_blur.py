@@ -29,6 +29,8 @@ LEAST_SIGNAL = 0.1  # share of the mean's power that is the object's: with less,
 LARGEST_GAIN = 4.0  # of any frequency; a Gaussian stands for the blur, and what it says of its tail is not known
 MIRRORED = 8  # slices beyond each end, so that the ends are not each other's neighbours
 SD_OF_HALF = math.sqrt(math.log(2) / 2) / math.pi  # of a Gaussian in mm whose MTF is one half at 1 per mm
+# Share of a voxel's interpolation that blurs along (z, y, x), mean over all rays.
+ACROSS = (1.0, 0.5 + 1 / math.pi, 0.5 + 1 / math.pi)
 SD_OF_FWHM = 1 / math.sqrt(8 * math.log(2))
 
 
@@ -156,20 +158,42 @@ def without_own_blur(image: Volume, blur_mm: Sequence[float], measured: Spectra)
     return Volume(np.ascontiguousarray(restored, dtype=np.float32), image.grid)
 
 
-def with_interpolation(blur_mm: Sequence[float], spacing: Sequence[float]) -> tuple[float, float, float]:
-    """A blur and that of linear interpolation, by which `ct.load` brings an image to other voxels.
+def with_voxels(
+    blur_mm: Sequence[float], own: Sequence[float], fine: Sequence[float], aligned: bool = False
+) -> tuple[float, float, float]:
+    """A blur with what voxels add to it, on the way from an image to line integrals of a phantom made of it.
+
+    Variances add. `ct.load` interpolates between the image's voxels (a triangle: a sixth of a voxel's square) and takes
+    means of points in the phantom's where these are larger (a box: up to a twelfth). The projector interpolates between
+    the phantom's voxels, along z and across the ray [2]_. For a structure in the plane that counts by the square of the
+    cosine of its angle to the nearer axis: in the mean over directions 1/2 + 1/pi.
 
     Parameters
     ----------
-    blur_mm, spacing : sequence of 3 float
-        SD of a Gaussian, and voxels; mm, both along (z, y, x).
+    blur_mm : sequence of 3 float
+        SD of a Gaussian along (z, y, x), mm.
+    own, fine : sequence of 3 float
+        Voxels of the image and of the phantom, mm.
+    aligned : bool, optional
+        Whether the phantom's voxels are the image's, so that nothing is interpolated between these.
 
     Returns
     -------
     tuple of 3 float
-        SD of a Gaussian, mm: variances add, and that of a triangle over two voxels is a sixth of a voxel's square.
+        SD of a Gaussian, mm.
+
+    References
+    ----------
+    .. [2] P. M. Joseph, IEEE Trans. Med. Imaging 1, 192, 1982.
     """
-    return tuple(math.hypot(sd, step / math.sqrt(6)) for sd, step in zip(blur_mm, spacing, strict=True))
+    found = []
+    for sd, step, larger, across in zip(blur_mm, own, fine, ACROSS, strict=True):
+        variance = sd**2 + across * larger**2 / 6
+        if not aligned:
+            points = max(math.ceil(larger / step - 1e-6), 1)  # as ct.resample has them
+            variance += step**2 / 6 + larger**2 / 12 * (1 - 1 / points**2)
+        found.append(math.sqrt(variance))
+    return tuple(found)
 
 
 def within_object(image: Volume, mean: Volume) -> Volume:
