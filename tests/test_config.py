@@ -360,6 +360,9 @@ def test_reference_page_is_up_to_date():
         ({"physics_from": "c"}, "diagnosis.recordings.b.physics_from is 'c'; name another diagnosed recording: a"),
         ({"physics_from": "b"}, "diagnosis.recordings.b.physics_from is 'b'; name another diagnosed recording: a"),
         ({"physics_from": "a", "effects": ["scatter"]}, "has both effects and physics_from"),
+        ({"baseline_from": "c"}, "diagnosis.recordings.b.baseline_from is 'c'; name another diagnosed recording: a"),
+        ({"baseline_from": "b"}, "diagnosis.recordings.b.baseline_from is 'b'; name another diagnosed recording: a"),
+        ({"baseline_from": "a", "physics_from": "a"}, "b has both physics_from and baseline_from; keep the one"),
     ],
 )
 def test_diagnosed_objects_and_their_physics_are_one_each(settings, message):
@@ -373,3 +376,10 @@ def test_physics_is_not_taken_from_where_it_was_taken_to():
     refuse({**config, "diagnosis": {"recordings": diagnosed}}, "which has its physics from elsewhere; name that one")
     diagnosed["c"] = {"physics_from": "a"}
     complete({**config, "diagnosis": {"recordings": diagnosed}})
+    diagnosed["c"] = {"baseline_from": "b"}
+    refuse({**config, "diagnosis": {"recordings": diagnosed}}, "b', which has its own physics_from; name that one")
+    diagnosed["c"] = {"baseline_from": "a"}
+    complete({**config, "diagnosis": {"recordings": diagnosed}})
+    scanners = {"s": {"recordings": ["a", "c"]}}
+    together = {"recordings": diagnosed, "scanners": scanners}
+    refuse({**config, "diagnosis": together}, "names 'c', which has its baseline_from a; take that out")

@@ -4,8 +4,10 @@ import json
 
 import pytest
 
+from virtual_phantom.base.data import SCHEMAS
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io.documents import DIAGNOSIS, SCORE, read_document, schema_of_kind, write_document
+from virtual_phantom.io.schema import read_schema
 
 DOCUMENT = {
     "recording": "disc",
@@ -57,3 +59,21 @@ def test_every_key_of_a_schema_is_of_a_kind(kind):
     """Required keys are described, so that none is misspelt."""
     schema = schema_of_kind(kind)
     assert set(schema["required"]) <= set(schema["properties"])
+
+
+@pytest.mark.parametrize("path", sorted(SCHEMAS.glob("*.yaml")), ids=lambda path: path.stem)
+def test_every_name_in_a_schema_is_text(path):
+    """YAML takes an unquoted off for False, which no document has."""
+
+    def names(node):
+        if isinstance(node, dict):
+            yield from node
+            yield from node.get("required", []) if isinstance(node.get("required"), list) else []
+            for value in node.values():
+                yield from names(value)
+        elif isinstance(node, list):
+            for value in node:
+                yield from names(value)
+
+    found = list(names(read_schema(path)))
+    assert len(found) > 10 and [one for one in found if not isinstance(one, str)] == []

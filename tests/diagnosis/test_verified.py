@@ -17,7 +17,7 @@ from virtual_phantom.diagnosis.core.fit import Fit
 from virtual_phantom.diagnosis.core.screening import Screened
 from virtual_phantom.diagnosis.core.trial import Trial, trial
 from virtual_phantom.diagnosis.core.verdict import diagnose, excess_rms_removed
-from virtual_phantom.diagnosis.core.verified import Physics, stated, verified
+from virtual_phantom.diagnosis.core.verified import Physics, stated, verified, with_declared
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.scanned import mask_scene
 from virtual_phantom.io import volumes
@@ -345,3 +345,27 @@ def test_an_effect_is_worth_what_it_explains_once_an_idle_one_has_gone(scored, m
     choice = attribute.choose(None, scored(()), singles, accuracy={"default": 0.1})
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
     assert choice.blur == pytest.approx(0.1**2 * 900)
+
+
+def test_what_was_found_elsewhere_can_be_declared(tmp_path):
+    """Its errors are the statement's; what was declared there is known too; one's own statement goes first."""
+    stated = {"stated": 20.0, "sd": 5.0, "value": 24.0, "ci95": [20.08, 27.92], "unit": "ms", "pull": 1.0, "off": False}
+    glow = {"time_constant_ms": stated, "share": stated | {"value": 0.03, "ci95": [0.0104, 0.0496], "unit": "1"}}
+    (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, declared={"afterglow": glow})))
+    own = {"scatter": {"amount": {"value": 0.01, "sd": 0.001}}}
+    model = {"folder": "here", "settings": {"samples": 1, "baseline": own}}
+    settings = with_declared(model, tmp_path / "d.json")["settings"]
+    assert settings["samples"] == 1 and settings["baseline"]["scatter"] == own["scatter"]
+    assert set(settings["baseline"]) == set(TRUTH) | {"afterglow"}
+    assert settings["baseline"]["afterglow"]["time_constant_ms"] == pytest.approx({"value": 24.0, "sd": 2.0}, rel=1e-4)
+    errors = Physics.read(tmp_path / "d.json").errors
+    for name in set(TRUTH) - {"scatter"}:
+        for key, value in TRUTH[name].items():
+            assert settings["baseline"][name][key] == pytest.approx({"value": value, "sd": errors[name][key]})
+    assert model["settings"]["baseline"] == own and with_declared(model, None) == model
+
+
+def test_a_diagnosis_that_knows_no_effect_declares_none(tmp_path):
+    (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, {})))
+    with pytest.raises(InputError, match="d.json: knows no effect of the scanner; take baseline_from out"):
+        with_declared({"settings": {}}, tmp_path / "d.json")

@@ -144,6 +144,26 @@ def test_where_physics_cannot_come_from_is_said_in_one_line(bench):
     assert "physics has from and scatter; keep the one or the other" in process.stderr
 
 
+def test_what_was_found_is_known_to_the_next_recording(bench):
+    """The same scans again: with what was found in them declared, nothing is missing beside it."""
+    overlay = {
+        **STUDY,
+        "recordings": {name: str(bench / "bench") for name in ("bench", "again")},
+        "diagnosis": {
+            "recordings": {
+                "bench": {"samples": 1, "effects": EFFECTS},
+                "again": {"samples": 1, "effects": EFFECTS, "baseline_from": "bench"},
+            }
+        },
+    }
+    process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "next")
+    assert process.returncode == 0, process.stderr[-4000:]
+    found = json.loads((bench / "results" / "diagnosis" / "again" / "diagnosis.json").read_text())
+    assert (found["verdict"], found["effects"]) == ("match", [])
+    assert set(found["declared"]) == set(CONCEALED) and abs(found["declared"]["scatter"]["amount"]["pull"]) < 3
+    assert found["modelled"]["effects tried"] == "detector offset, X-ray crosstalk"
+
+
 def test_only_what_a_change_touches_is_done_again(bench):
     assert planned(diagnosis(bench, "-n")) == {}
     folder = bench / "results" / "diagnosis" / "bench"

@@ -7,7 +7,7 @@ from virtual_phantom.diagnosis.core.asked import Asked
 from virtual_phantom.diagnosis.core.locate import ALPHA
 from virtual_phantom.diagnosis.core.sentence import PRACTICAL
 from virtual_phantom.diagnosis.core.store import RESIDUAL_MAPS, write_diagnosis
-from virtual_phantom.diagnosis.core.verified import Physics
+from virtual_phantom.diagnosis.core.verified import Physics, with_declared
 from virtual_phantom.diagnosis.course import explain, hold_against
 from virtual_phantom.diagnosis.described import described
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
@@ -25,7 +25,9 @@ from virtual_phantom.study.kept_fits import kept_fits
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
-    asked = Asked.of(params.model, given.get("phantom"), snakemake.threads)
+    model = with_declared(params.model, given.get("declared"))
+    asked = Asked.of(model, given.get("phantom"), snakemake.threads)
+    effects = [name for name in params.effects if name not in asked.settings.baseline]
     recording = load(asked.folder)
     doubt = set_up(recording, asked) if doubted(recording, asked) else None
     setup = NOT_LOOKED if doubt is None else doubt.content
@@ -39,17 +41,15 @@ with job(snakemake) as log:
         kept = None
         if "kept" in params.keys():
             scanned = filter(None, (given.get(name) for name in ("phantom", "mask", "shapes")))
-            kept = kept_fits(params.kept, params.model, [*given.files, *scanned])
+            kept = kept_fits(params.kept, model, [*given.files, *scanned])
         if "physics" in given.keys():
             physics = Physics.read(given.physics)
             prepared, found = hold_against(recording.name, prepared, physics, params.same_material, kept)
         else:
-            prepared, found = explain(
-                recording.name, prepared, params.effects, params.accuracy, snakemake.threads, kept
-            )
+            prepared, found = explain(recording.name, prepared, effects, params.accuracy, snakemake.threads, kept)
         if "record" in given.keys():
             found = replace(found, content=with_coverage(found.content, read(given.record)))
-        tried = [] if "physics" in given.keys() else params.effects
+        tried = [] if "physics" in given.keys() else effects
         found.content["modelled"] = described(asked, recording, prepared, tried)
         if doubt is not None:
             found.content["setup"] = setup

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from virtual_phantom.diagnosis.core.asked import Asked
 from virtual_phantom.diagnosis.core.attribute import AS_GOOD
+from virtual_phantom.diagnosis.core.verified import with_declared
 from virtual_phantom.diagnosis.next_measurement import alikeness, found_in, possible, rank, refitted, refitted_jointly
 from virtual_phantom.diagnosis.next_written import alike_table, first_words, recording_to_fill_in, table
 from virtual_phantom.diagnosis.ready import ready
@@ -20,18 +21,18 @@ with job(snakemake) as log:
     named = [one["name"] for one in diagnosis["effects"]]
     sentence = f"{params.what}: no effect was named, so that there is nothing to tell apart"
     if named:
-        made = {
-            name: ready(Asked.of(model, given.get("phantom"), snakemake.threads))
-            for name, model in params.models.items()
-        }
+        models = {name: with_declared(model, given.get("declared")) for name, model in params.models.items()}
+        made = {name: ready(Asked.of(model, given.get("phantom"), snakemake.threads)) for name, model in models.items()}
+        known = {effect for model in models.values() for effect in model["settings"].get("baseline", {})}
+        effects = [name for name in params.effects if name not in known]
         prepared = {name: one[1] for name, one in made.items()}
-        alike = alikeness(prepared, {name: one.fitter.fit(()) for name, one in prepared.items()}, params.effects)
+        alike = alikeness(prepared, {name: one.fitter.fit(()) for name, one in prepared.items()}, effects)
         if len(prepared) == 1:
             chosen, ambiguities = refitted(*prepared.values(), *prepared, found_in(diagnosis))
         else:
-            chosen, ambiguities = refitted_jointly(prepared, named, params.effects, alike)
+            chosen, ambiguities = refitted_jointly(prepared, named, effects, alike)
         first = next(iter(prepared))
-        settings = params.models[first]["settings"]
+        settings = models[first]["settings"]
         found = rank(prepared, chosen, ambiguities, possible(prepared, settings))
         rows = table(found)
         write_text(rows.to_csv(index=False), folder / "ranking.csv")

@@ -304,15 +304,17 @@ class Rules:
             where = f"diagnosis.scanners.{name}.recordings"
             for recording in scanner["recordings"]:
                 yield from self._known(recording, self.names.diagnosed, where)
-                if "physics_from" in diagnosed.get(recording, {}):
-                    other = diagnosed[recording]["physics_from"]
-                    yield f"config: {where} names '{recording}', which takes its physics from {other}; take that out"
+                for key in ("physics_from", "baseline_from"):
+                    if other := diagnosed.get(recording, {}).get(key):
+                        yield f"config: {where} names '{recording}', which has its {key} {other}; take that out"
 
     def _one_diagnosed(self, name: str, settings: dict, diagnosed: dict) -> Iterator[str]:
         where = f"config: diagnosis.recordings.{name}"
         if "disc" in settings and "object" in settings:
             yield f"{where} has both disc and object; keep the one that was scanned"
         yield from self._object(settings.get("object", {"kind": ""}), f"{where}.object")
+        if "baseline_from" in settings:
+            yield from self._baseline_from(name, settings, diagnosed)
         if "physics_from" not in settings:
             return
         other = settings["physics_from"]
@@ -323,6 +325,16 @@ class Rules:
             yield f"{where}.physics_from is '{other}', which has its physics from elsewhere; name that one"
         elif "effects" in settings:
             yield f"{where} has both effects and physics_from; effects are those of '{other}', remove effects"
+
+    def _baseline_from(self, name: str, settings: dict, diagnosed: dict) -> Iterator[str]:
+        where, other = f"config: diagnosis.recordings.{name}", settings["baseline_from"]
+        if "physics_from" in settings:
+            yield f"{where} has both physics_from and baseline_from; keep the one or the other"
+        if other == name or other not in self.names.diagnosed:
+            others = ", ".join(sorted(set(diagnosed) - {name})) or "none"
+            yield f"{where}.baseline_from is '{other}'; name another diagnosed recording: {others}"
+        elif taken := {"physics_from", "baseline_from"} & set(diagnosed.get(other, {})):
+            yield f"{where}.baseline_from is '{other}', which has its own {min(taken)}; name that one"
 
     def _object(self, settings: dict, where: str) -> Iterator[str]:
         """A mask with its material, or the kind of an object of shapes."""

@@ -20,7 +20,7 @@ from .recorded import Recordings
 KEPT = "fits"  # folder beside a diagnosis
 DEFAULT_CORES = 2  # that a diagnosis takes where nobody says how many there are
 # A fit depends on none of these: another list of effects redoes none.
-NOT_MODELLED = ("effects", "physics_from")
+NOT_MODELLED = ("effects", "physics_from", "baseline_from")
 
 
 def _object_file(settings: Mapping) -> dict[str, str]:
@@ -125,6 +125,12 @@ class Diagnosis:
             for name in recordings
             for effect in (*self.candidates[name], *self.settings[name].get("baseline", {}))
         ]
+        names += [
+            effect
+            for name in recordings
+            if "baseline_from" in self.settings[name]
+            for effect in self.in_fits(self.settings[name]["baseline_from"])
+        ]
         return sorted(set(names))
 
     def shared(self, scanner: str) -> list[str]:
@@ -207,6 +213,8 @@ class Diagnosis:
             inputs |= _object_file(settings["object"])
         elif "disc" not in settings:
             inputs["phantom"] = self.files("phantom_fine")
+        if "baseline_from" in settings:
+            inputs["declared"] = self.files("diagnosis", recording=settings["baseline_from"])
         return inputs
 
     def physics(self, name: str) -> dict[str, str]:

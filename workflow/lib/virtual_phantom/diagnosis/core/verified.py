@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -75,6 +76,41 @@ class Physics:
         if needed and not effects:
             raise InputError(f"{path}: found no effect that another recording could be held against; drop physics_from")
         return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))))
+
+
+def with_declared(model: Mapping, path: str | Path | None) -> dict:
+    """A recording's model in which what another one's diagnosis found, or was told and fitted, is declared.
+
+    Parameters
+    ----------
+    model : mapping
+        As study.diagnosed.Diagnosis.model gives it.
+    path : str, Path or None
+        A diagnosis.json; None: the model as it is.
+
+    Returns
+    -------
+    dict
+        Its settings' baseline has value and sd of these too, where it does not state the effect itself.
+
+    Raises
+    ------
+    InputError
+        As `Physics.read` does, and if that diagnosis knows no effect.
+    """
+    if path is None:
+        return dict(model)
+    found = Physics.read(path, needed=False)
+    known = {
+        name: {key: {"value": value, "sd": found.errors[name][key]} for key, value in values.items()}
+        for name, values in found.effects.items()
+    }
+    for name, values in read_document(path, DIAGNOSIS).get("declared", {}).items():
+        known[name] = {key: {"value": one["value"], "sd": _error(one)} for key, one in values.items()}
+    if not known:
+        raise InputError(f"{path}: knows no effect of the scanner; take baseline_from out")
+    settings = model["settings"]
+    return {**model, "settings": {**settings, "baseline": {**known, **settings.get("baseline", {})}}}
 
 
 def _error(parameter: dict) -> float:
