@@ -121,3 +121,15 @@ def test_refusals(table):
     ):
         with pytest.raises(InputError, match=message):
             figures.draw(wrong, ranks)
+
+
+@pytest.mark.parametrize("count", [1, 2, 6])
+def test_texts_lie_apart_however_few_the_rois(table, count):
+    few = table[table["roi"].isin(list(dict.fromkeys(table["roi"]))[:count])]
+    figure = figures.draw(few, comparison.ranks(table))
+    assert_text_fits(figure)
+    figure.draw_without_rendering()
+    scales = [axes.xaxis.label.get_window_extent() for axes in figure.axes if axes.xaxis.label.get_text()]
+    assert len(scales) >= 2
+    for place, one in enumerate(scales):
+        assert not any(one.overlaps(other) for other in scales[:place])

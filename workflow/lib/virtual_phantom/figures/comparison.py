@@ -14,6 +14,7 @@ from ..statistics.comparison import ALPHA, RANK_RIGHT
 from . import style, tables
 
 ROW_MM = 2.35  # the least for lines of 7 point type; so 86 of them and the rest fit a page of A4
+LEAST_COLUMNS = 6  # as wide as so many a panel of fewer ROIs is too, as the scales below need it
 GAP_ROWS = 1.3  # between families, for their names
 # In margins: beyond the last there is one colour, since a shift of 300 SD is as wrong as one of 30.
 SHIFT_STEPS = (1, 3, 10, 30)
@@ -73,7 +74,8 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     lines = [*([title] if title else []), *_footnotes(other)]
     height = ROW_MM * (y[-1] + 1 + GAP_ROWS)
     figure = style.figure(style.DOUBLE_COLUMN_MM, height + 41 + (5 if lines else 0) + 3 * max(0, len(lines) - 1))
-    left, right, rank = figure.subplots(1, 3, sharey=True, gridspec_kw={"width_ratios": [len(rois), len(rois), 1.4]})
+    wide_as = max(len(rois), LEAST_COLUMNS)
+    left, right, rank = figure.subplots(1, 3, sharey=True, gridspec_kw={"width_ratios": [wide_as, wide_as, 1.4]})
     shift_steps = margin * np.array(SHIFT_STEPS)
     _heat(
         figure,
