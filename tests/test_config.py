@@ -54,14 +54,17 @@ def test_checking_and_completing_change_nothing(name):
         update_config(config, yaml.safe_load((ROOT / "config" / file).read_text()))
     config |= {"physics": {"scatter": None, "reconstruction_kernel": {"sigma_mm": 1.0}}, "measured": {"overlay": False}}
     config["noise"]["model"] = "physical"
+    boxed = {name for name, protocol in config["protocols"].items() if protocol and "voxels" in protocol}
+    for one in boxed:  # whose images take no effects
+        config["protocols"][one]["physics"] = {"scatter": None}
     before = copy.deepcopy(config)
     assert check(config) is None and config == before
     whole = complete(config)
     assert config == before
     assert whole["protocols"]
-    for protocol in whole["protocols"].values():
+    for one, protocol in whole["protocols"].items():
         assert protocol["physics"]["scatter"]["amount"] > 0
-        assert protocol["image_physics"] == {"reconstruction_kernel": {"sigma_mm": 1.0}}
+        assert protocol["image_physics"] == ({} if one in boxed else {"reconstruction_kernel": {"sigma_mm": 1.0}})
     # Nor do the two share anything that one could change in the other.
     for protocol in whole["protocols"].values():
         protocol["physics"].clear()
@@ -383,3 +386,13 @@ def test_physics_is_not_taken_from_where_it_was_taken_to():
     scanners = {"s": {"recordings": ["a", "c"]}}
     together = {"recordings": diagnosed, "scanners": scanners}
     refuse({**config, "diagnosis": together}, "names 'c', which has its baseline_from a; take that out")
+
+
+def test_effects_of_images_are_not_for_images_in_boxes():
+    voxels = {"spacing_mm": [1.0, 0.7, 0.7], "thickness_mm": 2.0}
+    config = changed("protocols.boxed", {"algorithm": "fbp", "projections": 200, "voxels": voxels})
+    config["noise"]["model"] = "physical"
+    config["physics"] = {"hu_calibration": None}
+    refuse(config, "protocols.boxed.voxels: images in boxes are without hu_calibration, which acts on whole ones")
+    config["protocols"]["boxed"]["physics"] = {"scatter": None}
+    complete(config)

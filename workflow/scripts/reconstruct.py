@@ -5,6 +5,7 @@ from virtual_phantom.study.job import job
 with job(snakemake) as log:
     import numpy as np
 
+    from virtual_phantom.base.errors import InputError
     from virtual_phantom.io.exchange import read_line_integrals
     from virtual_phantom.io.volumes import read_nifti, write_nifti
     from virtual_phantom.phantom import read_masks
@@ -21,6 +22,11 @@ with job(snakemake) as log:
     physics = params.physics
     if snakemake.input.physics:
         _, physics = read_found(*snakemake.input.physics)
+    if physics and params.voxels is not None:
+        raise InputError(
+            f"{snakemake.input.physics[0]}: {min(physics)} acts on whole images, and those of protocol "
+            f"{snakemake.wildcards.protocol} are made in boxes; take its voxels out"
+        )
     noisy, read = None, None
     for lane, (acquisition, path) in enumerate(
         zip(resolve(params.acquisitions, snakemake.input.levels), paths, strict=True)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from ..base.errors import InputError, meant
 from ..base.vectors import FLAT
-from ..physics.effect import check_readings, checked
+from ..physics.effect import check_readings, checked, image_effects
 from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 
 
@@ -172,6 +172,12 @@ class Rules:
                 yield (
                     f"config: protocols.{name}.kernel: its MTF is a half at {kernel['mtf50_per_cm']:g} and a tenth at "
                     f"{kernel['mtf10_per_cm']:g} per cm; the first must be less than the second"
+                )
+            of_images = set(protocol.get("physics", self.config["physics"])) & set(image_effects())
+            if "voxels" in protocol and of_images:
+                yield (
+                    f"config: protocols.{name}.voxels: images in boxes are without {min(of_images)}, which acts on "
+                    "whole ones; take one of them out"
                 )
         boxed = {name for name, protocol in self.protocols.items() if "voxels" in protocol}
         if boxed and self.config.get("phantom", {}).get("source") == "object":
