@@ -173,8 +173,8 @@ class Rules:
                     f"config: protocols.{name}.kernel: its MTF is a half at {kernel['mtf50_per_cm']:g} and a tenth at "
                     f"{kernel['mtf10_per_cm']:g} per cm; the first must be less than the second"
                 )
-            of_images = set(protocol.get("physics", self.config["physics"])) & set(image_effects())
-            if "voxels" in protocol and of_images:
+            stated = protocol.get("physics", self.config["physics"]) if "voxels" in protocol else {}
+            if of_images := stated and set(stated) & set(image_effects()):
                 yield (
                     f"config: protocols.{name}.voxels: images in boxes are without {min(of_images)}, which acts on "
                     "whole ones; take one of them out"
