@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..base.geometry import Grid, ScanGeometry
-from ..projectors.any_rays import COORDINATES, Bundles, follow, trace_slopes, trace_sums
+from ..projectors.any_rays import COORDINATES, Bundles, follow, path_lengths, trace_slopes, trace_sums
 from ..projectors.rows import empty_lines, in_registers, packed, tile_width, trace_rows
 from ..projectors.threads import share_out
 from .sampling import Divided
@@ -145,19 +145,20 @@ class Voxels:
         ndarray of float32, shape (materials, views, rows, bundles)
             mm.
         """
+        count, (views, bundles) = len(self._amounts), rays.bundles.along_x.shape
         if rays.bundles.rows_mm.size > 1:
-            sums, _ = self._rows(rays, threads, with_slopes=False)
-            sums = sums.transpose(2, 0, 3, 1)
-        else:
-            sums = np.zeros((len(self._amounts), *rays.bundles.along_x.shape))
-            apart = rays.columns if sums.shape[2] > rays.columns else 1
+            sums, _, place = self._rows(rays, threads, with_slopes=False)
+            found = np.empty((count, views, place.size, bundles), np.float32)
+            path_lengths(sums, place, rays.bundles, found)
+            return found
+        sums = np.zeros((count, views, bundles))
+        apart = rays.columns if bundles > rays.columns else 1
 
-            def run(first, last):
-                trace_sums(self._volumes[0], sums[:, first:last], first, self._shape, rays.bundles, apart)
+        def run(first, last):
+            trace_sums(*self._volumes, sums[:, first:last], first, self._shape, rays.bundles, apart)
 
-            share_out(run, sums.shape[1], threads)
-            sums = sums[:, :, None]
-        return (sums * rays.lengths_mm).astype(np.float32)
+        share_out(run, views, threads)
+        return (sums[:, :, None] * rays.lengths_mm).astype(np.float32)
 
     def slopes(self, rays: Rays, threads: int = 1) -> np.ndarray:
         """What the sums over planes change per change of the rays' coordinates.
@@ -175,7 +176,8 @@ class Voxels:
             Coordinates as projectors/any_rays.py has them.
         """
         if rays.bundles.rows_mm.size > 1:
-            return self._rows(rays, threads, with_slopes=True)[1]
+            _, slopes, place = self._rows(rays, threads, with_slopes=True)
+            return slopes[..., place]
         found = np.zeros((*rays.bundles.along_x.shape, len(self._amounts), COORDINATES, 1), np.float32)
 
         def run(first, last):
@@ -184,8 +186,8 @@ class Voxels:
         share_out(run, len(found), threads)
         return found
 
-    def _rows(self, rays: Rays, threads: int, with_slopes: bool) -> tuple[np.ndarray, np.ndarray | None]:
-        """Of bundles of several rows, sums of shape (views, bundles, materials, rows) and slopes."""
+    def _rows(self, rays: Rays, threads: int, with_slopes: bool) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
+        """Of bundles of several rows, what `trace_rows` writes: sums, slopes, and where rows are among padded ones."""
         heights, place = in_registers(rays.bundles, self._shape)
         shape = (*rays.bundles.along_x.shape, len(self._amounts))
         sums = np.zeros((*shape, heights.size), np.float32)
@@ -205,7 +207,7 @@ class Voxels:
             )
 
         share_out(run, len(sums), threads)
-        return sums[..., place], None if slopes is None else slopes[..., place]
+        return sums, slopes, place
 
 
 def followed(paths: np.ndarray, slopes: np.ndarray, traced: Rays, rays: Rays) -> np.ndarray:

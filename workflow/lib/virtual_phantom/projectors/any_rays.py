@@ -68,13 +68,15 @@ def axes(along_x, shape):
 
 
 @njit(**OPTIONS)
-def trace_sums(volumes, sums, first_view, shape, rays, apart):
+def trace_sums(volumes, occupied, sums, first_view, shape, rays, apart):
     """Add what interpolation meets in the planes along every bundle's first ray.
 
     Parameters
     ----------
     volumes : ndarray of float32, shape (lanes, voxels)
         Each flat [y + 2, x + 2, z + 2].
+    occupied : ndarray of bool, shape (lanes, voxel columns)
+        Whether any voxel of a column is not zero, flat [y + 2, x + 2].
     sums : ndarray, shape (lanes, views, bundles)
         What is added to.
     first_view : int
@@ -110,14 +112,17 @@ def trace_sums(volumes, sums, first_view, shape, rays, apart):
                     other = a + b * middle
                     if other < 0.0 or other >= n_other + 1.0:
                         continue
+                    j = int(other)
+                    first = (plane + 1) * step + j * step_other
+                    if not (occupied[lane, first] or occupied[lane, first + step_other]):
+                        continue
                     if d != 0.0:  # else all in one height, as in prisms
                         z = c + d * middle
                         if z < 0.0 or z >= nz + 1.0:
                             continue
                         k, up = int(z), np.float32(z - int(z))
-                    j = int(other)
                     weight = np.float32(other - j)
-                    near = ((plane + 1) * step + j * step_other) * (nz + 2) + k
+                    near = first * (nz + 2) + k
                     far = near + step_other * (nz + 2)
                     low = volume[near] + weight * (volume[far] - volume[near])
                     if up > np.float32(0.0):
@@ -182,6 +187,30 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
                         slopes[i, bundle, lane, 1, row] += by_z
                         slopes[i, bundle, lane, 2, row] += t * by_other
                         slopes[i, bundle, lane, 3, row] += t * by_z
+
+
+@njit(**OPTIONS)
+def path_lengths(sums, place, rays, result):
+    """Sums times the length between two planes.
+
+    Parameters
+    ----------
+    sums : ndarray of float32, shape (views, bundles, lanes, padded rows)
+        As trace_rows makes them.
+    place : ndarray of int, shape (rows,)
+        Of each row among the padded ones.
+    rays : Bundles
+    result : ndarray of float32, shape (lanes, views, rows, bundles)
+        What is written to, mm.
+    """
+    lanes, views, rows, bundles = result.shape
+    for view in range(views):
+        for row in range(rows):
+            for bundle in range(bundles):
+                rise = rays.lift_mm[view, bundle] + rays.rows_mm[row]
+                length = rays.between[view, bundle, 0] * math.sqrt(rays.between[view, bundle, 1] + rise * rise)
+                for lane in range(lanes):
+                    result[lane, view, row, bundle] = sums[view, bundle, lane, place[row]] * length
 
 
 @njit(**OPTIONS)
