@@ -226,8 +226,7 @@ def one(task):
     given = prepared.prepare(taken, None, model, declared=declared(baseline, "draws"), **options)
     tried = [name for name in library if kind != "missing" or name not in truth]
     baseline = trial(given.fitter, ())
-    singles = {name: trial(given.fitter, (name,), baseline, baseline) for name in tried}
-    found = choose(given.fitter, baseline, singles, accuracy=accuracy)
+    found = choose(given.fitter, baseline, tried, accuracy=accuracy)
     content = diagnose("draw", given, found).content
     left, seen = left_over(given, beside | physics, found.chosen.fit)
     row = {

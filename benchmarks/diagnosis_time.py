@@ -17,7 +17,6 @@ from diagnosis_draws import PHOTONS, scans, scene
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.core.attribute import choose
 from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.trials import trials
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.diagnosis.projections.numerical import model_and_floor
@@ -66,10 +65,7 @@ def main():
     baseline = trial(given.fitter, ())
     mark("alignment")
     library = [name for name in names() if not acts_on_images(name)]
-    tasks = [((name,), baseline, baseline) for name in library]
-    singles = dict(zip(library, trials(given.fitter, tasks, options.processes), strict=True))
-    mark("singles")
-    found = choose(given.fitter, baseline, singles, options.processes)
+    found = choose(given.fitter, baseline, library, options.processes)
     mark("choice")
     content = diagnose("benchmark", given, found).content
     mark("verdict")

@@ -45,4 +45,4 @@ def noisy_lines(state, repeats, random):
 def chosen(fitter, candidates):
     """The choice among candidate effects, each first fitted alone."""
     baseline = trial(fitter, ())
-    return choose(fitter, baseline, {name: trial(fitter, (name,), baseline, baseline) for name in candidates})
+    return choose(fitter, baseline, candidates)

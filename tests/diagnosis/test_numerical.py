@@ -70,7 +70,7 @@ def prepared_from(known, state, illumination=SOLID_ANGLE, coarse=True):
 def judged(known, illumination=SOLID_ANGLE, told=SOLID_ANGLE, coarse=True):
     state = Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY, illumination=illumination).state({})
     given = prepared_from(known, state, told, coarse)
-    return diagnose("bench", given, choose(given.fitter, trial(given.fitter, ()), {})).content
+    return diagnose("bench", given, choose(given.fitter, trial(given.fitter, ()), ())).content
 
 
 def test_voxels_twice_as_large_as_those_scanned_are_a_match(known):

@@ -244,7 +244,7 @@ def scored(monkeypatch):
 
     monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, processes, kept: [made(task[0]) for task in tasks])
 
-    def filtered(fitter, fit, names):
+    def filtered(fitter, fit, names, processes):
         return {
             name: Screened(p=0.0, gain=2 * (made((*fit.effects, name)).score - made(fit.effects).score))
             for name in names
@@ -258,7 +258,7 @@ SINGLES = ("heel", "scatter", "motion")
 
 
 def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
-    singles = {name: scored((name,)) for name in SINGLES}
+    singles = SINGLES
     choice = attribute.choose(None, scored(()), singles)
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
     assert choice.gains == {"motion": 500, "scatter": 800}
@@ -268,14 +268,14 @@ def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
 
 def test_what_may_be_there_beside_is_undecided_and_not_ruled_out(scored):
     """In the place of heel, motion loses 400; beside it, it gains 200, which an inexact model of heel may leave."""
-    singles = {name: scored((name,)) for name in SINGLES[::2]}
+    singles = SINGLES[::2]
     choice = attribute.choose(None, scored(()), singles, accuracy={"default": 0.7})
     assert choice.chosen.fit.effects == ("heel",)
     assert choice.undecided == {"motion": 200} and choice.ruled_out == {}
 
 
 def test_models_are_held_as_exact_as_the_configuration_has_it_by_default(scored):
-    singles = {name: scored((name,)) for name in SINGLES[::2]}
+    singles = SINGLES[::2]
     root = Path(__file__).resolve().parents[2]
     default = yaml.safe_load((root / "config/config.yaml").read_text())
     stated = complete(default)["diagnosis"]["model_accuracy"]
@@ -290,12 +290,12 @@ def test_what_has_no_template_is_fitted(scored, monkeypatch):
     that it is ruled out."""
     plain = attribute.screened
 
-    def filtered(fitter, fit, names):
+    def filtered(fitter, fit, names, processes):
         blind = {"motion": Screened(1.0, 0.0, blind=True)} if "motion" in names else {}
-        return plain(fitter, fit, names) | blind
+        return plain(fitter, fit, names, processes) | blind
 
     monkeypatch.setattr(attribute, "screened", filtered)
-    choice = attribute.choose(None, scored(()), {name: scored((name,)) for name in SINGLES})
+    choice = attribute.choose(None, scored(()), SINGLES)
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
 
 
@@ -314,7 +314,7 @@ def test_chances_are_those_of_their_law():
 
 def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
     """heel gains 500 and motion 200 more: two fifths of it, the square of 0.63."""
-    singles = {name: scored((name,)) for name in SINGLES[::2]}
+    singles = SINGLES[::2]
     for accuracy, named in ((0.6, {"heel", "motion"}), (0.7, {"heel"})):
         choice = attribute.choose(None, scored(()), singles, accuracy={"default": accuracy})
         assert set(choice.chosen.fit.effects) == named
@@ -325,7 +325,7 @@ def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
     [({"default": 0.0, "heel": 0.7}, {"heel"}), ({"default": 0.7, "heel": 0.0}, {"heel", "motion"})],
 )
 def test_an_effect_is_as_exact_as_is_said_of_it(scored, accuracy, named):
-    singles = {name: scored((name,)) for name in SINGLES[::2]}
+    singles = SINGLES[::2]
     assert set(attribute.choose(None, scored(()), singles, accuracy=accuracy).chosen.fit.effects) == named
 
 
@@ -334,14 +334,14 @@ def test_what_corrections_for_steps_may_leave_is_no_evidence(scored, corrected, 
     """heel alone gains 500 of log score, 1000 of chi-square."""
     baseline = scored(())
     baseline = replace(baseline, fit=replace(baseline.fit, corrected=corrected))
-    choice = attribute.choose(None, baseline, {"heel": scored(("heel",))}, accuracy={"default": 0.0, "numerical": 1.0})
+    choice = attribute.choose(None, baseline, ("heel",), accuracy={"default": 0.0, "numerical": 1.0})
     assert choice.chosen.fit.effects == named
 
 
 def test_an_effect_is_worth_what_it_explains_once_an_idle_one_has_gone(scored, monkeypatch):
     """heel is taken first, then motion, then scatter, beside which heel gains 1 and goes; 900 are explained."""
     monkeypatch.setattr(attribute, "MOST_EFFECTS", 4)
-    singles = {name: scored((name,)) for name in SINGLES}
+    singles = SINGLES
     choice = attribute.choose(None, scored(()), singles, accuracy={"default": 0.1})
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
     assert choice.blur == pytest.approx(0.1**2 * 900)

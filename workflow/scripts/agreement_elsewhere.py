@@ -21,7 +21,7 @@ with job(snakemake) as log:
     if physics.effects:
         choice = verified(prepared.fitter, baseline, physics, same_material=True)
     else:
-        choice = choose(prepared.fitter, baseline, {})
+        choice = choose(prepared.fitter, baseline, ())
     scanned = Scanned.read(given.phantom, given.image, given.rois)
     table = agreement(recording, prepared, choice, asked, Branch.AGREEMENT_ELSEWHERE, scanned)
     write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", snakemake.output[0])

@@ -46,9 +46,7 @@ def explain(
 
     def choice(one: Prepared, kept: KeptFits | None) -> Choice:
         (baseline,) = trials(one.fitter, [((),)], kept=kept)
-        tasks = [((name,), baseline, baseline) for name in effects]
-        singles = dict(zip(effects, trials(one.fitter, tasks, processes, kept), strict=True))
-        return choose(one.fitter, baseline, singles, processes, accuracy, kept)
+        return choose(one.fitter, baseline, effects, processes, accuracy, kept)
 
     prepared, chosen = _settled(prepared, choice, kept)
     return prepared, diagnose(name, prepared, chosen)

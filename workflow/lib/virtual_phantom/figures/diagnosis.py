@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 
 import numpy as np
 import seaborn
@@ -19,6 +19,7 @@ BEFORE, AFTER = style.VERMILLION, style.BLUE
 MOST_RANKED = 18
 LINEAR_SD = 5.0  # residuals; the axis is linear below
 LINEAR_GAIN = 1.0  # log score; the axis of gains is linear below
+FIRST_ORDER_ALPHA = 0.4  # of bars of what was not fitted
 LINE_INTEGRALS = "line integrals"  # of draw_setup: what of a recording is drawn
 
 
@@ -163,7 +164,7 @@ def draw_profiles(panels: list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]) 
 
 
 @style.styled(grid=True)
-def draw_ranking(gains: dict[str, float], chosen: tuple[str, ...]) -> Figure:
+def draw_ranking(gains: Mapping[str, float], chosen: tuple[str, ...], fitted: Container[str]) -> Figure:
     """Log score that every candidate alone adds on held-out data, the best first.
 
     Parameters
@@ -172,6 +173,8 @@ def draw_ranking(gains: dict[str, float], chosen: tuple[str, ...]) -> Figure:
         By candidate; the best MOST_RANKED are shown.
     chosen : tuple of str
         Those in the verdict: blue.
+    fitted : container of str
+        Candidates that were fitted; what others gain is of first order: pale.
 
     Returns
     -------
@@ -181,9 +184,14 @@ def draw_ranking(gains: dict[str, float], chosen: tuple[str, ...]) -> Figure:
     figure = style.figure(style.DOUBLE_COLUMN_MM, 18 + 4.6 * len(names))
     axes = figure.subplots()
     bars(axes, {name: gains[name] for name in names}, chosen)
+    for bar in axes.patches:  # those chosen come last
+        name = names[round(bar.get_y() + bar.get_height() / 2)]
+        bar.set_alpha(1.0 if name in fitted else FIRST_ORDER_ALPHA)
     axes.set_xscale("symlog", linthresh=LINEAR_GAIN)
     _plain(axes.xaxis)
-    axes.set_xlabel("gain on data not fitted (log score), each effect alone; blue: in the verdict")
+    axes.set_xlabel(
+        "gain on data not fitted (log score), each effect alone\nblue: in the verdict; pale: estimated, not fitted"
+    )
     return figure
 
 

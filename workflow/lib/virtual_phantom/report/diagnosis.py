@@ -49,7 +49,6 @@ def page(
     content = diagnosis.content
     after = {place.domain: place for place in diagnosis.after}
     choice, look = diagnosis.choice, prepared.look
-    gains = {name: one.score - choice.baseline.score for name, one in choice.singles.items()}
     return render_diagnosis(
         "diagnosis",
         content,
@@ -62,7 +61,9 @@ def page(
         ),
         profiles=picture(figures.draw_profiles(_profiles(diagnosis, look))),
         one_repeat=look.one_repeat,
-        ranking=picture(figures.draw_ranking(gains, choice.chosen.fit.effects)) if gains else None,
+        ranking=picture(figures.draw_ranking(choice.alone, choice.chosen.fit.effects, choice.singles))
+        if choice.alone
+        else None,
         object=None if scanned is None else picture(figures.draw_object(scanned)),
         domains=DOMAINS,
         quantities=UNITS,

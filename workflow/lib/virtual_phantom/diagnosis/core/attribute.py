@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -37,8 +37,10 @@ class Choice:
     ----------
     baseline : Trial
         Alignment alone.
+    alone : dict of str to float
+        {candidate: held-out log score that it alone gains}, to first order for those not among `singles`.
     singles : dict of str to Trial
-        Every candidate alone.
+        Candidates that were fitted alone.
     chosen : Trial
         The fit that is taken; no effects if none is needed.
     gains : dict of str to float
@@ -60,6 +62,7 @@ class Choice:
     """
 
     baseline: Trial
+    alone: dict[str, float]
     singles: dict[str, Trial]
     chosen: Trial
     gains: dict[str, float]
@@ -91,7 +94,7 @@ class Choice:
 def choose(
     fitter: Fitter,
     baseline: Trial,
-    singles: Mapping[str, Trial],
+    candidates: Sequence[str],
     processes: int = 1,
     accuracy: Mapping[str, float] | None = None,
     kept: KeptFits | None = None,
@@ -99,15 +102,16 @@ def choose(
     """Choose the effects that explain the data held out.
 
     Effects are added while held-out data gain by them, dropped when they are no longer needed, and swapped when they
-    are worse, beside the others, than what could stand in.
+    are worse, beside the others, than what could stand in. Matched filters rank the candidates: those are fitted that
+    could be the best, or stand in for it.
 
     Parameters
     ----------
     fitter : Fitter
     baseline : Trial
         Alignment alone.
-    singles : mapping of str to Trial
-        Every candidate alone.
+    candidates : sequence of str
+        Effects.
     processes : int, optional
         As for `trials`.
     accuracy : mapping of str to float, optional
@@ -123,8 +127,8 @@ def choose(
     """
     if accuracy is None:
         accuracy = defaults_of("diagnosis", "model_accuracy")
-    make = partial(trials, fitter, processes=processes, kept=kept)
-    current, tried, found = baseline, dict(singles), {}
+    fits = _Fits(fitter, baseline, candidates, processes, kept)
+    current, found, tried = baseline, {}, fits.single(_could_win(fits.alone))
     worth: dict[str, float] = {}  # log score that each effect gained when it was taken
     numerical = accuracy.get("numerical", 0.0)
     steps = numerical**2 * baseline.fit.corrected / 2
@@ -144,58 +148,116 @@ def choose(
         new, gone = (set(one.fit.effects) - set(other.fit.effects) for one, other in ((best, current), (current, best)))
         gained = best.score - current.score + sum(worth[name] for name in gone)
         worth.update(dict.fromkeys(new, max(0.0, gained)))
-        return _without_idle(make, best, baseline, singles, least)
+        return _without_idle(fits, best, least)
 
     def standing_out(least_gain: float) -> dict[str, Screened]:
         return {name: one for name, one in found.items() if one.p * len(found) < SCREEN and one.gain > least_gain}
 
-    for more in reversed(range(MOST_EFFECTS if singles else 0)):
+    for more in reversed(range(MOST_EFFECTS if tried else 0)):
         best_name = max(tried, key=lambda name: tried[name].score)
         best = tried[best_name]
-        if best.score - current.score < least(current) or best.p * len(singles) > ALPHA:
+        if best.score - current.score < least(current) or best.p * len(candidates) > ALPHA:
             break
         current = take(best)
-        found = screened(fitter, current.fit, _others(singles, current))
+        found = fits.screened(current.fit, fits.others(current))
         # Chi-square is twice the score, and a filter, of first order, may fall short of it by a factor of two.
         hopeful = [*best_few(standing_out(least(current))), *(name for name, one in found.items() if one.blind)]
         if not hopeful or not more:
             break
-        tasks = [((*current.fit.effects, name), current, current) for name in hopeful]
-        tried = dict(zip(hopeful, make(tasks), strict=True))
+        tried = fits.beside(current, hopeful)
     for _ in range(MOST_SWAPS + 1):
-        choice, best = _with_stand_ins(fitter, make, current, baseline, singles)
+        choice, best = _with_stand_ins(fits, current)
         if best is None or best.score - current.score < LEAST_GAIN:
             break
         current = take(best)
     if set(choice.chosen.fit.effects) & set(found):  # swapped since
-        found = screened(fitter, choice.chosen.fit, _others(singles, choice.chosen))
+        found = fits.screened(choice.chosen.fit, fits.others(choice.chosen))
     undecided = {name: one.gain / 2 for name, one in standing_out(2 * LEAST_GAIN).items()}
     return replace(choice, blur=blur(choice.chosen), undecided=undecided, numerical=numerical)
 
 
-def _with_stand_ins(fitter, make, current: Trial, baseline: Trial, singles) -> tuple[Choice, Trial | None]:
+class _Fits:
+    """Fits of candidates alone and together; each alone is made once, if it is asked for.
+
+    Parameters
+    ----------
+    fitter, baseline, candidates, processes, kept
+        As `choose` takes them.
+
+    Attributes
+    ----------
+    alone : dict of str to Screened
+        Matched filters of all candidates, beside the alignment.
+    singles : dict of str to Trial
+        Fits of candidates alone that were made.
+    """
+
+    def __init__(self, fitter: Fitter, baseline: Trial, candidates: Sequence[str], processes: int, kept):
+        self.fitter, self.baseline, self.candidates, self.processes = fitter, baseline, tuple(candidates), processes
+        self._make = partial(trials, fitter, processes=processes, kept=kept)
+        self.alone, self.singles = self.screened(baseline.fit, self.candidates), {}
+
+    def others(self, chosen: Trial) -> list[str]:
+        """Candidates that are not in a fit."""
+        return [name for name in self.candidates if name not in chosen.fit.effects]
+
+    def screened(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
+        """As `screening.screened`."""
+        return screened(self.fitter, fit, names, processes=self.processes) if names else {}
+
+    def single(self, names: Sequence[str]) -> dict[str, Trial]:
+        """Candidates alone."""
+        new = [name for name in names if name not in self.singles]
+        made = self._make([((name,), self.baseline, self.baseline) for name in new])
+        self.singles |= zip(new, made, strict=True)
+        return {name: self.singles[name] for name in names}
+
+    def beside(self, current: Trial, names: Sequence[str]) -> dict[str, Trial]:
+        """Candidates beside those of a fit."""
+        tasks = [((*current.fit.effects, name), current, current) for name in names]
+        return dict(zip(names, self._make(tasks), strict=True))
+
+    def of(self, sets: Sequence[tuple[str, ...]], given: Trial) -> list[Trial]:
+        """Fits of sets of candidates, those of several begun from another fit."""
+        several = [effects for effects in sets if len(effects) > 1]
+        made = dict(zip(several, self._make([(effects, given) for effects in several]), strict=True))
+        made |= {(name,): one for name, one in self.single([one[0] for one in sets if len(one) == 1]).items()}
+        return [made[effects] if effects else self.baseline for effects in sets]
+
+    def gain_alone(self) -> dict[str, float]:
+        """Held-out log score that every candidate alone gains; to first order where it was not fitted."""
+        return {
+            name: self.singles[name].score - self.baseline.score if name in self.singles else one.gain / 2
+            for name, one in self.alone.items()
+        }
+
+
+def _with_stand_ins(fits: _Fits, current: Trial) -> tuple[Choice, Trial | None]:
     """These effects, with what each is worth and what could stand in; and the best fit with a stand-in."""
     rests = {effect: _less(current.fit.effects, effect) for effect in current.fit.effects}
-    without = dict(zip(rests, _known(make, list(rests.values()), current, baseline, singles), strict=True))
+    without = dict(zip(rests, fits.of(list(rests.values()), current), strict=True))
     gains, stand_ins, p, swapped = {}, {}, {}, []
     for effect, rest in rests.items():
         gains[effect] = current.score - without[effect].score
-        p[effect] = min(1.0, chance(current.fit, without[effect].fit, effect) * len(singles))
-        others = _others(singles, current)
-        stand_ins[effect] = {}
-        if rest:
-            found = screened(fitter, without[effect].fit, others)
-            first_order = {name: gains[effect] - found[name].gain / 2 for name in others}
-            hopeful = best_few(found, 2 * gains[effect])
-            stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
-            others = [name for name in others if name in hopeful or found[name].blind or first_order[name] < RULED_OUT]
-        sets = [(*rest, name) for name in others]
-        fitted = _known(make, sets, without[effect], baseline, singles)
-        stand_ins[effect] |= {name: current.score - one.score for name, one in zip(others, fitted, strict=True)}
+        p[effect] = min(1.0, chance(current.fit, without[effect].fit, effect) * len(fits.candidates))
+        others = fits.others(current)
+        found = fits.screened(without[effect].fit, others) if rest else {name: fits.alone[name] for name in others}
+        first_order = {name: gains[effect] - found[name].gain / 2 for name in others}
+        close = [name for name in others if first_order[name] < RULED_OUT]
+        likely = list(dict.fromkeys([*_could_win(found, 2 * gains[effect]), *close]))
+        fitted = fits.of([(*rest, name) for name in likely], without[effect])
+        stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
+        stand_ins[effect] |= {name: current.score - one.score for name, one in zip(likely, fitted, strict=True)}
         swapped += fitted
     best = max(swapped, key=lambda one: one.score, default=None)
-    fits = {effect: one.fit for effect, one in without.items()}
-    return Choice(baseline, dict(singles), current, gains, stand_ins, p, without=fits), best
+    known = {effect: one.fit for effect, one in without.items()}
+    choice = Choice(fits.baseline, fits.gain_alone(), dict(fits.singles), current, gains, stand_ins, p, without=known)
+    return choice, best
+
+
+def _could_win(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
+    """Those to be fitted: the best few, and those of which a filter knows nothing."""
+    return list(dict.fromkeys([*best_few(found, needed), *(name for name, one in found.items() if one.blind)]))
 
 
 def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
@@ -222,26 +284,14 @@ def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
     ]
 
 
-def _others(singles: Mapping[str, Trial], chosen: Trial) -> list[str]:
-    return [name for name in singles if name not in chosen.fit.effects]
-
-
 def _less(effects: tuple[str, ...], effect: str) -> tuple[str, ...]:
     return tuple(name for name in effects if name != effect)
 
 
-def _known(make, sets: Sequence[tuple[str, ...]], given, baseline, singles) -> list[Trial]:
-    """Fits of sets of effects, those that were made already and new ones."""
-    fresh = [effects for effects in sets if len(effects) > 1]
-    made = dict(zip(fresh, make([(effects, given) for effects in fresh]), strict=True))
-    made |= {(): baseline} | {(name,): one for name, one in singles.items()}
-    return [made[effects] for effects in sets]
-
-
-def _without_idle(make, current: Trial, baseline: Trial, singles, least) -> Trial:
+def _without_idle(fits: _Fits, current: Trial, least: Callable[[Trial], float]) -> Trial:
     """Drop effects that later ones have made needless."""
     for effect in current.fit.effects[:-1]:
-        (without,) = _known(make, [_less(current.fit.effects, effect)], current, baseline, singles)
+        (without,) = fits.of([_less(current.fit.effects, effect)], current)
         if current.score - without.score < least(without):
             current = without
     return current

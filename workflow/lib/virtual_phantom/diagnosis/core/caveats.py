@@ -34,8 +34,8 @@ def caveats(prepared: Prepared, choice: Choice, tube_kvp: float | None = None) -
             f"Recording and simulation correlate by {alike:.2f} only, whatever the effects: this is another object, at "
             "another place, or scanned in another geometry. Mend that first."
         )
-    if tube_kvp is not None and "spectrum" in choice.singles and "spectrum" not in choice.chosen.fit.effects:
-        if choice.chosen.score - choice.singles["spectrum"].score > HARDENED and not _stands_in(choice):
+    if tube_kvp is not None and "spectrum" in choice.alone and "spectrum" not in choice.chosen.fit.effects:
+        if choice.chosen.score - choice.baseline.score - choice.alone["spectrum"] > HARDENED and not _stands_in(choice):
             found.append(
                 f"The label says a tube of {tube_kvp:g} kV, but no beam hardening is seen: the recording may have been "
                 "corrected for it already."

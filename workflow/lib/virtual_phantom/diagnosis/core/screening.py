@@ -12,6 +12,7 @@ from scipy.optimize import lsq_linear
 
 from ...physics.effect import Parameter, load
 from .fit import Fit, Fitter, Problem
+from .forked import side_by_side
 from .pattern import chance, estimate
 from .templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_knowledge
 
@@ -103,7 +104,7 @@ class Remainder:
         )
 
 
-def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
+def screened(fitter: Fitter, fit: Fit, names: Sequence[str], processes: int = 1) -> dict[str, Screened]:
     """Every effect's matched filter on what a fit leaves over of the data that were fitted.
 
     It has the shape that serves it best of those that fits begin with.
@@ -114,31 +115,35 @@ def screened(fitter: Fitter, fit: Fit, names: Sequence[str]) -> dict[str, Screen
     fit : Fit
     names : sequence of str
         Of effects.
+    processes : int, optional
+        That work side by side, at most.
 
     Returns
     -------
     dict of str to Screened
+
+    Raises
+    ------
+    InputError
+        As `side_by_side`.
     """
     parts = fitter.residuals(fit, held_out=False)
     columns = data_changes(Problem(fitter, fit.effects, fit), fit.pattern)
+    # Beside a spectrum other things are known of the alignment.
+    problems = {name: Problem(fitter, fit.effects, fit, beside=name) for name in names}
     remainders: dict[tuple, Remainder] = {}
-    found = {}
-    for name in names:
-        if load(name).pattern:
-            found[name] = _pattern(fitter, parts)
-            continue
-        # Beside a spectrum other things are known of the alignment.
-        problem = Problem(fitter, fit.effects, fit, beside=name)
+    for problem in problems.values():
         if problem.aligned not in remainders:
             remainders[problem.aligned] = Remainder.of(problem, columns, whitened(parts, fitter.weights))
+
+    def one(name: str) -> Screened:
+        if load(name).pattern:
+            return _pattern(fitter, parts)
         tried = shapes(fitter, name)
-        found[name] = _best(
-            fitter.model.parameters(name),
-            templates(fitter, fit, name, tried),
-            len(tried),
-            remainders[problem.aligned],
-        )
-    return found
+        rows, left = templates(fitter, fit, name, tried), remainders[problems[name].aligned]
+        return _best(fitter.model.parameters(name), rows, len(tried), left)
+
+    return dict(zip(names, side_by_side(one, [(name,) for name in names], processes), strict=True))
 
 
 def shapes(fitter: Fitter, name: str) -> list[dict[str, float]]:

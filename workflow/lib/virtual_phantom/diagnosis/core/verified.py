@@ -165,7 +165,8 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     chosen = replace(chosen, fit=replace(chosen.fit, errors=physics.errors))
     fits = {name: one.fit for name, one in without.items()}
     numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
-    return Choice(baseline, {}, chosen, gains, {}, dict.fromkeys(physics.effects), without=fits, numerical=numerical)
+    p = dict.fromkeys(physics.effects)
+    return Choice(baseline, {}, {}, chosen, gains, {}, p, without=fits, numerical=numerical)
 
 
 def stated(content: dict, physics: Physics) -> dict:

@@ -1,0 +1,62 @@
+"""Work of one process that several forked ones share out."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from typing import TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from ...base.errors import InputError
+from ...projectors.threads import limit_threads
+
+Result = TypeVar("Result")
+
+_work: Callable | None = None  # with processes that are forked: too large to be sent with every task
+
+
+def side_by_side(work: Callable[..., Result], tasks: Sequence[tuple], processes: int = 1) -> list[Result]:
+    """work(*task) of every task, with one thread for linear algebra each; of several, in processes that are forked.
+
+    Parameters
+    ----------
+    work : callable
+        What it knows comes along; what it keeps in memory is lost where processes are forked.
+    tasks : sequence of tuple
+    processes : int, optional
+        At most.
+
+    Returns
+    -------
+    list
+        In the order of the tasks.
+
+    Raises
+    ------
+    InputError
+        If a process was killed.
+    """
+    global _work
+    at_once, before = min(processes, len(tasks)), _work
+    _work = work
+    try:
+        if at_once <= 1:  # no other process would know what rays this one has traced
+            return [_one(task) for task in tasks]
+        forked = multiprocessing.get_context("fork")
+        with ProcessPoolExecutor(at_once, forked, limit_threads, (1,)) as pool:
+            return list(pool.map(_one, tasks))
+    except BrokenProcessPool as error:
+        raise InputError(
+            f"one of the {at_once} processes that fit side by side was killed, most likely for want of memory: run "
+            "with fewer cores. Fits that were made are kept"
+        ) from error
+    finally:
+        _work = before
+
+
+def _one(task: tuple):
+    with threadpool_limits(1):
+        return _work(*task)
