@@ -221,19 +221,20 @@ class OrbitGeometry(ScanGeometry):
 
     def every(self, step: int) -> OrbitGeometry:
         """One view of so many, each at its time."""
+        spots = len(self.spots_mm)
+        found = self.at(np.arange(0, self.views, step))
+        cycle = found.spots_mm[: spots // math.gcd(spots, step)]
+        return replace(found, views_per_rotation=self.views_per_rotation / step, spots_mm=cycle)
+
+    def at(self, views: np.ndarray) -> OrbitGeometry:
+        """Some of the views, by number, each at its time and with its spot."""
         return replace(
             self,
-            angles_rad=self.angles_rad[::step],
-            source_z_mm=self.source_z_mm[::step],
-            view_times=self.view_times[::step],
-            views_per_rotation=self.views_per_rotation / step,
-            spots_mm=self.spots_mm[self._spots_of_every(step)],
+            angles_rad=self.angles_rad[views],
+            source_z_mm=self.source_z_mm[views],
+            view_times=self.view_times[views],
+            spots_mm=self.spots_mm[views % len(self.spots_mm)] if len(self.spots_mm) > 1 else self.spots_mm,
         )
-
-    def _spots_of_every(self, step: int) -> np.ndarray:
-        spots = len(self.spots_mm)
-        some = np.arange(spots // math.gcd(spots, step)) * step % spots
-        return some[: -(-self.views // step)]
 
     def turned(self, angle_rad: float) -> OrbitGeometry:
         """Source and detector turned about z, from +x to +y."""

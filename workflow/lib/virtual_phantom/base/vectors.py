@@ -403,7 +403,11 @@ class VectorGeometry(ScanGeometry):
 
     def every(self, step: int) -> VectorGeometry:
         """One view of so many, each at its time."""
-        return replace(self, **{name: getattr(self, name)[::step] for name in (*_VECTORS, "view_times")})
+        return self.at(np.arange(0, self.views, step))
+
+    def at(self, views: np.ndarray) -> VectorGeometry:
+        """Some of the views, by number, each at its time."""
+        return replace(self, **{name: getattr(self, name)[views] for name in (*_VECTORS, "view_times")})
 
     def turned(self, angle_rad: float) -> VectorGeometry:
         """Source and detector turned about z, from +x to +y."""

@@ -60,7 +60,7 @@ def candidates(
     if settings.get("nominal_photons") is None:
         hidden["photon_flux"] = "needs nominal_photons, which it could differ from and which are not stated"
     hidden |= dict.fromkeys(settings.get("baseline", {}), "is declared under baseline")
-    if settings.get("view_step", 1) % 2 == 0:
+    if (settings.get("view_step") or 1) % 2 == 0:
         hidden["focal_spot_wobble"] = "jumps from view to view, and every second view or fewer are fitted (view_step)"
     for name in corrected:
         words = f"was corrected by the scanner's maker (corrected: {name} in recording.yaml)"

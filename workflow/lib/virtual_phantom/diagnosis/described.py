@@ -42,11 +42,15 @@ def described(asked: Asked, recording: Recording, prepared: Prepared, effects: S
         "tube": f"anode of {labels.anode.target} at {labels.anode.angle_deg:g} degrees, {tube}",
         "sensor": f"{label(sensor.material)}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
         "photons per pixel in air": photons,
-        "data": f"{len(recording.repeats)} repeats, one view of {settings.view_step}; not fitted: {prepared.held}",
+        "data": f"{len(recording.repeats)} repeats, {_views_of(prepared.step)}; not fitted: {prepared.held}",
         "alignment, standard deviations stated": known or "none: the defaults",
         "physics declared": ", ".join(map(label, settings.baseline)) or "none",
         "effects tried": ", ".join(map(label, effects)) or "none: physics taken from another recording",
     }
+
+
+def _views_of(step: int) -> str:
+    return "all views" if step == 1 else f"one view of {step} ({100 / step:.2g} % of what the views tell)"
 
 
 def object_of(asked: Asked) -> str:

@@ -65,8 +65,8 @@ class Settings:
     ----------
     samples : int
         Rays per detector pixel and direction.
-    view_step : int
-        One view of so many is used.
+    view_step : int or None
+        One view of so many is used; None: as few as fits can take.
     alignment : mapping of str to float
         {nuisance parameter: standard deviation that replaces the default}.
     nominal_photons : float or None
@@ -83,7 +83,7 @@ class Settings:
     """
 
     samples: int
-    view_step: int
+    view_step: int | None
     alignment: Mapping[str, float]
     nominal_photons: float | None = None
     disc: Disc | None = None

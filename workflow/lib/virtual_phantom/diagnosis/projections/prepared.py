@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -38,6 +39,12 @@ MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square w
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
 BY_VIEW = "every second view"
+# Rays, those of a pixel counted one by one: in a scan of more, noise is looked at in the views that are fitted and beside
+# them. 20 million take 2 GB.
+MOST_LOOKED_AT = 2e7
+# Of one fit, counted likewise, unless `view_step` says otherwise: a process takes some 1.5 GB with them.
+MOST_FITTED = 4e6
+FEWEST_VIEWS = 24  # that are left of a large scan, fitted and held out together: what turns with the gantry still shows
 LOOK = Look(
     unit="line_integral",
     summed=1,
@@ -185,7 +192,8 @@ def prepare(
     floor_chain, coarse_chain : Chain, optional
         As Numerical takes them: what they change is fitted as numerical distortions, and what that leaves is the floor.
     step : int, optional
-        Fit and hold out one view of so many, with the noise estimated from all.
+        Fit and hold out one view of so many. Noise is estimated from all; from these alone, and the views beside them,
+        in scans that are large.
     lacking : str, optional
         As Prepared has it.
     declared : mapping of str to mapping of str to Statement, optional
@@ -200,20 +208,28 @@ def prepare(
     InputError
         If the repeats do not vary.
     """
-    state = chain.state(before_images(stated_physics(declared or {})), photons=1.0, anode=anode)
+    stated = before_images(stated_physics(declared or {}))
+    large = step > 1 and np.prod(chain.geometry.shape) * chain.samples**2 > MOST_LOOKED_AT
+    residuals, looked = None, chain
+    if large:
+        if len(taken) == 1:
+            residuals = _around(taken, chain, step, stated, anode)
+        taken, looked = taken.every(step), every(chain, step)
+    state = looked.state(stated, photons=1.0, anode=anode)
     clean = state.line_integrals()
     unit = np.exp(clean)  # variance of one photon per pixel in air
     if declared:  # and of as many as a filter leaves of it
         unit = unit / state.measured_air
-    noise, single = _noise(taken, clean)
+    noise, single = _noise(taken, clean, residuals)
     photons = 1 / float(np.mean(noise[taken.usable] / unit[taken.usable]))
     if not np.isfinite(photons) or photons > MOST_PHOTONS:
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")
     if step > 1:
-        taken, further = taken.every(step), None if further is None else further.every(step)
+        if not large:
+            taken, clean, unit, noise = taken.every(step), clean[::step], unit[::step], noise[::step]
+        further = None if further is None else further.every(step)
         chain = every(chain, step)
         floor_chain, coarse_chain = (None if one is None else every(one, step) for one in (floor_chain, coarse_chain))
-        clean, unit, noise = clean[::step], unit[::step], noise[::step]
     reference = unit / photons
     blocks = Blocks.of(taken.usable.shape, PARTS)
     whole = observe(taken, reference, blocks)
@@ -246,12 +262,64 @@ def prepare(
     return PreparedScans(fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking)
 
 
+def step_for(shape: tuple[int, int, int], samples: int) -> int:
+    """One view of so many is fitted where nothing else is said, so that fits have MOST_FITTED rays at most.
+
+    Parameters
+    ----------
+    shape : tuple of 3 int
+        Of the scan: views, rows, columns.
+    samples : int
+        Rays per pixel and direction.
+
+    Returns
+    -------
+    int
+        Odd: a focal spot that jumps from view to view would stand still in every second one.
+    """
+    views, rows, columns = shape
+    rays = views * rows * columns * samples ** (2 if rows > 1 else 1)
+    step = max(1, math.ceil(rays / MOST_FITTED))
+    return min(step + (step + 1) % 2, max(1, (views // FEWEST_VIEWS - 1) | 1))
+
+
 def every(chain: Chain, step: int) -> Chain:
     """The chain of one view of so many."""
     return chain.copy(chain.geometry.every(step))
 
 
-def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:
+def _around(
+    taken: Scans, chain: Chain, step: int, stated: Mapping[str, Mapping[str, float]], anode: Anode
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the baseline leaves of a single repeat in one view of so many, and in those before and after it.
+
+    Parameters
+    ----------
+    taken : Scans
+    chain : Chain
+        Of all views.
+    step : int
+    stated : mapping of str to mapping of str to float
+        Physics of the baseline.
+    anode : Anode
+
+    Returns
+    -------
+    before, here, after : ndarray, shape (views, rows, columns)
+        The first and the last view stand for the second and the one before the last.
+    """
+    middles = np.clip(np.arange(0, chain.geometry.views, step), 1, chain.geometry.views - 2)
+
+    def left(views: np.ndarray) -> np.ndarray:
+        lines = chain.copy(chain.geometry.at(views)).state(stated, photons=1.0, anode=anode).line_integrals()
+        return taken.repeats[0][views] - lines
+
+    return left(middles - 1), left(middles), left(middles + 1)
+
+
+def _noise(
+    taken: Scans, clean: np.ndarray, residuals: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+) -> tuple[np.ndarray, bool]:
     """Variance of every ray of one repeat.
 
     It is that over repeats, or, of a single one, from second differences over views.
@@ -261,6 +329,8 @@ def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:
     taken : Scans
     clean : ndarray, shape (views, rows, columns)
         Line integrals of the baseline.
+    residuals : tuple of 3 ndarray, shape (views, rows, columns), optional
+        Of a single repeat, from `_around`; None: its views follow each other.
 
     Returns
     -------
@@ -269,11 +339,15 @@ def _noise(taken: Scans, clean: np.ndarray) -> tuple[np.ndarray, bool]:
     """
     if len(taken) > 1:
         return taken.repeats.var(axis=0, ddof=1, dtype=np.float64) + 1e-30, False
-    residual = taken.repeats[0] - clean
-    second = np.zeros_like(residual)
-    second[1:-1] = residual[:-2] - 2 * residual[1:-1] + residual[2:]
-    second[0], second[-1] = second[1], second[-2]
-    blocks = Blocks.of(residual.shape, PARTS)
+    if residuals is None:
+        residual = taken.repeats[0] - clean
+        second = np.zeros_like(residual)
+        second[1:-1] = residual[:-2] - 2 * residual[1:-1] + residual[2:]
+        second[0], second[-1] = second[1], second[-2]
+    else:
+        before, here, after = residuals
+        second = before - 2 * here + after
+    blocks = Blocks.of(second.shape, PARTS)
     square = np.where(taken.usable, second**2 * np.exp(-clean), np.nan).ravel()
     order = np.argsort(blocks.index.ravel(), kind="stable")
     parts = np.split(square[order], np.cumsum(np.bincount(blocks.index.ravel(), minlength=blocks.count))[:-1])

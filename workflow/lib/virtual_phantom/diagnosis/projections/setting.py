@@ -11,7 +11,7 @@ from ..core.declared import BASELINE, declared
 from .caveats import check_scans
 from .numerical import model_and_floor
 from .observed import scans
-from .prepared import PreparedScans, prepare
+from .prepared import PreparedScans, prepare, step_for
 from .scanned import coarse_scene, scene_of
 
 
@@ -47,7 +47,8 @@ def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedS
         voxels = coarse_scene(asked.phantom, asked.mu_water_per_mm, asked.materials, asked.threads)
         coarse = Chain(voxels, recording.geometry, samples=settings.samples, **more)
     further = scans(recording.held_out) if len(recording.held_out) else None
-    check_scans(taken.every(settings.view_step), str(recording.document.path))
+    step = settings.view_step or step_for(recording.geometry.shape, settings.samples)
+    check_scans(taken.every(step), str(recording.document.path))
     return prepare(
         taken,
         further,
@@ -59,6 +60,6 @@ def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedS
         declared=declared(settings.baseline, BASELINE),
         floor_chain=floor,
         coarse_chain=coarse,
-        step=settings.view_step,
+        step=step,
         lacking=assumed(recording.scan),
     )

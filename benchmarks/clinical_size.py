@@ -1,0 +1,134 @@
+"""A recording as large as a clinical one, of an object of one material, for `snakemake diagnosis`.
+
+    python benchmarks/clinical_size.py --effect scatter clinical
+    cd clinical && snakemake diagnosis --cores 2 --snakefile PROJECT/workflow/Snakefile --configfile my.yaml
+
+One turn of a GE LightSpeed VCT's geometry (888 columns of 1.0239 mm and 64 rows of 1.0988 mm on an arc, 541 and
+949.075 mm, 984 views), one repeat of 1e5 photons per pixel in air, and a map of 512 x 512 x 64 voxels: water with
+holes, edges blurred. The scan has four times the rays that the diagnosis has of each pixel.
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import nibabel
+import numpy as np
+import yaml
+from scipy import ndimage
+
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import load
+from virtual_phantom.physics.scene import DISC_ENERGY_KEV, VoxelScene
+from virtual_phantom.recordings.scan import scan_geometry
+
+PHOTONS = 1e5
+SCAN = {
+    "trajectory": "circular",
+    "start_angle_deg": 0,
+    "direction": 1,
+    "rotation_time_ms": 500.0,
+    "source_to_isocentre_mm": 541.0,
+    "source_to_detector_mm": 949.075,
+    "columns": 888,
+    "rows": 64,
+    "column_pitch_mm": 1.0239,
+    "row_pitch_mm": 1.0988,
+    "column_offset_px": -1.25,
+    "detector": "cylindrical",
+}
+VIEWS = 984
+GRID = Grid((64, 512, 512), (1.0, 0.75, 0.75))
+EDGE_MM = 1.0
+AT_ONCE = 41  # views, of which every effect that may be concealed here knows its own alone
+
+
+def shares():
+    """The share of every voxel that is water: an ellipse 300 mm wide with round holes, alike in no two slices."""
+    z, y, x = np.meshgrid(*GRID.axes_mm(), indexing="ij", sparse=True)
+    body = (x / 150) ** 2 + (y / 105) ** 2 < 1
+    for centre, radius in (((60, 10, 5), 25), ((-50, -30, -8), 20), ((-10, 55, 0), 15), ((0, -60, 12), 10)):
+        body = body & ((x - centre[0]) ** 2 + (y - centre[1]) ** 2 + (2 * (z - centre[2])) ** 2 > radius**2)
+    return ndimage.gaussian_filter(body.astype(np.float32), np.array(EDGE_MM) / GRID.spacing, mode="nearest")
+
+
+def views(geometry, first, last):
+    """Some of a scan's views, each at its time."""
+    some = slice(first, last)
+    return replace(
+        geometry,
+        angles_rad=geometry.angles_rad[some],
+        source_z_mm=geometry.source_z_mm[some],
+        view_times=geometry.view_times[some],
+    )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--effect", default="scatter", help="'none', or one without memory from view to view")
+    parser.add_argument("--strength", type=float, default=0.5, help="share of the typical one")
+    parser.add_argument(
+        "--columns", type=int, default=SCAN["columns"], help="as many in the same fan, for a smaller copy"
+    )
+    parser.add_argument("--rows", type=int, default=SCAN["rows"], help="as many, as high as they are")
+    parser.add_argument("--views", type=int, default=VIEWS)
+    parser.add_argument("--samples", type=int, default=1, help="rays per pixel and direction of the diagnosis")
+    options = parser.parse_args()
+    scan = SCAN | {
+        "views": options.views,
+        "views_per_rotation": options.views,
+        "columns": options.columns,
+        "rows": options.rows,
+        "column_pitch_mm": SCAN["column_pitch_mm"] * SCAN["columns"] / options.columns,
+        "column_offset_px": SCAN["column_offset_px"] * options.columns / SCAN["columns"],
+    }
+    geometry = scan_geometry(scan, "clinical")
+    folder = options.folder / "recordings/clinical"
+    folder.mkdir(parents=True, exist_ok=True)
+    water = shares()
+    affine = np.diag([*GRID.spacing[::-1], 1.0])
+    nibabel.save(nibabel.Nifti1Image(water.transpose(2, 1, 0), affine), options.folder / "water.nii.gz")
+    physics = {}
+    scene = VoxelScene(water[None], GRID, ("water",), DISC_ENERGY_KEV)
+    random = np.random.default_rng(np.random.SeedSequence(20261124))
+    shape = options.views, options.rows, options.columns
+    with h5py.File(folder / "scan.h5", "w") as file:
+        data = file.create_dataset("exchange/data", shape, np.float32)
+        for first in range(0, options.views, AT_ONCE):
+            part = views(geometry, first, min(first + AT_ONCE, options.views))
+            chain = Chain(scene, part, PHOTONS, samples=2 * options.samples)
+            if options.effect != "none" and not physics:
+                physics[options.effect] = {
+                    one.name: one.typical
+                    if one.neutral is None
+                    else one.neutral + options.strength * (one.typical - one.neutral)
+                    for one in chain.parameters(options.effect)
+                }
+                if load(options.effect).pattern:
+                    parser.error("a gain pattern would be drawn anew for every part of the views")
+            state = chain.state(physics)
+            data[first : first + part.views] = state.counts(random)
+        file["exchange/data_white"] = PHOTONS * state.air[:1]
+        file["exchange/data_dark"] = np.zeros((1, *shape[1:]))
+    content = {
+        "name": "clinical",
+        "kind": "projections",
+        "repeats": ["scan.h5"],
+        "scan": scan,
+    }
+    (folder / "recording.yaml").write_text(yaml.safe_dump(content))
+    asked = {
+        "object": {"mask": "water.nii.gz", "material": "water"},
+        "samples": options.samples,
+        "nominal_photons": PHOTONS,
+    }
+    overlay = {"recordings": {"clinical": "recordings/clinical"}, "diagnosis": {"recordings": {"clinical": asked}}}
+    (options.folder / "my.yaml").write_text(yaml.safe_dump(overlay))
+    print(f"{options.folder}: {np.prod(shape) / 1e6:.1f} million rays, {physics or 'nothing'} concealed")
+
+
+if __name__ == "__main__":
+    main()
