@@ -128,7 +128,7 @@ def choose(
     if accuracy is None:
         accuracy = defaults_of("diagnosis", "model_accuracy")
     fits = _Fits(fitter, baseline, candidates, processes, kept)
-    current, found, tried = baseline, {}, fits.single(_could_win(fits.alone))
+    current, found, tried = baseline, {}, fits.single(could_win(fits.alone))
     worth: dict[str, float] = {}  # log score that each effect gained when it was taken
     numerical = accuracy.get("numerical", 0.0)
     steps = numerical**2 * baseline.fit.corrected / 2
@@ -244,7 +244,7 @@ def _with_stand_ins(fits: _Fits, current: Trial) -> tuple[Choice, Trial | None]:
         found = fits.screened(without[effect].fit, others) if rest else {name: fits.alone[name] for name in others}
         first_order = {name: gains[effect] - found[name].gain / 2 for name in others}
         close = [name for name in others if first_order[name] < RULED_OUT]
-        likely = list(dict.fromkeys([*_could_win(found, 2 * gains[effect]), *close]))
+        likely = list(dict.fromkeys([*could_win(found, 2 * gains[effect]), *close]))
         fitted = fits.of([(*rest, name) for name in likely], without[effect])
         stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
         stand_ins[effect] |= {name: current.score - one.score for name, one in zip(likely, fitted, strict=True)}
@@ -255,8 +255,19 @@ def _with_stand_ins(fits: _Fits, current: Trial) -> tuple[Choice, Trial | None]:
     return choice, best
 
 
-def _could_win(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
-    """Those to be fitted: the best few, and those of which a filter knows nothing."""
+def could_win(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
+    """Those to be fitted: the best few, and those of which a filter knows nothing.
+
+    Parameters
+    ----------
+    found : mapping of str to Screened
+    needed : float, optional
+        As `best_few`.
+
+    Returns
+    -------
+    list of str
+    """
     return list(dict.fromkeys([*best_few(found, needed), *(name for name, one in found.items() if one.blind)]))
 
 

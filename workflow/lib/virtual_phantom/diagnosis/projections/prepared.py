@@ -39,8 +39,8 @@ MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square w
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
 BY_VIEW = "every second view"
-# Rays, those of a pixel counted one by one: in a scan of more, noise is looked at in the views that are fitted and beside
-# them. 20 million take 2 GB.
+# Rays, those of a pixel counted one by one: of a scan of more, noise is looked at in the views that are fitted and in
+# those beside them. 20 million take 2 GB.
 MOST_LOOKED_AT = 2e7
 # Of one fit, counted likewise, unless `view_step` says otherwise: a process takes some 1.5 GB with them.
 MOST_FITTED = 4e6
