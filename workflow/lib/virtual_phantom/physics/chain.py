@@ -10,6 +10,7 @@ References
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -41,6 +42,7 @@ from .transmission import transmitted
 
 # A fit varies one parameter at a time, and most leave earlier steps alone. A focal spot takes nine.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 20, 24
+KEPT_BYTES, LEAST_KEPT = 2e8, 3  # of either: large scans keep fewer, and work some out again
 EVEN, SOLID_ANGLE = "even", "solid_angle"
 
 
@@ -76,8 +78,10 @@ class Chain:
     ):
         self.scene, self.geometry, self.photons, self.samples = scene, geometry, photons, samples
         self.illumination, self.sensor, self.readout = illumination, sensor, readout
-        parts = len(divided(geometry, samples))
-        self._paths, self._transmissions = Kept(PATHS_KEPT * parts), Kept(TRANSMISSIONS_KEPT)
+        parts, pixels = len(divided(geometry, samples)), math.prod(geometry.shape)
+        rays = pixels * samples ** (2 if geometry.rows > 1 else 1)
+        self._paths = Kept(_kept(8 * rays, PATHS_KEPT) * parts)
+        self._transmissions = Kept(_kept(8 * pixels, TRANSMISSIONS_KEPT))
 
     def copy(self, geometry: ScanGeometry | None = None, samples: int | None = None) -> Chain:
         """The same, of another geometry or number of rays if one is given, with nothing kept."""
@@ -294,3 +298,8 @@ class Chain:
             for axis, count in zip((-2, -1), rays, strict=True):
                 shares = shares.repeat(count if shares.shape[axis] > 1 else 1, axis)
         return transmitted(paths, table, shares)
+
+
+def _kept(size: float, most: int) -> int:
+    """How many results of so many bytes a chain keeps."""
+    return int(min(most, max(LEAST_KEPT, KEPT_BYTES // size)))
