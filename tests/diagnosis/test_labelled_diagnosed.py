@@ -1,69 +1,19 @@
 """A recording of an object of two materials, known as a label map: diagnosed, and what is said of its voxels."""
 
-import h5py
 import numpy as np
 import pytest
-import yaml
-from simulated_scans import noisy_lines
+from drawn_objects import CYLINDERS, ENERGY_KEV, GEOMETRY, MATERIALS, MU_WATER_PER_MM, SPECTRUM, bench, drawn
 
 import virtual_phantom as vp
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core.asked import Asked, LabelledObject, Settings
 from virtual_phantom.diagnosis.described import object_of
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
 from virtual_phantom.diagnosis.projections.scanned import scene_of
-from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import checked
 from virtual_phantom.physics.labelled import read_labelled
-from virtual_phantom.physics.materials import attenuation_per_mm, energy_of
+from virtual_phantom.physics.materials import attenuation_per_mm
 from virtual_phantom.physics.shapes import ShapesScene, cylinder
-from virtual_phantom.recordings.importers.study import scan_of
-
-GEOMETRY = circular(
-    views=48,
-    source_to_isocentre_mm=400.0,
-    source_to_detector_mm=700.0,
-    columns=64,
-    rows=1,
-    column_pitch_mm=2.5,
-    row_pitch_mm=2.5,
-)
-MU_WATER_PER_MM = 0.0193
-ENERGY_KEV = energy_of("water", MU_WATER_PER_MM)
-CYLINDERS = [("pmma", (0.0, 0.0, 0.0), 35.0), ("aluminium", (15.0, 5.0, 0.0), 6.0)]
-MATERIALS = {1: "pmma", 2: "aluminium"}
-SPECTRUM = {"kvp": 100.0, "filtration_mm": 4.0, "sensor_mm": 0.6}
-
-
-def bench(folder, physics, cylinders=CYLINDERS):
-    """Four repeats of exact cylinders with this physics, written as a recording."""
-    scene = ShapesScene([cylinder(*one) for one in cylinders], ENERGY_KEV)
-    state = Chain(scene, GEOMETRY, photons=1e5, samples=2).state(checked(physics))
-    names = [f"{number}.h5" for number in range(4)]
-    for name, one in zip(names, noisy_lines(state, 4, np.random.default_rng(3)), strict=True):
-        with h5py.File(folder / name, "w") as file:
-            data = file.create_dataset("exchange/data", data=one.astype(np.float32))
-            data.attrs["log"] = True
-            file["exchange/theta"] = np.rad2deg(GEOMETRY.angles_rad)
-    content = {"name": "bench", "kind": "projections", "scan": scan_of(GEOMETRY), "repeats": names}
-    (folder / "recording.yaml").write_text(yaml.safe_dump(content))
-    return folder
-
-
-def drawn(path, voxel_mm, finer=None):
-    """One slice of the cylinders in labels; or the share that they fill of each voxel, told by so many samples a side."""
-    across = round(80 / voxel_mm) * (finer or 1)
-    axis = (np.arange(across) - (across - 1) / 2) * voxel_mm / (finer or 1)
-    labels = np.zeros((across, across), np.uint8)
-    for label, (_, (x, y, _), radius) in enumerate(CYLINDERS, start=1):
-        labels[np.hypot(axis - x, axis[:, None] - y) < radius] = label
-    array = labels[None]
-    if finer:
-        array = (labels > 0).astype(np.float32).reshape(1, across // finer, finer, -1, finer).mean(axis=(2, 4))
-    write_nifti(Volume(array, Grid(array.shape, (1.0, voxel_mm, voxel_mm))), path)
-    return path
 
 
 def of_voxels(found):
@@ -74,9 +24,7 @@ def test_a_spectrum_that_was_left_out_is_named(tmp_path):
     """Which no single material could stand for: how much more aluminium attenuates depends on it."""
     folder = bench(tmp_path, {"spectrum": SPECTRUM})
     path = drawn(tmp_path / "labels.nii.gz", 0.2)
-    found = vp.diagnose(
-        folder, labels=(path, MATERIALS), samples=2, effects=["spectrum", "scatter"], check_setup=False
-    )
+    found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["spectrum", "scatter"], check_setup=False)
     (effect,) = found.content["effects"]
     assert effect["name"] == "spectrum", found.content["sentence"]
     assert found.content["excess_removed"] > 0.99
@@ -103,8 +51,6 @@ def test_it_is_said_what_voxels_leave_along_edges(tmp_path):
     ]
 
 
-
-
 def test_of_a_mask_it_is_said_where_it_has_no_shares(tmp_path):
     folder = bench(tmp_path, {}, CYLINDERS[:1])
     known = dict(samples=2, effects=["scatter"], check_setup=False, alignment={"scale": 1.0})
@@ -114,7 +60,7 @@ def test_of_a_mask_it_is_said_where_it_has_no_shares(tmp_path):
     shares = vp.diagnose(folder, mask=(drawn(tmp_path / "shares.nii.gz", 1.0, 8), "pmma"), **known)
     assert not of_voxels(shares)
     after = [one.content["held_out"]["chi_square_mean"]["after"] for one in (whole, shares)]
-    assert after[1] < 0.5 * after[0]
+    assert after[1] - 1 < 0.5 * (after[0] - 1)  # beyond noise
 
 
 def test_a_difference_that_lies_everywhere_is_none_of_voxels(tmp_path):

@@ -194,8 +194,14 @@ def test_labels_stored_as_numbers_with_a_point_are_labels(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda array: array * 0.5, "labels.nii.gz: holds 0.5, which is no label; give whole numbers, or shares of one"),
-        (lambda array: np.where(array == 1, np.nan, array), "labels.nii.gz: holds NaN or infinite values; give a whole"),
+        (
+            lambda array: array * 0.5,
+            "labels.nii.gz: holds 0.5, which is no label; give whole numbers, or shares of",
+        ),
+        (
+            lambda array: np.where(array == 1, np.nan, array),
+            "labels.nii.gz: holds NaN or infinite values; give a",
+        ),
         (lambda array: array.astype(np.int16) - 1, "labels.nii.gz: holds the label -1; give whole numbers from 0 on"),
         (lambda array: 0 * array, "labels.nii.gz: holds no label of a material; name one under materials"),
         (lambda array: np.stack([array, array]), "labels.nii.gz: has 4 dimensions; give a 3D image"),

@@ -138,6 +138,4 @@ def _check_all_named(path: str | Path, there: Sequence[int], materials: Mapping[
     some = missing[:MOST_NAMED]
     rest = f" ... ({len(missing)} labels)" if len(missing) > len(some) else ""
     what = f"label {some[0]} has" if len(missing) == 1 else f"labels {', '.join(some)}{rest} have"
-    raise InputError(
-        f"{path}: its {what} no material; name one for each under materials ('{NOTHING}': it is left out)"
-    )
+    raise InputError(f"{path}: its {what} no material; name one for each under materials ('{NOTHING}': it is left out)")
