@@ -12,7 +12,8 @@ from .prepared import Prepared
 
 ALIKE = 0.9  # correlation of recording and simulation; less is another object, place or geometry
 # Of chi-square beyond noise, what the steepest tenth must hold to lie along edges. Cylinders drawn in voxels of 0.25 to
-# 2 mm left 0.32 to 1.1 there once the physics was fitted; scatter and a spectrum that were not fitted, 0.08 to 0.15.
+# 2 mm left 0.32 to 1.1 there once the physics was fitted; scatter and a spectrum that were not fitted, and were more
+# than what voxels leave, 0.08 to 0.15.
 ALONG_EDGES = 0.25
 HARDENED = 10.0  # log score by which a spectrum must lose for it to be missed
 
