@@ -173,14 +173,53 @@ def test_a_phantom_of_shapes_needs_its_object_and_no_overlay():
 @pytest.mark.parametrize(
     "value, message",
     [
-        ({"mask": "a.nii.gz"}, "x.object needs kind, an object of shapes, or a mask and its material"),
+        (
+            {"mask": "a.nii.gz"},
+            "x.object needs kind, an object of shapes, a mask and its material, or labels and their",
+        ),
+        ({"labels": "a.nii.gz"}, "x.object needs kind, an object of shapes, a mask and its material, or labels and"),
         ({"kind": "ball", "mask": "a.nii.gz"}, "x.object has both mask and kind"),
+        ({"labels": "a.nii.gz", "materials": {1: "pmma"}, "material": "pmma"}, "x.object has both material and labels"),
         ({"kinds": "ball"}, "did you mean 'kind'?"),
     ],
 )
-def test_an_object_is_shapes_or_a_mask(value, message):
+def test_an_object_is_shapes_or_a_mask_or_a_label_map(value, message):
     settings = changed("diagnosis.recordings", {"x": {"object": value}}) | {"recordings": {"x": "x"}}
     refuse(settings, message)
+
+
+def labelled(materials):
+    return changed("diagnosis.recordings", {"x": {"object": {"labels": "a.nii.gz", "materials": materials}}}) | {
+        "recordings": {"x": "x"}
+    }
+
+
+def test_labels_are_whole_numbers_or_text_and_the_same():
+    acrylic = {"compound": "C5H8O2", "density_g_per_cm3": 1.19}
+    settings = labelled({0: "water", "1": "pmma", 20: acrylic})
+    before = copy.deepcopy(settings)
+    found = complete(settings)["diagnosis"]["recordings"]["x"]["object"]["materials"]
+    assert found == {"0": "water", "1": "pmma", "20": acrylic}
+    assert settings == before
+
+
+@pytest.mark.parametrize(
+    "materials, message",
+    [
+        ({}, "x.object.materials: {} should be non-empty"),
+        ({-1: "pmma"}, "'-1' must be of digits alone: a label of the map, 0 or more"),
+        ({"liver": "pmma"}, "'liver' must be of digits alone"),
+        ({"01": "pmma"}, "'01' must be of digits alone"),
+        ({True: "pmma"}, "the key True in diagnosis.recordings.x.object.materials is not text to YAML"),
+        ({1.5: "pmma"}, "the key 1.5 in diagnosis.recordings.x.object.materials is not text to YAML"),
+        ({1: 3}, "x.object.materials.1: 3 is not of type 'string', 'object'"),
+        ({1: {"compound": "H2O"}}, "x.object.materials.1: 'density_g_per_cm3' is a required property"),
+        ({1: {"compound": "H2O", "density_g_per_cm3": 0}}, "density_g_per_cm3: 0 is less than or equal to"),
+        ({1: {"compound": "H2O", "density": 1}}, "unknown key 'density' in diagnosis.recordings.x.object.materials.1"),
+    ],
+)
+def test_labels_and_definitions_that_are_none_are_refused(materials, message):
+    refuse(labelled(materials), message)
 
 
 @pytest.mark.parametrize("key", [1, 2.5, True, None])

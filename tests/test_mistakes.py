@@ -173,6 +173,21 @@ def object_that_is_not_there():
     raise InputErrors(problems({**DEFAULT, "recordings": {"bench": "bench"}, "diagnosis": diagnosed}))
 
 
+def rods():
+    array = np.zeros(GRID.shape, np.float32)
+    for label in (1, 2, 5):
+        array[label : label + 2, 10:20, 10:20] = label
+    return array
+
+
+def label_map(array, materials):
+    """A recording of the object of a label map."""
+    recording_folders.projections_folder(Path("bench"))
+    object_ = {"labels": written(array, "rods.nii.gz"), "materials": materials}
+    diagnosed = {"recordings": {"bench": {"object": object_}}}
+    raise InputErrors(problems({**DEFAULT, "recordings": {"bench": "bench"}, "diagnosis": diagnosed}))
+
+
 def physics_without_effects():
     Path("bench").mkdir()
     Path("bench/physics.yaml").write_text("# bench and the simulation agree.\n{}\n")
@@ -259,6 +274,15 @@ MISTAKES = {
         "diagnosis.recordings",
     ),
     "An object that is not there": (object_that_is_not_there, "diagnosis.recordings.bench.object"),
+    "A label without a material": (
+        lambda: label_map(rods(), {1: "pmma", 2: "aluminium"}),
+        "diagnosis.recordings.bench.object: rods.nii.gz",
+    ),
+    "A material that does not exist": (
+        lambda: label_map(rods(), {1: "pmma", 2: "aluminum", 5: "pmma"}),
+        "materials.2",
+    ),
+    "A label map that is none": (lambda: label_map(rods() / 4, {1: "pmma"}), "rods.nii.gz"),
     "No ROI": (
         lambda: configured(("phantom", {"source": "ct", "ct": {"image": "ct.nii.gz", "rois": []}})),
         "phantom.ct.rois",

@@ -59,7 +59,7 @@ def scene():
 @pytest.mark.parametrize("motion", [None, MOTION], ids=["still", "moving"])
 def test_a_circle_by_vectors_alone_is_the_circle(scene, motion):
     share = np.pad(np.ones((30, 20)), 5)
-    others = (PrismScene(share, Grid((1, 40, 30), (1.0, 1.0, 1.0)), "pmma"), DiscScene(40.0, "pmma"))
+    others = (PrismScene(share[None], Grid((1, 40, 30), (1.0, 1.0, 1.0)), ("pmma",)), DiscScene(40.0, "pmma"))
     for one in (scene, *others):
         expected = one.path_lengths(GEOMETRY, PLACED, motion)
         found = one.path_lengths(GEOMETRY.by_vectors(), PLACED, motion)

@@ -25,7 +25,7 @@ def slice_of(inside, size=400, spacing=0.2, finer=4):
     """Shares of pixels from an indicator of x and y in mm."""
     fine = (np.arange(size * finer) - (size * finer - 1) / 2) * spacing / finer
     share = inside(fine[None], fine[:, None]).astype(float).reshape(size, finer, size, finer).mean(axis=(1, 3))
-    return PrismScene(share, Grid((1, size, size), (1.0, spacing, spacing)), "pmma")
+    return PrismScene(share[None], Grid((1, size, size), (1.0, spacing, spacing)), ("pmma",))
 
 
 @pytest.mark.parametrize("pose", [Pose(), Pose(x_mm=1.5, y_mm=-2.0, z_mm=30.0, turn_deg=40.0, size=1.02)])

@@ -227,6 +227,27 @@ def test_without_a_mistake_it_says_so(desk, capsys):
     assert checked({}, capsys)[0] == 0
 
 
+def test_a_label_map_is_looked_at_and_its_labels_may_be_numbers(desk, capsys):
+    def said(labels, materials):
+        object_ = {"labels": labels, "materials": materials}
+        diagnosis = {"recordings": {"bench": {"object": object_}}}
+        code, lines = checked({"recordings": {"bench": "bench"}, "diagnosis": diagnosis}, capsys)
+        where = "Error: diagnosis.recordings.bench.object: "
+        return code, [line.removeprefix(where) for line in lines]
+
+    assert said("labels.nii.gz", {1: "pmma", "2": "aluminium"}) == (0, ["my.yaml: nothing wrong was found"])
+    code, (line,) = said("labels.nii.gz", {1: "pmma"})
+    assert code == 1 and line.startswith(
+        "labels.nii.gz: its label 2 has no material; name one for each under materials"
+    )
+    code, (line,) = said("label.nii.gz", {1: "pmma"})
+    assert code == 1 and line == "label.nii.gz: no such file; give the path of a NIfTI image"
+    code, (line,) = said("labels.nii.gz", {1: "pmma", 2: "acrylic"})
+    assert code == 1 and line.startswith("materials.2: material 'acrylic' is unknown; known: water, ")
+    code, (line,) = said("labels.nii.gz", {1: "pmma", 2: {"compound": "H2O"}})
+    assert code == 1 and "materials.2: 'density_g_per_cm3' is a required property" in line
+
+
 def test_one_mistake_is_one_line(desk, capsys):
     assert checked({"sed": 3}, capsys) == (1, ["Error: config: unknown key 'sed' in config; did you mean 'seed'?"])
 

@@ -6,10 +6,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+from simulated_scans import SCAN
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.io import volumes
 from virtual_phantom.study.context import or_exit, read_context
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -171,6 +175,33 @@ def test_expected_seconds_are_those_of_the_study_s_files():
     expected = context_of().expected_seconds()
     assert all(seconds > 0 for seconds in expected.values())
     assert "results/projections/views150/clean.h5" in expected and "results/features.csv" in expected
+
+
+def test_what_a_diagnosed_object_is_drawn_in_is_an_input_of_its_jobs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("disc", "rods", "holes"):
+        array = np.ones((1, 4, 4), np.uint8)
+        volumes.write_nifti(volumes.Volume(array, Grid(array.shape, (1.0, 1.0, 1.0))), f"{name}.nii.gz")
+    objects = {
+        "disc": {"mask": "disc.nii.gz", "material": "pmma"},
+        "rods": {"labels": "rods.nii.gz", "materials": {1: "pmma", 5: "aluminium"}},
+        "holes": {"labels": "holes.nii.gz", "materials": {1: "pmma"}},
+        "whole": {"kind": "pmma_disc"},
+    }
+    context = context_of(
+        recordings={name: recorded(tmp_path, name, "projections", scan=SCAN) for name in objects},
+        diagnosis={
+            "recordings": {name: {"object": one} for name, one in objects.items()},
+            "scanners": {"bench": {"recordings": [*objects]}},
+        },
+    )
+    inputs = context.diagnosis.inputs("rods")
+    assert inputs["labels"] == "rods.nii.gz" and not {"mask", "shapes", "phantom"} & set(inputs)
+    assert context.diagnosis.model("rods")["settings"]["object"]["materials"] == {"1": "pmma", "5": "aluminium"}
+    assert not context.diagnosis.regions("rods") and not context.diagnosis.same_material("rods")
+    together = context.diagnosis.scanner_inputs("bench")
+    assert together["masks"] == ["disc.nii.gz"] and together["label_maps"] == ["rods.nii.gz", "holes.nii.gz"]
+    assert len(together["shapes"]) == 1 and "phantom" not in together
 
 
 def test_bad_input_ends_a_function_of_a_rule_with_one_line():

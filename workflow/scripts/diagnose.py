@@ -12,7 +12,7 @@ from virtual_phantom.diagnosis.course import explain, hold_against
 from virtual_phantom.diagnosis.described import described
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
 from virtual_phantom.diagnosis.matters import in_practice
-from virtual_phantom.diagnosis.projections.scanned import shaped_object
+from virtual_phantom.diagnosis.projections.scanned import labelled_object, shaped_object
 from virtual_phantom.diagnosis.ready import agreement, ready
 from virtual_phantom.diagnosis.setup.recorded import set_up
 from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, VERDICTS, doubted, verdict, write_setup
@@ -40,7 +40,7 @@ with job(snakemake) as log:
         _, prepared = ready(asked, recording)
         kept = None
         if "kept" in params.keys():
-            scanned = filter(None, (given.get(name) for name in ("phantom", "mask", "shapes")))
+            scanned = filter(None, (given.get(name) for name in ("phantom", "mask", "labels", "shapes")))
             kept = kept_fits(params.kept, model, [*given.files, *scanned])
         if "physics" in given.keys():
             physics = Physics.read(given.physics)
@@ -58,6 +58,8 @@ with job(snakemake) as log:
             scanned = Scanned.read(given.phantom, given.image, given.rois)
         elif "mask" in given.keys():
             scanned = Scanned.of_mask(given.mask)
+        elif "labels" in given.keys():
+            scanned = Scanned.of_labels(labelled_object(asked.settings.object), asked.mu_water_per_mm)
         elif "shapes" in given.keys():
             shaped = shaped_object(asked.settings.object)
             scanned = Scanned.of_shapes(shaped, recording.geometry, asked.mu_water_per_mm)

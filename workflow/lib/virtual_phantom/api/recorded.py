@@ -9,12 +9,12 @@ from pathlib import Path
 from ..base.errors import InputError
 from ..base.streams import Branch
 from ..diagnosis.candidates import candidates
-from ..diagnosis.core.asked import Asked, Settings, ShapesObject
+from ..diagnosis.core.asked import Asked, LabelledObject, Settings, ShapesObject
 from ..diagnosis.core.verdict import Diagnosis
 from ..diagnosis.course import explain
 from ..diagnosis.images.compared_regions import Scanned
 from ..diagnosis.matters import in_practice
-from ..diagnosis.projections.scanned import shaped_object
+from ..diagnosis.projections.scanned import labelled_object, shaped_object
 from ..diagnosis.ready import agreement, ready
 from ..diagnosis.setup.recorded import set_up
 from ..diagnosis.setup.verdict import VERDICTS, verdict
@@ -33,6 +33,7 @@ def diagnose(
     *,
     disc: tuple[float, str] | None = None,
     mask: tuple[str | Path, str] | None = None,
+    labels: tuple[str | Path, Mapping[int, str | Mapping]] | None = None,
     shapes: str | tuple[str, Mapping[str, float | str]] | None = None,
     phantom: str | Path | None = None,
     effects: Sequence[str] | None = None,
@@ -42,7 +43,7 @@ def diagnose(
 ) -> Diagnosis:
     """Find the physics that a recording of projections has and the plain simulation lacks.
 
-    One of `disc`, `mask`, `shapes` and `phantom` says what was scanned.
+    One of `disc`, `mask`, `labels`, `shapes` and `phantom` says what was scanned.
 
     Parameters
     ----------
@@ -52,6 +53,8 @@ def diagnose(
         A homogeneous cylinder along z: diameter, mm, and material.
     mask : tuple of (str or Path, str), optional
         A homogeneous object: NIfTI image of the share of every voxel that it fills, and material.
+    labels : tuple of (str or Path, mapping of int to (str or mapping)), optional
+        A label map: NIfTI image of whole numbers, and the material of each: a name, or a definition (docs/objects.md).
     shapes : str, or tuple of (str, mapping), optional
         An object of shapes: the name of one that comes with the library, or the path of a file (docs/objects.md); with
         values of its parameters.
@@ -79,9 +82,11 @@ def diagnose(
         For a recording that cannot be read or is of another kind, for an effect that it does not show, for an unknown
         setting, and if what was scanned is not said, or more than once.
     """
-    said = [one for one in (disc, mask, shapes, phantom) if one is not None]
+    said = [one for one in (disc, mask, labels, shapes, phantom) if one is not None]
     if len(said) != 1:
-        raise InputError(f"diagnose: {len(said)} of disc, mask, shapes and phantom are given; give the one scanned")
+        raise InputError(
+            f"diagnose: {len(said)} of disc, mask, labels, shapes and phantom are given; give the one scanned"
+        )
     document = read_document(recording)
     if (kind := document.content["kind"]) != "projections":
         raise InputError(
@@ -93,6 +98,9 @@ def diagnose(
         scanned["disc"] = dict(zip(("diameter_mm", "material"), disc, strict=True))
     if mask is not None:
         scanned["object"] = {"mask": str(mask[0]), "material": mask[1]}
+    if labels is not None:
+        materials = {str(label): material for label, material in labels[1].items()}
+        scanned["object"] = {"labels": str(labels[0]), "materials": materials}
     if shapes is not None:
         kind_of, parameters = (shapes, {}) if isinstance(shapes, str) else shapes
         scanned["object"] = {"kind": str(kind_of), "parameters": dict(parameters)}
@@ -124,6 +132,8 @@ def _regions(asked: Asked, recording: Recording) -> Scanned | None:
     if isinstance(asked.settings.object, ShapesObject):
         shaped = replace(shaped_object(asked.settings.object), rois=())
         return Scanned.of_shapes(shaped, recording.geometry, asked.mu_water_per_mm)
+    if isinstance(asked.settings.object, LabelledObject):
+        return Scanned.of_labels(labelled_object(asked.settings.object), asked.mu_water_per_mm)
     if asked.settings.object is not None:
         return Scanned.of_mask(asked.settings.object.mask)
     fine = read_nifti(asked.phantom)

@@ -7,9 +7,12 @@ from pathlib import Path
 
 from ..base.vectors import FLAT
 from ..base.words import label
+from ..physics.labelled import materials_of
+from ..physics.shapes import NOTHING
 from ..recordings.recording import Recording
-from .core.asked import Asked, ShapesObject
+from .core.asked import Asked, LabelledObject, ShapesObject
 from .core.prepared import Prepared
+from .core.sentence import enumerated
 from .projections.scanned import shaped_object
 from .ready import labels_of
 
@@ -61,6 +64,9 @@ def object_of(asked: Asked) -> str:
     if isinstance(other, ShapesObject):
         shaped = shaped_object(other)
         return f"shapes ({shaped.name}): {shaped.description.rstrip('.')}"
+    if isinstance(other, LabelledObject):
+        of = enumerated([label(one) for one in dict.fromkeys(materials_of(other.materials).values()) if one != NOTHING])
+        return f"the label map {Path(other.labels).name}, of {of}"
     if other is not None:
         return f"the homogeneous object of {Path(other.mask).name}, of {label(other.material)}"
     materials = asked.materials

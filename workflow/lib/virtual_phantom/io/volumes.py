@@ -54,8 +54,8 @@ def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
     Parameters
     ----------
     path : str or Path
-    dtype : dtype, optional
-        Of the result.
+    dtype : dtype or None, optional
+        Of the result; None: that of the file.
 
     Returns
     -------
@@ -178,8 +178,8 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
         From voxel index to RAS world mm.
     path : str or Path
         What the message begins with.
-    dtype : dtype, optional
-        Of the result.
+    dtype : dtype or None, optional
+        Of the result; None: that of the array.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A homogeneous object that is alike along z: path lengths from one slice."""
+"""An object that is alike along z: path lengths from one slice."""
 
 from __future__ import annotations
 
@@ -7,31 +7,35 @@ from dataclasses import replace
 import numpy as np
 
 from ..base.geometry import Grid, ScanGeometry
-from .materials import attenuation_per_mm
+from .materials import Material, attenuation_per_mm
 from .rays import Rays, Voxels
 from .scene import DISC_ENERGY_KEV, IN_PLACE, Pose, reach_mm, turned_back
 
 
 class PrismScene:
-    """An object of one material, longer than the beam is high: what DiscScene is, for any outline.
+    """An object longer than the beam is high: what DiscScene is, for any outline and several materials.
 
     Parameters
     ----------
-    share : ndarray, shape (y, x)
-        Share of every pixel that it fills, the slice's centre at the isocentre.
+    shares : ndarray, shape (materials, y, x)
+        Share of every pixel that each material fills, the slice's centre at the isocentre.
     grid : Grid
         Of the slice, (1, y, x).
-    material : str
-        Of materials.COMPOUNDS or ELEMENTS.
+    materials : tuple of str or Mixture
+        Of materials.COMPOUNDS or ELEMENTS, or of their own.
+    energy_kev : float, optional
+        Of the monochromatic beam, keV.
     """
 
-    def __init__(self, share: np.ndarray, grid: Grid, material: str):
-        self.materials, self.energy_kev, self.grid = (material,), DISC_ENERGY_KEV, grid
-        occupied = np.argwhere(share > 0)
+    def __init__(
+        self, shares: np.ndarray, grid: Grid, materials: tuple[Material, ...], energy_kev: float = DISC_ENERGY_KEV
+    ):
+        self.materials, self.energy_kev, self.grid = materials, energy_kev, grid
+        occupied = np.argwhere((shares > 0).any(axis=0))
         low, high = occupied.min(axis=0), occupied.max(axis=0) + 1
-        self._voxels = Voxels(share[None, None, low[0] : high[0], low[1] : high[1]])
+        self._voxels = Voxels(shares[:, None, low[0] : high[0], low[1] : high[1]])
         _, dy, dx = grid.spacing
-        y, x = (low + high - np.array(share.shape)) / 2 * (dy, dx)
+        y, x = (low + high - np.array(shares.shape[1:])) / 2 * (dy, dx)
         # Of the part that holds anything; the slice is as high as it needs to be.
         self._part, self._centre = Grid((1, *(high - low)), (1.0, dy, dx)), np.array([x, y, 0.0])
 
@@ -42,13 +46,13 @@ class PrismScene:
 
     @property
     def attenuation_per_mm(self) -> np.ndarray:
-        """At the monochromatic energy, 1/mm, shape (1,)."""
-        return np.array([attenuation_per_mm(self.materials[0], [self.energy_kev])[0]])
+        """Of each material at the monochromatic energy, 1/mm, shape (materials,)."""
+        return np.array([attenuation_per_mm(material, [self.energy_kev])[0] for material in self.materials])
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):
         """As VoxelScene.path_lengths; shifts along z change nothing."""
         rays = self.rays(geometry, pose, motion_mm)
-        return self._voxels.path_lengths(rays).reshape(1, *geometry.shape)
+        return self._voxels.path_lengths(rays).reshape(-1, *geometry.shape)
 
     def rays(
         self,
@@ -64,6 +68,11 @@ class PrismScene:
         rays = Rays.of(geometry, part, pose.size * self._centre + shift, along_x)
         level, climb = np.ones_like(rays.bundles.level), np.zeros_like(rays.bundles.climb)
         return replace(rays, bundles=rays.bundles._replace(level=level, climb=climb))
+
+    @property
+    def whole_voxels(self) -> bool:
+        """As Voxels.whole."""
+        return self._voxels.whole
 
     def slopes(self, rays: Rays) -> np.ndarray:
         """As Voxels.slopes."""

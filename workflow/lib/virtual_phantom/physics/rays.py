@@ -121,6 +121,11 @@ class Voxels:
         self._shape, self._amounts = amounts.shape[1:], amounts
 
     @cached_property
+    def whole(self) -> bool:
+        """Whether every amount is 0 or 1: edges of the object then run along those of voxels."""
+        return bool(((self._amounts == 0) | (self._amounts == 1)).all())
+
+    @cached_property
     def _packed(self) -> tuple[np.ndarray, np.ndarray]:
         """As trace_rows takes them."""
         return packed(self._amounts)

@@ -113,6 +113,11 @@ class VoxelScene:
             self._voxels = Voxels(self._fractions)
         return self._voxels
 
+    @property
+    def whole_voxels(self) -> bool:
+        """As Voxels.whole."""
+        return self._traceable.whole
+
     def _sized(self, size: float) -> Grid:
         return self.grid if size == 1 else replace(self.grid, spacing=tuple(size * s for s in self.grid.spacing))
 

@@ -92,6 +92,18 @@ def _without_nulls(settings: Mapping) -> dict:
     return config
 
 
+def _name_labels(config: dict) -> None:
+    """Labels of label maps are whole numbers to YAML. Here they are text, as all keys."""
+    path = ("diagnosis", "recordings")
+    section = config
+    for key in path:
+        section = section.get(key) if isinstance(section, dict) else None
+    for one in section.values() if isinstance(section, dict) else ():
+        of = one.get("object") if isinstance(one, dict) else None
+        if isinstance(of, dict) and isinstance(of.get("materials"), dict):
+            of["materials"] = {str(key) if type(key) is int else key: to for key, to in of["materials"].items()}
+
+
 def inspected(settings: Mapping) -> tuple[list[str], dict]:
     """All that is wrong with a configuration, and what is left of it without that.
 
@@ -113,6 +125,7 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     except InputError as error:
         return [str(error)], {}
     whole, schema = _without_nulls(settings), read_schema(SCHEMA)
+    _name_labels(whole)
     found, rest = mistakes(whole, schema, "config", NAMED)
     # The named scans replace keys of the default one: their own defaults would undo it.
     scans = rest.pop("scans", {})

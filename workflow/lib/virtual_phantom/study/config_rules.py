@@ -343,12 +343,19 @@ class Rules:
             yield f"{where}.baseline_from is '{other}', which has its own {min(taken)}; name that one"
 
     def _object(self, settings: dict, where: str) -> Iterator[str]:
-        """A mask with its material, or the kind of an object of shapes."""
-        masked, shaped = {"mask", "material"} & set(settings), {"kind", "parameters"} & set(settings)
-        if masked and shaped:
-            yield f"{where} has both {min(masked)} and {min(shaped)}; keep mask and material, or kind and parameters"
-        elif "kind" not in settings and masked != {"mask", "material"}:
-            yield f"{where} needs kind, an object of shapes, or a mask and its material"
+        """A mask with its material, a label map with its materials, or the kind of an object of shapes."""
+        masked, labelled, shaped = (
+            {drawn, of} & set(settings)
+            for drawn, of in (("mask", "material"), ("labels", "materials"), ("kind", "parameters"))
+        )
+        both = [min(keys) for keys in (masked, labelled, shaped) if keys]
+        if len(both) > 1:
+            yield (
+                f"{where} has both {both[0]} and {both[1]}; keep mask and material, labels and materials, or kind and "
+                "parameters"
+            )
+        elif "kind" not in settings and 2 not in (len(masked), len(labelled)):
+            yield f"{where} needs kind, an object of shapes, a mask and its material, or labels and their materials"
 
     def _diagnosed_comparisons(self) -> Iterator[str]:
         for name in self.config["diagnosis"]["comparisons"]:

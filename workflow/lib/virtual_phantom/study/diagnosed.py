@@ -25,7 +25,8 @@ NOT_MODELLED = ("effects", "physics_from", "baseline_from")
 
 def _object_file(settings: Mapping) -> dict[str, str]:
     """The file of an object, by what it is."""
-    return {"mask": settings["mask"]} if "mask" in settings else {"shapes": shipped(path_of(settings["kind"]))}
+    drawn = {key: settings[key] for key in ("mask", "labels") if key in settings}
+    return drawn or {"shapes": shipped(path_of(settings["kind"]))}
 
 
 @dataclass(frozen=True)
@@ -101,10 +102,9 @@ class Diagnosis:
         every = [self.inputs(name) for name in self.scanners[scanner]["recordings"]]
         inputs = {"files": [path for one in every for path in one["files"]]}
         inputs["setups"] = [self.files("setup", recording=name) for name in self.scanners[scanner]["recordings"]]
-        if masks := [one["mask"] for one in every if "mask" in one]:
-            inputs["masks"] = masks
-        if shapes := [one["shapes"] for one in every if "shapes" in one]:
-            inputs["shapes"] = shapes
+        for kind, key in (("mask", "masks"), ("labels", "label_maps"), ("shapes", "shapes")):
+            if drawn := [one[kind] for one in every if kind in one]:
+                inputs[key] = drawn
         if phantoms := [one["phantom"] for one in every if "phantom" in one]:
             inputs["phantom"] = phantoms[0]
         return inputs

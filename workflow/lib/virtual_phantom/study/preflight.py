@@ -45,8 +45,8 @@ def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list
     """
     lines, config = inspected(settings)
     if config:
-        phantom = partial(_phantom, keep=keep)
-        for look in (_results, _engine, _layout, _shapes, phantom, _scans, _parameters, _measured, _recordings, _proof):
+        phantom, recordings = partial(_phantom, keep=keep), partial(_recordings, keep=keep)
+        for look in (_results, _engine, _layout, _shapes, phantom, _scans, _parameters, _measured, recordings, _proof):
             lines += look(config)
         if scans:
             lines += _scanned(config)
@@ -182,7 +182,7 @@ def _measured(config: dict) -> Iterator[str]:
         yield f"measured.table: {table}: no such file; give the path of the table, or null for the group means"
 
 
-def _recordings(config: dict) -> Iterator[str]:
+def _recordings(config: dict, keep: bool) -> Iterator[str]:
     """Recordings and what is asked of the diagnosis of them."""
     documents: dict[str, Document] = {}
     scans = PublicScans(Plan(config))
@@ -196,7 +196,7 @@ def _recordings(config: dict) -> Iterator[str]:
     yield from _said(check_accuracy, config["diagnosis"]["model_accuracy"])
     for name, one in diagnosed.items():
         where = f"diagnosis.recordings.{name}"
-        yield from _object(one.get("object", {}), f"{where}.object")
+        yield from _object(one.get("object", {}), f"{where}.object", keep)
         if name not in documents or one.get("physics_from", name) not in documents:
             continue
         if wrong := _said(check_kinds, {name: one}, documents):
@@ -210,16 +210,25 @@ def _tried_on(content: dict) -> tuple:
     return content["kind"], timed(content), content.get("corrected", ())
 
 
-def _object(settings: Mapping, where: str) -> Iterator[str]:
+def _object(settings: Mapping, where: str, keep: bool) -> Iterator[str]:
     """An object that was scanned."""
     mask = settings.get("mask")
     if mask is not None and not Path(mask).is_file():
         yield f"{where}.mask: {mask}: no such file; give the path of a NIfTI image"
+    if {"labels", "materials"} <= set(settings):
+        wrong = look_once(settings, [settings["labels"]], lambda: _labels(settings), keep)
+        yield from (f"{where}: {line}" for line in wrong)
     if "kind" in settings:
         from ..physics.objects import read_object  # loads numba, for those who get here
 
         wrong = _said(read_object, settings["kind"], settings.get("parameters"))
         yield from (f"{where}: {line}" for line in wrong)
+
+
+def _labels(settings: Mapping) -> list[str]:
+    from ..physics.labelled import read_labelled  # loads numba, for those who get here
+
+    return _said(read_labelled, settings["labels"], settings["materials"])
 
 
 def _proof(config: dict) -> Iterator[str]:

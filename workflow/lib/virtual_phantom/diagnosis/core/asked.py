@@ -42,6 +42,22 @@ class MaskedObject:
 
 
 @dataclass(frozen=True)
+class LabelledObject:
+    """An object given as a label map.
+
+    Attributes
+    ----------
+    labels : str
+        Path of an image of whole numbers.
+    materials : mapping of str to str or mapping
+        The material of every label, as physics.labelled.materials_of takes it.
+    """
+
+    labels: str
+    materials: Mapping[str, str | Mapping]
+
+
+@dataclass(frozen=True)
 class ShapesObject:
     """An object of shapes.
 
@@ -72,7 +88,7 @@ class Settings:
     nominal_photons : float or None
         Noise-equivalent photons per pixel in air, as stated.
     disc : Disc or None
-    object : MaskedObject, ShapesObject or None
+    object : MaskedObject, LabelledObject, ShapesObject or None
         What was scanned; without both of them, the study's phantom.
     protocol : str or None
         Name of the protocol that simulates a recording of images.
@@ -87,7 +103,7 @@ class Settings:
     alignment: Mapping[str, float]
     nominal_photons: float | None = None
     disc: Disc | None = None
-    object: MaskedObject | ShapesObject | None = None
+    object: MaskedObject | LabelledObject | ShapesObject | None = None
     protocol: str | None = None
     check_setup: bool = False
     baseline: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
@@ -99,14 +115,19 @@ class Settings:
         if "disc" in section:
             scanned["disc"] = Disc(**section["disc"])
         if "object" in section:
-            kind = MaskedObject if "mask" in section["object"] else ShapesObject
-            scanned["object"] = kind(**section["object"])
+            scanned["object"] = _kind_of(section["object"])(**section["object"])
         return cls(**{**section, **scanned})
 
     @property
     def of_phantom(self) -> bool:
         """Whether the study's phantom was scanned."""
         return self.disc is None and self.object is None
+
+
+def _kind_of(section: Mapping) -> type:
+    if "mask" in section:
+        return MaskedObject
+    return LabelledObject if "labels" in section else ShapesObject
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from .alignment import PLACE
 from .fit import Fit
 from .observed import FEWEST, Observed
 
+EDGES = "edges"  # a domain: where data change most from one to the next
 KINDS = "kinds of change"  # a domain without places: see core.outside
 ALPHA = 0.01  # family-wise, over all domains and all places in them
 EDGE_SHARE = 0.1  # of the rays or voxels: those where what is recorded changes most count as edges
@@ -413,4 +414,4 @@ def steepest(
     z = (square - count) / np.sqrt(2 * count + of_weights)
     freedom = 2 * count**2 / (2 * count + of_weights)  # of the chi-square with this mean and variance, but for a factor
     p = float(stats.chi2.sf(square * freedom / count, freedom))
-    return Location("edges", f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))
+    return Location(EDGES, f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))

@@ -39,6 +39,8 @@ class Prepared(ABC):
         One view of so many was fitted or held out.
     lacking : str or None
         What of the scan's times is not stated, in words.
+    voxels : str or None
+        What whole voxels that the object is drawn in leave of its edges, and what would tell, in words; None: nothing.
     """
 
     look: ClassVar[Look]
@@ -52,6 +54,7 @@ class Prepared(ABC):
     photons: float
     step: int = 1
     lacking: str | None = None
+    voxels: str | None = None
 
     @property
     def usable(self) -> np.ndarray:
@@ -110,6 +113,20 @@ class Prepared(ABC):
     @abstractmethod
     def difference(self, fit: Fit, held_out: bool) -> np.ndarray:
         """Recorded less modelled in the unit of `look`, where data count: one-dimensional."""
+
+    def share_at_edges(self, fit: Fit) -> float | None:
+        """Of what a fit leaves of the data held out, the share that lies where these change most.
+
+        Parameters
+        ----------
+        fit : Fit
+
+        Returns
+        -------
+        float or None
+            Of chi-square beyond noise; None where nothing is beyond it, and by default.
+        """
+        return None
 
     def with_noise_of(self, fit: Fit) -> Prepared:
         """The same with noise as a fit says that it is correlated, where recordings do not say it themselves."""

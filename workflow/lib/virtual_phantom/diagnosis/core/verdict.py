@@ -12,7 +12,7 @@ from ...physics.effect import load
 from .attribute import AS_GOOD, LEAST_GAIN, Choice
 from .caveats import caveats
 from .doubts import doubts
-from .locate import KINDS, Location, aligned
+from .locate import EDGES, KINDS, Location, aligned
 from .model import Model
 from .outside import better, changes, standing_out
 from .prepared import Prepared
@@ -22,7 +22,7 @@ from .steps import NORMAL_95
 from .trial import Trial
 
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
-NO_SIGNED_MAP = ("edges", "both halves", KINDS)  # sums of squares and products
+NO_SIGNED_MAP = (EDGES, "both halves", KINDS)  # sums of squares and products
 VERDICTS = (MATCH, "mismatch explained", "mismatch partly explained", UNEXPLAINED)
 
 
@@ -119,7 +119,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "next_measurement": next_measurements(choice, bool(left), prepared.look.ranked),
         "held_out_data": prepared.held,
         "noise_from_one_repeat": prepared.single,
-        "caveats": caveats(prepared, choice, fitter.model.tube_kvp),
+        "caveats": caveats(prepared, choice, fitter.model.tube_kvp, left),
     }
     return Diagnosis(choice, before, after, content | {"sentence": sentence(content)})
 

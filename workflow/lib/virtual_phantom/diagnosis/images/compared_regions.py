@@ -15,6 +15,8 @@ from ...base.parallel_rays import ParallelRays
 from ...base.units import HU_AIR, HU_BODY, attenuation_to_hu
 from ...io.volumes import Volume, read_nifti
 from ...phantom import read_masks
+from ...physics.labelled import Labelled
+from ...physics.materials import attenuation_per_mm, energy_of
 from ...physics.objects import ShapedObject
 from ...physics.scene import DiscScene, Pose
 from ...physics.voxelised import hu_of, mask_of, reach_mm, share_of_each
@@ -32,7 +34,7 @@ SUBDIVIDED = 5  # samples per voxel and direction, of the edge
 
 @dataclass(frozen=True)
 class Scanned:
-    """The study's phantom, or an object of shapes or given as a mask, if that was scanned.
+    """The study's phantom, or an object of shapes, of a label map or of a mask, if that was scanned.
 
     Attributes
     ----------
@@ -84,11 +86,33 @@ class Scanned:
         InputError
             As scanned.read_mask.
         """
-        share, grid = (volume := read_mask(mask)).array, volume.grid
+        volume = read_mask(mask)
+        return cls._drawn(attenuation_to_hu(volume.array, 1.0), volume.grid)
+
+    @classmethod
+    def of_labels(cls, labelled: Labelled, mu_water_per_mm: float) -> Scanned:
+        """An object of a label map: no ROIs but itself.
+
+        Parameters
+        ----------
+        labelled : Labelled
+        mu_water_per_mm : float
+            At the energy of which materials have their HU, 1/mm.
+
+        Returns
+        -------
+        Scanned
+        """
+        energy = energy_of("water", mu_water_per_mm)
+        mu = np.array([attenuation_per_mm(one, [energy])[0] for one in labelled.materials], np.float32)
+        return cls._drawn(attenuation_to_hu(np.tensordot(mu, labelled.shares, 1), mu_water_per_mm), labelled.grid)
+
+    @classmethod
+    def _drawn(cls, hu: np.ndarray, grid: Grid) -> Scanned:
         if grid.shape[0] == 1:  # alike along z: two slices, between whose centres nothing changes
-            share = np.repeat(share, 2, axis=0)
-            grid = Grid(share.shape, (PRISM_MM, *grid.spacing[1:]))
-        return cls(Volume(attenuation_to_hu(share, 1.0), grid), {}, grid)
+            hu = np.repeat(hu, 2, axis=0)
+            grid = Grid(hu.shape, (PRISM_MM, *grid.spacing[1:]))
+        return cls(Volume(hu, grid), {}, grid)
 
     @classmethod
     def of_shapes(cls, shaped: ShapedObject, geometry: OrbitGeometry, mu_water_per_mm: float) -> Scanned:

@@ -123,6 +123,27 @@ def _edges(residual, weight, predicted, numbers, data: ObservedScans) -> Locatio
     return steepest("rays", residual, weight, slope, numbers, of_weights)
 
 
+def excess_at_edges(half: Half) -> float | None:
+    """Share of chi-square beyond noise that the steepest rays hold.
+
+    Parameters
+    ----------
+    half : Half
+
+    Returns
+    -------
+    float or None
+        None where nothing is beyond noise.
+    """
+    shape = half.data.mean.shape
+    residual, weight = half.residuals[0].reshape(shape), half.weights[0].reshape(shape)
+    excess = weight * residual**2 - (weight > 0)
+    if not excess.sum() > 0:
+        return None
+    chosen = steep(weight, _slope(half.data.mean - half.data.as_recorded(residual)))
+    return float(excess[chosen].sum() / excess.sum())
+
+
 def _slope(predicted) -> np.ndarray:
     return np.abs(np.gradient(predicted, axis=2)) if predicted.shape[2] > 1 else np.zeros_like(predicted)
 

@@ -25,7 +25,7 @@ from ..core.statement import Statement, stated_physics
 from ..core.uncertainty import left_by_numbers
 from .caveats import lost_rays
 from .kinds import kinds
-from .locate import locate
+from .locate import excess_at_edges, locate
 from .model import ScansModel
 from .numerical import Numerical
 from .observed import PARTS, ObservedScans, Scans, observe
@@ -79,6 +79,10 @@ class PreparedScans(Prepared):
         """As Prepared.domains."""
         uncertain = None if fitted is None else left_by_numbers(self.fitter, fit)
         return locate(half.residuals, half.weights, half.data, fit.pattern_variance, fitted, more, uncertain)
+
+    def share_at_edges(self, fit: Fit) -> float | None:
+        """As Prepared.share_at_edges."""
+        return excess_at_edges(self.half(fit, held_out=True))
 
     def kinds(self, fit: Fit) -> Iterable[tuple[str, np.ndarray | sparray]]:
         """As Prepared.kinds."""
@@ -170,6 +174,7 @@ def prepare(
     coarse_chain: Chain | None = None,
     step: int = 1,
     lacking: str | None = None,
+    voxels: str | None = None,
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
 ) -> PreparedScans:
     """Noise, floor and alignment of a recording.
@@ -194,8 +199,8 @@ def prepare(
     step : int, optional
         Fit and hold out one view of so many. Noise is estimated from all; from these alone, and the views beside them,
         in scans that are large.
-    lacking : str, optional
-        As Prepared has it.
+    lacking, voxels : str, optional
+        As Prepared has them.
     declared : mapping of str to mapping of str to Statement, optional
         As Model takes it.
 
@@ -259,7 +264,9 @@ def prepare(
     )
     model = ScansModel(chain, aligned, anode, tube_kvp, numerical=numerical, declared=declared)
     fitter = Fitter(model, data, held_out, weighed, floor)
-    return PreparedScans(fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking)
+    return PreparedScans(
+        fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking, voxels=voxels
+    )
 
 
 def step_for(shape: tuple[int, int, int], samples: int) -> int:

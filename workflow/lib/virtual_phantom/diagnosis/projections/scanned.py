@@ -1,4 +1,4 @@
-"""What was scanned, as a scene: the study's phantom, a disc, an object of shapes, or a homogeneous one of a mask."""
+"""What was scanned, as a scene: the study's phantom, a disc, or an object of shapes, of a label map or of a mask."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from ...base.units import HU_AIR
 from ...io import volumes
 from ...io.volumes import Volume
 from ...phantom import block_mean
+from ...physics.labelled import Labelled, read_labelled
 from ...physics.materials import Segmentation, energy_of
 from ...physics.objects import ShapedObject, read_object
 from ...physics.prism import PrismScene
 from ...physics.scene import DISC_ENERGY_KEV, DiscScene, VoxelScene
 from ...physics.shapes import ShapesScene
-from ..core.asked import Asked, ShapesObject
+from ..core.asked import Asked, LabelledObject, MaskedObject, ShapesObject
 
 PARTIAL_TOLERANCE = 1e-3  # beyond 0 and 1, of shares: what resampling leaves
 
@@ -36,14 +37,15 @@ def scene_of(asked: Asked) -> DiscScene | PrismScene | ShapesScene | VoxelScene:
     Raises
     ------
     InputError
-        As mask_scene and physics.objects.read_object.
+        As mask_scene, physics.labelled.read_labelled and physics.objects.read_object.
     """
     disc, other = asked.settings.disc, asked.settings.object
     if disc is not None:
         return DiscScene(disc.diameter_mm, disc.material)
     if isinstance(other, ShapesObject):
-        energy = energy_of("water", asked.mu_water_per_mm)
-        return ShapesScene(shaped_object(other).shapes, energy, asked.threads)
+        return ShapesScene(shaped_object(other).shapes, energy_of("water", asked.mu_water_per_mm), asked.threads)
+    if isinstance(other, LabelledObject):
+        return labelled_scene(labelled_object(other), energy_of("water", asked.mu_water_per_mm), asked.threads)
     if other is not None:
         return mask_scene(other.mask, other.material, asked.threads)
     volume = volumes.read_nifti(asked.phantom)
@@ -53,6 +55,37 @@ def scene_of(asked: Asked) -> DiscScene | PrismScene | ShapesScene | VoxelScene:
 def shaped_object(asked: ShapesObject) -> ShapedObject:
     """As physics.objects.read_object."""
     return read_object(asked.kind, asked.parameters)
+
+
+def labelled_object(asked: LabelledObject) -> Labelled:
+    """As physics.labelled.read_labelled."""
+    return read_labelled(asked.labels, asked.materials)
+
+
+def whole_voxels(asked: Asked, scene: object) -> str | None:
+    """The voxels that an object is drawn in, if none of them is filled in part.
+
+    Parameters
+    ----------
+    asked : Asked
+    scene : VoxelScene
+        Or what has its methods: that of `asked`.
+
+    Returns
+    -------
+    str or None
+        What they are, and what would be nearer to the object's edges, in words; None of any other object.
+    """
+    other = asked.settings.object
+    if not isinstance(other, MaskedObject | LabelledObject) or not scene.whole_voxels:
+        return None
+    if isinstance(other, LabelledObject):
+        drawn, better = other.labels, "finer voxels or an object of shapes"
+    else:
+        drawn, better = other.mask, "finer voxels, shares of voxels (0 to 1) or an object of shapes"
+    along = [f"{side:.3g}" for side in scene.grid.spacing[::-1]][: 2 if isinstance(scene, PrismScene) else 3]
+    size = along[0] if len(set(along)) == 1 else " x ".join(along)
+    return f"as the voxels of {Path(drawn).name} ({size} mm) leave it: {better}"
 
 
 def coarse_scene(phantom: str | Path, mu_water_per_mm: float, materials: dict, threads: int = 1) -> VoxelScene:
@@ -106,8 +139,29 @@ def mask_scene(mask: str | Path, material: str, threads: int = 1) -> VoxelScene 
     """
     volume = read_mask(mask)
     if volume.grid.shape[0] == 1:
-        return PrismScene(volume.array[0], volume.grid, material)
+        return PrismScene(volume.array, volume.grid, (material,))
     return VoxelScene(volume.array[None], volume.grid, (material,), DISC_ENERGY_KEV, threads)
+
+
+def labelled_scene(labelled: Labelled, energy_kev: float, threads: int = 1) -> VoxelScene | PrismScene:
+    """An object of a label map; a single slice stands for what mask_scene says.
+
+    Parameters
+    ----------
+    labelled : Labelled
+    energy_kev : float
+        Of the monochromatic beam, keV. Unlike that of one material, it is no mere scale: how much more one material
+        attenuates than another depends on it.
+    threads : int, optional
+
+    Returns
+    -------
+    PrismScene or VoxelScene
+    """
+    shares, grid = labelled.shares, labelled.grid
+    if grid.shape[0] == 1:
+        return PrismScene(shares[:, 0], grid, labelled.materials, energy_kev)
+    return VoxelScene(shares, grid, labelled.materials, energy_kev, threads)
 
 
 def read_mask(mask: str | Path) -> Volume:

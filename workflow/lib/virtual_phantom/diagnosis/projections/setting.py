@@ -12,7 +12,7 @@ from .caveats import check_scans
 from .numerical import model_and_floor
 from .observed import scans
 from .prepared import PreparedScans, prepare, step_for
-from .scanned import coarse_scene, scene_of
+from .scanned import coarse_scene, scene_of, whole_voxels
 
 
 def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedScans:
@@ -62,4 +62,5 @@ def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedS
         coarse_chain=coarse,
         step=step,
         lacking=assumed(recording.scan),
+        voxels=whole_voxels(asked, scene),
     )

@@ -1,0 +1,105 @@
+"""A recording of an object of two materials, known as a label map: diagnosed, and what is said of its voxels."""
+
+import numpy as np
+import pytest
+from drawn_objects import CYLINDERS, ENERGY_KEV, GEOMETRY, MATERIALS, MU_WATER_PER_MM, SPECTRUM, bench, drawn
+
+import virtual_phantom as vp
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.diagnosis.core.asked import Asked, LabelledObject, Settings
+from virtual_phantom.diagnosis.described import object_of
+from virtual_phantom.diagnosis.images.compared_regions import Scanned
+from virtual_phantom.diagnosis.projections.scanned import scene_of
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.labelled import read_labelled
+from virtual_phantom.physics.materials import attenuation_per_mm
+from virtual_phantom.physics.shapes import ShapesScene, cylinder
+
+
+def of_voxels(found):
+    return [line for line in found.content["caveats"] if "edges" in line]
+
+
+def test_a_spectrum_that_was_left_out_is_named(tmp_path):
+    """Which no single material could stand for: how much more aluminium attenuates depends on it."""
+    folder = bench(tmp_path, {"spectrum": SPECTRUM})
+    path = drawn(tmp_path / "labels.nii.gz", 0.2)
+    found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["spectrum", "scatter"], check_setup=False)
+    (effect,) = found.content["effects"]
+    assert effect["name"] == "spectrum", found.content["sentence"]
+    assert found.content["excess_removed"] > 0.99
+    assert effect["parameters"]["kvp"]["value"] == pytest.approx(100, rel=0.05)
+
+
+def test_the_right_description_passes_and_another_object_does_not(tmp_path):
+    folder = bench(tmp_path, {})
+    path = drawn(tmp_path / "labels.nii.gz", 0.5)
+    found = vp.diagnose(folder, labels=(path, MATERIALS), samples=1, effects=["scatter"])
+    assert found.content["setup"]["kind"] == "as stated"
+    other = vp.diagnose(folder, labels=(path, {1: "polyethylene", 2: "nothing"}), samples=1, effects=["scatter"])
+    assert other.content["verdict"] == "another object"
+    assert "not the label map labels.nii.gz, of polyethylene" in other.content["sentence"]
+
+
+def test_it_is_said_what_voxels_leave_along_edges(tmp_path):
+    folder = bench(tmp_path, {})
+    path = drawn(tmp_path / "labels.nii.gz", 1.0)
+    found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["scatter"], check_setup=False)
+    assert of_voxels(found) == [
+        "What is left lies along edges, as the voxels of labels.nii.gz (1 mm) leave it: finer voxels or an object of "
+        "shapes would show whether anything else is left (docs/objects.md)."
+    ]
+
+
+def test_of_a_mask_it_is_said_where_it_has_no_shares(tmp_path):
+    folder = bench(tmp_path, {}, CYLINDERS[:1])
+    known = dict(samples=2, effects=["scatter"], check_setup=False, alignment={"scale": 1.0})
+    whole = vp.diagnose(folder, mask=(drawn(tmp_path / "whole.nii.gz", 1.0, 1), "pmma"), **known)
+    (line,) = of_voxels(whole)
+    assert "whole.nii.gz (1 mm) leave it: finer voxels, shares of voxels (0 to 1) or an object of shapes" in line
+    shares = vp.diagnose(folder, mask=(drawn(tmp_path / "shares.nii.gz", 1.0, 8), "pmma"), **known)
+    assert not of_voxels(shares)
+    after = [one.content["held_out"]["chi_square_mean"]["after"] for one in (whole, shares)]
+    assert after[1] - 1 < 0.5 * (after[0] - 1)  # beyond noise
+
+
+def test_a_difference_that_lies_everywhere_is_none_of_voxels(tmp_path):
+    folder = bench(tmp_path, {"scatter": {"amount": 0.1}})
+    path = drawn(tmp_path / "labels.nii.gz", 0.5)
+    found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["focal_spot"], check_setup=False)
+    assert "edges" in [place["domain"] for place in found.content["unexplained"]]
+    assert not of_voxels(found)
+
+
+def test_it_is_said_what_was_modelled():
+    settings = {"samples": 1, "view_step": 1, "alignment": {}}
+    materials = {"1": "pmma", "2": {"compound": "C2F4", "density_g_per_cm3": 2.16}, "3": "nothing", "4": "pmma"}
+    given = {"object": {"labels": "maps/rods.nii.gz", "materials": materials}}
+    asked = Asked("nowhere", Settings.of(settings | given), MU_WATER_PER_MM, {})
+    assert isinstance(asked.settings.object, LabelledObject)
+    assert object_of(asked) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
+
+
+def test_the_beam_before_any_effect_is_the_one_of_shapes(tmp_path):
+    """At the energy where water attenuates as stated: there alone the map of an object has its line integrals."""
+    path = drawn(tmp_path / "labels.nii.gz", 0.2)
+    given = {"object": {"labels": str(path), "materials": {str(key): of for key, of in MATERIALS.items()}}}
+    settings = Settings.of({"samples": 1, "view_step": 1, "alignment": {}} | given)
+    scene = scene_of(Asked("nowhere", settings, MU_WATER_PER_MM, {}))
+    shapes = ShapesScene([cylinder(*one) for one in CYLINDERS], ENERGY_KEV)
+    found, expected = (Chain(one, GEOMETRY).state({}).line_integrals() for one in (scene, shapes))
+    assert np.abs(found - expected).mean() < 0.005 * expected.max()
+
+
+def test_images_are_compared_in_hu_of_its_materials(tmp_path):
+    path = drawn(tmp_path / "labels.nii.gz", 0.5)
+    scanned = Scanned.of_labels(read_labelled(path, {"1": "water", "2": "aluminium"}), MU_WATER_PER_MM)
+    labels = np.unique(scanned.fine.array)
+    aluminium = attenuation_per_mm("aluminium", [ENERGY_KEV])[0]
+    np.testing.assert_allclose(labels, [-1000, 0, 1000 * (aluminium / MU_WATER_PER_MM - 1)], atol=0.5)
+    assert scanned.fine.grid.shape[0] == 2 and scanned.radius_mm == pytest.approx(35, abs=0.5)
+
+
+def test_what_is_scanned_is_said_once(tmp_path):
+    with pytest.raises(InputError, match="2 of disc, mask, labels, shapes and phantom are given"):
+        vp.diagnose(tmp_path, labels=("labels.nii.gz", MATERIALS), shapes="pmma_disc")
