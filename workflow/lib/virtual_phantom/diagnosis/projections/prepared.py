@@ -42,8 +42,8 @@ BY_VIEW = "every second view"
 # Rays, those of a pixel counted one by one: of a scan of more, noise is looked at in the views that are fitted and in
 # those beside them. 20 million take 2 GB.
 MOST_LOOKED_AT = 2e7
-# Of one fit, counted likewise, unless `view_step` says otherwise: a process takes some 1.5 GB with them.
-MOST_FITTED = 4e6
+# Of one fit, counted likewise, unless `view_step` says otherwise: two processes take some 5 GB with them.
+MOST_FITTED = 2.5e6
 FEWEST_VIEWS = 24  # that are left of a large scan, fitted and held out together: what turns with the gantry still shows
 LOOK = Look(
     unit="line_integral",
