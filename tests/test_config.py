@@ -18,6 +18,7 @@ from virtual_phantom.study.config import check, complete
 from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
+LIBRARY = ROOT / "workflow" / "lib" / "virtual_phantom"
 DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
 
 MEETS = {"recording": "scanner", "rois": ["cyst_1"], "protocol": "sirt_300"}
@@ -410,6 +411,28 @@ def test_reference_page_is_up_to_date():
 def test_diagnosed_objects_and_their_physics_are_one_each(settings, message):
     config = changed("recordings", {"a": "recordings/a", "b": "recordings/b"})
     refuse({**config, "diagnosis": {"recordings": {"a": {}, "b": settings}}}, message)
+
+
+def test_materials_have_one_name_however_they_are_written():
+    config = changed("recordings", {"a": "recordings/a", "b": "recordings/b"})
+    config["materials"] = {"soft": "Water", "dense": "Aluminum"}
+    config["diagnosis"] = {
+        "recordings": {
+            "a": {"disc": {"diameter_mm": 70, "material": "PMMA"}},
+            "b": {"object": {"mask": "b.nii.gz", "material": "acrylic"}},
+        }
+    }
+    whole = complete(config)
+    assert (whole["materials"]["soft"], whole["materials"]["dense"]) == ("water", "aluminium")
+    recordings = whole["diagnosis"]["recordings"]
+    assert recordings["a"]["disc"]["material"] == recordings["b"]["object"]["material"] == "pmma"
+    # Every place of the schema that takes a material is one of these four.
+    schema = (LIBRARY / "schemas" / "config.schema.yaml").read_text()
+    assert schema.count('$defs/material"') == 4
+    config["diagnosis"]["recordings"]["a"]["disc"]["material"] = "acryl"
+    refuse(config, "config: diagnosis.recordings.a.disc.material is 'acryl'; use one of water, soft_tissue")
+    config["diagnosis"]["recordings"]["a"] = {"disc": "PMMA"}
+    refuse(config, "config: diagnosis.recordings.a.disc: 'PMMA' is not of type 'object'")
 
 
 def test_physics_is_not_taken_from_where_it_was_taken_to():

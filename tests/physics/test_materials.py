@@ -2,7 +2,8 @@
 
 import pytest
 
-from virtual_phantom.physics.materials import attenuation_per_mm
+from virtual_phantom.physics.material_names import COMPOUNDS, ELEMENTS, SYNONYMS, named
+from virtual_phantom.physics.materials import Mixture, attenuation_per_mm
 
 
 def test_cellulose_attenuates_as_its_elements():
@@ -15,3 +16,27 @@ def test_potassium_iodide_has_the_k_edge_of_iodine():
     # Iodine at 33.1694 keV: 6.553 and 35.82 cm2/g below and above; it is 0.7645 of the mass. 3.13 g/cm3.
     below, above = attenuation_per_mm("potassium_iodide", [33.16, 33.18])
     assert above - below == pytest.approx(0.7645 * (35.82 - 6.553) * 3.13 / 10, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("written", "meant"),
+    [
+        ("PMMA", "pmma"),
+        ("Acrylic", "pmma"),
+        ("Plexiglass", "pmma"),
+        ("perspex", "pmma"),
+        ("Aluminum", "aluminium"),
+        ("Soft tissue", "soft_tissue"),
+        ("potassium-iodide", "potassium_iodide"),
+    ],
+)
+def test_a_material_may_be_written_as_people_do(written, meant):
+    assert named(written) == meant
+    assert attenuation_per_mm(written, [60.0])[0] == attenuation_per_mm(meant, [60.0])[0]
+
+
+def test_a_material_of_one_s_own_or_unknown_keeps_its_name():
+    own = Mixture("PMMA", 1.0, "C2H4")
+    assert named(own) is own and named("Delrin") == "Delrin" and named("") == "" and named(7) == 7
+    known = {*COMPOUNDS, *ELEMENTS}
+    assert {named(name) for name in known} == known and set(SYNONYMS.values()) <= known and not set(SYNONYMS) & known

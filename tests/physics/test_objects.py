@@ -56,6 +56,14 @@ def test_a_shipped_object_says_where_it_comes_from_and_can_be_scanned(name):
     assert {roi.shape for roi in shaped.rois} <= set(shaped.names)
 
 
+def test_a_parameter_names_the_library_s_materials_as_people_write_them():
+    (ball,) = read_object("ball", {"diameter_mm": 6, "material": "Acrylic"}).shapes
+    assert ball.material == "pmma"
+    # An object's own material goes first: that of the ACR phantom has its own density.
+    shaped = read_object("acr464_module1")
+    assert shaped.shapes[shaped.names.index("acrylic")].material.density_g_per_cm3 == 1.18
+
+
 @pytest.mark.parametrize("name, ranges", [("catphan504_ctp404", CATPHAN), ("acr464_module1", ACR)])
 def test_materials_have_the_hu_of_the_manuals(name, ranges):
     shaped = read_object(name)

@@ -88,7 +88,7 @@ def test_a_recording_is_diagnosed(tmp_path):
     assert [effect["name"] for effect in found["effects"]] == ["scatter"], found["sentence"]
     assert found["excess_removed"] > 0.9 and SCAN["views"] == content["scan"]["views"]
     assert found["setup"]["kind"] == "as stated" and "start angle" in found["setup"]["alike"]
-    other = vp.diagnose(folder, disc=(95.0, "water"))
+    other = vp.diagnose(folder, disc=(95.0, "Water"))
     assert other.choice is None and other.content["verdict"] == "another object"
     assert "not a cylinder along z, 95 mm across, of water" in other.content["sentence"]
 

@@ -20,6 +20,7 @@ from ..diagnosis.setup.recorded import set_up
 from ..diagnosis.setup.verdict import VERDICTS, verdict
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import read_nifti
+from ..physics.material_names import named
 from ..recordings.document import read_document
 from ..recordings.reading import load
 from ..recordings.recording import Recording
@@ -95,9 +96,9 @@ def diagnose(
         )
     scanned: dict = {}
     if disc is not None:
-        scanned["disc"] = dict(zip(("diameter_mm", "material"), disc, strict=True))
+        scanned["disc"] = dict(zip(("diameter_mm", "material"), (*disc[:1], *map(named, disc[1:])), strict=True))
     if mask is not None:
-        scanned["object"] = {"mask": str(mask[0]), "material": mask[1]}
+        scanned["object"] = {"mask": str(mask[0]), "material": named(mask[1])}
     if labels is not None:
         materials = {str(label): material for label, material in labels[1].items()}
         scanned["object"] = {"labels": str(labels[0]), "materials": materials}

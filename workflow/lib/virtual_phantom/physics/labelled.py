@@ -11,7 +11,8 @@ import numpy as np
 from ..base.errors import InputError, meant
 from ..base.geometry import Grid
 from ..io.volumes import Volume, read_nifti
-from .materials import COMPOUNDS, ELEMENTS, Material, Mixture
+from .material_names import COMPOUNDS, ELEMENTS, named
+from .materials import Material, Mixture
 from .shapes import NOTHING
 
 BACKGROUND = 0  # the label of what is left out, unless a material is named for it
@@ -65,9 +66,9 @@ def materials_of(entries: Mapping[str, str | Mapping]) -> dict[int, Material]:
 
 def _named(name: str) -> str:
     known = [*COMPOUNDS, *ELEMENTS, NOTHING]
-    if name not in known:
+    if named(name) not in known:
         raise InputError(f"material '{name}' is unknown; {meant(name, known)}")
-    return name
+    return named(name)
 
 
 def _defined(entry: Mapping) -> Mixture:

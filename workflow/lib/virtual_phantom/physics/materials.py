@@ -19,29 +19,8 @@ import xraylib
 
 from ..base.errors import InputError
 from ..base.units import hu_to_attenuation
+from .material_names import COMPOUNDS, ELEMENTS, named
 
-# Name: compound of xraylib's NIST list, and density in g/cm^3 where it is not the listed one.
-COMPOUNDS = {
-    "water": ("Water, Liquid", None),
-    "soft_tissue": ("Tissue, Soft (ICRU four-component)", None),
-    "adipose": ("Adipose Tissue (ICRP)", None),
-    "blood": ("Blood (ICRP)", None),
-    "bone": ("Bone, Cortical (ICRP)", None),
-    "pmma": ("Polymethyl Methacralate (Lucite, Perspex)", None),
-    "polyethylene": ("Polyethylene", None),
-    "cellulose": ("Cellulose Acetate, Cellophane", None),  # by its elements C6H10O5, cellulose
-    "potassium_iodide": ("Potassium Iodide", None),
-    "air": ("Air, Dry (near sea level)", None),
-}
-# Name: atomic number, and density in g/cm^3 at room temperature (CRC Handbook of Chemistry and Physics).
-ELEMENTS = {
-    "aluminium": (13, 2.699),
-    "copper": (29, 8.96),
-    "iodine": (53, 4.93),
-    "tungsten": (74, 19.3),
-    "molybdenum": (42, 10.22),
-    "rhodium": (45, 12.41),
-}
 SOME_KEV = 60.0  # at which a composition is tried
 SHARES_OFF = 0.01  # of mass fractions from 1: published ones are rounded
 ENERGIES_KEV = (10.0, 160.0)  # between which the energy of a monochromatic beam is looked for
@@ -110,7 +89,7 @@ def attenuation_per_mm(material: Material, energies_kev: np.ndarray) -> np.ndarr
     Parameters
     ----------
     material : str or Mixture
-        Of COMPOUNDS or ELEMENTS, or one of its own.
+        Of COMPOUNDS or ELEMENTS, as `named` takes it, or one of its own.
     energies_kev : array_like, shape (energies,)
         keV.
 
@@ -124,7 +103,7 @@ def attenuation_per_mm(material: Material, energies_kev: np.ndarray) -> np.ndarr
     InputError
         For an unknown material.
     """
-    return _attenuation(material, tuple(np.asarray(energies_kev, float).tolist()))
+    return _attenuation(named(material), tuple(np.asarray(energies_kev, float).tolist()))
 
 
 @cache
@@ -169,7 +148,7 @@ def energy_of(material: str, mu_per_mm: float) -> float:
     """
 
     def excess(energy):
-        return _attenuation(material, (energy,))[0] - mu_per_mm
+        return attenuation_per_mm(material, [energy])[0] - mu_per_mm
 
     low, high = ENERGIES_KEV
     if not excess(low) > 0 > excess(high):

@@ -18,7 +18,8 @@ from ..base.data import SCHEMAS
 from ..base.errors import InputError, meant
 from ..io.schema import check_nesting, fill_defaults, read_schema, validate
 from . import shapes
-from .materials import COMPOUNDS, ELEMENTS, Material, Mixture
+from .material_names import COMPOUNDS, ELEMENTS, named
+from .materials import Material, Mixture
 from .object_files import FOLDER, path_of
 from .shapes import NOTHING, Shape
 
@@ -248,8 +249,8 @@ def _material(name: str, values: Mapping, materials: Mapping[str, Mixture], wher
     name = str(values.get(name, name))
     if name in materials:
         return materials[name]
-    if name == NOTHING or name in COMPOUNDS or name in ELEMENTS:
-        return name
+    if name == NOTHING or named(name) in (*COMPOUNDS, *ELEMENTS):
+        return named(name)
     known = [*materials, *COMPOUNDS, *ELEMENTS, NOTHING]
     raise InputError(f"{where}: material '{name}' is unknown; {meant(name, known)}")
 

@@ -9,6 +9,7 @@ from ..base.errors import InputError, InputErrors
 from ..base.vectors import FLAT
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
 from ..physics.effect import acts_on_images, checked
+from ..physics.material_names import named
 from .config_rules import Names, Rules
 from .outputs import Files
 from .plan import without_physics
@@ -92,16 +93,27 @@ def _without_nulls(settings: Mapping) -> dict:
     return config
 
 
+def _section(config: object, *path: str) -> dict:
+    """The section at a path of keys; an empty one where there is none, or something else."""
+    for key in path:
+        config = config.get(key) if isinstance(config, dict) else None
+    return config if isinstance(config, dict) else {}
+
+
 def _name_labels(config: dict) -> None:
     """Labels of label maps are whole numbers to YAML. Here they are text, as all keys."""
-    path = ("diagnosis", "recordings")
-    section = config
-    for key in path:
-        section = section.get(key) if isinstance(section, dict) else None
-    for one in section.values() if isinstance(section, dict) else ():
-        of = one.get("object") if isinstance(one, dict) else None
-        if isinstance(of, dict) and isinstance(of.get("materials"), dict):
-            of["materials"] = {str(key) if type(key) is int else key: to for key, to in of["materials"].items()}
+    for one in _section(config, "diagnosis", "recordings").values():
+        if materials := _section(one, "object", "materials"):
+            one["object"]["materials"] = {str(key) if type(key) is int else key: to for key, to in materials.items()}
+
+
+def _name_materials(config: dict) -> None:
+    """Materials by the library's names: from here on one material has one name."""
+    places = [(_section(config, "materials"), ("soft", "dense"))]
+    for one in _section(config, "diagnosis", "recordings").values():
+        places += [(_section(one, key), ("material",)) for key in ("disc", "object")]
+    for place, keys in places:
+        place |= {key: named(place[key]) for key in keys if key in place}
 
 
 def inspected(settings: Mapping) -> tuple[list[str], dict]:
@@ -126,6 +138,7 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
         return [str(error)], {}
     whole, schema = _without_nulls(settings), read_schema(SCHEMA)
     _name_labels(whole)
+    _name_materials(whole)
     found, rest = mistakes(whole, schema, "config", NAMED)
     # The named scans replace keys of the default one: their own defaults would undo it.
     scans = rest.pop("scans", {})
