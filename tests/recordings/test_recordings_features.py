@@ -10,7 +10,8 @@ from recording_folders import changed, features_folder, features_table, refused,
 from virtual_phantom.features.extraction import FEATURES
 from virtual_phantom.recordings.features import read
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.recordings.summary import summary
+from virtual_phantom.recordings.summary import readable, summary
+from virtual_phantom.recordings.summary import table as listed
 
 
 @pytest.fixture
@@ -116,4 +117,24 @@ def test_summary_counts_images_by_condition(table):
         3,
         3,
     ]
-    assert found["notes"] == ["1 of 6 images lack some of the ROIs"]
+    assert found["notes"] == ["some of the ROIs are missing in 1 of 6 images"]
+
+
+def test_the_listing_asks_of_a_table_for_nothing_that_it_does_not_need(table):
+    folder, content = table
+
+    def listing(features):
+        written = write_yaml(
+            folder, {key: content[key] for key in ("name", "kind", "repeats")} | {"features": features}
+        )
+        return readable(listed({"clinic": summary(load(written))}))
+
+    rois = len(set(features_table()["roi"]))
+    without = listing({}).splitlines()
+    assert without == ["clinic: features, 6 repeats", f"  content  86 features (3D) of {rois} ROIs, 6 images"]
+    assert f"86 features (3D) of {rois} ROIs, 1 condition of 6 images" in listing({"conditions": ["dose_mgy"]})
+    content["repeats"] = ["b.csv"]
+    features_table(1).query("roi == 'cyst_1'").to_csv(folder / "b.csv", index=False)
+    alone = listing({})
+    assert "clinic: features, 1 repeat\n" in alone and "of 1 ROI, 1 image\n" in alone
+    assert "missing  a second repeat (without one there is no noise floor)" in alone

@@ -169,7 +169,7 @@ def test_a_dicom_tree_on_the_command_line(tmp_path, capsys):
 def test_the_importer_on_the_command_line(tmp_path, capsys):
     mat_file(tmp_path / "s.mat")
     assert command.main(["htc2022", f"{tmp_path}/s.mat", f"{tmp_path}/disc", "--phantom", "disc"]) == 0
-    assert "disc: projections, 1 repeats" in capsys.readouterr().out
+    assert "disc: projections, 1 repeat\n" in capsys.readouterr().out
     assert command.main(["htc2022", f"{tmp_path}/none.mat", f"{tmp_path}/other"]) == 1
     errors = capsys.readouterr().err
     assert errors.count("\n") == 1 and errors.startswith(f"Error: {tmp_path}/none.mat: no such file")

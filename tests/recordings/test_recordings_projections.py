@@ -123,7 +123,7 @@ def test_dead_pixels_and_missing_theta_are_mentioned(tmp_path):
     white[0, 2, 7] = 50.0
     folder, _ = projections_folder(tmp_path / "r", data_white=white, theta=None)
     recording = load(folder)
-    assert any("b.h5: 1 dead pixels" in note for note in recording.notes)
+    assert any("b.h5: 1 dead pixel (" in note for note in recording.notes)
     assert any("b.h5: no /exchange/theta" in note for note in recording.notes)
     values = recording.repeats[1].line_integrals(1e-6)
     assert np.isnan(values[:, 2, 7]).all() and np.isnan(values).sum() == SHAPE[0]
@@ -134,7 +134,7 @@ def test_views_beyond_a_turn_are_mentioned(tmp_path):
     scan = SCAN | {"views": 25}
     for name in "abc":
         write_projections(folder / f"{name}.h5", scan=scan)
-    assert load(write_yaml(folder, content | {"scan": scan})).notes[0].startswith("1 of the views")
+    assert load(write_yaml(folder, content | {"scan": scan})).notes[0].startswith("1 view along")
 
 
 @given(arrays(np.float64, (2, 1, 3), elements=st.floats(-10, 2000)), st.floats(1, 100), st.floats(1e-6, 0.1))

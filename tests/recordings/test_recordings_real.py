@@ -106,7 +106,7 @@ def test_every_sinogram_loads(tmp_path, name):
     found = summary(import_htc2022(REAL / "htc2022" / f"htc2022_{name}_full.mat", tmp_path / name))
     assert found["content"]["values"] == "line integrals" and found["known"]["nominal"]["tube_kvp"] == 45
     again, times = found["notes"]  # the data set states an exposure and no time from view to view
-    assert again == "1 of the views look along directions of the first turn again"
+    assert again == "1 view along directions of the first turn again"
     assert "every 1200 ms (scan.exposure_ms)" in times
 
 

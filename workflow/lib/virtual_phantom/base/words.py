@@ -18,3 +18,8 @@ def label(name: object) -> str:
     """A name as it is read: underscores are spaces, words of WRITTEN are as there."""
     words = str(name).replace("_", " ").split()
     return " ".join(WRITTEN.get(word, word) for word in words)
+
+
+def counted(number: int, thing: str) -> str:
+    """So many things, in words: 1 repeat, 2 repeats."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

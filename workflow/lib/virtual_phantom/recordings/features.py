@@ -10,6 +10,7 @@ from pathlib import Path
 import pandas as pd
 
 from ..base.errors import InputError
+from ..base.words import counted
 from ..features.names import FEATURES, MEAN, is_feature
 from ..features.settings import Extraction, differences, distinct, of_table
 from ..features.tables import finite_values
@@ -110,7 +111,7 @@ def load(document: Document, study: tuple[str, ...] = FEATURES) -> FeaturesRecor
         )
     incomplete = repeats.groupby("image")["roi"].nunique() < repeats["roi"].nunique()
     if incomplete.any():
-        notes.append(f"{int(incomplete.sum())} of {incomplete.size} images lack some of the ROIs")
+        notes.append(f"some of the ROIs are missing in {int(incomplete.sum())} of {incomplete.size} images")
     provenance = Provenance(document.content["origin"], checksums(document))
     known = tuple(distinct(extractions))
     return FeaturesRecording(document, provenance, None, tuple(notes), repeats, held_out, features, known)
@@ -153,11 +154,12 @@ def _tables(document: Document, study: tuple[str, ...]) -> tuple[dict[Path, pd.D
         raise InputError(f"{source}: its tables have none of the {len(study)} features of the study in common")
     others = {one for table in tables.values() for one in table if is_feature(one)} - set(features)
     if left_out:
-        notes.append(f"{left_out} rows of ROIs that recording.yaml does not name are left out")
+        notes.append(f"left out: {counted(left_out, 'row')} of ROIs that recording.yaml does not name")
     if others:
-        notes.append(f"{len(others)} other features are left out (shape, filters and what else the study has not)")
+        which = "shape, filters and what else the study has not"
+        notes.append(f"left out: {counted(len(others), 'other feature')} ({which})")
     if missing := [one for one in study if one not in features]:
-        notes.append(f"{len(missing)} of the {len(study)} features are missing: {', '.join(missing)}")
+        notes.append(f"missing: {len(missing)} of the {len(study)} features ({', '.join(missing)})")
     ours = {
         path: table.assign(image=table["image"].map(names)).drop(columns=[one for one in table if one in others])
         for path, table in tables.items()

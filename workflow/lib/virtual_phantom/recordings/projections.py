@@ -11,6 +11,7 @@ import numpy as np
 
 from ..base.errors import InputError
 from ..base.geometry import OrbitGeometry
+from ..base.words import counted
 from ..io.exchange import opened
 from ..io.volumes import check_fits
 from .document import Document
@@ -113,14 +114,14 @@ def load(document: Document) -> ProjectionsRecording:
     notes, logs = [], {}
     again = geometry.views - math.ceil(geometry.views_per_rotation)
     if again > 0 and geometry.feed_per_rotation_mm == 0:
-        notes.append(f"{again} of the views look along directions of the first turn again")
+        notes.append(f"{counted(again, 'view')} along directions of the first turn again")
     if words := assumed(document.content["scan"]):
         notes.append(words)
     for path in (*document.repeats, *document.held_out):
         acquisition = read(path, geometry)
         logs[path] = acquisition.log
         if dead := int(acquisition.dead.sum()):
-            notes.append(f"{document.relative(path)}: {dead} dead pixels (white field not above dark field)")
+            notes.append(f"{document.relative(path)}: {counted(dead, 'dead pixel')} (white field not above dark field)")
         if not _has_theta(path):
             notes.append(f"{document.relative(path)}: no /exchange/theta; angles are those of {document.path.name}")
     first = document.repeats[0]

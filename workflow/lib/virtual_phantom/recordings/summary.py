@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
+from ..base.words import counted
 from ..features.settings import STUDY, Extraction, installed, said
 from .features import FeaturesRecording
 from .images import ImagesRecording
@@ -41,12 +42,14 @@ def summary(recording: Recording, study: Extraction = STUDY) -> dict:
     """
     labelled = {**recording.provenance.dicom, **recording.nominal}
     repeats, held_out, content, text = DESCRIPTIONS[type(recording)](recording)
-    missing = [] if recording.phantom else ["phantom"]
-    if repeats < 2:
+    table = isinstance(recording, FeaturesRecording)
+    # A table is compared ROI by ROI, by their names, and its diagnosis holds out some of them.
+    missing = [] if recording.phantom or table else ["phantom"]
+    if (content["images_per_condition"][0] if table else repeats) < 2:
         missing.append("a second repeat (without one there is no noise floor)")
-    if not held_out:
+    if not held_out and not table:
         missing.append("held_out")
-    if recording.kind != "features" and (keys := missing_for_geometry(recording.scan)):
+    if not table and (keys := missing_for_geometry(recording.scan)):
         missing.append(f"scan ({', '.join(keys)})")
     missing += [f"nominal.{key}" for key in WANTED[recording.kind] if key not in labelled]
     return {
@@ -89,7 +92,8 @@ def readable(rows: pd.DataFrame) -> str:
     """The table as a block of lines per recording."""
     blocks = []
     for row in rows.to_dict("records"):
-        lines = [f"{row['recording']}: {row['kind']}, {row['repeats']} repeats, {row['held_out']} held out"]
+        held_out = f", {row['held_out']} held out" if row["held_out"] else ""
+        lines = [f"{row['recording']}: {row['kind']}, {counted(row['repeats'], 'repeat')}{held_out}"]
         lines += [f"  {key:<8} {row[key]}" for key in ("content", "known", "missing", "notes") if row[key]]
         blocks.append("\n".join(lines))
     return "\n\n".join(blocks)
@@ -111,7 +115,7 @@ def _images(recording: ImagesRecording) -> tuple[int, int, dict, str]:
     content["rois"] = {
         roi.name: {"tissue_class": roi.tissue_class, "n_voxels": int(roi.mask.sum())} for roi in recording.rois()
     }
-    rois = f"; {len(content['rois'])} ROIs" if content["rois"] else ""
+    rois = f"; {counted(len(content['rois']), 'ROI')}" if content["rois"] else ""
     return len(recording.repeats), len(recording.held_out), content, f"{grid}{rois}"
 
 
@@ -164,10 +168,11 @@ def _features(recording: FeaturesRecording) -> tuple[int, int, dict, str]:
         ],
     }
     low, high = content["images_per_condition"]
-    each = f"{low}" if low == high else f"{low} to {high}"
+    images_of_each = f"{low} to {counted(high, 'image')}" if low < high else counted(low, "image")
+    conditions = f"{counted(counts.size, 'condition')} of " if recording.conditions else ""
     text = (
-        f"{len(recording.features)} features ({recording.dimensions}D) of {len(rois)} ROIs, {counts.size} conditions "
-        f"of {each} images"
+        f"{counted(len(recording.features), 'feature')} ({recording.dimensions}D) of {counted(len(rois), 'ROI')}, "
+        f"{conditions}{images_of_each}"
     )
     images = recording.repeats["image"].nunique()
     return images, recording.held_out["image"].nunique(), content, text
