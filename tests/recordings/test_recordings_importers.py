@@ -1,9 +1,13 @@
 """Importers: what they write loads and says the same as their source; broken sources leave nothing behind."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 import yaml
 from phantom_files import CT_GRID, ct_slices, object_hu, write_seg, write_series
+from recording_folders import features_folder, projections_folder, write_yaml
 from scipy.io import savemat
 
 from virtual_phantom.base.errors import InputError
@@ -12,6 +16,12 @@ from virtual_phantom.recordings.importers import command
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
 from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
+from virtual_phantom.recordings.importers.next_steps import next_steps
+from virtual_phantom.recordings.reading import load
+from virtual_phantom.study.config import complete
+
+ROOT = Path(__file__).resolve().parents[2]
+DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
 
 PARAMETERS = {
     "distanceSourceOrigin": 410.66,
@@ -170,6 +180,76 @@ def test_the_importer_on_the_command_line(tmp_path, capsys):
     mat_file(tmp_path / "s.mat")
     assert command.main(["htc2022", f"{tmp_path}/s.mat", f"{tmp_path}/disc", "--phantom", "disc"]) == 0
     assert "disc: projections, 1 repeat\n" in capsys.readouterr().out
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disc", "s.mat"]  # nothing that was not asked for
     assert command.main(["htc2022", f"{tmp_path}/none.mat", f"{tmp_path}/other"]) == 1
     errors = capsys.readouterr().err
     assert errors.count("\n") == 1 and errors.startswith(f"Error: {tmp_path}/none.mat: no such file")
+
+
+def what_next(recording):
+    """The configuration that an importer says to write, in the place of whose capitals an acrylic disc stands."""
+    printed = next_steps(recording)
+    first, overlay, last = re.fullmatch(r"(Next: .+):\n\n(.+)\n\n(Then run.+)", printed, re.DOTALL).groups()
+    assert f"save this as {recording.name}.yaml" in first and f"--configfile {recording.name}.yaml" in last
+    settings = yaml.safe_load(overlay.replace("DIAMETER", "70").replace("MATERIAL", "acrylic"))
+    return (
+        printed,
+        settings,
+        complete(DEFAULT | {**settings, "analyses": DEFAULT["analyses"] | settings.get("analyses", {})}),
+    )
+
+
+def test_the_next_step_of_a_sinogram_is_its_diagnosis(tmp_path):
+    angles = np.arange(0, 360.5, 0.5)
+    mat_file(tmp_path / "s.mat", np.zeros((721, 112)), angles=angles)
+    printed, settings, whole = what_next(import_htc2022(tmp_path / "s.mat", tmp_path / "disc"))
+    assert "with what was scanned in the place of capitals" in printed and "Then run: snakemake diagnosis" in printed
+    # As the shipped configuration of the same disc has it.
+    (mine,) = settings["diagnosis"]["recordings"].values()
+    shipped = yaml.safe_load((ROOT / "config" / "htc2022.yaml").read_text())["diagnosis"]["recordings"]["solid_disc"]
+    assert {key: mine[key] for key in ("alignment", "view_step", "effects")} == {
+        key: shipped[key] for key in ("alignment", "view_step", "effects")
+    }
+    assert whole["diagnosis"]["recordings"]["disc"]["disc"] == {"diameter_mm": 70, "material": "pmma"}
+    assert whole["recordings"]["disc"] == f"{tmp_path}/disc"
+
+    inside = np.zeros((64, 64), np.uint8)
+    inside[20:40, 20:40] = 1
+    savemat(tmp_path / "seg.mat", {"reconFullFbpSeg": inside})
+    masked = import_htc2022(tmp_path / "s.mat", tmp_path / "masked", segmentation=tmp_path / "seg.mat")
+    printed, _, whole = what_next(masked)
+    assert "DIAMETER" not in printed
+    one = whole["diagnosis"]["recordings"]["masked"]
+    assert one["object"] == {"mask": f"{tmp_path}/masked/object.nii.gz", "material": "pmma"} and "disc" not in one
+
+
+def test_capitals_that_nobody_replaced_are_told(tmp_path):
+    mat_file(tmp_path / "s.mat")
+    _, settings, _ = what_next(import_htc2022(tmp_path / "s.mat", tmp_path / "disc"))
+    settings["diagnosis"]["recordings"]["disc"]["disc"]["diameter_mm"] = "DIAMETER"
+    with pytest.raises(
+        InputError, match="diagnosis.recordings.disc.disc.diameter_mm: 'DIAMETER' is not of type 'number'"
+    ):
+        complete(DEFAULT | settings)
+
+
+def test_the_next_step_of_images_is_to_find_the_phantom(tmp_path):
+    tree = dicom_tree(tmp_path / "tree", ("Br38f",))
+    printed, settings, _ = what_next(import_dicom_tree(tree, tmp_path / "my: scans" / "clinic"))
+    assert settings == {"recordings": {"clinic": f"{tmp_path}/my: scans/clinic"}}
+    assert "if the study's phantom was scanned: snakemake alignment" in printed
+
+
+def test_the_next_step_of_a_study_s_own_scans_knows_the_object(tmp_path):
+    folder = projections_folder(tmp_path / "scans")[0]
+    content = yaml.safe_load((folder / "recording.yaml").read_text()) | {"origin": {"importer": "study"}}
+    printed, settings, _ = what_next(load(write_yaml(folder, content)))
+    assert settings["diagnosis"] == {"recordings": {"bench": {}}} and "capitals" not in printed
+
+
+def test_the_next_step_of_a_table_is_a_comparison(tmp_path):
+    folder, content = features_folder(tmp_path / "table")
+    _, settings, whole = what_next(load(write_yaml(folder, content | {"origin": {"importer": "features"}})))
+    expected = {"recording": "table", "where": {"dose_mgy": 10}, "protocol": "fbp_300", "noise": "dose10"}
+    assert settings["analyses"]["comparison"] == {"table": expected}
+    assert whole["analyses"]["comparison"]["table"]["where"] == {"dose_mgy": 10}

@@ -151,7 +151,7 @@ def test_summary_says_what_is_missing(tmp_path):
     found = summary(load(folder))
     assert (found["repeats"], found["held_out"], found["content"]["shape"]) == (2, 1, list(SHAPE))
     assert found["content"]["values"] == "counts" and set(found["sha256"]) == {"recording.yaml", "a.h5", "b.h5", "c.h5"}
-    assert found["missing"] == ["phantom", "nominal.tube_kvp", "nominal.anode", "nominal.filtration", "nominal.sensor"]
+    assert found["missing"] == ["nominal.tube_kvp", "nominal.anode", "nominal.filtration", "nominal.sensor"]
     content = changed(content, "repeats", ["a.h5"]) | {"phantom": "synthetic", "nominal": {"tube_kvp": 80}}
     missing = summary(load(write_yaml(folder, content)))["missing"]
     assert missing == [

@@ -43,8 +43,9 @@ def summary(recording: Recording, study: Extraction = STUDY) -> dict:
     labelled = {**recording.provenance.dicom, **recording.nominal}
     repeats, held_out, content, text = DESCRIPTIONS[type(recording)](recording)
     table = isinstance(recording, FeaturesRecording)
-    # A table is compared ROI by ROI, by their names, and its diagnosis holds out some of them.
-    missing = [] if recording.phantom or table else ["phantom"]
+    # Tables are compared by the names of ROIs, of which a diagnosis holds out some. What was projected, the
+    # configuration says.
+    missing = ["phantom"] if recording.kind == "images" and not recording.phantom else []
     if (content["images_per_condition"][0] if table else repeats) < 2:
         missing.append("a second repeat (without one there is no noise floor)")
     if not held_out and not table:

@@ -17,6 +17,7 @@ from .dicom_ct_pd import import_dicom_ct_pd
 from .dicom_tree import import_dicom_tree
 from .feature_tables import import_features
 from .htc2022 import import_htc2022
+from .next_steps import next_steps
 from .study import import_study
 
 IMPORTERS = {
@@ -29,7 +30,7 @@ IMPORTERS = {
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Import what the command line asks for, or these words of one, and print what came in; returns the exit code."""
+    """Import what a command line asks for, and print what came in and what comes next; returns the exit code."""
     parser = argparse.ArgumentParser(
         prog="virtual-phantom-import", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -54,4 +55,5 @@ def main(words: Sequence[str] | None = None) -> int:
         print(f"Error: {error}", file=sys.stderr)
         return 1
     print(readable(table({recording.name: summary(recording)})))
+    print(f"\n{next_steps(recording)}")
     return 0
