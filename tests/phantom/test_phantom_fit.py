@@ -30,3 +30,11 @@ def test_an_order_that_was_mistaken_is_named(shape, spacing, said):
     assert said in how_to_fit(Grid(shape, spacing), BODY)
     # The object may reach beyond what is needed of it.
     assert said in how_to_fit(Grid(shape, spacing), (0.0, *BODY[1:]), BODY)
+
+
+def test_voxels_of_nearly_one_size_are_not_called_turned():
+    """A body 3 % too wide, which fits by chance if the sides of 4 and 3.8 mm are changed over."""
+    grid = Grid((10, 70, 96), (4.0, 3.8, 3.8))
+    assert how_to_fit(grid, (40.0, 261.0, 375.0)) == (
+        "set grid.shape to at least [10, 70, 99] (z, y, x) at this grid.spacing_mm"
+    )

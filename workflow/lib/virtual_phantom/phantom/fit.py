@@ -33,7 +33,8 @@ def how_to_fit(grid: Grid, needed_mm: Sequence[float], object_mm: Sequence[float
     Returns
     -------
     str
-        That the order of an entry is wrong, if the other way round it would do; else the shape that is needed.
+        That the order of an entry is wrong, if the other way round it would do, and lie nearer to the object than with
+        the voxels that are missing; else the shape that is needed.
     """
     shape, spacing = list(grid.shape), list(grid.spacing)
     right = {}
@@ -45,13 +46,18 @@ def how_to_fit(grid: Grid, needed_mm: Sequence[float], object_mm: Sequence[float
         fits = all(has >= length - ROUNDING for has, length in zip(turned.extent_mm, needed_mm, strict=True))
         if fits and turned != Grid(shape, spacing):
             right[keys] = turned
+    enough = least_shape(grid, needed_mm)
     if right:
         target = object_mm or needed_mm
-        off = {
-            keys: sum(abs(math.log(has / of)) for has, of in zip(turned.extent_mm, target, strict=True))
-            for keys, turned in right.items()
-        }
-        keys = min(off, key=off.get)
+
+        def off(one: Grid) -> float:
+            return sum(abs(math.log(has / of)) for has, of in zip(one.extent_mm, target, strict=True))
+
+        keys = min(right, key=lambda keys: off(right[keys]))
+        # A body a little too wide fits by chance if voxels of nearly one size are turned.
+        if off(Grid(enough, spacing)) <= off(right[keys]):
+            right = {}
+    if right:
         said = {"grid.shape": (shape, shape[::-1]), "grid.spacing_mm": (spacing, spacing[::-1])}
         return " and ".join(f"{key} {said[key][0]} looks like x, y, z; write z, y, x: {said[key][1]}" for key in keys)
-    return f"set grid.shape to at least {least_shape(grid, needed_mm)} (z, y, x) at this grid.spacing_mm"
+    return f"set grid.shape to at least {enough} (z, y, x) at this grid.spacing_mm"
