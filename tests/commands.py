@@ -6,7 +6,7 @@ from pathlib import Path
 PAGES = ("README.md", "CONTRIBUTING.md", "config/README.md", "workflow/**/*.md", "docs/**/*.md")
 NAMES = "snakemake|virtual-phantom-import|virtual-phantom|python|make|pytest|pip|ruff|snakefmt|git|mkdir|source"
 PROGRAMS = rf"(?:{NAMES}|\S+/bin/\S+|EXAMPLES=\S+)"
-FENCED = re.compile(r"^(<!-- run(?: on slurm)? -->\n+)?```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+FENCED = re.compile(r"^(<!-- run(?: first| on slurm)? -->\n+)?```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(rf"`({PROGRAMS} [^`]+)`")
 
 

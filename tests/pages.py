@@ -2,6 +2,7 @@
 
 <!-- write FILE -->   the block is the content of a file
 <!-- run -->          the block is run by bash
+<!-- run first -->    the block is run before all others: what stands at the end for readers without data of their own
 <!-- prints -->       each line of the block stands, in this order, in what the last one run printed; ... is any text
 <!-- makes -->        each line of the block is a file that is there
 
@@ -19,7 +20,8 @@ from pathlib import Path
 import warm
 
 MARKED = re.compile(
-    r"^<!-- (write|run|prints|makes)(?: (?!on )(\S+))?( on slurm)? -->\n+```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL
+    r"^<!-- (write|run first|run|prints|makes)(?: (?!on )(\S+))?( on slurm)? -->\n+```\w*\n(.*?)^```$",
+    re.MULTILINE | re.DOTALL,
 )
 TIMEOUT_S = 900
 PARTS = ("config", "docs", "pyproject.toml", "tests", "workflow")
@@ -51,13 +53,15 @@ def follow(page: Path, folder: Path, slurm: bool = False) -> None:
     slurm   what needs a SLURM is done too, and left out otherwise
     """
     printed = None
-    for block in blocks(page):
+    for block in sorted(blocks(page), key=lambda block: block.kind != "run first"):
         if block.on_slurm and not slurm:
             continue
         if block.kind == "write":
             path = folder / block.file
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(block.text, encoding="utf-8")
+        elif block.kind == "run first":
+            run(block.text, folder)
         elif block.kind == "run":
             printed = run(block.text, folder)
         elif block.kind == "prints":

@@ -71,6 +71,14 @@ def test_a_page_that_is_wrong_fails(page, right, wrong, message):
         page(PAGE.replace(right, wrong))
 
 
+def test_stand_ins_at_the_end_are_made_first(page):
+    stand_in = "\n<!-- run first -->\n```\necho seven > given.txt; echo eight\n```\n"
+    page("<!-- run -->\n```\ncat given.txt\n```\n\n<!-- prints -->\n```\nseven\n```\n" + stand_in)
+    # What they print is of no block before them.
+    with pytest.raises(AssertionError, match="nothing has been run"):
+        page("<!-- prints -->\n```\neight\n```\n" + stand_in)
+
+
 def test_what_needs_a_cluster_is_done_where_there_is_one(tmp_path):
     text = PAGE.replace(
         "<!-- makes -->", "<!-- run on slurm -->\n```\necho six > c.txt\n```\n\n<!-- makes on slurm -->"
