@@ -69,11 +69,13 @@ def test_the_next_commands_name_the_study_s_own_configuration():
         context_of(trial=True).pages.commands()["The default study, large enough to mean something"]
         == "snakemake --cores 2"
     )
+    larger = "virtual-phantom init ct --labels labels.nii.gz --size normal --out my-normal.yaml"
+    assert list(context_of(trial=larger).pages.commands().values())[0] == larger
     pages = context_of().pages
-    assert list(pages.commands().values())[0] == "snakemake --cores 2"
+    assert list(pages.commands().values())[-1] == "snakemake --cores 2"
     own = list(replace(pages, configured_by=tuple(files)).commands().values())
-    assert own[0] == "snakemake --cores 2 --configfile config/tiny.yaml my.yaml"
-    assert own[-1] == "snakemake plan --cores 2 --configfile config/tiny.yaml my.yaml"
+    assert own[-1] == "snakemake --cores 2 --configfile config/tiny.yaml my.yaml"
+    assert own[-2] == "snakemake plan --cores 2 --configfile config/tiny.yaml my.yaml"
     assert not [one for one in own if "diagnosis" in one or "recordings" in one]
 
 

@@ -1,6 +1,7 @@
 """`virtual-phantom init`: what it proposes for a CT, against what is known of the object in it."""
 
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from virtual_phantom.base.geometry import Grid
 from virtual_phantom.phantom import ct
 from virtual_phantom.study import command, preflight, read_config
 from virtual_phantom.study.config import complete
+from virtual_phantom.study.init.command import drawn
 from virtual_phantom.study.init.propose import propose, sizes
 from virtual_phantom.study.init.regions import tissue_class
 
@@ -128,7 +130,8 @@ def test_a_region_in_another_piece_is_left_out_unless_it_is_asked_for(desk):
 
 def test_the_file_says_what_the_proposal_is_and_what_it_costs(desk):
     settings = initialised("ct.nii.gz", "--labels", "labels.nii.gz", "--size", "quick")
-    proposed = propose("ct.nii.gz", "labels.nii.gz", size="quick", results_dir="results-my")
+    again = "virtual-phantom init ct.nii.gz --labels labels.nii.gz --size normal --out my-normal.yaml"
+    proposed = propose("ct.nii.gz", "labels.nii.gz", size="quick", results_dir="results-my", instead=again)
     text = Path("my.yaml").read_text()
     assert yaml.safe_load(text) == proposed.config
     assert f"{proposed.cost['acquisitions']} scans in {proposed.cost['jobs']} jobs" in text
@@ -138,6 +141,46 @@ def test_the_file_says_what_the_proposal_is_and_what_it_costs(desk):
     assert set(whole["protocols"]) == set(sizes()["quick"]["protocols"])
     assert set(whole["noise"]["levels"]) == set(sizes()["quick"]["levels"])
     assert whole["analyses"]["pca"]["sirt"]["noise"] == ["dose10", "double"]
+
+
+def test_a_quick_study_is_a_trial_and_names_the_command_for_an_answer(desk, capsys):
+    words = ["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "3=a,5=b", "--rois", "a,b"]
+    settings = initialised(*words, "--size", "quick")
+    assert f"Then, for an answer: {settings['trial']}" in capsys.readouterr().out
+    begin, *rest = shlex.split(settings["trial"])
+    assert begin == "virtual-phantom" and rest[-1] == "my-normal.yaml" and command.main(rest) == 0
+    lines, normal = read_config.read_configs(["my-normal.yaml"])
+    assert not lines and "trial" not in normal
+    assert [roi["name"] for roi in normal["phantom"]["ct"]["rois"]] == ["a", "b"]
+
+
+def test_a_region_of_more_than_one_tissue_is_doubted(desk, capsys):
+    """A tenth of the ball is as dense as bone; without it, it is of one value."""
+    hu, ball = phantom_files.object_hu(), phantom_files.ball("dark")
+    hu[tuple(axis[::10] for axis in np.nonzero(ball))] = 900
+    phantom_files.write_nifti_array(hu, "calcium.nii.gz")
+    sd = hu[ball].std()
+    initialised("calcium.nii.gz", "--labels", "labels.nii.gz")
+    doubt = f"SD {sd:.0f}: calcium, bone or air inside?"
+    assert f"label_5: {doubt}\n" in capsys.readouterr().out and f"HU ({doubt});" in Path("my.yaml").read_text()
+    assert Path("my.yaml").read_text().count("calcium, bone") == 1
+
+
+def test_the_picture_names_in_its_legend_only_what_it_shows(desk):
+    """A thin region is left out and outlined, but not where the picture ends before it."""
+
+    def legend(labels, keep_mm=None):
+        phantom_files.write_nifti_array(labels, "some.nii.gz", flip_y=True)
+        proposed = propose("ct.nii.gz", "some.nii.gz")
+        proposed.config["phantom"]["ct"]["keep_mm"] = keep_mm or proposed.config["phantom"]["ct"]["keep_mm"]
+        return [one.get_text() for one in drawn(proposed).legends[0].get_texts()]
+
+    some, shown = labelled(), ["label 3", "label 5", "what is scanned"]
+    some[some == 9] = 0
+    assert legend(some) == shown
+    some[:, :2, :2] = 9
+    assert legend(some) == [*shown[:2], "left out", shown[2]]
+    assert legend(some, [[x - 20, x + 20] for x in CENTRE[:2]]) == shown
 
 
 def test_normal_is_the_default_study():

@@ -109,7 +109,7 @@ rule figure_comparison:
         runtime=10,
     params:
         title=lambda wildcards: context.comparisons.title(wildcards.comparison),
-        trial=context.config["trial"],
+        trial=bool(context.config["trial"]),
     script:
         "../scripts/figures/comparison.py"
 
@@ -197,7 +197,7 @@ rule figure_attribution:
         runtime=10,
     params:
         title=lambda wildcards: context.comparisons.title(wildcards.comparison),
-        trial=context.config["trial"],
+        trial=bool(context.config["trial"]),
     script:
         "../scripts/figures/attribution.py"
 

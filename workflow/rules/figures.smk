@@ -69,7 +69,7 @@ rule figure_noise_calibration:
     params:
         study_levels=context.selections.study_levels(),
         measured=lambda wildcards: context.selections.measured_noise,
-        trial=context.config["trial"],
+        trial=bool(context.config["trial"]),
     script:
         "../scripts/figures/noise_calibration.py"
 
@@ -101,7 +101,7 @@ rule figure_stability_discrimination:
         seeds=context.selections.grouped["seeds"],
         settings=context.plan.scored_settings(),
         noise=context.selections.compared_noise(),
-        trial=context.config["trial"],
+        trial=bool(context.config["trial"]),
     script:
         "../scripts/figures/stability_discrimination.py"
 
@@ -126,7 +126,7 @@ rule figure_physics_change:
     params:
         threshold=context.config["statistics"]["threshold"],
         noise=context.selections.compared_noise(),
-        trial=context.config["trial"],
+        trial=bool(context.config["trial"]),
     script:
         "../scripts/figures/physics_change.py"
 
@@ -149,7 +149,7 @@ rule figure_overlap:
         mem_mb=2000,
         runtime=10,
     params:
-        trial=context.config["trial"],
+        trial=bool(context.config["trial"]),
     script:
         "../scripts/figures/overlap.py"
 
@@ -177,6 +177,6 @@ for name in context.selections.shown_components:
             runtime=10,
         params:
             title=context.title(f"figure_pca_{name}"),
-            trial=context.config["trial"],
+            trial=bool(context.config["trial"]),
         script:
             "../scripts/figures/pca.py"

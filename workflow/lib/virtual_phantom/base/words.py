@@ -1,5 +1,9 @@
 """How names of the configuration are read: of effects, protocols and ROIs, in sentences, tables and figures."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 WRITTEN = {
     "sirt": "SIRT",
     "fbp": "FBP",
@@ -23,3 +27,8 @@ def label(name: object) -> str:
 def counted(number: int, thing: str) -> str:
     """So many things, in words: 1 repeat, 2 repeats."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def enumerated(phrases: Sequence[str]) -> str:
+    """Phrases one after the other, the last with "and"."""
+    return " and ".join([", ".join(phrases[:-1]), phrases[-1]] if len(phrases) > 1 else phrases)

@@ -53,6 +53,7 @@ def draw(
     panel_height_mm = panel_width_mm * (box[3] - box[2]) / (box[1] - box[0])
     figure = style.figure(width_mm, rows * (panel_height_mm + title_mm) + legend_mm)
     panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    seen = False  # whether an outline of what is left out lies in what is shown: an arm's does not
     line_mm = 1.35 * style.FONT_POINTS * style.MILLIMETRES_PER_POINT
     for axes, z, inside, outside in zip(panels, slices, taken, left, strict=False):
         axial.show(axes, image.array[z], image.grid, box)
@@ -61,6 +62,7 @@ def draw(
         axes.set_title(f"z = {axial.slice_z_mm(image.grid, z):.1f} mm".replace("-", "−"))
         for mask in outside.values():
             outline(axes, mask, image.grid, LEFT_OUT)
+            seen |= _in_box(mask, image, box)
         for name, mask in inside.items():
             outline(axes, mask, image.grid, colours[tissue_class[name]])
         (x_low, x_high), (y_low, y_high) = keep_mm
@@ -71,10 +73,19 @@ def draw(
     for axes in panels[len(slices) :]:
         axes.remove()
     handles = [Line2D([], [], color=colour, label=style.label(name)) for name, colour in colours.items()]
-    handles.append(Line2D([], [], color=LEFT_OUT, label="left out"))
+    if seen:
+        handles.append(Line2D([], [], color=LEFT_OUT, label="left out"))
     handles.append(Line2D([], [], color="black", linestyle="--", label="what is scanned"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 5))
     return figure
+
+
+def _in_box(mask: np.ndarray, image: Volume, box: Sequence[float]) -> bool:
+    """Whether a mask (y, x) has a pixel in a box as of `_around`."""
+    _, y, x = image.grid.axes_mm()
+    x_mm, y_mm = x + image.grid.centre_mm[0], y + image.grid.centre_mm[1]
+    there = np.outer((box[2] <= y_mm) & (y_mm <= box[3]), (box[0] <= x_mm) & (x_mm <= box[1]))
+    return bool((there & mask).any())
 
 
 def _around(keep_mm: Sequence[Sequence[float]], image: Volume) -> tuple[float, float, float, float]:

@@ -17,14 +17,17 @@ from ..features.extraction import MINIMUM_GREY_LEVELS, MINIMUM_VOXELS
 from ..figures.style import TRIAL
 from ..io.documents import DIAGNOSIS, read_document
 from ..io.files import read_csv
-from ..statistics.stability_measures import CUT_OFFS
 from ..statistics.trust import percent
+from .answer import MOST_FEATURES, agreement, answer, tissues
 from .html import COLOURS, OTHER_COLOUR, render
 from .study import Shown, caption, cell, packages
 
 NAMES = {"icc_2_1": "ICC(2,1)", "icc_3_1": "ICC(3,1)", "ccc": "CCC", "cv": "cv", "qcd": "qcd"}  # of measures beside W
 FIRST_ROWS = 5  # of each table
-MOST_FEATURES = 10  # in the answer
+# A table with a row per feature is ordered by the first of these that it has: else its first rows were those of the
+# alphabet, which say nothing.
+MOST_STABLE = ("ci95_low", "stable_by", "stability_percent")
+MOST_CLASSES = 5  # of tissue beside the interval in one table: more make it wider than the page, and get their own
 FEW_REPEATS = 5  # up to here two groups need nearly all of their values in order for |W| to pass 2
 
 
@@ -59,14 +62,14 @@ def page(
         Of the results, where the page will lie.
     figures : sequence of Shown
     tables : sequence of Linked
-        CSV files. What the page says is taken from trust.csv, stable_features.csv and features.csv, if they are among
-        them.
+        CSV files. What the page says is taken from trust.csv, stable_features.csv, stability.csv, features.csv and the
+        tables of comparisons, if they are among them.
     diagnoses : sequence of Path
         Reports; the verdict is in diagnosis.json beside each.
     config : mapping
         The complete configuration.
     commands : mapping of str to str
-        What they do: the command. The first is that of the study itself.
+        What they do: the command, what to do first first.
     beside : mapping of str to str, optional
         Pages in the same folder: what they are called, and their addresses.
 
@@ -75,17 +78,33 @@ def page(
     str
     """
     frames = {one.path.stem: read_csv(one.path) for one in tables}
+    addresses = {one.path.stem: relative(one.path, folder) for one in tables}
     trust, features = frames.get("trust"), frames.get("features")
     sections: dict[str, list] = {}
+    compared = {}
     for figure in figures:
-        sections.setdefault(figure.section, []).append(
-            {"title": figure.title, "path": relative(figure.path, folder), "caption": caption(figure, config)}
-        )
+        name = figure.path.stem
+        shown = {"title": figure.title, "path": relative(figure.path, folder), "caption": caption(figure, config)}
+        shown["compared"] = None
+        if (table := f"{name}_features") in frames:
+            shown["compared"] = {
+                "id": name,
+                "said": agreement(frames[table], frames[name]),
+                "table": addresses[table],
+            }
+            compared[name] = figure.title
+        sections.setdefault(figure.section, []).append(shown)
     return render(
         "index",
         {"cell": cell, "percent": percent},
         NAMES=NAMES,
-        answer=None if trust is None else answer(trust, frames.get("stable_features")),
+        MOST_FEATURES=MOST_FEATURES,
+        MOST_CLASSES=MOST_CLASSES,
+        answer=None
+        if trust is None
+        else answer(trust, frames.get("stable_features"))
+        | {"tissues": tissues(trust, frames.get("stability"), features, config["statistics"]["compare"])},
+        compared=compared,
         verdicts=[verdict(path, folder) for path in diagnoses],
         warnings=[] if features is None else warnings(features, trust),
         sections=sections,
@@ -96,40 +115,12 @@ def page(
         commands=commands,
         beside=beside or {},
         folder=str(folder),
-        config_trial=config["trial"],
+        trial=config["trial"],
         TRIAL=TRIAL,
         config=yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True),
         version=__version__,
         packages=packages(),
     )
-
-
-def answer(trust: pd.DataFrame, measures: pd.DataFrame | None) -> dict:
-    """Which features to trust.
-
-    Parameters
-    ----------
-    trust : DataFrame
-        Of `statistics.trust.table`.
-    measures : DataFrame or None
-        Of `statistics.stability_measures.by_feature`: beside W.
-
-    Returns
-    -------
-    dict
-        rests_on (a row, for the numbers that all share), features (how many), counts (of each verdict), best (rows of
-        the most stable ones), others (a measure beside W: how many features are stable by it).
-    """
-    order = trust.sort_values(["ci95_low", "stability_percent", "feature"], ascending=[False, False, True])
-    others = {} if measures is None else {name: int((measures[f"stable_{name}"] == "yes").sum()) for name in CUT_OFFS}
-    others.pop("w_stability_percent", None)
-    return {
-        "rests_on": trust.iloc[0].to_dict(),
-        "features": len(trust),
-        "counts": {name: int((trust["stable"] == name).sum()) for name in ("yes", "no", "undecided")},
-        "best": order.head(MOST_FEATURES).to_dict("records"),
-        "others": others,
-    }
 
 
 def warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[str]:
@@ -179,7 +170,10 @@ def verdict(report: Path, folder: Path) -> dict:
 
 
 def first_rows(frame: pd.DataFrame) -> pd.DataFrame:
-    """The first rows of a table."""
+    """The first rows of a table; of one of features' stability the most stable."""
+    by = next((name for name in MOST_STABLE if name in frame), None)
+    if by and "feature" in frame and frame["feature"].is_unique:
+        frame = frame.sort_values(by, ascending=False, kind="stable")
     return frame.head(FIRST_ROWS)
 
 

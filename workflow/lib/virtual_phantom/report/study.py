@@ -109,7 +109,7 @@ def page(
         ],
         embedded={title: path.read_text(encoding="utf-8") for title, path in embedded.items()},
         links=links,
-        config_trial=config["trial"],
+        trial=config["trial"],
         TRIAL=style.TRIAL,
         config=yaml.safe_dump(config, sort_keys=False, allow_unicode=True),
         version=__version__,

@@ -42,7 +42,7 @@ def _parser() -> argparse.ArgumentParser:
     init.add_argument("--out", default="my.yaml", help="configuration to write; default my.yaml")
     init.add_argument("--names", default="", help="names of labels: 5=liver,1=spleen; they go before larger ones")
     init.add_argument("--rois", default="", help="take these labels or names alone: 5,spleen")
-    init.add_argument("--size", choices=SIZES, default="normal", help="quick: an answer in minutes; default normal")
+    init.add_argument("--size", choices=SIZES, default="normal", help="quick: a trial of minutes; default normal")
     init.add_argument("--force", action="store_true", help="overwrite files that are there")
     check = commands.add_parser("check", help="say all that is wrong with a configuration and its files")
     check.add_argument(

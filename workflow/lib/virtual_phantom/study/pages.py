@@ -119,13 +119,16 @@ class Pages:
         return {title: page for title, page in self.others.items() if Path(self.files.results, page).exists()}
 
     def commands(self) -> dict[str, str]:
-        """What may be done next: the command, the study's own first."""
+        """What may be done next: the command. What gives an answer is first, and the study itself, which is done, last."""
         # Jobs are given whole paths, and a page is to say what anybody can type.
         here = [Path(os.path.relpath(path)) for path in self.configured_by if not path.endswith(DEFAULT)]
         overlays = [str(Path(path).absolute() if ".." in path.parts else path) for path in here]
         settings = "--cores 2" + (f" --configfile {' '.join(overlays)}" if overlays else "")
-        found = {"This study again, which makes what is missing": f"snakemake {settings}"}
-        if self.plan.config["trial"]:
+        found = {}
+        trial = self.plan.config["trial"]
+        if isinstance(trial, str):
+            found["A study that is large enough for an answer"] = trial
+        elif trial:
             found["The default study, large enough to mean something"] = "snakemake --cores 2"
         if self.plan.config["recordings"]:
             found["What your recordings hold"] = f"snakemake recordings {settings}"
@@ -135,6 +138,7 @@ class Pages:
         if self.selections.optimal_images():
             found[SLICES] = f"snakemake viewer {settings}"
         found["What a larger study would cost"] = f"snakemake plan {settings}"
+        found["This study again, after a change or where something is missing"] = f"snakemake {settings}"
         return found
 
     def viewed(self) -> dict[str, list[str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from ...base.errors import InputError
 from ...figures import axial, proposal, style
 from ...io import files
+from .entries import doubtful
 from .propose import Proposal, propose
 from .regions import Region
 from .written import minutes, text
@@ -57,11 +59,32 @@ def initialise(
     for path in (out, picture):
         if path.exists() and not force:
             raise InputError(f"{path}: is there already; give another --out, or --force to overwrite it")
-    proposed = propose(image, labels, names=names, rois=rois, size=size, results_dir=f"results-{out.stem}")
+    proposed = propose(
+        image,
+        labels,
+        names=names,
+        rois=rois,
+        size=size,
+        results_dir=f"results-{out.stem}",
+        instead=normal(image, labels, out, names or {}, rois),
+    )
     style.save(drawn(proposed), [picture])
     with files.replacing(out, checksum=False) as temporary:  # it is the user's, who changes it
         temporary.write_text(text(proposed, picture.name, str(out)), encoding="utf-8")
     return proposed
+
+
+def normal(
+    image: str | Path, labels: str | Path, out: Path, names: Mapping[str, str], rois: Sequence[str]
+) -> str:
+    """The command that proposes a normal study of the same CT and regions, beside the quick one."""
+    words = ["virtual-phantom", "init", str(image), "--labels", str(labels)]
+    if names:
+        words += ["--names", ",".join(f"{one}={name}" for one, name in names.items())]
+    if rois:
+        words += ["--rois", ",".join(rois)]
+    words += ["--size", "normal", "--out", str(out.with_stem(f"{out.stem}-normal"))]
+    return shlex.join(words)
 
 
 def drawn(proposed: Proposal):
@@ -121,11 +144,13 @@ def table(proposed: Proposal) -> str:
 
 def told(proposed: Proposal, out: str | Path) -> str:
     """What is printed: the table, what was written, what it costs and what comes next."""
-    grid, cost = proposed.config["grid"], proposed.cost
+    grid, cost, trial = proposed.config["grid"], proposed.cost, proposed.config.get("trial")
+    doubts = [f"{one.region.name}: {doubt}" for one in proposed.taken if (doubt := doubtful(one.region))]
     shape, spacing = (" x ".join(f"{one:g}" for one in grid[key]) for key in ("shape", "spacing_mm"))
     return "\n".join(
         [
             table(proposed),
+            *doubts,
             "",
             f"{out}: {len(proposed.voxels)} ROIs on {shape} voxels of {spacing} mm (z, y, x)",
             f"{Path(out).with_suffix('.png')}: look at the outlines and the box",
@@ -133,5 +158,6 @@ def told(proposed: Proposal, out: str | Path) -> str:
             "",
             f"Next: virtual-phantom check {out}",
             f"      snakemake --cores 2 --configfile {out}",
+            *([f"Then, for an answer: {trial}"] if isinstance(trial, str) else []),
         ]
     )

@@ -18,6 +18,9 @@ LEFT = 0.3  # of a region's volume that a margin must leave
 PART_ML = 80.0  # of a part at least: the liver of config/abdomen.yaml is cut in 4, the spleen in 2
 MOST_PARTS = 4
 SPARE_VOXELS = 2  # times as many voxels as texture needs are wanted: rims are lost on the way to the grid
+# Over this SD something else than soft tissue lies in a region, HU. In TotalSegmentator's test case (config/abdomen.yaml)
+# organs, vessels without calcium and muscles have 21 to 37, whatever holds calcium, bone or gas 94 and more.
+SPREAD_HU = 60.0
 SOME_GAS, MOSTLY_GAS = 0.02, 0.85  # of a region's voxels; between them it is an organ and its gas, over them lung
 
 
@@ -61,6 +64,13 @@ def unsuitable(region: Region) -> str | None:
     """Why a region makes no good ROI, as far as it tells itself; None if nothing is against it."""
     if SOME_GAS < region.gas_share < MOSTLY_GAS:
         return f"holds gas beside tissue: {100 * region.gas_share:.0f} % of its voxels"
+    return None
+
+
+def doubtful(region: Region) -> str | None:
+    """What may be wrong with the outline of a region that becomes an ROI; None if nothing seems to be."""
+    if region.sd_hu > SPREAD_HU and region.gas_share <= SOME_GAS:
+        return f"SD {region.sd_hu:.0f}: calcium, bone or air inside?"
     return None
 
 

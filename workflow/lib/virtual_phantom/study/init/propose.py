@@ -77,6 +77,7 @@ def propose(
     rois: Sequence[str] = (),
     size: str = "normal",
     results_dir: str = "results",
+    instead: str | None = None,
 ) -> Proposal:
     """Propose a configuration for a CT and the regions drawn on it.
 
@@ -91,8 +92,10 @@ def propose(
     rois : sequence of str, optional
         Labels or names of the regions to take; by default the largest that are suitable.
     size : {"normal", "quick"}, optional
-        quick: coarse voxels, few protocols and repeats.
+        quick: coarse voxels, few protocols and repeats; its pages say that it is a trial.
     results_dir : str, optional
+    instead : str, optional
+        The command that begins a normal study of the same, which the pages of a quick one then name.
 
     Returns
     -------
@@ -153,6 +156,8 @@ def propose(
         "measured": {"overlay": False},
         "results_dir": results_dir,
     }
+    if size == "quick":
+        config = {"trial": instead or True} | config
     config["scan"]["rows"] = _rows(config, grid, found)
     plan = Plan(complete(config))
     _, cost = summary(plan, "cpu", read_rates(RESOURCES / "rates.yaml"))

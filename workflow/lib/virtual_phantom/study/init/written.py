@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import yaml
 
+from .entries import doubtful
 from .propose import Proposal
 
 WIDTH = 110  # of a comment
@@ -27,7 +28,10 @@ def text(proposal: Proposal, picture: str, name: str) -> str:
     -------
     str
     """
-    parts = [_head(proposal, picture, name), _phantom(proposal), _grid(proposal), _scan(proposal), _rest(proposal)]
+    parts = [_head(proposal, picture, name)]
+    if "trial" in proposal.config:
+        parts.append(_trial(proposal.config["trial"]))
+    parts += [_phantom(proposal), _grid(proposal), _scan(proposal), _rest(proposal)]
     return "\n".join(parts)
 
 
@@ -70,6 +74,13 @@ def _head(proposal: Proposal, picture: str, name: str) -> str:
     )
 
 
+def _trial(trial: str | bool) -> str:
+    words = "A quick run shows that everything is as you mean it, and its pages say that it is a trial."
+    if isinstance(trial, str):
+        words += " For an answer run this command:"
+    return _comment(words) + f"trial: {_scalar(trial)}\n"
+
+
 def minutes(hours: float) -> str:
     """What two cores take for so many core-hours, in words."""
     took = hours * 60 / 2
@@ -94,7 +105,8 @@ def _phantom(proposal: Proposal) -> str:
         region = one.region
         voxels = ", ".join(str(proposal.voxels[name]) for name in one.names)
         lines.append(
-            f"      - {_flow(entry)} # {region.volume_ml:.3g} ml, {region.mean_hu:.0f} HU (SD {region.sd_hu:.0f}); "
+            f"      - {_flow(entry)} # {region.volume_ml:.3g} ml, {region.mean_hu:.0f} HU "
+            f"({doubtful(region) or f'SD {region.sd_hu:.0f}'}); "
             f"{voxels} voxels\n"
         )
     if proposal.left:
