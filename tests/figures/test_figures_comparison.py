@@ -123,6 +123,30 @@ def test_refusals(table):
             figures.draw(wrong, ranks)
 
 
+def test_without_an_order_of_rois_there_is_no_column_of_it(table):
+    few = table[table["roi"].isin(list(dict.fromkeys(table["roi"]))[:2])]
+    said = texts(figures.draw(few, comparison.summary(few)))
+    assert not [text for text in said if "τ" in text] and "shown to agree" in said
+    assert {"order,\nτ", "τ ≥ 0.7: ROIs in order"} <= set(texts(figures.draw(table, comparison.summary(table))))
+
+
+def test_features_that_cannot_be_compared_are_marked(table):
+    summary = comparison.summary(table).assign(other_settings="", other_sizes="")
+    summary.loc[summary["feature"] == FEATURES[2], "other_settings"] = "binWidth is 10, the study's 25"
+    size = "512 voxels of 1 mm³, the study's 216 voxels of 1 mm³"
+    summary.loc[summary["feature"].isin(FEATURES[2:4]), "other_sizes"] = size
+    figure = figures.draw(table, summary, "title")
+    assert_text_fits(figure)
+    labels = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    names = [feature.rpartition("_")[2] for feature in FEATURES[2:4]]
+    assert [label for label in labels if label.split()[-1] in "*†"] == [f"{names[0]} * †", f"{names[1]} †"]
+    head = figure.get_suptitle().splitlines()
+    assert head[1:] == [
+        "* of the recording, binWidth is 10, the study's 25",
+        f"† grows with the ROI: the recording's have {size}",
+    ]
+
+
 @pytest.mark.parametrize("count", [1, 2, 6])
 def test_texts_lie_apart_however_few_the_rois(table, count):
     few = table[table["roi"].isin(list(dict.fromkeys(table["roi"]))[:count])]

@@ -231,6 +231,15 @@ def test_a_comparison_says_what_agrees(results):
     assert 'href="#comparison_clinic"' in page and 'id="comparison_clinic"' in page
 
 
+def test_features_that_cannot_be_compared_are_counted():
+    cells, summary = COMPARISON.values()
+    marked = summary.assign(other_settings=["bins", *[None] * 5], other_sizes=[None, "512 voxels", "", *["more"] * 3])
+    assert answer.agreement(marked, cells).endswith(
+        "Of these features some cannot be compared: 1 extracted with other settings (*), 4 growing with the ROI, whose "
+        "voxels are others here (†)."
+    )
+
+
 def test_what_agrees_in_one_roi_has_no_order():
     cells, summary = COMPARISON.values()
     said = answer.agreement(summary.assign(mean_right=False, sd_right=False), cells[cells["roi"] == "a"])

@@ -12,6 +12,7 @@ from virtual_phantom.recordings.features import read
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import readable, summary
 from virtual_phantom.recordings.summary import table as listed
+from virtual_phantom.statistics.comparison import SIZED
 
 
 @pytest.fixture
@@ -103,6 +104,31 @@ def test_stored_values_must_be_announced_and_are_then_left_alone(table):
     assert recording.repeats["original_firstorder_Mean"].between(1060, 1070).all()
     features_table().to_csv(folder / "a.csv", index=False)
     refused(folder, "set features.stored_offset_hu: 0")
+
+
+def test_summary_says_where_the_voxels_are_not_the_study_s(table):
+    """TotalEnergy is Energy times the volume of a voxel; without them nominal.voxel_mm says it."""
+    folder, content = table
+    for name, start in (("a", 0), ("b", 3)):
+        rows = features_table(start=start)
+        rows["original_firstorder_TotalEnergy"] = 8 * rows["original_firstorder_Energy"]
+        rows.to_csv(folder / f"{name}.csv", index=False)
+    line = (
+        "voxels are of 8 mm³, the study's of 27 mm³: {} of the features grow with their number and cannot be compared"
+    )
+    recording = load(write_yaml(folder, content))
+    assert summary(recording, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED))
+    assert summary(recording, voxel_mm=[2, 2, 2])["notes"] == summary(recording)["notes"] == []
+    flat = load(write_yaml(folder, changed(content, "features.dimensions", 2)))
+    assert summary(flat, voxel_mm=[3, 3, 3])["notes"] == []
+    absent = changed(content, "features.absent", ["original_firstorder_TotalEnergy"])
+    for name in ("a", "b"):
+        pd.read_csv(folder / f"{name}.csv").drop(columns="original_firstorder_TotalEnergy").to_csv(
+            folder / f"{name}.csv", index=False
+        )
+    assert summary(load(write_yaml(folder, absent)), voxel_mm=[3, 3, 3])["notes"] == []
+    stated = load(write_yaml(folder, changed(absent, "nominal.voxel_mm", [2, 2, 2])))
+    assert summary(stated, voxel_mm=[3, 3, 3])["notes"][-1] == line.format(len(SIZED) - 1)
 
 
 def test_summary_counts_images_by_condition(table):

@@ -337,6 +337,29 @@ def test_size_of_an_roi_from_its_features():
         comparison.roi_sizes(rows.drop(columns="original_firstorder_Energy"))
 
 
+def test_features_that_grow_with_the_roi_are_named_where_its_voxels_are_others():
+    """Noise in cubes of 6 and of 8 voxels an edge; of 1 mm and of 2 mm: counts of voxels and volumes are known."""
+    rng = np.random.default_rng(11)
+
+    def rows(edge, spacing=1.0):
+        return pd.DataFrame([features_of(rng.normal(50, 20, (edge,) * 3), spacing) for _ in range(2)]).assign(roi="a")
+
+    ours = rows(6)
+    assert comparison.other_sizes(ours, rows(6), FEATURES, ["a"]) == {}
+    larger = comparison.other_sizes(ours, rows(8), FEATURES, ["a"])
+    assert set(larger) == set(comparison.SIZED)
+    assert set(larger.values()) == {"512 voxels of 1 mm³, the study's 216 voxels of 1 mm³"}
+    coarser = comparison.other_sizes(ours, rows(6, 2.0), FEATURES, ["a"])
+    assert set(coarser.values()) == {"216 voxels of 8 mm³, the study's 216 voxels of 1 mm³"}
+    # Another ROI, which is not compared, says nothing; a table without Energy tells by pyradiomics' own column.
+    beside = pd.concat([rows(6), rows(8).assign(roi="b")])
+    assert comparison.other_sizes(ours, beside, FEATURES, ["a"]) == {}
+    some = rows(8).drop(columns="original_firstorder_Energy")
+    assert comparison.other_sizes(ours, some, FEATURES, ["a"]) == {}
+    counted = comparison.other_sizes(ours, some.assign(**{comparison.COUNTS[2]: 512}), FEATURES, ["a"])
+    assert set(counted.values()) == {"512 voxels, the study's 216 voxels of 1 mm³"}
+
+
 real = pytest.mark.skipif(not REAL.exists(), reason="the real measurements are not beside this checkout")
 
 

@@ -14,6 +14,7 @@ from simulated_scans import SCAN
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.io import volumes
+from virtual_phantom.report import study
 from virtual_phantom.study.context import or_exit, read_context
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -230,3 +231,25 @@ def test_making_the_context_loads_no_heavy_library():
     command = [sys.executable, "-c", code]
     result = subprocess.run(command, env=environment, cwd=ROOT, capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "set()"
+
+
+def captions_of(context, **config):
+    """The captions of a study's figures, as it would be with another configuration."""
+    figures = study.shown(context.pages.pictures(), context.pages.caption_files(), context.pages.shown())
+    return {one.path.stem: study.caption(one, context.config | config) for one in figures}
+
+
+def test_captions_say_what_is_of_the_printed_phantom_only_where_it_is_shown():
+    words = ("Flouris", "Cancer Imaging", "printed phantom", "Black", "paper")
+    own = {"phantom": {"source": "ct", "ct": {}}}
+    for name, caption in captions_of(context_of(measured={"overlay": False}), **own).items():
+        assert not [word for word in words if word in caption], name
+    shown = captions_of(context_of())
+    assert all("Flouris" in caption for caption in shown.values())
+    assert all("Black" in shown[name] for name in ("noise_calibration", "pca_sirt", "pca_fbp", "pca_multicentre"))
+    assert "Figure 2 of" in shown["scans"] and "built-in phantom" in shown["rois"]
+
+
+def test_captions_call_panels_as_the_figures_do(beside):
+    caption = captions_of(beside)["comparison_near"]
+    assert "a: how far" in caption and "b: the ratio" in caption and "Middle" not in caption

@@ -74,7 +74,7 @@ def test_the_same_images_agree_and_features_of_other_settings_are_marked(read):
         pd.read_csv(results / "tables" / f"comparison_at_{width}_features.csv").set_index("feature")
         for width in (25, 10)
     )
-    assert set(same.index) == set(FEATURES) and same["other_settings"].isna().all()
+    assert set(same.index) == set(FEATURES) and same[["other_settings", "other_sizes"]].isna().all(axis=None)
     assert (same["median_abs_shift_sd"] < 1e-6).all() and same["median_sd_ratio"].between(1 - 1e-6, 1 + 1e-6).all()
     marked = other["other_settings"].notna()
     assert set(other.loc[marked, "other_settings"]) == {"binWidth is 10, the study's 25"} and marked.sum() == 70

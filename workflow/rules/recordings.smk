@@ -16,6 +16,7 @@ rule recording_summary:
     params:
         parameters=context.parameters,
         folder=lambda wildcards: context.recordings.folder(wildcards.recording),
+        voxel_mm=context.config["grid"]["spacing_mm"],
     script:
         "../scripts/recording_summary.py"
 

@@ -18,7 +18,13 @@ with job(snakemake) as log:
     other = settings.other_settings(features, recorded, settings.of_parameters(params.parameters["path"]), source)
     for line in dict.fromkeys(other.values()):
         log.warning("%s: features were extracted with other settings: %s", source, line)
-    summary = comparison.summary(cells).assign(other_settings=[other.get(feature, "") for feature in features])
+    sizes = comparison.other_sizes(simulated, recorded, features, list(cells["roi"].unique()))
+    for line in dict.fromkeys(sizes.values()):
+        log.warning("%s: %d features grow with the ROI, which has %s", source, len(sizes), line)
+    summary = comparison.summary(cells).assign(
+        other_settings=[other.get(feature, "") for feature in features],
+        other_sizes=[sizes.get(feature, "") for feature in features],
+    )
     files.write_csv(summary, snakemake.output.features)
     families = comparison.family_summary(cells)
     files.write_csv(families, snakemake.output.families)

@@ -10,6 +10,7 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     parameters = read_parameters(**snakemake.params.parameters)
-    found = summary(load(snakemake.params.folder, parameters.features), parameters.extraction)
+    recording = load(snakemake.params.folder, parameters.features)
+    found = summary(recording, parameters.extraction, snakemake.params.voxel_mm)
     files.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", snakemake.output[0])
     log.info("%s: %s, %s", found["name"], found["kind"], found["text"])

@@ -23,6 +23,12 @@ RATIO_STEPS = (1, 2, 3)  # of the logarithm of the SD ratio over that of the mar
 SHIFT_COLOURS, RATIO_COLOURS = "RdBu_r", "PuOr_r"
 NEUTRAL, MISSING, IN_ORDER = "#FFFFFF", "#BBBBBB", "#AAD4BF"
 DOT, RING = 1.5, 3.2  # across, points
+# Columns of a summary that say why a feature must not be compared: their mark beside its name, and how the line above
+# the panels begins.
+MARKED = {
+    "other_settings": ("*", "of the recording,"),
+    "other_sizes": ("†", "grows with the ROI: the recording's have"),
+}
 
 
 @style.styled()
@@ -37,8 +43,9 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     table : DataFrame
         From `statistics.comparison.compare`; ROIs are columns, in the table's order.
     ranking : DataFrame
-        From `statistics.comparison.ranks`, or `summary`: feature, kendall_tau. Its column other_settings
-        (features.settings), if there is one, marks features by an asterisk and names the settings above.
+        From `statistics.comparison.ranks`, or `summary`: feature, kendall_tau, which is not drawn where no feature has
+        one. Its columns other_settings (features.settings) and other_sizes (`statistics.comparison.other_sizes`), if
+        they are there, mark features, and what they say stands above.
     title : str, optional
 
     Returns
@@ -70,12 +77,14 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
     tau = ranking.set_index("feature")["kendall_tau"].loc[features["feature"]].to_numpy(dtype=float)
     margin, factor = table["margin_sd"].iloc[0], table["sd_factor"].iloc[0]
 
-    other = _other_settings(ranking, features["feature"])
-    lines = [*([title] if title else []), *_footnotes(other)]
+    marks, notes = _marked(ranking, features["feature"])
+    lines = [*([title] if title else []), *notes]
     height = ROW_MM * (y[-1] + 1 + GAP_ROWS)
     figure = style.figure(style.DOUBLE_COLUMN_MM, height + 41 + (5 if lines else 0) + 3 * max(0, len(lines) - 1))
     wide_as = max(len(rois), LEAST_COLUMNS)
-    left, right, rank = figure.subplots(1, 3, sharey=True, gridspec_kw={"width_ratios": [wide_as, wide_as, 1.4]})
+    ranked = np.isfinite(tau).any()
+    widths = [wide_as, wide_as, *([1.4] if ranked else [])]
+    left, right, *rank = figure.subplots(1, len(widths), sharey=True, gridspec_kw={"width_ratios": widths})
     shift_steps = margin * np.array(SHIFT_STEPS)
     _heat(
         figure,
@@ -110,8 +119,9 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
         names = [style.label(roi) for roi in rois]
         axes.set_xticks(range(len(rois)), names, rotation=40, ha="right", rotation_mode="anchor")
         style.letter_panel(axes, index)
-    _rank_column(rank, y, tau)
-    left.set_yticks(y, [_short(name) + (" *" if name in other else "") for name in features["feature"]])
+    if ranked:
+        _rank_column(rank[0], y, tau)
+    left.set_yticks(y, [_short(name) + marks.get(name, "") for name in features["feature"]])
     left.set_ylim(y[-1] + 0.5, -0.5 - GAP_ROWS)
     for family, rows in pandas.Series(y).groupby(features["family"].to_numpy(), sort=False):
         left.annotate(
@@ -126,30 +136,32 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
             annotation_clip=False,
         )
     ring = {"marker": "o", "color": "black", "markersize": 3.5, "markerfacecolor": "none", "markeredgewidth": 0.7}
-    marks = {
+    signs = {
         f"differs (q < {ALPHA:g}); white on dark cells": {"marker": "o", "color": "black", "markersize": 2.5},
         "shown to agree": ring,
         "constant: no ratio": {"marker": "s", "color": MISSING},
-        f"τ ≥ {RANK_RIGHT:g}: ROIs in order": {"marker": "s", "color": IN_ORDER},
     }
-    handles = [Line2D([], [], linestyle="none", label=text, **look) for text, look in marks.items()]
+    if ranked:
+        signs[f"τ ≥ {RANK_RIGHT:g}: ROIs in order"] = {"marker": "s", "color": IN_ORDER}
+    handles = [Line2D([], [], linestyle="none", label=text, **look) for text, look in signs.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=4)
     if lines:
         figure.suptitle("\n".join(lines))
     return figure
 
 
-def _other_settings(ranking: pandas.DataFrame, features: pandas.Series) -> dict[str, str]:
-    """{feature: settings of the recording's that are not the study's}."""
-    if "other_settings" not in ranking:
-        return {}
-    texts = ranking.set_index("feature")["other_settings"].reindex(features).dropna()
-    return {feature: text for feature, text in texts.items() if text}
-
-
-def _footnotes(other: dict[str, str]) -> list[str]:
-    settings = dict.fromkeys(part for text in other.values() for part in text.split("; "))
-    return [f"* of the recording, {one}" for one in settings]
+def _marked(ranking: pandas.DataFrame, features: pandas.Series) -> tuple[dict[str, str], list[str]]:
+    """{feature: its marks}, and a line for every reason that a mark stands for."""
+    marks: dict[str, str] = {}
+    lines = []
+    for column, (mark, begin) in MARKED.items():
+        if column not in ranking:
+            continue
+        texts = ranking.set_index("feature")[column].reindex(features).dropna()
+        reasons = [(feature, text) for feature, text in texts.items() if text]
+        marks |= {feature: f"{marks.get(feature, '')} {mark}" for feature, _ in reasons}
+        lines += [f"{mark} {begin} {one}" for one in dict.fromkeys(p for _, text in reasons for p in text.split("; "))]
+    return marks, lines
 
 
 def _order(families: pandas.Series) -> dict[str, int]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import pandas as pd
 
 from ..base.words import counted
 from ..features.settings import STUDY, Extraction, installed, said
+from ..statistics.comparison import SAME_VOXELS, grows_with_roi
 from .features import FeaturesRecording
 from .images import ImagesRecording
 from .projections import ProjectionsRecording
@@ -16,6 +17,7 @@ from .recording import Recording
 from .scan import missing_for_geometry
 
 COLUMNS = ("recording", "kind", "repeats", "held_out", "content", "known", "missing", "notes")
+ENERGY, TOTAL_ENERGY = "original_firstorder_Energy", "original_firstorder_TotalEnergy"  # whose ratio is a voxel's mm3
 # What a comparison with a simulation asks for, beyond the geometry.
 WANTED = {
     "images": ("tube_kvp", "dose_mgy", "kernel", "slice_thickness_mm"),
@@ -24,7 +26,7 @@ WANTED = {
 }
 
 
-def summary(recording: Recording, study: Extraction = STUDY) -> dict:
+def summary(recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[float] | None = None) -> dict:
     """Everything worth knowing of a recording, ready for JSON.
 
     Parameters
@@ -32,6 +34,8 @@ def summary(recording: Recording, study: Extraction = STUDY) -> dict:
     recording : Recording
     study : Extraction, optional
         How the study's features are extracted, which those of the recording are held against.
+    voxel_mm : sequence of float, optional
+        Edges of the study's voxels.
 
     Returns
     -------
@@ -63,7 +67,7 @@ def summary(recording: Recording, study: Extraction = STUDY) -> dict:
         "text": text,
         "known": {"scan": recording.scan, "nominal": labelled},
         "missing": missing,
-        "notes": [*recording.notes, *_extraction_notes(recording, study)],
+        "notes": [*recording.notes, *_extraction_notes(recording, study), *_size_notes(recording, voxel_mm)],
         "origin": recording.provenance.origin,
         "sha256": recording.provenance.sha256,
     }
@@ -148,6 +152,27 @@ def _extraction_notes(recording: Recording, study: Extraction) -> list[str]:
         f"extracted by pyradiomics {one}, the study's features by {installed()}"
         for one in versions
         if one != installed()
+    ]
+
+
+def _size_notes(recording: Recording, voxel_mm: Sequence[float] | None) -> list[str]:
+    """Whether features grow with voxels that are not the study's, in a line."""
+    if not isinstance(recording, FeaturesRecording) or voxel_mm is None or recording.dimensions != 3:
+        return []
+    stated = recording.nominal.get("voxel_mm")
+    if {ENERGY, TOTAL_ENERGY} <= set(recording.features):
+        own = float((recording.repeats[TOTAL_ENERGY] / recording.repeats[ENERGY]).median())
+    elif stated:
+        own = float(np.prod(stated))
+    else:
+        return []
+    ours = float(np.prod(voxel_mm))
+    grown = [feature for feature in recording.features if grows_with_roi(feature)]
+    if not grown or not np.isfinite(own) or abs(own / ours - 1) < SAME_VOXELS:
+        return []
+    return [
+        f"voxels are of {own:.3g} mm³, the study's of {ours:.3g} mm³: {len(grown)} of the features grow with their "
+        "number and cannot be compared"
     ]
 
 

@@ -101,6 +101,7 @@ def agreement(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
     found = " none agrees in mean or SD"
     if parts:
         found = ", " + ", ".join(parts + [f"{neither} in neither"] * bool(neither)).replace(" in", " agree in", 1)
+    barred = _barred(summary)
     rois, margin, factor = cells["roi"].nunique(), cells["margin_sd"].iloc[0], cells["sd_factor"].iloc[0]
     where = f"at least {100 * MOST:.0f} % of the {rois} ROIs" if rois > 1 else "the ROI"
     text = (
@@ -113,4 +114,17 @@ def agreement(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
             f" {order} {'puts' if order == 1 else 'put'} the ROIs in the recorded order (Kendall's tau at least "
             f"{RANK_RIGHT:g})."
         )
-    return text
+    return text + barred
+
+
+def _barred(summary: pd.DataFrame) -> str:
+    """How many features must not be compared, and why."""
+    reasons = {
+        "other_settings": "extracted with other settings (*)",
+        "other_sizes": "growing with the ROI, whose voxels are others here (†)",
+    }
+    found = {
+        words: int((summary[column].fillna("") != "").sum()) for column, words in reasons.items() if column in summary
+    }
+    parts = [f"{count} {words}" for words, count in found.items() if count]
+    return f" Of these features some cannot be compared: {', '.join(parts)}." if parts else ""

@@ -71,6 +71,9 @@ SIZED = (
     "original_glszm_ZoneVariance",
 )
 SHAPES = (OTHER_FAMILIES["shape"], OTHER_FAMILIES["shape2D"])
+SAME_VOXELS = 1e-3  # relative difference of their number or volume; the features give both to rounding
+# Columns that tell how many voxels an ROI has: of our tables, and of pyradiomics' after resampling and before.
+COUNTS = ("n_voxels", "diagnostics_Mask-interpolated_VoxelNum", "diagnostics_Mask-original_VoxelNum")
 COMPARABLE = ("yes", "with care", "no")
 
 
@@ -580,7 +583,7 @@ def comparable(
             "family": family(feature),
             "needs_hu": stored_offset != 0 and feature in SHIFTED,
             "depends_on_bin_edges": binned and stored_offset % SETTINGS["binWidth"] != 0,
-            "depends_on_size": alike in SIZED or shape,
+            "depends_on_size": grows_with_roi(feature),
             "depends_on_voxel_size": neighbours or shape or (alike in SIZED and not feature.endswith("_TotalEnergy")),
             "depends_on_dimensions": neighbours and recording_dimensions == 2,
         }
@@ -601,6 +604,58 @@ def comparable(
             verdict = "yes", "after conversion to HU" if row["needs_hu"] else ""
         rows.append(row | dict(zip(("comparable", "reason"), verdict, strict=True)))
     return pd.DataFrame(rows)
+
+
+def grows_with_roi(feature: str) -> bool:
+    """Whether a feature grows with its ROI, by its voxels or its volume."""
+    return unfiltered(feature) in SIZED or family(feature) in SHAPES
+
+
+def other_sizes(
+    simulated: pd.DataFrame, recorded: pd.DataFrame, features: Sequence[str], rois: Sequence[str]
+) -> dict[str, str]:
+    """Features that grow with the ROI, where its voxels are others in a recording.
+
+    Parameters
+    ----------
+    simulated, recorded : DataFrame
+        One row per image and ROI. They tell the voxels of their ROIs by Energy and RootMeanSquared (`roi_sizes`), or by
+        a column of COUNTS; of a table that does neither nothing is known and nothing is said.
+    features, rois : sequence of str
+        Those that are compared.
+
+    Returns
+    -------
+    dict of str to str
+        {feature: the voxels of both in words}.
+    """
+    ours, theirs = (_sizes(table, rois) for table in (simulated, recorded))
+    if ours is None or theirs is None:
+        return {}
+    count, volume = (ours[name] / theirs[name] for name in ("n_voxels", "voxel_mm3"))
+    # Without TotalEnergy the voxels' volume is not known, and taken to be the same.
+    if (np.abs(pd.concat([count, volume]).dropna() - 1) < SAME_VOXELS).all():
+        return {}
+    words = f"{_sized(theirs)}, the study's {_sized(ours)}"
+    return {feature: words for feature in features if grows_with_roi(feature)}
+
+
+def _sizes(table: pd.DataFrame, rois: Sequence[str]) -> pd.DataFrame | None:
+    """As `roi_sizes`, by ROI; None where the table does not tell."""
+    table = table[table["roi"].isin(rois)]
+    if {"original_firstorder_Energy", "original_firstorder_RootMeanSquared"} <= set(table.columns):
+        return roi_sizes(table).set_index("roi")
+    column = next((name for name in COUNTS if name in table), None)
+    if column is None:
+        return None
+    counts = pd.DataFrame({"roi": table["roi"], "n_voxels": pd.to_numeric(table[column], errors="coerce")})
+    return counts.groupby("roi", sort=False).median().assign(voxel_mm3=np.nan)
+
+
+def _sized(sizes: pd.DataFrame) -> str:
+    low, high = (f"{one:.0f}" for one in (sizes["n_voxels"].min(), sizes["n_voxels"].max()))
+    of = "" if sizes["voxel_mm3"].isna().all() else f" of {sizes['voxel_mm3'].median():.3g} mm³"
+    return f"{low if low == high else f'{low} to {high}'} voxels{of}"
 
 
 def roi_sizes(table: pd.DataFrame) -> pd.DataFrame:

@@ -13,10 +13,17 @@ from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...features.settings import STUDY, Extraction, other_settings
 from ...statistics.attribution import BASELINE
-from ...statistics.comparison import common_features, common_rois, comparable, roi_sizes, samples, spread
+from ...statistics.comparison import (
+    SAME_VOXELS,
+    common_features,
+    common_rois,
+    comparable,
+    roi_sizes,
+    samples,
+    spread,
+)
 from .properties import EVERY_FOLD, FOLDS, Property, folds, properties
 
-SAME_VOXELS = 1e-3  # relative difference of their number; the features give it to rounding
 STEPS = 4  # strengths tried between two that were simulated
 SOFT = 4.0  # times the floor: a cell counts in full from two standard errors on
 

@@ -74,9 +74,7 @@ def initialise(
     return proposed
 
 
-def normal(
-    image: str | Path, labels: str | Path, out: Path, names: Mapping[str, str], rois: Sequence[str]
-) -> str:
+def normal(image: str | Path, labels: str | Path, out: Path, names: Mapping[str, str], rois: Sequence[str]) -> str:
     """The command that proposes a normal study of the same CT and regions, beside the quick one."""
     words = ["virtual-phantom", "init", str(image), "--labels", str(labels)]
     if names:
