@@ -105,7 +105,7 @@ def test_what_changes_images_by_less_than_matters_is_no_physics_left_out():
     assert differs["verdict"] == "unexplained" and "by -1.23 % of resolution" in differs["sentence"]
     exact = in_practice(content("mismatch explained", effects, told({}, effects)), dict.fromkeys(THRESHOLDS, 0))
     assert (
-        exact["verdict"] == "mismatch explained" and "left out was dark signal and veiling glare" in exact["sentence"]
+        exact["verdict"] == "mismatch explained" and "left out were dark signal and veiling glare" in exact["sentence"]
     )
 
 

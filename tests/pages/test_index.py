@@ -222,10 +222,10 @@ def test_a_comparison_says_what_agrees(results):
     page = made(results, names=names, figures=("rois", "comparison_clinic"))
     said = html.unescape(text(page))
     assert (
-        "Of 6 features, 1 agree in mean and SD, 1 in the mean only, 2 in the SD only, 2 in neither. A mean agrees where it "
-        "lies within 1 repeat SD of the recorded one, an SD where it is from 1/2 to 2 times the recorded one, each in at "
-        "least 80 % of the 3 ROIs. 1 puts the ROIs in the recorded order (Kendall's tau at least 0.7). Every feature: "
-        "tables/comparison_clinic_features.csv."
+        "Of 6 features, 1 agree in mean and SD, 1 in the mean only, 2 in the SD only, 2 in neither. A mean agrees "
+        "where it lies within 1 repeat SD of the recorded one, an SD where it is from 1/2 to 2 times the recorded "
+        "one, each in at least 80 % of the 3 ROIs. 1 puts the ROIs in the recorded order (Kendall's tau at least "
+        "0.7). Every feature: tables/comparison_clinic_features.csv."
     ) in said
     assert said.index("Comparisons with recordings: ours, against clinic.") < said.index("Which features can")
     assert 'href="#comparison_clinic"' in page and 'id="comparison_clinic"' in page

@@ -92,7 +92,14 @@ def draw_setup(stated: np.ndarray, best: np.ndarray, title: str, of: str = LINE_
 
 @style.styled()
 def draw_maps(
-    before: np.ndarray, after: np.ndarray, title: str, across: str, down: str, *, image: bool = False
+    before: np.ndarray,
+    after: np.ndarray,
+    title: str,
+    across: str,
+    down: str,
+    *,
+    image: bool = False,
+    steps: tuple[int, int] = (1, 1),
 ) -> Figure:
     """Standardised residuals, before and after, on one scale.
 
@@ -105,6 +112,9 @@ def draw_maps(
         Labels of the axes.
     image : bool, optional
         Whether both axes are of one length unit, so that shapes are to be seen as they are.
+    steps : tuple of 2 int, optional
+        How many of the recording's places a place of the maps stands for, down and across: axes have the recording's
+        numbers.
 
     Returns
     -------
@@ -112,6 +122,7 @@ def draw_maps(
     """
     figure = style.figure(style.DOUBLE_COLUMN_MM, 68)
     axes = figure.subplots(1, 2, sharey=True)
+    down_end, across_end = (step * n - 0.5 for step, n in zip(steps, before.shape, strict=True))
     for index, (place, values, name) in enumerate(
         zip(axes, (before, after), ("alignment only", "with the effects found"), strict=True)
     ):
@@ -122,6 +133,7 @@ def draw_maps(
             vmin=-MAP_LIMIT,
             vmax=MAP_LIMIT,
             interpolation="nearest",
+            extent=(-0.5, across_end, down_end, -0.5),
         )
         place.set(xlabel=across, title=name)
         style.letter_panel(place, index)

@@ -7,8 +7,8 @@ from datetime import date
 import numpy as np
 
 from .. import __version__
+from ..diagnosis.core.doubts import advice
 from ..diagnosis.core.fit import Fit
-from ..diagnosis.core.look import Look
 from ..diagnosis.core.prepared import Prepared
 from ..diagnosis.core.sentence import UNITS
 from ..diagnosis.core.verdict import Diagnosis
@@ -19,6 +19,7 @@ from .agreement_table import agreement_table
 from .html import picture, render_diagnosis
 from .words import DOMAINS, NUISANCES, ONE_SIDED
 
+STEPPED = "views"  # the domain of which one place of so many is taken
 PIXELS_ACROSS = 120  # of the map: more blocks than that hold too few rays to show anything
 
 
@@ -53,13 +54,25 @@ def page(
         "diagnosis",
         content,
         effects={one["name"]: load(one["name"]) for one in content["effects"]},
+        doubts=[
+            *(f"{doubt}." for doubt in content["doubts"]),
+            *advice(choice.chosen.fit, prepared.fitter.model),
+            *content["caveats"],
+        ],
         places=[(place, after[place.domain]) for place in diagnosis.before],
         alpha=alpha,
         agreement=agreement_table(content.get("agreement")),
         maps=picture(
-            figures.draw_maps(*maps, _title(content, prepared), look.across, look.down, image=look.summed == 0)
+            figures.draw_maps(
+                *maps,
+                _title(content, prepared),
+                look.across,
+                look.down,
+                image=look.summed == 0,
+                steps=_steps(prepared),
+            )
         ),
-        profiles=picture(figures.draw_profiles(_profiles(diagnosis, look))),
+        profiles=picture(figures.draw_profiles(_profiles(diagnosis, prepared))),
         one_repeat=look.one_repeat,
         ranking=picture(figures.draw_ranking(choice.alone, choice.chosen.fit.effects, choice.singles))
         if choice.alone
@@ -97,19 +110,31 @@ def _map(fit: Fit, prepared: Prepared) -> np.ndarray:
     summed = prepared.look.summed
     sums, weights = (residual * weight).sum(axis=summed), weight.sum(axis=summed)
     for axis in (0, 1):
-        step = -(-sums.shape[axis] // PIXELS_ACROSS)
+        step = _block(sums.shape[axis])
         edges = np.arange(0, sums.shape[axis], step)
         sums, weights = (np.add.reduceat(part, edges, axis) for part in (sums, weights))
     return sums / np.sqrt(np.where(weights > 0, weights, np.inf))
 
 
-def _profiles(diagnosis: Diagnosis, look: Look) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
+def _block(places: int) -> int:
+    """How many places of an axis are one of the map's."""
+    return -(-places // PIXELS_ACROSS)
+
+
+def _steps(prepared: Prepared) -> tuple[int, int]:
+    """How many of the recording's places one of the map's stands for, down and across."""
+    down, across = (n for axis, n in enumerate(prepared.held_out.mean.shape) if axis != prepared.look.summed)
+    return prepared.step * _block(down), _block(across)
+
+
+def _profiles(diagnosis: Diagnosis, prepared: Prepared) -> list[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
     panels = []
-    for domain, label, first in look.profiles:
+    for domain, label, first in prepared.look.profiles:
+        step = prepared.step if domain == STEPPED else 1
         before, after = (
             next(one for one in side if one.domain == domain).map for side in (diagnosis.before, diagnosis.after)
         )
-        panels.append((label, np.arange(before.size) + first, before, after))
+        panels.append((label, step * np.arange(before.size) + first, before, after))
     return panels
 
 

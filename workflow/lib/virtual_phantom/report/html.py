@@ -11,6 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Undefined
 from matplotlib.figure import Figure
 
 from ..base.words import label
+from ..diagnosis.core.sentence import share
 from ..figures import style
 
 SMALL = 1e-3  # what is smaller is written with an exponent
@@ -57,7 +58,8 @@ def render_diagnosis(template: str, content: dict, **values) -> str:
     content : dict
         Of diagnosis.json, `d` in the template.
     **values
-        What else the template names; it has the filters number, within (an interval), chance, coverage and feature.
+        What else the template names; it has the filters number, within (an interval), chance, coverage, share and
+        feature.
 
     Returns
     -------
@@ -68,6 +70,7 @@ def render_diagnosis(template: str, content: dict, **values) -> str:
         "within": within,
         "chance": _chance,
         "coverage": _coverage,
+        "share": share,
         "feature": style.feature_label,
     }
     colour = COLOURS.get(content["verdict"], OTHER_COLOUR)

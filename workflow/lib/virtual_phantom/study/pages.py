@@ -119,7 +119,7 @@ class Pages:
         return {title: page for title, page in self.others.items() if Path(self.files.results, page).exists()}
 
     def commands(self) -> dict[str, str]:
-        """What may be done next: the command. What gives an answer is first, and the study itself, which is done, last."""
+        """What may be done next: the command. What gives an answer is first, the study itself, which is done, last."""
         # Jobs are given whole paths, and a page is to say what anybody can type.
         here = [Path(os.path.relpath(path)) for path in self.configured_by if not path.endswith(DEFAULT)]
         overlays = [str(Path(path).absolute() if ".." in path.parts else path) for path in here]

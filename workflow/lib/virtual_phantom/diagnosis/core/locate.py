@@ -143,7 +143,14 @@ def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
 
 
 def noise_places(
-    residuals, weights, data: Observed, pairs: list[str], axes: tuple[str, str, str], fitted=None, uncertain=None
+    residuals,
+    weights,
+    data: Observed,
+    pairs: list[str],
+    axes: tuple[str, str, str],
+    fitted=None,
+    uncertain=None,
+    step: int = 1,
 ) -> list[Location]:
     """Places of difference in the noise: its variance over blocks, its level, and its correlations.
 
@@ -163,6 +170,8 @@ def noise_places(
     uncertain : sequence of ndarray, shape (directions, data), optional
         By part: what the errors of the fit's numbers add (left_by_numbers); None: the fit's errors are those of the
         data fitted.
+    step : int, optional
+        As `blocks` takes it.
 
     Returns
     -------
@@ -187,7 +196,7 @@ def noise_places(
             error = error + (1 / fitted.weights[2] if fitted else 0)
     z = float(level / total / np.sqrt(both))
     return [
-        blocks("noise variance", of_blocks, data, axes),
+        blocks("noise variance", of_blocks, data, axes, step=step),
         Location("noise level", "everywhere", z, _two_sided(z, 1), np.array([z])),
         extreme("noise correlation", residuals[2] / np.sqrt(error), lambda i: f"between {pairs[i]}"),
     ]
@@ -325,7 +334,12 @@ def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
 
 
 def blocks(
-    domain: str, z: np.ndarray, data: Observed, axes: tuple[str, str, str], weighed: np.ndarray | float = 0.0
+    domain: str,
+    z: np.ndarray,
+    data: Observed,
+    axes: tuple[str, str, str],
+    weighed: np.ndarray | float = 0.0,
+    step: int = 1,
 ) -> Location:
     """A domain of blocks of the data.
 
@@ -338,6 +352,8 @@ def blocks(
         Names of the data's axes.
     weighed : ndarray, shape (blocks,), or float, optional
         Relative variance of the weights that z rests on.
+    step : int, optional
+        Of the first axis: one place of so many of the recording's was taken, whose numbers are said.
 
     Returns
     -------
@@ -346,8 +362,8 @@ def blocks(
     worst = int(np.argmax(np.abs(z)))
     place = np.unravel_index(worst, data.blocks.shape)
     ranges = [
-        f"{name} {n * i // parts} to {n * (i + 1) // parts - 1}"
-        for name, n, i, parts in zip(axes, data.mean.shape, place, data.blocks.shape, strict=True)
+        f"{name} {every * (n * i // parts)} to {every * (n * (i + 1) // parts - 1)}"
+        for name, n, i, parts, every in zip(axes, data.mean.shape, place, data.blocks.shape, (step, 1, 1), strict=True)
     ]
     likely = _likely(normal_scores(z, weighed))
     return Location(domain, ", ".join(ranges), float(z[worst]), likely, z.reshape(data.blocks.shape))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from ...base.words import label
+from ...base.words import enumerated, label
 from .locate import ALPHA, KINDS
 
 MATCH, UNEXPLAINED = "match", "unexplained"
@@ -56,11 +56,12 @@ def sentence(content: Mapping) -> str:
         text += f"{felt(practice)}, and no effect of the library explains it."
     elif content["doubts"]:
         text += (
-            f"; the best that the library offers is {listed(content, named)}{removed(content)}, but "
+            f"; the best that the library offers is {listed(content, named)}{removed(content, named)}. But "
             f"{enumerated(content['doubts'])}: something else was left out as well, or instead."
         )
     else:
-        text += f"; left out was {listed(content, named)}{removed(content)}."
+        was = "was" if len(named) == 1 else "were"
+        text += f"; left out {was} {listed(content, named)}{removed(content, named)}."
     text += misstated(content)
     if small:
         text += f" Significant too, but less than matters in images ({limits(practice)}): {listed(content, small)}."
@@ -97,28 +98,35 @@ def listed(content: Mapping, names: list[str]) -> str:
     """Effects by name, each with those that would do as well in its place, or something that no effect stands for."""
 
     def rivals(name: str) -> str:
-        found = " or ".join(map(label, (name, *content["ambiguous_with"].get(name, []))))
-        other = content.get("outside", {}).get(name)
-        return found if other is None else f"{found}, or something outside of the library that {other['what']}"
+        others = list(map(label, content["ambiguous_with"].get(name, [])))
+        if other := content.get("outside", {}).get(name):
+            others.append(f"something outside of the library that {other['what']}")
+        return label(name) + (f" (or {' or '.join(others)})" if others else "")
 
-    return " and ".join(map(rivals, names))
-
-
-def enumerated(phrases: list[str]) -> str:
-    """Phrases one after the other, the last with "and"."""
-    return " and ".join([", ".join(phrases[:-1]), phrases[-1]] if len(phrases) > 1 else phrases)
+    return enumerated(list(map(rivals, names)))
 
 
-def removed(content: Mapping) -> str:
-    """What the effects remove, with the root mean square that it is a share of."""
+def removed(content: Mapping, names: Sequence[str]) -> str:
+    """What effects of these names remove, with the root mean square that it is a share of."""
     if content["excess_removed"] is None:
         return ""
-    share = f", which removes {100 * content['excess_removed']:.1f} % of the difference on data not fitted"
+    verb = "which removes" if len(names) == 1 else "which together remove"
+    text = f", {verb} {share(content['excess_removed'], content)} of the difference on data not fitted"
     root = next((entry for name, entry in content["held_out"].items() if name.startswith("rms_")), None)
     if root is None:
-        return share
+        return text
     before, after, floor = (f"{root[key]:.{DIGITS}g}" for key in ("before", "after", "floor"))
-    return f"{share} (root mean square {before}, then {after}; noise alone {floor})"
+    of_root = content.get("excess_rms_removed")
+    # A model that fits no better has no share of a root to boast of: the roots alone say so.
+    begin = f"{share(of_root, content)} of its root mean square:" if of_root and of_root > 0 else "root mean square"
+    return f"{text} ({begin} {before}, then {after}; noise alone {floor})"
+
+
+def share(part: float, content: Mapping) -> str:
+    """A share of a difference in percent: not 100 where something is left or in doubt."""
+    text = f"{100 * part:.1f}"
+    left = part < 1 or content.get("unexplained") or content.get("doubts")
+    return "over 99.9 %" if text == "100.0" and left else f"{text} %"
 
 
 def limits(practice: Mapping) -> str:

@@ -35,6 +35,7 @@ def locate(
     fitted: Half | None = None,
     more: Sequence[Location] = (),
     uncertain: Sequence[np.ndarray] | None = None,
+    step: int = 1,
 ) -> list[Location]:
     """Standardised residuals of every domain.
 
@@ -53,6 +54,8 @@ def locate(
         Domains that residuals do not show.
     uncertain : sequence of ndarray, shape (directions, data), optional
         By part: what the errors of the fit's numbers add (left_by_numbers).
+    step : int, optional
+        One view of so many of the recording's was taken; places are called by the recording's numbers.
 
     Returns
     -------
@@ -69,13 +72,14 @@ def locate(
     of_views = (weight**2 * left).sum((1, 2))
     numbers = () if uncertain is None else uncertain[0].reshape(-1, *shape)
     alike = Alike(weight, [*data.numerical, *numbers], data.scatter)
+    of = f" of {shape[0]}" if step == 1 else f", one in {step} being compared"
     found = [
         extreme(
             "columns", _marginal(residual, weight, (0, 1), extra.sum(0), alike), lambda i: f"column {i} of {shape[2]}"
         ),
         extreme("rows", _marginal(residual, weight, (0, 2), extra.sum(1), alike), lambda i: f"row {i} of {shape[1]}"),
-        extreme("views", _marginal(residual, weight, (1, 2), of_views, alike), lambda i: f"view {i} of {shape[0]}"),
-        blocks("projections", _block_z(residual, weight, data, left, alike), data, AXES, data.weighed),
+        extreme("views", _marginal(residual, weight, (1, 2), of_views, alike), lambda i: f"view {step * i}{of}"),
+        blocks("projections", _block_z(residual, weight, data, left, alike), data, AXES, data.weighed, step),
         _path_lengths(residual, weight, predicted, alike),
         _edges(residual, weight, predicted, numbers, data),
         _pixels(_marginal(residual, weight, 0, extra, alike), pixels),
@@ -85,7 +89,7 @@ def locate(
         if common.there.any():  # halves of the views have no ray in common
             found.append(_both_halves(common, steep(weight, _slope(predicted)).ravel()))
     pairs = [f"neighbouring {name}" for name in AXES[::-1]]
-    found += noise_places(residuals, weights, data, pairs, AXES, fitted, uncertain)
+    found += noise_places(residuals, weights, data, pairs, AXES, fitted, uncertain, step)
     if data.white is not None:
         z = residuals[-1] * np.sqrt(weights[-1])
         found.append(extreme("white field", z, lambda i: f"shape {i + 1} (orders along columns, then rows)"))

@@ -78,7 +78,7 @@ class PreparedScans(Prepared):
     ) -> list[Location]:
         """As Prepared.domains."""
         uncertain = None if fitted is None else left_by_numbers(self.fitter, fit)
-        return locate(half.residuals, half.weights, half.data, fit.pattern_variance, fitted, more, uncertain)
+        return locate(half.residuals, half.weights, half.data, fit.pattern_variance, fitted, more, uncertain, self.step)
 
     def share_at_edges(self, fit: Fit) -> float | None:
         """As Prepared.share_at_edges."""

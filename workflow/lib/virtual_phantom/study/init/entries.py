@@ -18,8 +18,8 @@ LEFT = 0.3  # of a region's volume that a margin must leave
 PART_ML = 80.0  # of a part at least: the liver of config/abdomen.yaml is cut in 4, the spleen in 2
 MOST_PARTS = 4
 SPARE_VOXELS = 2  # times as many voxels as texture needs are wanted: rims are lost on the way to the grid
-# Over this SD something else than soft tissue lies in a region, HU. In TotalSegmentator's test case (config/abdomen.yaml)
-# organs, vessels without calcium and muscles have 21 to 37, whatever holds calcium, bone or gas 94 and more.
+# Over this SD something else than soft tissue lies in a region, HU. In TotalSegmentator's test case, the CT of
+# config/abdomen.yaml, organs, vessels without calcium and muscles have 21 to 37, what holds calcium, bone or gas 94 up.
 SPREAD_HU = 60.0
 SOME_GAS, MOSTLY_GAS = 0.02, 0.85  # of a region's voxels; between them it is an organ and its gas, over them lung
 
