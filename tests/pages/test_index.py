@@ -235,15 +235,17 @@ def test_features_that_cannot_be_compared_are_counted():
     cells, summary = COMPARISON.values()
     marked = summary.assign(other_settings=["bins", *[None] * 5], other_sizes=[None, "512 voxels", "", *["more"] * 3])
     assert answer.agreement(marked, cells).endswith(
-        "Of these features some cannot be compared: 1 extracted with other settings (*), 4 growing with the ROI, whose "
-        "voxels are others here (†)."
+        " 1 cannot be compared, as they were extracted with other settings (*). 4 cannot be compared, as they grow "
+        "with the ROI, whose voxels are others here (†)."
     )
 
 
 def test_what_agrees_in_one_roi_has_no_order():
     cells, summary = COMPARISON.values()
     said = answer.agreement(summary.assign(mean_right=False, sd_right=False), cells[cells["roi"] == "a"])
-    assert said.startswith("Of 6 features none agrees in mean or SD. A mean agrees") and said.endswith("in the ROI.")
+    assert said.startswith("Of 6 features none agrees in mean or SD. A mean agrees") and said.endswith(
+        "times the recorded one."
+    )
 
 
 def test_warnings_are_read_from_the_table_of_features():

@@ -103,10 +103,10 @@ def agreement(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
         found = ", " + ", ".join(parts + [f"{neither} in neither"] * bool(neither)).replace(" in", " agree in", 1)
     barred = _barred(summary)
     rois, margin, factor = cells["roi"].nunique(), cells["margin_sd"].iloc[0], cells["sd_factor"].iloc[0]
-    where = f"at least {100 * MOST:.0f} % of the {rois} ROIs" if rois > 1 else "the ROI"
+    where = f", each in at least {100 * MOST:.0f} % of the {rois} ROIs" if rois > 1 else ""
     text = (
         f"Of {len(summary)} features{found}. A mean agrees where it lies within {margin:g} repeat SD of the "
-        f"recorded one, an SD where it is from 1/{factor:g} to {factor:g} times the recorded one, each in {where}."
+        f"recorded one, an SD where it is from 1/{factor:g} to {factor:g} times the recorded one{where}."
     )
     if rois >= MINIMUM_ROIS:
         order = int(summary["rank_right"].astype(bool).sum())
@@ -120,11 +120,8 @@ def agreement(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
 def _barred(summary: pd.DataFrame) -> str:
     """How many features must not be compared, and why."""
     reasons = {
-        "other_settings": "extracted with other settings (*)",
-        "other_sizes": "growing with the ROI, whose voxels are others here (†)",
+        "other_settings": "were extracted with other settings (*)",
+        "other_sizes": "grow with the ROI, whose voxels are others here (†)",
     }
-    found = {
-        words: int((summary[column].fillna("") != "").sum()) for column, words in reasons.items() if column in summary
-    }
-    parts = [f"{count} {words}" for words, count in found.items() if count]
-    return f" Of these features some cannot be compared: {', '.join(parts)}." if parts else ""
+    counts = {why: (summary[column].fillna("") != "").sum() for column, why in reasons.items() if column in summary}
+    return "".join(f" {count} cannot be compared, as they {why}." for why, count in counts.items() if count)

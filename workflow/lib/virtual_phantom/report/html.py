@@ -10,7 +10,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined, Undefined
 from matplotlib.figure import Figure
 
-from ..base.words import label
+from ..base.words import enumerated, label
 from ..diagnosis.core.sentence import share
 from ..figures import style
 
@@ -98,7 +98,7 @@ def _coverage(held: Mapping) -> str:
     """How often such intervals held the truth (proof_record.with_coverage), in a sentence."""
     every = "{count} of {n} of all effects' parameters".format(**held["all"])
     if held["n"]:
-        own = " and ".join(label(name) for name in held["effects"])
+        own = enumerated([label(name) for name in held["effects"]])
         every = f"{held['count']} of {held['n']} of {own}, and in {every}"
     else:
         every += "; of this effect none was counted"
