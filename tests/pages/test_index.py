@@ -234,9 +234,26 @@ def test_a_comparison_says_what_agrees(results):
 def test_features_that_cannot_be_compared_are_counted():
     cells, summary = COMPARISON.values()
     marked = summary.assign(other_settings=["bins", *[None] * 5], other_sizes=[None, "512 voxels", "", *["more"] * 3])
-    assert answer.agreement(marked, cells).endswith(
+    said = answer.agreement(marked, cells)
+    assert said.startswith("Of 1 features that can be compared, 1 agree in the SD only. A mean")
+    assert said.endswith(
         " 1 cannot be compared, as they were extracted with other settings (*). 4 cannot be compared, as they grow "
         "with the ROI, whose voxels are others here (†)."
+    )
+
+
+def test_features_without_a_repeat_sd_are_counted_apart():
+    cells, summary = COMPARISON.values()
+    names = summary["feature"]
+    still = pd.concat([cells.assign(feature=name, sd_recorded=float(name != names[0])) for name in names])
+    said = answer.agreement(summary, still)
+    assert said.startswith(
+        "Of 5 features that can be compared, 1 agree in the mean only, 2 in the SD only, 2 in neither."
+    )
+    assert said.endswith(" 1 cannot be compared, as they are the same in all that was recorded.")
+    none = still.assign(sd_recorded=0.0)
+    assert answer.agreement(summary, none).startswith(
+        "None of 6 features can be compared. 6 cannot be compared, as they"
     )
 
 

@@ -94,6 +94,11 @@ def agreement(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
     -------
     str
     """
+    barred, why = _barred(summary, cells)
+    every, summary = len(summary), summary[~barred]
+    rois, margin, factor = cells["roi"].nunique(), cells["margin_sd"].iloc[0], cells["sd_factor"].iloc[0]
+    if summary.empty:
+        return f"None of {every} features can be compared.{why}"
     mean, sd = (summary[name].astype(bool) for name in ("mean_right", "sd_right"))
     counts = {"mean and SD": mean & sd, "the mean only": mean & ~sd, "the SD only": sd & ~mean}
     parts = [f"{int(which.sum())} in {words}" for words, which in counts.items() if which.any()]
@@ -101,11 +106,10 @@ def agreement(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
     found = " none agrees in mean or SD"
     if parts:
         found = ", " + ", ".join(parts + [f"{neither} in neither"] * bool(neither)).replace(" in", " agree in", 1)
-    barred = _barred(summary)
-    rois, margin, factor = cells["roi"].nunique(), cells["margin_sd"].iloc[0], cells["sd_factor"].iloc[0]
     where = f", each in at least {100 * MOST:.0f} % of the {rois} ROIs" if rois > 1 else ""
+    which = " that can be compared" if barred.any() else ""
     text = (
-        f"Of {len(summary)} features{found}. A mean agrees where it lies within {margin:g} repeat SD of the "
+        f"Of {len(summary)} features{which}{found}. A mean agrees where it lies within {margin:g} repeat SD of the "
         f"recorded one, an SD where it is from 1/{factor:g} to {factor:g} times the recorded one{where}."
     )
     if rois >= MINIMUM_ROIS:
@@ -114,14 +118,24 @@ def agreement(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
             f" {order} {'puts' if order == 1 else 'put'} the ROIs in the recorded order (Kendall's tau at least "
             f"{RANK_RIGHT:g})."
         )
-    return text + barred
+    return text + why
 
 
-def _barred(summary: pd.DataFrame) -> str:
-    """How many features must not be compared, and why."""
+def _barred(summary: pd.DataFrame, cells: pd.DataFrame) -> tuple[pd.Series, str]:
+    """Which features must not be compared, and how many they are by reason, in sentences."""
+    none = pd.Series(False, index=summary.index)
     reasons = {
-        "other_settings": "were extracted with other settings (*)",
-        "other_sizes": "grow with the ROI, whose voxels are others here (†)",
+        "were extracted with other settings (*)": _said(summary, "other_settings", none),
+        "grow with the ROI, whose voxels are others here (†)": _said(summary, "other_sizes", none),
     }
-    counts = {why: (summary[column].fillna("") != "").sum() for column, why in reasons.items() if column in summary}
-    return "".join(f" {count} cannot be compared, as they {why}." for why, count in counts.items() if count)
+    if "sd_recorded" in cells:  # without a repeat SD no mean is near or far
+        still = cells[cells["sd_recorded"] == 0].groupby("feature")["roi"].nunique()
+        reasons["are the same in all that was recorded"] = summary["feature"].map(still).eq(cells["roi"].nunique())
+    text = "".join(
+        f" {which.sum()} cannot be compared, as they {why}." for why, which in reasons.items() if which.any()
+    )
+    return pd.concat(reasons, axis=1).any(axis=1), text
+
+
+def _said(summary: pd.DataFrame, column: str, none: pd.Series) -> pd.Series:
+    return summary[column].fillna("") != "" if column in summary else none
