@@ -279,7 +279,7 @@ MISTAKES = {
         "diagnosis.recordings.bench.object: rods.nii.gz",
     ),
     "A material that does not exist": (
-        lambda: label_map(rods(), {1: "pmma", 2: "aluminum", 5: "pmma"}),
+        lambda: label_map(rods(), {1: "pmma", 2: "alumnium", 5: "pmma"}),
         "materials.2",
     ),
     "A label map that is none": (lambda: label_map(rods() / 4, {1: "pmma"}), "rods.nii.gz"),

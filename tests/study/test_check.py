@@ -242,8 +242,8 @@ def test_a_label_map_is_looked_at_and_its_labels_may_be_numbers(desk, capsys):
     )
     code, (line,) = said("label.nii.gz", {1: "pmma"})
     assert code == 1 and line == "label.nii.gz: no such file; give the path of a NIfTI image"
-    code, (line,) = said("labels.nii.gz", {1: "pmma", 2: "acrylic"})
-    assert code == 1 and line.startswith("materials.2: material 'acrylic' is unknown; known: water, ")
+    code, (line,) = said("labels.nii.gz", {1: "pmma", 2: "delrin"})
+    assert code == 1 and line.startswith("materials.2: material 'delrin' is unknown; known: water, ")
     code, (line,) = said("labels.nii.gz", {1: "pmma", 2: {"compound": "H2O"}})
     assert code == 1 and "materials.2: 'density_g_per_cm3' is a required property" in line
 
