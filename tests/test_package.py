@@ -130,5 +130,5 @@ def test_the_importer_is_a_command(installed, tmp_path):
     content = {"type": "2d", "sinogram": sinogram, "parameters": {**geometry, **views}}
     savemat(tmp_path / "s.mat", {"CtDataFull": content})
     words = (sys.executable, str(installed / "bin" / name), "htc2022", "s.mat", "disc")
-    assert "disc: projections, 1 repeats" in run(*words, cwd=tmp_path, PYTHONPATH=str(installed))
+    assert "disc: projections, 1 repeat\n" in run(*words, cwd=tmp_path, PYTHONPATH=str(installed))
     assert (tmp_path / "disc" / "recording.yaml").exists()
