@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from virtual_phantom.base.geometry import circular
+from virtual_phantom.diagnosis import extent
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scene import DiscScene
@@ -28,13 +29,13 @@ PHOTONS = 2e4
 )
 def test_as_few_views_as_fits_can_take(shape, samples, step):
     """A fan beam of 0.4 million rays has all; a clinical turn one of 23, or as few as still turn with the gantry."""
-    assert prepared.step_for(shape, samples) == step
+    assert extent.step_for(shape, samples) == step
 
 
 @given(st.integers(1, 5000), st.integers(1, 128), st.integers(1, 1024), st.integers(1, 3))
 def test_the_step_is_odd_and_leaves_enough_views(views, rows, columns, samples):
-    step = prepared.step_for((views, rows, columns), samples)
-    assert step % 2 == 1 and len(range(0, views, step)) >= min(views, prepared.FEWEST_VIEWS)
+    step = extent.step_for((views, rows, columns), samples)
+    assert step % 2 == 1 and len(range(0, views, step)) >= min(views, extent.FEWEST_VIEWS)
 
 
 @pytest.mark.parametrize("repeats", [1, 4])

@@ -207,6 +207,20 @@ def test_what_a_diagnosed_object_is_drawn_in_is_an_input_of_its_jobs(tmp_path, m
     assert len(together["shapes"]) == 1 and "phantom" not in together
 
 
+def test_a_large_scan_asks_for_memory_by_what_is_fitted_of_it(tmp_path):
+    """A clinical turn of 56 million rays took 6.1 GB with two processes (docs/speed.md); all its views would take 59."""
+    scan = SCAN | {"views": 984, "views_per_rotation": 984, "rows": 64, "columns": 888}
+    folder = recorded(tmp_path, "turn", "projections", scan=scan)
+
+    def megabytes(processes, **settings):
+        one = {"disc": {"diameter_mm": 300, "material": "water"}, "samples": 1, **settings}
+        context = context_of(recordings={"turn": folder}, diagnosis={"recordings": {"turn": one}})
+        return context.diagnosis.megabytes("turn", processes)
+
+    assert 5000 < megabytes(2) < 7000 and megabytes(1) < megabytes(2)
+    assert megabytes(2, view_step=1) > 50_000
+
+
 def test_bad_input_ends_a_function_of_a_rule_with_one_line():
     @or_exit
     def asked(wildcards):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from ..base.errors import InputError
 from ..diagnosis.candidates import OF_ONE_SCAN, candidates, check_accuracy, check_kinds
+from ..diagnosis.extent import step_for
 from ..physics.effect import image_effects, require
 from ..physics.object_files import path_of
 from ..recordings.scan import timed
@@ -18,6 +19,7 @@ from .plan import Plan
 from .recorded import Recordings
 
 KEPT = "fits"  # folder beside a diagnosis
+READ_BYTES = 35  # of memory for each ray that a recording holds (a clinical turn of 56 million rays: 33)
 DEFAULT_CORES = 2  # that a diagnosis takes where nobody says how many there are
 # A fit depends on none of these: another list of effects redoes none.
 NOT_MODELLED = ("effects", "physics_from", "baseline_from")
@@ -328,8 +330,8 @@ class Diagnosis:
     def megabytes(self, name: str, processes: int = 1) -> int:
         """Memory of the fits, MB.
 
-        That is rays of all repeats, path lengths at several samples per pixel, derivatives and numerical errors; of
-        images, the realisations of noise.
+        That is rays of all repeats, and of those that are fitted path lengths at several samples per pixel, derivatives
+        and numerical errors; of images, the realisations of noise.
 
         Parameters
         ----------
@@ -344,6 +346,8 @@ class Diagnosis:
         """
         protocol = self.protocol(name)
         scan = protocol["scan"] if protocol else self.recordings.content(name)["scan"]
-        views = protocol["projections"] if protocol else scan["views"]
-        rays = views * scan["rows"] * scan["columns"] / 1e6
-        return int(1500 + processes * rays * (60 * self.settings[name]["samples"] ** 2 + 500))
+        views, samples = protocol["projections"] if protocol else scan["views"], self.settings[name]["samples"]
+        shape = views, scan["rows"], scan["columns"]
+        step = 1 if protocol else self.settings[name]["view_step"] or step_for(shape, samples)
+        rays = math.prod(shape) / 1e6
+        return int(1500 + READ_BYTES * rays + processes * rays / step * (60 * samples**2 + 500))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -23,6 +22,7 @@ from ..core.observed import FEWEST, Blocks
 from ..core.prepared import Prepared
 from ..core.statement import Statement, stated_physics
 from ..core.uncertainty import left_by_numbers
+from ..extent import rays_of
 from .caveats import lost_rays
 from .kinds import kinds
 from .locate import excess_at_edges, locate
@@ -42,9 +42,6 @@ BY_VIEW = "every second view"
 # Rays, those of a pixel counted one by one: of a scan of more, noise is looked at in the views that are fitted and in
 # those beside them. 20 million take 2 GB.
 MOST_LOOKED_AT = 2e7
-# Of one fit, counted likewise, unless `view_step` says otherwise: two processes take some 5 GB with them.
-MOST_FITTED = 2.5e6
-FEWEST_VIEWS = 24  # that are left of a large scan, fitted and held out together: what turns with the gantry still shows
 LOOK = Look(
     unit="line_integral",
     summed=1,
@@ -214,7 +211,7 @@ def prepare(
         If the repeats do not vary.
     """
     stated = before_images(stated_physics(declared or {}))
-    large = step > 1 and np.prod(chain.geometry.shape) * chain.samples**2 > MOST_LOOKED_AT
+    large = step > 1 and rays_of(chain.geometry.shape, chain.samples) > MOST_LOOKED_AT
     residuals, looked = None, chain
     if large:
         if len(taken) == 1:
@@ -267,27 +264,6 @@ def prepare(
     return PreparedScans(
         fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking, voxels=voxels
     )
-
-
-def step_for(shape: tuple[int, int, int], samples: int) -> int:
-    """One view of so many is fitted where nothing else is said, so that fits have MOST_FITTED rays at most.
-
-    Parameters
-    ----------
-    shape : tuple of 3 int
-        Of the scan: views, rows, columns.
-    samples : int
-        Rays per pixel and direction.
-
-    Returns
-    -------
-    int
-        Odd: a focal spot that jumps from view to view would stand still in every second one.
-    """
-    views, rows, columns = shape
-    rays = views * rows * columns * samples ** (2 if rows > 1 else 1)
-    step = max(1, math.ceil(rays / MOST_FITTED))
-    return min(step + (step + 1) % 2, max(1, (views // FEWEST_VIEWS - 1) | 1))
 
 
 def every(chain: Chain, step: int) -> Chain:

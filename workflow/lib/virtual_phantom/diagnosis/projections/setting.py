@@ -8,10 +8,11 @@ from ...recordings.recording import Recording
 from ...recordings.scan import assumed
 from ..core.asked import Asked, Labels
 from ..core.declared import BASELINE, declared
+from ..extent import step_for
 from .caveats import check_scans
 from .numerical import model_and_floor
 from .observed import scans
-from .prepared import PreparedScans, prepare, step_for
+from .prepared import PreparedScans, prepare
 from .scanned import coarse_scene, scene_of, whole_voxels
 
 
