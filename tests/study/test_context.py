@@ -208,7 +208,7 @@ def test_what_a_diagnosed_object_is_drawn_in_is_an_input_of_its_jobs(tmp_path, m
 
 
 def test_a_large_scan_asks_for_memory_by_what_is_fitted_of_it(tmp_path):
-    """A clinical turn of 56 million rays took 6.1 GB with two processes (docs/speed.md); all its views would take 59."""
+    """A clinical turn took 6.1 GB with two processes (docs/speed.md); all of its views would take ten times that."""
     scan = SCAN | {"views": 984, "views_per_rotation": 984, "rows": 64, "columns": 888}
     folder = recorded(tmp_path, "turn", "projections", scan=scan)
 
