@@ -242,9 +242,9 @@ def scored(monkeypatch):
         fit = Fit(tuple(effects), {}, {}, {}, {}, -2.0 * scores[tuple(sorted(effects))], (), len(effects))
         return Trial(fit, scores[tuple(sorted(effects))], 0.0)
 
-    monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, processes, kept: [made(task[0]) for task in tasks])
+    monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, **_: [made(task[0]) for task in tasks])
 
-    def filtered(fitter, fit, names, processes):
+    def filtered(fitter, fit, names, **more):
         return {
             name: Screened(p=0.0, gain=2 * (made((*fit.effects, name)).score - made(fit.effects).score))
             for name in names
@@ -290,9 +290,9 @@ def test_what_has_no_template_is_fitted(scored, monkeypatch):
     that it is ruled out."""
     plain = attribute.screened
 
-    def filtered(fitter, fit, names, processes):
+    def filtered(fitter, fit, names, **more):
         blind = {"motion": Screened(1.0, 0.0, blind=True)} if "motion" in names else {}
-        return plain(fitter, fit, names, processes) | blind
+        return plain(fitter, fit, names, **more) | blind
 
     monkeypatch.setattr(attribute, "screened", filtered)
     choice = attribute.choose(None, scored(()), SINGLES)

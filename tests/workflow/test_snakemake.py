@@ -50,7 +50,8 @@ onstart:
     look("progress.smk")
     for job in workflow.dag.needrun_jobs():
         needs = [other.rule.name for other in workflow.dag.dependencies.get(job, ())]
-        seen["job"][job.rule.name] = [bool(job.is_norun), job.jobid, job.threads, [*map(str, job.output)], needs]
+        made, logs = ([*map(str, files)] for files in (job.output, job.log))
+        seen["job"][job.rule.name] = [bool(job.is_norun), job.jobid, job.threads, made, needs, logs]
     seen["handlers"] = [getattr(handler, "stream", None) in (sys.stdout, sys.stderr) for handler in logger.handlers]
     logger.addHandler(Records())
 
@@ -104,6 +105,7 @@ USED = {
     "common.smk": ["configfiles", "current_basedir.get_path_or_uri", "is_main_process"],
     "diagnose.smk": ["resource_settings.cores"],
     "fetch.smk": ["is_main_process"],
+    "plan.smk": ["resource_settings.cores"],
     "progress.smk": [
         "cores",
         "dag.dependencies.get",
@@ -112,6 +114,7 @@ USED = {
         "executor_plugin.name",
         "local_exec",
         "output_settings",
+        "resource_settings.cores",
         "scheduler.job_rate_limiter",
     ],
 }
@@ -159,7 +162,7 @@ def test_jobs_are_told_with_what_they_make_and_wait_for(seen):
     jobs = seen["job"]
     assert {name: job[0] for name, job in jobs.items()} == {name: name == "all" for name in jobs} and len(jobs) == 5
     assert len({job[1] for job in jobs.values()}) == 5
-    assert jobs["made"][2:] == [1, ["made"], ["first"]]
+    assert jobs["made"][2:] == [1, ["made"], ["first"], []] and jobs["failed"][-1] == ["failed.log"]
 
 
 def test_one_handler_writes_to_the_terminal(seen):

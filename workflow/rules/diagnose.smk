@@ -31,9 +31,8 @@ rule diagnose:
         mem_mb=lambda wildcards, threads: context.diagnosis.megabytes(
             wildcards.recording, threads
         ),
-        runtime=lambda wildcards, threads: context.diagnosis.minutes(
-            wildcards.recording, threads
-        ),
+        runtime=lambda wildcards, threads, attempt: attempt
+        * context.diagnosis.minutes(wildcards.recording, threads),
         gpu=lambda wildcards: context.diagnosis.gpus(wildcards.recording),
     params:
         model=lambda wildcards: context.diagnosis.model(wildcards.recording),

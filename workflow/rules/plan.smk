@@ -1,6 +1,6 @@
 # What the study would cost, before anyone pays. docs/cluster.md says what it rests on.
 rule plan_files:
-    """Jobs, core-hours and bytes of the study that is configured, from measured rates."""
+    """Jobs, core-hours and bytes of the study that is configured, from measured rates; how long diagnoses take."""
     input:
         rates=context.resource("rates.yaml"),
         layout=context.phantom.layout_here(),
@@ -15,6 +15,10 @@ rule plan_files:
     params:
         config=context.config,
         engine=context.engine,
+        # Of the cores that are given here.
+        diagnoses=lambda wildcards: context.diagnosis.forecasts(
+            workflow.resource_settings.cores
+        ),
     script:
         "../scripts/plan.py"
 

@@ -28,6 +28,7 @@ def steps():
                 for other in workflow.dag.dependencies.get(job, ())
                 if other in numbers
             ),
+            next(map(str, job.log), None),
         )
         for job in jobs
     ]
@@ -44,7 +45,7 @@ def say_less():
             logger,
             steps(),
             workflow.cores if workflow.local_exec else None,
-            context.expected_seconds,
+            lambda: context.expected_seconds(workflow.resource_settings.cores),
             context.log_folder,
             workflow.execution_settings.keep_going,
         )

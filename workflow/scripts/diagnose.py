@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from virtual_phantom.base.streams import Branch
 from virtual_phantom.diagnosis.core.asked import Asked
+from virtual_phantom.diagnosis.core.how_far import COMPARED, HowFar
 from virtual_phantom.diagnosis.core.locate import ALPHA
 from virtual_phantom.diagnosis.core.sentence import PRACTICAL
 from virtual_phantom.diagnosis.core.store import RESIDUAL_MAPS, write_diagnosis
@@ -20,8 +21,10 @@ from virtual_phantom.recordings.reading import load
 from virtual_phantom.report.diagnosis import page, residual_maps
 from virtual_phantom.report.setup import setup_page
 from virtual_phantom.statistics.proof_record import read, with_coverage
+from virtual_phantom.study.costs.forecast import beforehand
 from virtual_phantom.study.job import job
 from virtual_phantom.study.kept_fits import kept_fits
+from virtual_phantom.study.progress.said import saying
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
@@ -37,16 +40,24 @@ with job(snakemake) as log:
         content, shown = verdict(doubt, recording, asked), doubt.maps()
         write_diagnosis(output, content, {}, setup_page(content, *shown), dict(zip(RESIDUAL_MAPS, shown, strict=True)))
     else:
-        _, prepared = ready(asked, recording)
-        kept = None
-        if "kept" in params.keys():
-            scanned = filter(None, (given.get(name) for name in ("phantom", "mask", "labels", "shapes")))
+        kept, how_far = None, HowFar()
+        if "kept" in params.keys():  # somebody waits for it, as nobody does for a case of the proof
+            name = snakemake.wildcards.recording
+            how_far = HowFar(saying(snakemake.log[0], name))
+            scanned = filter(None, (given.get(what) for what in ("phantom", "mask", "labels", "shapes")))
             kept = kept_fits(params.kept, model, [*given.files, *scanned])
+            if "physics" not in given.keys() and asked.protocol is None:
+                shape, phantom = recording.geometry.shape, given.get("phantom")
+                if line := beforehand(name, model, shape, len(effects), snakemake.threads, phantom):
+                    log.info("%s", line)
+                    print(line, flush=True)
+        _, prepared = ready(asked, recording)
         if "physics" in given.keys():
             physics = Physics.read(given.physics)
             prepared, found = hold_against(recording.name, prepared, physics, params.same_material, kept)
         else:
-            prepared, found = explain(recording.name, prepared, effects, params.accuracy, snakemake.threads, kept)
+            processes = snakemake.threads
+            prepared, found = explain(recording.name, prepared, effects, params.accuracy, processes, kept, how_far)
         if "record" in given.keys():
             found = replace(found, content=with_coverage(found.content, read(given.record)))
         tried = [] if "physics" in given.keys() else effects
@@ -65,6 +76,7 @@ with job(snakemake) as log:
             scanned = Scanned.of_shapes(shaped, recording.geometry, asked.mu_water_per_mm)
         practice = params.matters is not None
         table = agreement(recording, prepared, found.choice, asked, Branch.AGREEMENT, scanned, practice)
+        how_far.reached(COMPARED)
         found = replace(found, content=found.content | {"agreement": table})
         if practice:
             found = replace(found, content=in_practice(found.content, params.matters))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from .core.attribute import Choice, choose
+from .core.how_far import ALIGNED, JUDGED, HowFar
 from .core.kept import KeptFits
 from .core.prepared import Prepared
 from .core.trials import trials
@@ -20,6 +21,7 @@ def explain(
     accuracy: Mapping[str, float],
     processes: int = 1,
     kept: KeptFits | None = None,
+    how_far: HowFar | None = None,
 ) -> tuple[Prepared, Diagnosis]:
     """Choose the effects that explain a recording, and judge them.
 
@@ -36,6 +38,8 @@ def explain(
         As choose takes them.
     kept : KeptFits, optional
         As choose takes them.
+    how_far : HowFar, optional
+        What is told while it goes on.
 
     Returns
     -------
@@ -43,13 +47,17 @@ def explain(
         With the noise by which the recording was judged.
     diagnosis : Diagnosis
     """
+    how_far = how_far or HowFar()
 
     def choice(one: Prepared, kept: KeptFits | None) -> Choice:
         (baseline,) = trials(one.fitter, [((),)], kept=kept)
-        return choose(one.fitter, baseline, effects, processes, accuracy, kept)
+        how_far.reached(ALIGNED)
+        return choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far)
 
     prepared, chosen = _settled(prepared, choice, kept)
-    return prepared, diagnose(name, prepared, chosen)
+    found = diagnose(name, prepared, chosen)
+    how_far.reached(JUDGED)
+    return prepared, found
 
 
 def hold_against(

@@ -90,6 +90,22 @@ def length_unit(path: str | Path) -> str:
         return image.header.get_xyzt_units()[0]
 
 
+def shape_of(path: str | Path) -> tuple[int, ...]:
+    """Voxels of an image along z, y and x as they are stored, without reading them.
+
+    Returns
+    -------
+    tuple of int
+
+    Raises
+    ------
+    InputError
+        If the file is missing or has no NIfTI header.
+    """
+    with _opened(Path(path), whole=False) as image:
+        return image.shape[::-1]
+
+
 @contextlib.contextmanager
 def _opened(path: Path, whole: bool = True) -> Iterator[nibabel.Nifti1Image]:
     """Open a NIfTI-1 or NIfTI-2 image, its voxels not yet read. No other format is tried.

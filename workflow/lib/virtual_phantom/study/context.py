@@ -210,14 +210,30 @@ class Context:
         """How long a job of this stage and work may take (costs.jobs.Sizes)."""
         return minutes(self.rates, stage, work)
 
-    def expected_seconds(self) -> dict[str, float]:
-        """{file: seconds that its job takes one core} of the study's jobs with a measured rate."""
+    def expected_seconds(self, cores: int | None = None) -> dict[str, float]:
+        """{file: seconds that its job takes one core} of the study's jobs and of diagnoses, with a measured rate.
+
+        Parameters
+        ----------
+        cores : int, optional
+            That there are, where that is known.
+
+        Returns
+        -------
+        dict of str to float
+        """
         # Regions count for what is written only.
-        return {
+        of_study = {
             f"{self.files.results}/{file}": takes
             for job in study_jobs(self.plan, self.engine, rois=0)
             if (takes := seconds(job, self.rates)) is not None
             for file in job.outputs
+        }
+        # Their processes hold all cores until the last of them is done.
+        return of_study | {
+            self.files("diagnosis", recording=one["name"]): one["seconds"] * one["processes"]
+            for one in self.diagnosis.forecasts(cores)
+            if one["seconds"] is not None
         }
 
 
@@ -263,7 +279,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     selections = Selections(plan, outputs, acquisitions)
     recordings = Recordings.read(plan, outputs)
     comparisons = Comparisons(plan, outputs, acquisitions, recordings)
-    diagnosis = Diagnosis.read(plan, outputs, recordings, engine)
+    diagnosis = Diagnosis.read(plan, outputs, recordings, engine, rates)
     proof = Proof.read(plan, outputs)
     pages = Pages(plan, outputs, selections, comparisons, diagnosis, folder / "report", tuple(files))
     _ = pages.exported  # says what is wrong with it

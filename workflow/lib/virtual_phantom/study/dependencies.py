@@ -11,8 +11,11 @@ from ..base.data import RESOURCES
 
 LIBRARY = Path(__file__).resolve().parents[1]
 TEMPLATES = "templates"  # folder beside the modules that fill them in
-# They word mistakes and write logs; no result depends on them.
-WITHOUT_EFFECT = (("base", "errors"), ("study", "job"))
+# They word mistakes, write logs, and say how long a job takes and how far it is; no result depends on them.
+WITHOUT_EFFECT = (
+    *(("base", "errors"), ("study", "job")),
+    *(("study", "costs", "forecast"), ("study", "progress", "said"), ("diagnosis", "core", "how_far")),
+)
 # An import; each has lines of its own. Every start of the workflow reads hundreds of files, and a parser is slower.
 IMPORT = re.compile(
     r"^[ \t]*(?:import[ \t]+(?P<names>[^\n#]+)"

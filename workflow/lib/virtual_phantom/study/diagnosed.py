@@ -12,7 +12,10 @@ from ..diagnosis.candidates import OF_ONE_SCAN, candidates, check_accuracy, chec
 from ..diagnosis.extent import step_for
 from ..physics.effect import image_effects, require
 from ..physics.object_files import path_of
-from ..recordings.scan import timed
+from ..recordings.scan import missing_for_geometry, timed
+from .costs import diagnoses
+from .costs.limits import minutes
+from .costs.rates import estimate
 from .dependencies import shipped
 from .outputs import Files
 from .plan import Plan
@@ -44,6 +47,8 @@ class Diagnosis:
         What simulates images (projectors.choose_engine).
     candidates : mapping of str to list of str
         {recording: the effects that are tried}.
+    rates : mapping
+        Measured costs (costs.rates).
     """
 
     plan: Plan
@@ -51,9 +56,10 @@ class Diagnosis:
     recordings: Recordings
     engine: str
     candidates: Mapping[str, list[str]]
+    rates: Mapping
 
     @classmethod
-    def read(cls, plan: Plan, files: Files, recordings: Recordings, engine: str) -> Diagnosis:
+    def read(cls, plan: Plan, files: Files, recordings: Recordings, engine: str, rates: Mapping) -> Diagnosis:
         """What a configuration asks for.
 
         Parameters
@@ -63,6 +69,8 @@ class Diagnosis:
         recordings : Recordings
         engine : str
             What simulates images (projectors.choose_engine).
+        rates : mapping
+            Measured costs (costs.rates).
 
         Returns
         -------
@@ -84,7 +92,7 @@ class Diagnosis:
                 if "physics_from" in one
                 else candidates(one, content["kind"], timed(content), content.get("corrected", ()))
             )
-        found = cls(plan, files, recordings, engine, tried)
+        found = cls(plan, files, recordings, engine, tried, rates)
         for name in settings["scanners"]:
             found.shared(name)
         return found
@@ -311,8 +319,75 @@ class Diagnosis:
             return 1
         return max(1, min(cores or DEFAULT_CORES, len(self.candidates[name])))
 
+    def extent(self, name: str) -> diagnoses.Extent | None:
+        """How large the diagnosis of a recording is.
+
+        Parameters
+        ----------
+        name : str
+            The recording.
+
+        Returns
+        -------
+        Extent or None
+            None where costs are not known: of images, of physics that is found on another recording, and where a file
+            cannot be read, which the job tells.
+        """
+        settings, content = self.settings[name], self.recordings.content(name)
+        if self.protocol(name) is not None or not self.candidates[name] or missing_for_geometry(content["scan"]):
+            return None
+        shape = tuple(content["scan"][key] for key in ("views", "rows", "columns"))
+        config = self.plan.config
+        finer, materials = config["grid"]["oversampling"], 1 if config["materials"]["dense"] is None else 2
+        voxels = [finer * count for count in config["grid"]["shape"]]
+        try:
+            return diagnoses.extent(settings, shape, len(self.candidates[name]), (voxels, materials))
+        except InputError:
+            return None
+
+    def seconds(self, name: str, processes: int) -> float | None:
+        """How long the diagnosis of a recording is expected to take by the clock, s.
+
+        Parameters
+        ----------
+        name : str
+            The recording.
+        processes : int
+            Side by side.
+
+        Returns
+        -------
+        float or None
+            None where that is not known.
+        """
+        extent = self.extent(name)
+        return None if extent is None else estimate(self.rates, diagnoses.STAGE, extent.work(processes))
+
+    def forecasts(self, cores: int | None) -> list[dict]:
+        """What `snakemake plan` says of every diagnosis.
+
+        Parameters
+        ----------
+        cores : int or None
+            That there are; None where that is not known.
+
+        Returns
+        -------
+        list of dict
+            name, and of recordings effects and processes, rays where they are known, and seconds (None: not known).
+        """
+        found: list[dict] = []
+        for name in self.settings:
+            processes, extent = self.processes(name, cores), self.extent(name)
+            one = {"name": name, "effects": len(self.candidates[name]), "processes": processes}
+            known = {} if extent is None else {"rays": extent.rays}
+            found.append(one | known | {"seconds": self.seconds(name, processes)})
+        return found + [{"name": name, "seconds": None} for name in (*self.scanners, *self.comparisons)]
+
     def minutes(self, name: str, processes: int) -> int:
-        """The most that a diagnosis may take on a cluster: an hour for each round of fits, and four for all else.
+        """The most that a diagnosis may take on a cluster.
+
+        Where nothing is known of it: an hour for each round of fits, and four for all else.
 
         Parameters
         ----------
@@ -325,7 +400,10 @@ class Diagnosis:
         -------
         int
         """
-        return 60 * (4 + math.ceil(len(self.candidates[name]) / processes))
+        extent = self.extent(name)
+        if extent is None:
+            return 60 * (4 + math.ceil(len(self.candidates[name]) / processes))
+        return minutes(self.rates, diagnoses.STAGE, extent.work(processes))
 
     def megabytes(self, name: str, processes: int = 1) -> int:
         """Memory of the fits, MB.

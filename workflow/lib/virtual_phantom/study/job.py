@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..base.errors import InputError
+from .progress.said import silence
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -73,6 +74,8 @@ def job(snakemake) -> Iterator[logging.Logger]:
         for target in (logger, logging.getLogger("py.warnings")):
             target.removeHandler(handler)
         handler.close()
+        if log_file:
+            silence(log_file)
 
 
 def last_reason(log_file: str | Path, since: float) -> str | None:

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from ...io.schema import defaults_of
+from ..extent import FEW
 from .fit import Fit, Fitter
+from .how_far import HowFar
 from .kept import KeptFits
 from .screening import Screened, screened
 from .trial import Trial, chance
@@ -26,7 +28,7 @@ MOST_SWAPS = 2  # of a chosen effect for a better one that only pays beside the 
 SCREEN = 0.01  # of the matched filter, times the candidates: what does worse is not fitted beside the chosen ones
 # Of those that the matched filter leaves: fitted are the first few by its gain, if it is this share of the best or, in
 # the place of an effect, of what that one gains; and all with that larger share of the best.
-FEW, LEAST_SHARE, NEAR_BEST = 6, 0.1, 0.5
+LEAST_SHARE, NEAR_BEST = 0.1, 0.5
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,7 @@ def choose(
     processes: int = 1,
     accuracy: Mapping[str, float] | None = None,
     kept: KeptFits | None = None,
+    how_far: HowFar | None = None,
 ) -> Choice:
     """Choose the effects that explain the data held out.
 
@@ -120,6 +123,8 @@ def choose(
         and none against one that could stand in. None: what the configuration has by default.
     kept : KeptFits, optional
         As for `trials`.
+    how_far : HowFar, optional
+        What is told of rankings and fits.
 
     Returns
     -------
@@ -127,7 +132,7 @@ def choose(
     """
     if accuracy is None:
         accuracy = defaults_of("diagnosis", "model_accuracy")
-    fits = _Fits(fitter, baseline, candidates, processes, kept)
+    fits = _Fits(fitter, baseline, candidates, processes, kept, how_far)
     current, found, tried = baseline, {}, fits.single(could_win(fits.alone))
     worth: dict[str, float] = {}  # log score that each effect gained when it was taken
     numerical = accuracy.get("numerical", 0.0)
@@ -181,7 +186,7 @@ class _Fits:
 
     Parameters
     ----------
-    fitter, baseline, candidates, processes, kept
+    fitter, baseline, candidates, processes, kept, how_far
         As `choose` takes them.
 
     Attributes
@@ -192,9 +197,10 @@ class _Fits:
         Fits of candidates alone that were made.
     """
 
-    def __init__(self, fitter: Fitter, baseline: Trial, candidates: Sequence[str], processes: int, kept):
-        self.fitter, self.baseline, self.candidates, self.processes = fitter, baseline, tuple(candidates), processes
-        self._make = partial(trials, fitter, processes=processes, kept=kept)
+    def __init__(self, fitter: Fitter, baseline: Trial, candidates: Sequence[str], processes: int, kept, how_far):
+        self.baseline, self.candidates = baseline, tuple(candidates)
+        self._make = partial(trials, fitter, processes=processes, kept=kept, how_far=how_far)
+        self._screen = partial(screened, fitter, processes=processes, how_far=how_far)
         self.alone, self.singles = self.screened(baseline.fit, self.candidates), {}
 
     def others(self, chosen: Trial) -> list[str]:
@@ -203,7 +209,7 @@ class _Fits:
 
     def screened(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
         """As `screening.screened`."""
-        return screened(self.fitter, fit, names, processes=self.processes) if names else {}
+        return self._screen(fit, names) if names else {}
 
     def single(self, names: Sequence[str]) -> dict[str, Trial]:
         """Candidates alone."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
@@ -18,7 +18,12 @@ Result = TypeVar("Result")
 _work: Callable | None = None  # with processes that are forked: too large to be sent with every task
 
 
-def side_by_side(work: Callable[..., Result], tasks: Sequence[tuple], processes: int = 1) -> list[Result]:
+def side_by_side(
+    work: Callable[..., Result],
+    tasks: Sequence[tuple],
+    processes: int = 1,
+    done: Callable[[], None] | None = None,
+) -> list[Result]:
     """work(*task) of every task, with one thread for linear algebra each; of several, in processes that are forked.
 
     Parameters
@@ -28,6 +33,8 @@ def side_by_side(work: Callable[..., Result], tasks: Sequence[tuple], processes:
     tasks : sequence of tuple
     processes : int, optional
         At most.
+    done : callable, optional
+        Called in this process whenever a task is done, perhaps by another thread.
 
     Returns
     -------
@@ -44,10 +51,10 @@ def side_by_side(work: Callable[..., Result], tasks: Sequence[tuple], processes:
     _work = work
     try:
         if at_once <= 1:  # no other process would know what rays this one has traced
-            return [_one(task) for task in tasks]
+            return [_counted(_one(task), done) for task in tasks]
         forked = multiprocessing.get_context("fork")
         with ProcessPoolExecutor(at_once, forked, limit_threads, (1,)) as pool:
-            return list(pool.map(_one, tasks))
+            return _of_all([pool.submit(_one, task) for task in tasks], done)
     except BrokenProcessPool as error:
         raise InputError(
             f"one of the {at_once} processes that fit side by side was killed, most likely for want of memory: run "
@@ -60,3 +67,25 @@ def side_by_side(work: Callable[..., Result], tasks: Sequence[tuple], processes:
 def _one(task: tuple):
     with threadpool_limits(1):
         return _work(*task)
+
+
+def _of_all(futures: list[Future], done: Callable[[], None] | None) -> list:
+    """Results in order; after a failure no other task is begun."""
+
+    def count(future: Future) -> None:
+        if not future.cancelled() and future.exception() is None:
+            _counted(None, done)
+
+    for future in futures:
+        future.add_done_callback(count)
+    try:
+        return [future.result() for future in futures]
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _counted(result: Result, done: Callable[[], None] | None) -> Result:
+    if done is not None:
+        done()
+    return result

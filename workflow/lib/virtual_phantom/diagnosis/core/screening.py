@@ -13,6 +13,7 @@ from scipy.optimize import lsq_linear
 from ...physics.effect import Parameter, load
 from .fit import Fit, Fitter, Problem
 from .forked import side_by_side
+from .how_far import RANKED, HowFar
 from .pattern import chance, estimate
 from .templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_knowledge
 
@@ -104,7 +105,9 @@ class Remainder:
         )
 
 
-def screened(fitter: Fitter, fit: Fit, names: Sequence[str], processes: int = 1) -> dict[str, Screened]:
+def screened(
+    fitter: Fitter, fit: Fit, names: Sequence[str], processes: int = 1, how_far: HowFar | None = None
+) -> dict[str, Screened]:
     """Every effect's matched filter on what a fit leaves over of the data that were fitted.
 
     It has the shape that serves it best of those that fits begin with.
@@ -117,6 +120,8 @@ def screened(fitter: Fitter, fit: Fit, names: Sequence[str], processes: int = 1)
         Of effects.
     processes : int, optional
         That work side by side, at most.
+    how_far : HowFar, optional
+        What is told of every effect that is done.
 
     Returns
     -------
@@ -143,7 +148,8 @@ def screened(fitter: Fitter, fit: Fit, names: Sequence[str], processes: int = 1)
         rows, left = templates(fitter, fit, name, tried), remainders[problems[name].aligned]
         return _best(fitter.model.parameters(name), rows, len(tried), left)
 
-    return dict(zip(names, side_by_side(one, [(name,) for name in names], processes), strict=True))
+    done = None if how_far is None else how_far.begin(RANKED, len(names), fit.effects)
+    return dict(zip(names, side_by_side(one, [(name,) for name in names], processes, done), strict=True))
 
 
 def shapes(fitter: Fitter, name: str) -> list[dict[str, float]]:

@@ -7,13 +7,20 @@ from collections.abc import Sequence
 
 from .fit import Fitter
 from .forked import side_by_side
+from .how_far import FITTED, HowFar
 from .kept import KeptFits
 from .trial import Trial, trial
 
 LOGGER = logging.getLogger("virtual_phantom")  # of the job
 
 
-def trials(fitter: Fitter, tasks: Sequence[tuple], processes: int = 1, kept: KeptFits | None = None) -> list[Trial]:
+def trials(
+    fitter: Fitter,
+    tasks: Sequence[tuple],
+    processes: int = 1,
+    kept: KeptFits | None = None,
+    how_far: HowFar | None = None,
+) -> list[Trial]:
     """Make trials.
 
     Predictions depend on what is asked alone, so that results are the same whatever the number of processes and their
@@ -28,6 +35,8 @@ def trials(fitter: Fitter, tasks: Sequence[tuple], processes: int = 1, kept: Kep
         At most.
     kept : KeptFits, optional
         Where trials are taken from that were made before, and left for the next time.
+    how_far : HowFar, optional
+        What is told of those that are to be made.
 
     Returns
     -------
@@ -49,5 +58,6 @@ def trials(fitter: Fitter, tasks: Sequence[tuple], processes: int = 1, kept: Kep
 
     made = [None if kept is None else kept.get(*task) for task in tasks]
     missing = [task for task, one in zip(tasks, made, strict=True) if one is None]
-    fresh = iter(side_by_side(make, missing, processes))
+    done = how_far.begin(FITTED, len(missing)) if how_far is not None and missing else None
+    fresh = iter(side_by_side(make, missing, processes, done))
     return [next(fresh) if one is None else one for one in made]

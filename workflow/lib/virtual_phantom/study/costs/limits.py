@@ -12,7 +12,9 @@ SAFETY = 4.0
 # Of any job: Python from a shared file system that is slow, kernels compiled again for another processor.
 FLOOR_MINUTES = 10
 # Of features: rates count images, and regions as large as organs take many times what those of the measured study took.
-FLOORS = {"extract": 30}
+# Of a diagnosis: with two effects to be found, one took four times the forecast (benchmarks/diagnosis_rates.py); a
+# diagnosis that is cut off goes on from the fits that it has kept.
+FLOORS = {"extract": 30, "diagnose": 60}
 # Of a stage that nothing is known of: rates of one's own may leave out what one's study had no jobs of.
 UNKNOWN_MINUTES = 240
 # Stages that were not measured: which rates are taken, and how many times what they give.

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
 from ...phantom.layout import read_layout
 from ..plan import Plan
+from ..progress.status import duration
+from .diagnoses import rays_in_words
 from .jobs import Job, study_jobs
 from .rates import seconds, written
 
@@ -134,6 +137,28 @@ def readable(table: pd.DataFrame, content: dict) -> str:
     if missing := content["jobs_without_rate"]:
         names = ", ".join(f"{stage} ({jobs})" for stage, jobs in missing.items())
         lines.append(f"Jobs that these core-hours leave out, as they were not measured: {names}.")
+    return "\n".join(lines) + "\n"
+
+
+def listed(forecasts: Sequence[Mapping]) -> str:
+    """The diagnoses of a plan as text, with an empty line before them; nothing where there are none.
+
+    Parameters
+    ----------
+    forecasts : sequence of mapping
+        As study.diagnosed.Diagnosis.forecasts gives them.
+
+    Returns
+    -------
+    str
+    """
+    if not forecasts:
+        return ""
+    lines = ["", f"{'diagnosis (snakemake diagnosis)':<34}{'effects':>8}{'rays':>21}{'processes':>11}{'time':>12}"]
+    for one in forecasts:
+        rays = rays_in_words(one["rays"]) if "rays" in one else ""
+        time = "not known" if one["seconds"] is None else duration(one["seconds"])
+        lines.append(f"{one['name']:<34}{one.get('effects', ''):>8}{rays:>21}{one.get('processes', ''):>11}{time:>12}")
     return "\n".join(lines) + "\n"
 
 

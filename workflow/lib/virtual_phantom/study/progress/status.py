@@ -12,6 +12,7 @@ from .time_left import Progress
 # longer a run, the rarer, so that hours have no more than hundreds of lines.
 SECONDS_BETWEEN = 10.0
 SHARE_BETWEEN = 1 / 30
+MOST_SAID = 3  # jobs whose own words are in a line: more would fill the terminal
 
 
 class Status:
@@ -52,7 +53,8 @@ class Status:
         else:
             left = "" if self.said is None else time_left(*progress.seconds_left(now))
             stages = ", ".join(f"{stage} ({some} of {all_} done)" for stage, some, all_ in progress.stages())
-            rest = f"{'; no more are started' if ending else left}{'; now: ' if stages else ''}{stages}"
+            said = "".join(f"; {one}" for one in [*progress.said().values()][:MOST_SAID])
+            rest = f"{'; no more are started' if ending else left}{'; now: ' if stages else ''}{stages}{said}"
         self.said = now
         self.write(self.counts(failed) + rest)
 

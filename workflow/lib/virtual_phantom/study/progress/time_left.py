@@ -7,6 +7,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from .said import Said, heard
+
 # Rules of one kind differ by a number, or by the seeds of a batch.
 NUMBERED = re.compile(r"_\d+$|_seeds_\d+_to_\d+$")
 
@@ -31,6 +33,8 @@ class Step:
         Cores that it takes.
     needs : tuple of int
         Numbers of the jobs that it waits for.
+    log : str, optional
+        Beside which it says how far it is.
     """
 
     number: int
@@ -38,6 +42,7 @@ class Step:
     files: tuple[str, ...]
     threads: int = 1
     needs: tuple[int, ...] = ()
+    log: str | None = None
 
     @property
     def stage(self) -> str:
@@ -115,12 +120,18 @@ class Progress:
         now = dict.fromkeys(self.steps[number].stage for number in self.under_way)
         return [(stage, done[stage], jobs[stage]) for stage in now]
 
+    def said(self) -> dict[int, Said]:
+        """What jobs that are under way say of how far they are, in the order in which they began."""
+        logs = ((number, self.steps[number].log, since) for number, since in self.under_way.items())
+        heard_of = ((number, heard(log, since)) for number, log, since in logs if log is not None)
+        return {number: said for number, said in heard_of if said is not None}
+
     def seconds_left(self, now: float) -> tuple[float, bool]:
         """How long it takes until all is done that can be.
 
-        A job takes its expected time, times what the finished jobs of its stage took more than was expected of them;
-        one that nothing is expected of takes their mean, and is left out where there are none. The rest is shared among
-        the cores, and no job is split.
+        A job takes its expected time, times what the finished jobs of its stage took more than was expected of them,
+        or longer if it says so; one that nothing is expected of takes their mean, and is left out where there are none.
+        The rest is shared among the cores, and no job is split.
 
         Parameters
         ----------
@@ -133,18 +144,18 @@ class Progress:
         complete : bool
             Whether all jobs are in them.
         """
-        ratios, lost = self._ratios(), self.lost()
+        ratios, lost, said = self._ratios(), self.lost(), self.said()
         seconds, longest, complete = 0.0, 0.0, True
         for number, step in self.steps.items():
             if number in self.took or number in lost or not step.files:
                 continue
             expected = self._seconds_expected(step)
             ratio = ratios.get((step.stage, expected is None), None if expected is None else 1.0)
-            if ratio is None:
-                complete = False
-                continue
+            least = (said[number].seconds_left or 0.0) * step.threads if number in said else 0.0
+            complete &= ratio is not None
+            whole = 0.0 if ratio is None else ratio * (1.0 if expected is None else expected)
             spent = (now - self.under_way[number]) * step.threads if number in self.under_way else 0.0
-            left = max(ratio * (1.0 if expected is None else expected) - spent, 0.0)
+            left = max(whole - spent, least)
             seconds += left
             longest = max(longest, left / step.threads)
         return max(seconds / self._at_a_time(now), longest), complete
