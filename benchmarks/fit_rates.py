@@ -4,8 +4,8 @@
 
 Times are those that Snakemake noted of each job (.snakemake/metadata), sizes those of the files in the results. Run it
 after the default study, on a machine that did nothing else. What the default study has no jobs of is measured if it is
-added: noisy projections by `--config keep_projections=True` and some of their files as targets. Prints, per stage,
-measured and estimated totals.
+added: noisy projections by `--config keep_projections=True` and some of their files as targets. Rates of diagnoses stay
+as they are: benchmarks/diagnosis_rates.py writes them. Prints, per stage, measured and estimated totals.
 """
 
 import argparse
@@ -19,8 +19,9 @@ import yaml
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.config import complete
+from virtual_phantom.study.costs.diagnoses import STAGE
 from virtual_phantom.study.costs.jobs import study_jobs
-from virtual_phantom.study.costs.rates import fit, seconds
+from virtual_phantom.study.costs.rates import fit, read_rates, seconds
 from virtual_phantom.study.costs.table import roi_count
 from virtual_phantom.study.plan import Plan
 
@@ -38,9 +39,11 @@ STAGE_UNITS = {
     "noise_calibration": ["job", "image_voxel"],
     "trust": ["job", "comparison"],
 }
-HEAD = """# What one core took, and what was written, per unit of work (units: virtual_phantom/study/costs/jobs.py).
-# Made by benchmarks/fit_rates.py. A stage that is not here was not measured, and is not estimated.
+HEAD = """# What one core took, and what was written, per unit of work (units: jobs.py and diagnoses.py in
+# virtual_phantom/study/costs). Made by benchmarks/fit_rates.py, of diagnoses by benchmarks/diagnosis_rates.py. A stage
+# that is not here was not measured, and is not estimated.
 """
+RATES = RESOURCES / "rates.yaml"
 
 
 def records(folder):
@@ -55,6 +58,12 @@ def size(path):
     """Bytes of a file, or of all files in a folder."""
     files = path.rglob("*") if path.is_dir() else [path]
     return sum(file.stat().st_size for file in files if file.is_file())
+
+
+def write(rates):
+    """Write the library's rates, to four digits."""
+    rounded = json.loads(json.dumps(rates), parse_float=lambda text: float(f"{float(text):.4g}"))
+    write_text(HEAD + yaml.safe_dump(rounded, sort_keys=False), RATES)
 
 
 def main():
@@ -91,8 +100,11 @@ def main():
         "bytes": {kind: found[kind] / amounts[kind] for kind in sorted(amounts)},
     }
     report(timed, rates)
-    rounded = json.loads(json.dumps(rates), parse_float=lambda text: float(f"{float(text):.4g}"))
-    write_text(HEAD + yaml.safe_dump(rounded, sort_keys=False), RESOURCES / "rates.yaml")
+    before = read_rates(RATES)
+    if STAGE in before["seconds"]:
+        rates["measured"]["diagnoses"] = before["measured"]["diagnoses"]
+        rates["seconds"][STAGE] = before["seconds"][STAGE]
+    write(rates)
 
 
 def by_stage(timed, rates=None):

@@ -42,17 +42,18 @@ def bench(tmp_path_factory):
     import_study(made / "projections" / label / "bench", folder / "bench")
     process = diagnosis(folder)
     assert process.returncode == 0, process.stderr[-4000:]
+    (folder / "said").write_text(process.stdout)
     return folder
 
 
-def diagnosis(folder, *arguments, **settings):
+def diagnosis(folder, *arguments, target="diagnosis", **settings):
     diagnosed = {"samples": 1, "effects": EFFECTS}
     overlay = {
         **STUDY,
         "recordings": {"bench": str(folder / "bench")},
         "diagnosis": {"recordings": {"bench": diagnosed | settings}},
     }
-    return tiny(folder / "results", "diagnosis", *arguments, overlay=overlay, beside=folder / "overlay")
+    return tiny(folder / "results", target, *arguments, overlay=overlay, beside=folder / "overlay")
 
 
 def test_what_was_concealed_is_named_and_the_report_is_there(bench):
@@ -79,6 +80,21 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     before, after = (np.load(folder / "maps" / f"residuals {name}.npy") for name in ("before", "after"))
     assert before.shape == after.shape == (90, SCAN["columns"])
     assert (before**2).mean() > 2 > (after**2).mean()  # standard deviations of noise
+
+
+def test_its_time_is_told_before_it_fits_and_by_the_plan(bench):
+    (said,) = re.findall(
+        r"^diagnosis of bench: about (.*) with 2 processes (\(.*\))$", (bench / "said").read_text(), re.M
+    )
+    assert said[1] == "(4 effects, 98 thousand rays)"  # 90 views of 16 x 68 pixels, a ray each
+    log = (bench / "results" / "logs" / "diagnosis" / "bench" / "diagnose.log").read_text()
+    assert log.index("diagnosis of bench: about") < log.index("fitted the alignment")
+    assert not [path for path in (bench / "results" / "logs").rglob(".*") if path.suffix == ".now"]
+    process = diagnosis(bench, target="plan")
+    assert process.returncode == 0, process.stderr[-4000:]
+    assert re.search(rf"^bench +4 +98 thousand rays +2 +{re.escape(said[0])}$", process.stdout, re.M)
+    (told,) = json.loads((bench / "results" / "plan.json").read_text())["diagnoses"]
+    assert told["rays"] == 90 * 16 * 68 and told["effects"] == 4 and told["seconds"] > 0
 
 
 def test_its_physics_is_an_overlay_that_the_study_takes(bench):
@@ -206,6 +222,7 @@ def test_a_scan_described_wrong_ends_in_the_line_to_change(bench):
     assert (found["verdict"], found["effects"]) == ("description wrong", [])
     assert found["setup"]["mistakes"] == {"direction": f"scan.direction: {-turned}"}
     assert f"Change: scan.direction: {-turned}." in found["sentence"] and found["sentence"] in process.stdout
+    assert "diagnosis of wrong" not in process.stdout  # nothing is going to be fitted
     physics = (folder / "physics.yaml").read_text()
     assert yaml.safe_load(physics) == {} and found["sentence"] in physics
     page = (folder / "report.html").read_text()

@@ -11,8 +11,6 @@ import math
 # with them.
 MOST_FITTED = 2.5e6
 FEWEST_VIEWS = 24  # that are left of a large scan, fitted and held out together: what turns with the gantry still shows
-# Of effects that matched filters leave: the first few by their gain are fitted, if it is large enough (core.attribute).
-FEW = 6
 
 
 def rays_of(shape: tuple[int, int, int], samples: int) -> int:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from ...io.schema import defaults_of
-from ..extent import FEW
 from .fit import Fit, Fitter
 from .how_far import HowFar
 from .kept import KeptFits
@@ -28,7 +27,7 @@ MOST_SWAPS = 2  # of a chosen effect for a better one that only pays beside the 
 SCREEN = 0.01  # of the matched filter, times the candidates: what does worse is not fitted beside the chosen ones
 # Of those that the matched filter leaves: fitted are the first few by its gain, if it is this share of the best or, in
 # the place of an effect, of what that one gains; and all with that larger share of the best.
-LEAST_SHARE, NEAR_BEST = 0.1, 0.5
+FEW, LEAST_SHARE, NEAR_BEST = 6, 0.1, 0.5
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,14 @@
 
 Work is counted in units that costs.rates has a rate for, those of one process and those that processes share out:
 
-    job          one diagnosis: its start, its page
-    plane        what a ray meets in the scanned object, if the description of the scan is checked: voxels along the
-                 longer side in-plane x materials, or shapes; nothing of a disc
-    ray          rays that are fitted, those of a pixel counted one by one: alignment, verdict, images
-    filter_ray   matched filters of a process: rays x effects
-    filter_step  their steps through the object: filter_ray x planes
-    fit_ray      fits of a process: rays x fits, of as many effects as filters leave at most
+    job           one diagnosis: its start, its page
+    plane         what a ray meets in the scanned object, if the description of the scan is checked: voxels along the
+                  longer side in-plane x materials, or shapes; nothing of a disc
+    point         pixels that are fitted, over all views, and a share of their rays (RAYS_PER_PIXEL): alignment,
+                  verdict, images
+    filter_point  matched filters of a process: points x effects
+    filter_step   their steps through the object: rays x effects x planes
+    fit_point     fits of a process: points x fits (EFFECTS_PER_FIT)
 
 How many fits follow depends on what is found. The rates are means of recordings that lack nothing or one effect.
 """
@@ -22,11 +23,16 @@ from dataclasses import dataclass
 import yaml
 
 from ...base.errors import refusing
-from ...diagnosis.extent import FEW, rays_of, step_for
+from ...diagnosis.extent import rays_of, step_for
 from ...physics.object_files import path_of
 
 STAGE = "diagnose"
-UNITS = ("job", "plane", "ray", "filter_ray", "filter_step", "fit_ray")
+UNITS = ("job", "plane", "point", "filter_point", "filter_step", "fit_point")
+# What a pixel costs beside its rays, in rays: fits of one scan with 1, 4 and 9 rays per pixel took 5.8, 10.7 and 14.8 s
+# (benchmarks/diagnosis_rates.py --busy, "scatter"), filters 2.0, 3.3 and 4.8 s.
+RAYS_PER_PIXEL = 5
+# Of so many effects one is fitted: 4 to 8 of 27 were in eleven recordings that lacked nothing or one effect.
+EFFECTS_PER_FIT = 4
 
 
 @dataclass(frozen=True)
@@ -35,8 +41,8 @@ class Extent:
 
     Attributes
     ----------
-    rays : int
-        That are fitted, those of a pixel counted one by one.
+    pixels, rays : int
+        That are fitted, over all views; rays of a pixel are counted one by one.
     planes : int
         As the unit `plane`.
     effects : int
@@ -45,6 +51,7 @@ class Extent:
         Whether the description of the scan is.
     """
 
+    pixels: int
     rays: int
     planes: int
     effects: int
@@ -62,14 +69,15 @@ class Extent:
         -------
         dict of str to float
         """
-        filters, fits = (math.ceil(count / processes) for count in (self.effects, min(self.effects, FEW)))
+        points, fits = self.pixels + self.rays / RAYS_PER_PIXEL, math.ceil(self.effects / EFFECTS_PER_FIT)
+        filters = math.ceil(self.effects / processes)
         return {
             "job": 1,
             "plane": self.planes if self.checked else 0,
-            "ray": self.rays,
-            "filter_ray": self.rays * filters,
+            "point": points,
+            "filter_point": points * filters,
             "filter_step": self.rays * filters * self.planes,
-            "fit_ray": self.rays * fits,
+            "fit_point": points * math.ceil(fits / processes),
         }
 
 
@@ -99,8 +107,9 @@ def extent(settings: Mapping, shape: tuple[int, int, int], effects: int, phantom
     """
     views, rows, columns = shape
     step = settings.get("view_step") or step_for(shape, settings["samples"])
-    rays = rays_of((math.ceil(views / step), rows, columns), settings["samples"])
-    return Extent(rays, _planes(settings, phantom), effects, settings["check_setup"])
+    fitted = math.ceil(views / step), rows, columns
+    rays = rays_of(fitted, settings["samples"])
+    return Extent(math.prod(fitted), rays, _planes(settings, phantom), effects, settings["check_setup"])
 
 
 def _planes(settings: Mapping, phantom: tuple[Sequence[int], int]) -> int:

@@ -90,8 +90,6 @@ def fit(measured: Iterable[tuple[Job, float]], stage_units: dict[str, Sequence[s
     InputError
         For a stage with fewer jobs than units otherwise.
     """
-    from scipy.optimize import nnls  # takes longer to import than all else that reading a workflow needs
-
     by_stage: dict[str, list[tuple[Job, float]]] = {}
     for job, took in measured:
         by_stage.setdefault(job.stage, []).append((job, took))
@@ -106,7 +104,43 @@ def fit(measured: Iterable[tuple[Job, float]], stage_units: dict[str, Sequence[s
         if len(jobs) < len(units):
             raise InputError(f"{stage}: {len(jobs)} jobs are too few for the rates of {', '.join(units)}")
         work = np.array([[job.work[unit] / took for unit in units] for job, took in jobs])
-        scale = work.max(axis=0)
-        found, _ = nnls(work / scale, np.ones(len(jobs)))
-        rates[stage] = {unit: float(rate) for unit, rate in zip(units, found / scale, strict=True) if rate > 0}
+        rates[stage] = _least_squares(work, np.ones(len(jobs)), units)
     return rates
+
+
+def fit_parts(
+    measured: Sequence[tuple[Mapping[str, float], Mapping[str, float]]], parts: Mapping[str, Sequence[str]]
+) -> dict[str, float]:
+    """Rates of one stage from jobs whose parts were timed, each of which has units of its own.
+
+    Non-negative least squares as in `fit`, of errors relative to the whole job: parts that take longest count most.
+
+    Parameters
+    ----------
+    measured : sequence of (mapping of str to float, mapping of str to float)
+        {unit: amount} of a job, and {part: the seconds that it took}.
+    parts : mapping of str to sequence of str
+        {part: its units}.
+
+    Returns
+    -------
+    dict of str to float
+        {unit: seconds}.
+    """
+    units = [unit for of_part in parts.values() for unit in of_part]
+    rows, shares = [], []
+    for work, seconds in measured:
+        whole = sum(seconds.values())
+        for part, took in seconds.items():
+            rows.append([work[unit] / whole if unit in parts[part] else 0.0 for unit in units])
+            shares.append(took / whole)
+    return _least_squares(np.array(rows), np.array(shares), units)
+
+
+def _least_squares(work: np.ndarray, target: np.ndarray, units: Sequence[str]) -> dict[str, float]:
+    from scipy.optimize import nnls  # takes longer to import than all else that reading a workflow needs
+
+    largest = work.max(axis=0)
+    scale = np.where(largest > 0, largest, 1.0)  # nothing tells of what no job has
+    found, _ = nnls(work / scale, target)
+    return {unit: float(rate) for unit, rate in zip(units, found / scale, strict=True) if rate > 0}

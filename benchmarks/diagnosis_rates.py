@@ -1,0 +1,356 @@
+"""What a diagnosis of a recording costs: the rates by which `snakemake plan` and the console tell its time beforehand.
+
+    python benchmarks/diagnosis_rates.py --machine "two cores of an AMD EPYC"
+
+Makes recordings of several sizes by the library's own chain, diagnoses each from its folder to its page with one
+process and with two, each time in a Python of its own, and fits the rates to what its parts took. Some recordings are
+held out: printed is how far the forecast is off on these. Writes the stage `diagnose` into the library's rates.yaml and
+leaves the others. Run it on two cores that do nothing else.
+
+--quick takes three small recordings and writes nothing: to see that it works. --busy is for cores that have other work:
+one process alone, and the processor's time instead of the clock's. --every-effect diagnoses a recording for each effect
+by the rates that there are, and writes nothing: how far the forecast is off, whatever is missing.
+"""
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import yaml
+from fit_rates import RATES, write
+
+from virtual_phantom.api.simulated import draw_phantom
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.streams import Branch
+from virtual_phantom.diagnosis.candidates import candidates
+from virtual_phantom.diagnosis.core.asked import Asked, ShapesObject
+from virtual_phantom.diagnosis.core.how_far import FITTED, RANKED, HowFar
+from virtual_phantom.diagnosis.core.locate import ALPHA
+from virtual_phantom.diagnosis.course import explain
+from virtual_phantom.diagnosis.images.compared_regions import Scanned
+from virtual_phantom.diagnosis.projections.scanned import scene_of, shaped_object
+from virtual_phantom.diagnosis.ready import agreement, ready
+from virtual_phantom.diagnosis.setup.recorded import set_up
+from virtual_phantom.io.exchange import write_line_integrals
+from virtual_phantom.io.schema import defaults_of, fill_defaults, schema_of
+from virtual_phantom.io.volumes import Volume, shape_of, write_nifti
+from virtual_phantom.phantom import save
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import acts_on_images, checked, names
+from virtual_phantom.recordings.importers.study import scan_of
+from virtual_phantom.recordings.reading import load
+from virtual_phantom.report.diagnosis import page, residual_maps
+from virtual_phantom.study.costs.diagnoses import STAGE, extent
+from virtual_phantom.study.costs.rates import estimate, fit_parts, read_rates
+
+PHOTONS, REPEATS = 1e5, 4
+WIDE_MM, HIGH_MM = 512.0, 128.0  # the detector; one row is as high as eight are
+ACROSS_MM, SLICES = 300.0, 24  # the phantom
+HOLES = (((30, 10), 15), ((-35, -20), 10))  # of the masked object: centre and radius, mm
+PROCESSES = (1, 2)
+# Parts of a diagnosis, each with the units that it is counted in.
+START, CHECK, ALONE = "start", "check", "alone"
+PARTS = {
+    START: ("job",),
+    CHECK: ("plane",),
+    ALONE: ("point",),
+    RANKED: ("filter_point", "filter_step"),
+    FITTED: ("fit_point",),
+}
+NEAR = 0.5  # relative error that a forecast may have
+SEED = 20261124
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")  # as Snakemake has them
+
+
+@dataclass(frozen=True)
+class Case:
+    """A recording: what was scanned, its size, and what its simulation lacks."""
+
+    name: str
+    columns: int
+    rows: int
+    views: int
+    lacks: tuple = ()
+    across: int = 0  # voxels of the phantom or of the mask
+    scanned: dict = field(default_factory=dict)
+    effects: tuple = ()  # that are tried; none: all
+    held_out: bool = False
+
+
+PHANTOM, MASK = {}, {"object": {"mask": "mask.nii.gz", "material": "pmma"}}
+DISC = {"disc": {"diameter_mm": 150, "material": "pmma"}, "alignment": {"scale": 1, "size": 0.01}}
+SHAPES = {"object": {"kind": "catphan504_ctp404"}}
+FEW = ("scatter", "detector_offset", "focal_spot", "dark_signal", "heel", "motion", "electronic_noise", "veiling_glare")
+CASES = (
+    Case("nothing", 64, 8, 90, (), 128),
+    Case("scatter", 64, 8, 90, ("scatter",), 128),
+    Case("spectrum", 96, 8, 90, ("spectrum",), 128),
+    Case("offset", 64, 8, 120, ("detector_offset",), 256),
+    Case("large", 128, 12, 120, ("focal_spot",), 128),
+    Case("few", 96, 8, 120, ("scatter",), 128, effects=FEW),
+    Case("disc", 512, 1, 180, ("scatter",), scanned=DISC),
+    Case("mask", 256, 1, 180, ("spectrum",), 256, scanned=MASK),
+    Case("shapes", 64, 8, 90, ("scatter",), scanned=SHAPES),
+    Case("held_nothing", 96, 12, 150, (), 192, held_out=True),
+    Case("held_motion", 96, 8, 120, ("motion",), 160, held_out=True),
+    Case("held_disc", 256, 1, 180, ("veiling_glare",), scanned=DISC, held_out=True),
+    Case("held_shapes", 96, 8, 120, ("heel",), scanned=SHAPES, held_out=True),
+)
+SIZES = ((64, 6, 72, 128), (96, 4, 60, 192), (64, 8, 90, 128), (128, 4, 60, 96))  # of those for every effect, in turn
+QUICK = (
+    Case("quick", 56, 4, 48, ("scatter",), 64, effects=FEW),
+    Case("quick_disc", 128, 1, 60, (), scanned=DISC, effects=FEW),
+    Case("held_quick", 64, 4, 48, (), 64, effects=FEW, held_out=True),
+)
+
+
+def every_effect():
+    """A recording for each effect on projections of which a recording without stated photons can tell."""
+    shown = [name for name in names() if not acts_on_images(name) and name != "photon_flux"]
+    return [
+        Case(name, *SIZES[place % len(SIZES)][:3], (name,), SIZES[place % len(SIZES)][3], held_out=True)
+        for place, name in enumerate(shown)
+    ]
+
+
+def geometry_of(case):
+    """Of its scan: a turn in 0.9 s."""
+    pitch = HIGH_MM / max(case.rows, 8)
+    return circular(
+        views=case.views,
+        source_to_isocentre_mm=570.0,
+        source_to_detector_mm=1040.0,
+        columns=case.columns,
+        rows=case.rows,
+        column_pitch_mm=WIDE_MM / case.columns,
+        row_pitch_mm=pitch,
+        view_interval_ms=900 / case.views,
+    )
+
+
+def written(case, folder):
+    """The recording with what was scanned, and what a job is given of it."""
+    folder.mkdir()
+    section, given = dict(case.scanned), {}
+    if case.scanned == PHANTOM:
+        half = case.across // 2  # as it is drawn twice as fine
+        save(draw_phantom((SLICES, half, half), (4.0, ACROSS_MM / half, ACROSS_MM / half)), folder)
+        given = {"phantom": folder / "fine.nii.gz", "image": folder / "image.nii.gz", "rois": folder / "rois.csv"}
+    elif case.scanned == MASK:
+        given = {"mask": folder / "mask.nii.gz"}
+        write_nifti(masked(case.across), given["mask"])
+        section["object"] = section["object"] | {"mask": str(given["mask"])}
+    schema = schema_of("diagnosis", "recordings")["additionalProperties"] | {"$defs": schema_of()["$defs"]}
+    fill_defaults(section, schema)
+    model = {
+        "folder": str(folder),
+        "settings": {key: value for key, value in section.items() if key != "effects"},
+        "mu_water_per_mm": defaults_of()["mu_water_per_mm"],
+        "materials": defaults_of("materials"),
+        "seed": defaults_of()["seed"],
+        "protocol": None,
+    }
+    given = {key: str(path) for key, path in given.items()}
+    geometry, random = geometry_of(case), np.random.default_rng(np.random.SeedSequence(SEED))
+    scene = scene_of(Asked.of(model, given.get("phantom"), 1))
+    chain = Chain(scene, geometry, PHOTONS, samples=section["samples"] + 1)
+    state = chain.state(checked(dict.fromkeys(case.lacks, {})))
+    air = state.measured_air * state.photons
+    files = [f"{number}.h5" for number in range(REPEATS)]
+    for file in files:
+        lines = -np.log(np.maximum(state.counts(random), 0.5) / air)
+        write_line_integrals(folder / file, lines.astype(np.float32), geometry)
+    content = {"name": case.name, "kind": "projections", "scan": scan_of(geometry), "repeats": files}
+    (folder / "recording.yaml").write_text(yaml.safe_dump(content))
+    tried = list(case.effects) or candidates(section | {"effects": None})
+    (folder / "case.json").write_text(json.dumps({"model": model, "given": given, "effects": tried}))
+    materials = 1 if model["materials"]["dense"] is None else 2
+    voxels = shape_of(given["phantom"]) if "phantom" in given else ()
+    return extent(section, geometry.shape, len(tried), (voxels, materials))
+
+
+def masked(across):
+    """An ellipse of one material with two holes, alike along z."""
+    grid = Grid((1, across, across), (1.0, 200 / across, 200 / across))
+    _, y, x = np.meshgrid(*grid.axes_mm(), indexing="ij")
+    share = (x / 80) ** 2 + (y / 70) ** 2 < 1
+    for (column, row), radius in HOLES:
+        share &= (x - column) ** 2 + (y - row) ** 2 > radius**2
+    return Volume(share.astype(np.float32), grid)
+
+
+def processor_seconds():
+    """Of this process and of those that it has waited for."""
+    return sum(os.times()[:4])
+
+
+class Timed(HowFar):
+    """Adds up what rankings and fits take."""
+
+    def __init__(self, clock):
+        super().__init__()
+        self.now, self.seconds = clock, Counter()
+
+    def begin(self, what, count, beside=()):
+        """As HowFar.begin."""
+        began, done, left = self.now(), super().begin(what, count, beside), count
+
+        def counted():
+            nonlocal left
+            done()
+            left -= 1
+            if not left:
+                self.seconds[what] += self.now() - began
+
+        return counted
+
+
+def one(folder, processes, busy):
+    """What a job does (workflow/scripts/diagnose.py); prints what its parts took, and what was found."""
+    clock = processor_seconds if busy else time.perf_counter
+    case = json.loads((folder / "case.json").read_text())
+    given, timed = case["given"], Timed(clock)
+    asked = Asked.of(case["model"], given.get("phantom"), processes)
+    recording = load(folder)
+    marks = [clock()]
+    assert set_up(recording, asked).kind == "as stated", folder
+    marks.append(clock())
+    _, prepared = ready(asked, recording)
+    prepared, found = explain(
+        folder.name, prepared, case["effects"], defaults_of("diagnosis", "model_accuracy"), processes, None, timed
+    )
+    scanned = None
+    if "phantom" in given:
+        scanned = Scanned.read(given["phantom"], given["image"], given["rois"])
+    elif "mask" in given:
+        scanned = Scanned.of_mask(given["mask"])
+    elif isinstance(asked.settings.object, ShapesObject):
+        shaped = shaped_object(asked.settings.object)
+        scanned = Scanned.of_shapes(shaped, recording.geometry, asked.mu_water_per_mm)
+    found.content["agreement"] = agreement(
+        recording, prepared, found.choice, asked, Branch.AGREEMENT, scanned, practice=True
+    )
+    marks.append(clock())
+    page(found, prepared, ALPHA, residual_maps(found, prepared), scanned and scanned.fine)
+    check, rest = np.diff(marks)
+    shared = {part: timed.seconds[part] for part in (RANKED, FITTED)}
+    parts = {CHECK: check, ALONE: rest - sum(shared.values())} | shared
+    print(json.dumps({"parts": parts, "found": [effect["name"] for effect in found.content["effects"]]}))
+
+
+def run(folder, processes, busy):
+    """The same in a Python of its own: seconds by part, and the effects that were found."""
+    command = [sys.executable, __file__, "--one", str(folder), "--processes", str(processes)]
+    environment = os.environ | dict.fromkeys(THREADS, str(processes))
+    began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+    said = subprocess.run(command + ["--busy"] * busy, env=environment, capture_output=True, text=True)
+    if said.returncode:
+        raise SystemExit(said.stderr)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    whole = spent if busy else time.perf_counter() - began
+    told = json.loads(said.stdout.splitlines()[-1])
+    return told["parts"] | {START: whole - sum(told["parts"].values())}, told["found"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """One diagnosis: its recording, its work, and what its parts took."""
+
+    case: Case
+    processes: int
+    work: dict
+    parts: dict
+
+    @property
+    def seconds(self):
+        """In all."""
+        return sum(self.parts.values())
+
+    def forecast(self, rates):
+        """What it is expected to take by rates of the stage."""
+        return estimate({"seconds": {STAGE: rates}}, STAGE, self.work)
+
+
+def runs_of(cases, processes, busy):
+    """All cases, with each number of processes; prints what they took."""
+    found = []
+    with tempfile.TemporaryDirectory() as folder:
+        for case in cases:
+            size = written(case, Path(folder) / case.name)
+            for count in processes:
+                parts, effects = run(Path(folder) / case.name, count, busy)
+                found.append(Run(case, count, size.work(count), parts))
+                told = ", ".join(f"{part} {parts[part]:.1f}" for part in PARTS)
+                print(f"{case.name:20s} {count} {found[-1].seconds:6.1f} s: {told}; {effects}", flush=True)
+    return found
+
+
+def report(runs, rates):
+    """How far forecasts are off."""
+    print(f"{'recording':20s} {'processes':>9s} {'seconds':>8s} {'forecast':>9s}")
+    for one_run in runs:
+        held = " held out" if one_run.case.held_out else ""
+        times = f"{one_run.seconds:8.1f} {one_run.forecast(rates):9.1f}"
+        print(f"{one_run.case.name:20s} {one_run.processes:9d} {times}{held}")
+    for words, some in (("fitted", False), ("held out", True)):
+        off = [one_run.forecast(rates) / one_run.seconds for one_run in runs if one_run.case.held_out == some]
+        if off:
+            near = sum(abs(ratio - 1) <= NEAR for ratio in off)
+            ends = f"{min(off):.2f} to {max(off):.2f}"
+            print(f"{words}: {near} of {len(off)} within {NEAR:.0%}, forecasts {ends} of the time")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--machine", help="what it is run on, for the file's head; without it nothing is written")
+    parser.add_argument("--quick", action="store_true", help="three small recordings, and nothing is written")
+    parser.add_argument("--busy", action="store_true", help="one process, and the processor's time")
+    parser.add_argument("--every-effect", action="store_true", help="a recording for each, and nothing is written")
+    parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--processes", type=int, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.one:
+        one(options.one, options.processes, options.busy)
+        return
+    processes = PROCESSES[:1] if options.busy or options.every_effect else PROCESSES
+    if options.every_effect:
+        report(runs_of(every_effect(), processes, options.busy), read_rates(RATES)["seconds"][STAGE])
+        return
+    runs = runs_of(QUICK if options.quick else CASES, processes, options.busy)
+    fitted = [one_run for one_run in runs if not one_run.case.held_out]
+    rates = fit_parts([(one_run.work, one_run.parts) for one_run in fitted], PARTS)
+    print(rates)
+    report(runs, rates)
+    if options.machine and not options.quick:
+        whole = read_rates(RATES)
+        whole["seconds"][STAGE] = rates
+        whole["measured"]["diagnoses"] = {
+            "machine": options.machine,
+            "time": "of the processor, beside other work" if options.busy else "by the clock",
+            "recordings": len({one_run.case.name for one_run in fitted}),
+            "processes": list(processes),
+            "seconds": {f"{one_run.case.name}, {one_run.processes}": round(one_run.seconds, 1) for one_run in fitted},
+            "held_out": {
+                f"{one_run.case.name}, {one_run.processes}": {
+                    "seconds": round(one_run.seconds, 1),
+                    "forecast": round(one_run.forecast(rates), 1),
+                }
+                for one_run in runs
+                if one_run.case.held_out
+            },
+        }
+        write(whole)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""What a job says of how far it is, and what is shown of it: a small diagnosis tells, and time is set by the test."""
+
+import io
+import json
+import logging
+import os
+
+import numpy as np
+import pytest
+from simulated_scans import body, noisy_lines
+from snakemake_interface_logger_plugins.common import LogEvent
+
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.diagnosis.core.how_far import ALIGNED, COMPARED, FITTED, JUDGED, RANKED, HowFar
+from virtual_phantom.diagnosis.core.kept import KeptFits
+from virtual_phantom.diagnosis.course import explain
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.study.job import job
+from virtual_phantom.study.progress.console import Console
+from virtual_phantom.study.progress.said import Said, heard, place, say, saying, silence
+from virtual_phantom.study.progress.time_left import Progress, Step
+
+GEOMETRY = circular(
+    views=24,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=32,
+    rows=2,
+    column_pitch_mm=14.0,
+    row_pitch_mm=12.0,
+)
+CANDIDATES = ("scatter", "detector_offset", "heel")
+
+
+def ready():
+    """A recording with scatter, made ready."""
+    grid = Grid((6, 40, 40), (5.0, 6.0, 6.0))
+    scene = VoxelScene.of(body(grid, (90, 70), 20.0, [((35, 10, 0), 18, 800.0)]), Segmentation(), 0.0193)
+    chain = Chain(scene, GEOMETRY, photons=1e5)
+    state = chain.state({"scatter": {"amount": 0.05, "width_mm": 60.0}})
+    lines = noisy_lines(state, 4, np.random.default_rng(7)).astype(np.float32)
+    taken = observed.Scans(lines, state.measured_air.mean(axis=0) * state.photons, np.ones(lines[0].shape, bool))
+    return prepared.prepare(taken, None, chain, nominal_photons=1e5)
+
+
+class Watched:
+    """A run of one diagnosis, its clock a minute further whenever the job has said something."""
+
+    def __init__(self, folder, expected=600.0):
+        self.log, self.stream = folder / "diagnose.log", io.StringIO()
+        step = Step(0, "diagnose", ("diagnosis.json",), threads=2, log=str(self.log))
+        self.now = 0.0  # files are younger
+        progress = Progress([step], 2, lambda: {"diagnosis.json": expected}, self.now)
+        self.console = Console(logging.StreamHandler(self.stream), progress, "logs", clock=lambda: self.now)
+        self.take(LogEvent.JOB_INFO, jobid=0)
+
+    def take(self, event, **more):
+        self.console.emit(logging.makeLogRecord({"event": event, **more}))
+
+    def look(self):
+        self.now += 60.0
+        self.take("time_passed")
+
+    def lines(self):
+        return [line[9:] for line in self.stream.getvalue().splitlines()]
+
+
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_small_diagnosis_is_followed_to_its_verdict(processes, tmp_path):
+    run, tell = Watched(tmp_path), saying(tmp_path / "diagnose.log", "bench")
+
+    def told(how_far):
+        tell(how_far)
+        run.look()
+
+    _, found = explain("bench", ready(), CANDIDATES, {"default": 0.02}, processes, how_far=HowFar(told))
+    assert [one["name"] for one in found.content["effects"]] == ["scatter"]
+    said = [line.partition("bench: ")[2] for line in run.lines() if "bench: " in line]
+    assert said[0] == "alignment fitted"
+    assert said[1:5] == [f"alignment fitted; {done}3 effects ranked" for done in ("0 of ", "1 of ", "2 of ", "")]
+    assert said[5].startswith("alignment fitted; 3 effects ranked; 0 of ") and said[5].endswith(" fits made")
+    assert "2 effects ranked beside scatter" in said[-1] and said[-1].endswith(" fits made; verdict found")
+    assert all(line.startswith("0 of 1 jobs done") for line in run.lines()[1:])
+    # The job's end takes its words away.
+    silence(run.log)
+    run.take(LogEvent.JOB_FINISHED, job_id=0)
+    assert "bench" not in run.lines()[-1] and not list(tmp_path.iterdir())
+
+
+def test_fits_that_were_kept_are_not_counted(tmp_path):
+    kept, words = KeptFits(tmp_path / "fits", "this recording", lambda effect: "as it is"), []
+    for _ in range(2):
+        how_far = HowFar(lambda one: words.append(one.words))
+        explain("bench", ready(), CANDIDATES, {"default": 0.02}, kept=kept, how_far=how_far)
+    assert words[-1] == "alignment fitted; 2 effects ranked beside scatter; verdict found"
+    assert "fits made" in words[words.index("alignment fitted", 1) - 1]
+
+
+def test_time_left_is_the_forecast_s_until_fits_need_more(tmp_path):
+    run = Watched(tmp_path, expected=1200.0)  # of one core: ten minutes of two
+    run.look()
+    assert run.lines()[-1] == "0 of 1 jobs done, about 9 min left; now: diagnose (0 of 1 done)"
+    run.now = 540.0
+    say(run.log, Said("bench", "1 of 6 fits made", seconds_left=900.0))
+    run.look()
+    assert run.lines()[-1] == (
+        "0 of 1 jobs done, about 15 min left; now: diagnose (0 of 1 done); bench: 1 of 6 fits made"
+    )
+
+
+def test_time_that_fits_need_is_that_of_those_just_made():
+    times = [0.0]
+    how_far = HowFar(clock=lambda: times[-1])
+    assert how_far.seconds_left is None
+    how_far.reached(ALIGNED)
+    done = how_far.begin(FITTED, 4)
+    assert how_far.seconds_left is None
+    for now in (10.0, 30.0):
+        times.append(now)
+        done()
+    assert how_far.seconds_left == pytest.approx(2 * 15.0)
+    done()
+    done()
+    assert how_far.seconds_left == 0
+    times.append(100.0)
+    done = how_far.begin(FITTED, 3)
+    times.append(107.0)
+    done()
+    assert how_far.seconds_left == pytest.approx(2 * 7.0)
+    assert how_far.words == "alignment fitted; 5 of 7 fits made"
+
+
+def test_words_are_of_what_is_done():
+    how_far = HowFar()
+    how_far.reached(ALIGNED)
+    for beside in ((), ("xray_crosstalk", "heel")):
+        done = how_far.begin(RANKED, 2, beside)
+        done()
+    assert how_far.words == "alignment fitted; 1 of 2 effects ranked beside X-ray crosstalk and heel"
+    done()
+    for what in (JUDGED, COMPARED):
+        how_far.reached(what)
+    assert how_far.words.endswith("2 effects ranked beside X-ray crosstalk and heel; verdict found; images compared")
+
+
+def test_what_was_said_before_the_job_began_or_is_no_word_is_not_heard(tmp_path):
+    log = tmp_path / "logs" / "a.log"
+    assert heard(log, 0.0) is None
+    say(log, Said("bench", "alignment fitted"))
+    assert heard(log, 0.0) == Said("bench", "alignment fitted")
+    assert heard(log, os.stat(place(log)).st_mtime + 1) is None  # killed; its last words stay
+    for text in ("{", "[]", json.dumps({"name": "bench"}), ""):
+        place(log).write_text(text)
+        assert heard(log, 0.0) is None
+    silence(log)
+    silence(log)
+    assert [path.name for path in log.parent.iterdir()] == []
+
+
+def test_a_job_leaves_no_words_behind_and_none_are_no_reason_to_fail(tmp_path):
+    class Script:
+        log, threads = [tmp_path / "a.log"], 1
+
+    with job(Script):
+        say(Script.log[0], Said("bench", "alignment fitted"))
+        assert heard(Script.log[0], 0.0)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.log"]
+    (tmp_path / "file").touch()
+    say(tmp_path / "file" / "a.log", Said("bench", "alignment fitted"))  # no folder to write to
+
+
+def test_a_line_has_the_words_of_a_few_jobs(tmp_path):
+    stream = io.StringIO()
+    steps = [Step(number, "diagnose", (f"{number}",), log=str(tmp_path / f"{number}.log")) for number in range(6)]
+    console = Console(logging.StreamHandler(stream), Progress(steps, 6, dict, 0.0), "logs", clock=lambda: 30.0)
+    for step in reversed(steps):
+        console.progress.start(step.number, 0.0)
+        say(step.log, Said(f"bench{step.number}", "alignment fitted"))
+    console.emit(logging.makeLogRecord({"event": "time_passed"}))
+    assert stream.getvalue().splitlines()[-1].partition("; bench")[2] == (
+        "5: alignment fitted; bench4: alignment fitted; bench3: alignment fitted"
+    )

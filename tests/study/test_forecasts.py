@@ -1,0 +1,157 @@
+"""How long a diagnosis takes, told before it starts: what is counted of it, and who says it."""
+
+import math
+import os
+import re
+
+import numpy as np
+import pytest
+from simulated_scans import SCAN
+from test_context import context_of, recorded
+
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.diagnosis.extent import MOST_FITTED
+from virtual_phantom.io.volumes import Volume, write_nifti
+from virtual_phantom.study.costs.diagnoses import RAYS_PER_PIXEL, STAGE, UNITS, Extent, extent, rays_in_words
+from virtual_phantom.study.costs.forecast import beforehand
+from virtual_phantom.study.costs.limits import FLOORS, SAFETY, UNKNOWN_MINUTES
+from virtual_phantom.study.costs.limits import minutes as asked
+from virtual_phantom.study.costs.rates import estimate
+from virtual_phantom.study.costs.table import listed
+from virtual_phantom.study.progress.status import duration
+
+CONE = SCAN | {"rows": 16, "columns": 128, "views": 180, "column_pitch_mm": 4.0, "row_pitch_mm": 4.0}
+SETTINGS = {"samples": 2, "view_step": None, "check_setup": True}
+PHANTOM = ([96, 256, 240], 2)  # voxels along z, y and x, and materials
+
+
+def counted(shape=(180, 16, 128), effects=27, **settings):
+    return extent(SETTINGS | settings, shape, effects, PHANTOM)
+
+
+def diagnosed(folder, **recordings):
+    """The context of recordings of projections, {name: (changes of the scan, settings of the diagnosis)}."""
+    places = {name: recorded(folder, name, "projections", scan=CONE | scan) for name, (scan, _) in recordings.items()}
+    settings = {name: settings for name, (_, settings) in recordings.items()}
+    return context_of(results_dir=f"{folder}/r", recordings=places, diagnosis={"recordings": settings})
+
+
+def drawn(path, *shape):
+    write_nifti(Volume(np.ones(shape, np.uint8), Grid(shape, (1.0, 1.0, 1.0))), path)
+    return str(path)
+
+
+def test_rays_are_those_of_the_views_that_are_fitted():
+    assert counted().rays == 180 * 16 * 128 * 2**2 and counted().pixels == 180 * 16 * 128
+    assert counted(view_step=7).rays == math.ceil(180 / 7) * 16 * 128 * 4
+    assert counted(samples=3).rays == 180 * 16 * 128 * 9
+    # Of a fan beam all rays of a pixel lie in its plane.
+    assert counted((180, 1, 512)).rays == 180 * 512 * 2
+    assert counted((984, 64, 888), samples=1).rays <= MOST_FITTED
+
+
+def test_planes_are_what_a_ray_meets(tmp_path):
+    assert counted().planes == 256 * 2
+    assert counted(disc={"diameter_mm": 70, "material": "pmma"}).planes == 0
+    assert counted(object={"kind": "step_wedge", "parameters": {}}).planes == 5
+    mask = drawn(tmp_path / "mask.nii.gz", 1, 40, 60)
+    assert counted(object={"mask": mask, "material": "pmma"}).planes == 60
+    materials = {"1": "pmma", "2": "bone", "3": "water"}
+    assert counted(object={"labels": mask, "materials": materials}).planes == 3 * 60
+
+
+def test_work_is_shared_out_as_far_as_it_can_be():
+    one, two, many = (counted().work(processes) for processes in (1, 2, 100))
+    pixels, rays, planes = 180 * 16 * 128, 180 * 16 * 128 * 4, 512
+    points = pixels + rays / RAYS_PER_PIXEL
+    assert one == {
+        "job": 1,
+        "plane": planes,
+        "point": points,
+        "filter_point": points * 27,
+        "filter_step": rays * 27 * planes,
+        "fit_point": points * 7,  # a quarter of the effects
+    }
+    assert set(one) == set(UNITS)
+    for unit in ("job", "plane", "point"):
+        assert one[unit] == two[unit] == many[unit]
+    assert two["filter_point"] == 14 * points and two["fit_point"] == 4 * points  # whole tasks
+    assert many["filter_point"] == many["fit_point"] == points
+    assert counted(check_setup=False).work()["plane"] == 0
+    assert counted(effects=2).work()["fit_point"] == points
+
+
+def test_the_plan_lists_what_is_known_of_each(tmp_path):
+    disc = {"disc": {"diameter_mm": 70, "material": "pmma"}}
+    context = diagnosed(
+        tmp_path,
+        bench=({}, {"effects": ["scatter", "heel", "motion"]}),
+        disc=({"rows": 1}, disc),
+        again=({"rows": 1}, disc | {"physics_from": "disc"}),
+        missing=({}, {"object": {"kind": "pmma_disc"}}),
+    )
+    forecasts = {one["name"]: one for one in context.diagnosis.forecasts(4)}
+    rays = 180 * 16 * 128 * 4
+    bench = Extent(rays // 4, rays, 2 * 256, 3, True)  # the study's phantom is drawn twice as fine as its images
+    assert context.diagnosis.extent("bench") == bench
+    assert forecasts["bench"] == {
+        "name": "bench",
+        "effects": 3,
+        "processes": 3,
+        "rays": rays,
+        "seconds": estimate(context.rates, STAGE, bench.work(3)),
+    }
+    assert forecasts["again"] == {"name": "again", "effects": 0, "processes": 1, "seconds": None}
+    lines = listed([*forecasts.values(), {"name": "scanner", "seconds": None}]).splitlines()
+    assert lines[0] == "" and "processes" in lines[1] and len(lines) == 7
+    assert re.fullmatch(rf"bench +3 +1.5 million rays +3 +{duration(forecasts['bench']['seconds'])}", lines[2])
+    assert re.fullmatch("again +0 +1 +not known", lines[4]) and re.fullmatch("scanner +not known", lines[6])
+    assert listed([]) == ""
+
+
+def test_the_job_says_what_the_plan_said(tmp_path):
+    """From the phantom's file, which the plan knows from the configuration."""
+    context = diagnosed(tmp_path, bench=({}, {"check_setup": False}))
+    fine = drawn(tmp_path / "fine.nii", 2, 256, 200)
+    told = context.diagnosis.forecasts(2)[0]
+    model, shape = context.diagnosis.model("bench"), (180, 16, 128)
+    line = beforehand("bench", model, shape, told["effects"], 2, fine)
+    time, effects = duration(told["seconds"]), told["effects"]
+    assert line == f"diagnosis of bench: about {time} with 2 processes ({effects} effects, 1.5 million rays)"
+    assert beforehand("bench", model, shape, 1, 1, fine).endswith("with 1 process (1 effect, 1.5 million rays)")
+    assert beforehand("bench", model, shape, 0, 1, fine) is None
+    os.remove(fine)  # the job itself says that
+    assert beforehand("bench", model, shape, 3, 1, fine) is None
+
+
+def test_more_cores_are_less_time_and_the_console_is_told_core_seconds(tmp_path):
+    context = diagnosed(tmp_path, bench=({}, {}))
+    one, two = (context.diagnosis.seconds("bench", processes) for processes in (1, 2))
+    assert one / 2 < two < one
+    document = f"{tmp_path}/r/diagnosis/bench/diagnosis.json"
+    assert context.expected_seconds(2)[document] == pytest.approx(2 * two)
+    assert context.expected_seconds(1)[document] == pytest.approx(one)
+
+
+def test_a_cluster_is_asked_for_more_than_the_forecast(tmp_path):
+    """In whole minutes, and never under the floor; an hour a round of fits where nothing is known."""
+    context = diagnosed(
+        tmp_path,
+        small=({"rows": 1}, {"disc": {"diameter_mm": 70, "material": "pmma"}}),
+        large=({"views": 4000, "views_per_rotation": 4000}, {"view_step": 1, "samples": 6}),
+        again=({}, {"physics_from": "large"}),
+    )
+    diagnosis = context.diagnosis
+    assert diagnosis.minutes("small", 2) == FLOORS[STAGE]
+    expected = diagnosis.seconds("large", 2) / 60
+    assert SAFETY * expected <= diagnosis.minutes("large", 2) < SAFETY * expected + 1
+    assert diagnosis.minutes("again", 1) == 60 * 4
+    assert asked({"seconds": {}}, STAGE, diagnosis.extent("large").work()) == UNKNOWN_MINUTES
+
+
+def test_rays_are_said_to_two_digits():
+    assert [rays_in_words(count) for count in (46_080, 412_345, 12_345_678)] == [
+        "46 thousand rays",
+        "0.41 million rays",
+        "12 million rays",
+    ]
