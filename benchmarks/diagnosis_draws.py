@@ -247,6 +247,8 @@ def one(task):
         if effect["name"] not in physics:
             continue
         for name, value in effect["parameters"].items():
+            if name not in physics[effect["name"]]:
+                continue  # known of the scanner
             low, high = value["ci95"]
             rows.append(row | {"parameter": f"{effect['name']}.{name}", "value": physics[effect["name"]][name]})
             rows[-1] |= {"low": low, "high": high}
