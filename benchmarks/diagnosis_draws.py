@@ -105,7 +105,7 @@ def strengths(name, wanted, random, given):
     the alignment takes up; or as far as its plausible range reaches."""
     effect = load(name)
     every = given.fitter.model.parameters(name)
-    typical = {parameter.name: parameter.typical for parameter in every}
+    typical = given.fitter.model.chain.held(name) | {parameter.name: parameter.typical for parameter in every}
     parameters = varied(every)
     if effect.pattern:
         pixels = GEOMETRY.rows * GEOMETRY.columns
@@ -247,8 +247,6 @@ def one(task):
         if effect["name"] not in physics:
             continue
         for name, value in effect["parameters"].items():
-            if name not in physics[effect["name"]]:
-                continue  # known of the scanner
             low, high = value["ci95"]
             rows.append(row | {"parameter": f"{effect['name']}.{name}", "value": physics[effect["name"]][name]})
             rows[-1] |= {"low": low, "high": high}

@@ -38,6 +38,16 @@ def test_the_step_is_odd_and_leaves_enough_views(views, rows, columns, samples):
     assert step % 2 == 1 and len(range(0, views, step)) >= min(views, extent.FEWEST_VIEWS)
 
 
+def test_shapes_have_more_rays_as_long_as_all_views_are_fitted():
+    small, middle, large = (90, 8, 64), (300, 12, 64), (984, 64, 888)
+    assert [extent.samples_for(None, True, shape) for shape in (small, middle, large)] == [4, 3, 2]
+    assert extent.rays_of(middle, 3) <= extent.MOST_FITTED < extent.rays_of(middle, 4)
+    assert extent.samples_for(None, False, small) == 2  # voxels
+    assert extent.samples_for(1, True, small) == 1 and extent.samples_for(6, False, large) == 6
+    assert extent.is_shapes({"disc": {}}) and extent.is_shapes({"object": {"kind": "pmma_disc"}})
+    assert not extent.is_shapes({}) and not extent.is_shapes({"object": {"mask": "m.nii"}})
+
+
 @pytest.mark.parametrize("repeats", [1, 4])
 def test_noise_of_some_views_is_that_of_all(monkeypatch, repeats):
     """One view of seven has a seventh of the rays: photons within five standard errors of the truth, and of all."""

@@ -44,7 +44,7 @@ def drawn(path, *shape):
 def test_rays_are_those_of_the_views_that_are_fitted():
     assert counted().rays == 180 * 16 * 128 * 2**2 and counted().pixels == 180 * 16 * 128
     assert counted(view_step=7).rays == math.ceil(180 / 7) * 16 * 128 * 4
-    assert counted(samples=3).rays == 180 * 16 * 128 * 9
+    assert counted((60, 16, 128), samples=3).rays == 60 * 16 * 128 * 9
     # Of a fan beam all rays of a pixel lie in its plane.
     assert counted((180, 1, 512)).rays == 180 * 512 * 2
     assert counted((984, 64, 888), samples=1).rays <= MOST_FITTED

@@ -46,6 +46,7 @@ def described(asked: Asked, recording: Recording, prepared: Prepared, effects: S
         "sensor": f"{label(sensor.material)}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
         "photons per pixel in air": photons,
         "data": f"{len(recording.repeats)} repeats, {_views_of(prepared.step)}; not fitted: {prepared.held}",
+        "rays per pixel and direction": f"{prepared.fitter.model.chain.samples}",
         "alignment, standard deviations stated": known or "none: the defaults",
         "physics declared": ", ".join(map(label, settings.baseline)) or "none",
         "effects tried": ", ".join(map(label, effects)) or "none: physics taken from another recording",

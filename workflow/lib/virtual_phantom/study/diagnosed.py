@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ..base.errors import InputError
 from ..diagnosis.candidates import OF_ONE_SCAN, candidates, check_accuracy, check_kinds
-from ..diagnosis.extent import step_for
+from ..diagnosis.extent import is_shapes, samples_for, step_for
 from ..physics.effect import image_effects, require
 from ..physics.object_files import path_of
 from ..recordings.scan import missing_for_geometry, timed
@@ -424,8 +424,9 @@ class Diagnosis:
         """
         protocol = self.protocol(name)
         scan = protocol["scan"] if protocol else self.recordings.content(name)["scan"]
-        views, samples = protocol["projections"] if protocol else scan["views"], self.settings[name]["samples"]
-        shape = views, scan["rows"], scan["columns"]
-        step = 1 if protocol else self.settings[name]["view_step"] or step_for(shape, samples)
+        settings = self.settings[name]
+        shape = protocol["projections"] if protocol else scan["views"], scan["rows"], scan["columns"]
+        samples = samples_for(settings["samples"], is_shapes(settings), shape)
+        step = 1 if protocol else settings["view_step"] or step_for(shape, samples)
         rays = math.prod(shape) / 1e6
         return int(1500 + READ_BYTES * rays + processes * rays / step * (60 * samples**2 + 500))

@@ -79,8 +79,8 @@ class Settings:
 
     Attributes
     ----------
-    samples : int
-        Rays per detector pixel and direction.
+    samples : int or None
+        Rays per detector pixel and direction; None: as many as extent.samples_for says.
     view_step : int or None
         One view of so many is used; None: as few as fits can take.
     alignment : mapping of str to float
@@ -98,7 +98,7 @@ class Settings:
         {effect: {parameter: {value, sd}}}: physics that is known (core.declared).
     """
 
-    samples: int
+    samples: int | None
     view_step: int | None
     alignment: Mapping[str, float]
     nominal_photons: float | None = None
@@ -122,6 +122,11 @@ class Settings:
     def of_phantom(self) -> bool:
         """Whether the study's phantom was scanned."""
         return self.disc is None and self.object is None
+
+    @property
+    def of_shapes(self) -> bool:
+        """Whether a disc or an object of shapes was."""
+        return self.disc is not None or isinstance(self.object, ShapesObject)
 
 
 def _kind_of(section: Mapping) -> type:

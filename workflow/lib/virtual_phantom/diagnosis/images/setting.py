@@ -17,6 +17,7 @@ from ..core.asked import Asked, Labels
 from ..core.attribute import Choice
 from ..core.declared import BASELINE, declared
 from ..core.fit import Fit
+from ..extent import samples_for
 from ..projections.numerical import model_and_floor
 from ..projections.scanned import scene_of
 from .agreement import Features
@@ -49,7 +50,8 @@ def ready_images(recording: ImagesRecording, asked: Asked, labels: Labels) -> Pr
     """
     protocol, settings = asked.protocol, asked.settings
     scene = scene_of(asked)
-    chains = model_and_floor(scene, protocol.geometry, settings.samples, sensor=labels.sensor, readout=AIR)
+    samples = samples_for(settings.samples, settings.of_shapes, protocol.geometry.shape)
+    chains = model_and_floor(scene, protocol.geometry, samples, sensor=labels.sensor, readout=AIR)
     whole = replace(recording.grid, centre_mm=(0.0, 0.0, 0.0))
     valid = complete(protocol.geometry, whole)
     slices = central_slices(valid)

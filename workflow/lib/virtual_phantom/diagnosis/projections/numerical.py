@@ -17,7 +17,13 @@ from ..core.linearisation import NOMINAL, LinearisationPoint
 # log score; errors that follow are not.
 MOST_STRAY = 500.0
 KEPT = 4  # linearisation points: those that a choice goes back to
-FINER = 2  # times as many rays per pixel and direction as the model has: what these change is its error
+# Times as many rays per pixel and direction as the model has, what these change being its error: of voxels, and of what
+# has path lengths in closed form. Edges of shapes are as sharp as can be: of a body with three inserts, 4 repeats of
+# 1e5 photons and 2 rays, the error has a chi-square of 740,000 in 46,080 rays. Twice as many rays leave 150,000 of it,
+# four times 30,000 (of voxels with sharp edges: 2,400 and 380).
+FINER, FINER_OF_SHAPES = 2, 4
+# Of what finer steps change: what is left of it once it is fitted, as errors of higher order are alike in no two rays.
+LEFT = {"rays": 1.0, "voxels": 1 / 3}
 
 
 def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tuple[Chain, Chain]:
@@ -37,10 +43,10 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
     -------
     model, floor : Chain
     """
-    fitted = PosedScene(scene, samples) if hasattr(scene, "slopes") else scene
+    voxels = hasattr(scene, "slopes")
     return (
-        Chain(fitted, geometry, samples=samples, **more),
-        Chain(scene, geometry, samples=FINER * samples, **more),
+        Chain(PosedScene(scene, samples) if voxels else scene, geometry, samples=samples, **more),
+        Chain(scene, geometry, samples=(FINER if voxels else FINER_OF_SHAPES) * samples, **more),
     )
 
 
@@ -79,6 +85,16 @@ class Numerical:
             By name.
         """
         return self._made(linearisation)[0]
+
+    def left(self) -> tuple[np.ndarray, ...]:
+        """What is left of each error once it is fitted, in the order of `names`.
+
+        Returns
+        -------
+        tuple of ndarray, shape (views, rows, columns)
+            Standard deviations.
+        """
+        return tuple(LEFT[name] * error for name, error in self.at().items())
 
     def strayed(self, linearisation: LinearisationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
         """Whether line integrals lie too far off those of a linearisation point.

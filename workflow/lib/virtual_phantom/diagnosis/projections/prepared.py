@@ -33,8 +33,6 @@ from .observed import PARTS, ObservedScans, Scans, observe
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
 SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20 000 are taken for distances or offsets
-# Of a numerical distortion: what is left of it once it is fitted, as errors of higher order are alike in no two rays.
-LEFT = {"rays": 1.0, "voxels": 1 / 3}
 MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
@@ -237,7 +235,7 @@ def prepare(
     whole = observe(taken, reference, blocks)
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
-    left = tuple(LEFT[name] * one for name, one in numerical.at().items())
+    left = numerical.left()
     fitted, held, words = split(taken, further)
     correlations = WHITE if single else _correlations(taken, clean, variance)
     data, held_out = (

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import yaml
 
 from ...base.errors import refusing
-from ...diagnosis.extent import rays_of, step_for
+from ...diagnosis.extent import is_shapes, rays_of, samples_for, step_for
 from ...physics.object_files import path_of
 
 STAGE = "diagnose"
@@ -106,9 +106,10 @@ def extent(settings: Mapping, shape: tuple[int, int, int], effects: int, phantom
         If what was scanned is a file that cannot be read.
     """
     views, rows, columns = shape
-    step = settings.get("view_step") or step_for(shape, settings["samples"])
+    samples = samples_for(settings.get("samples"), is_shapes(settings), shape)
+    step = settings.get("view_step") or step_for(shape, samples)
     fitted = math.ceil(views / step), rows, columns
-    rays = rays_of(fitted, settings["samples"])
+    rays = rays_of(fitted, samples)
     return Extent(math.prod(fitted), rays, _planes(settings, phantom), effects, settings["check_setup"])
 
 
