@@ -48,7 +48,7 @@ def one(task):
     draw, step = task
     draws.GEOMETRY = GEOMETRY
     random = np.random.default_rng(np.random.SeedSequence(20261124, spawn_key=(draw,)))
-    scene = draws.shapes_scene() if draw % 2 else draws.scene()
+    scene = draws.scene()
     chain = Chain(scene, GEOMETRY, draws.PHOTONS, samples=2 * SAMPLES)
     model, floor = model_and_floor(scene, GEOMETRY, SAMPLES, photons=draws.PHOTONS)
     options = {"floor_chain": floor, "nominal_photons": draws.PHOTONS}

@@ -84,6 +84,7 @@ class Case:
     scanned: dict = field(default_factory=dict)
     effects: tuple = ()  # that are tried; none: all
     held_out: bool = False
+    repeats: int = REPEATS
 
 
 PHANTOM, MASK = {}, {"object": {"mask": "mask.nii.gz", "material": "pmma"}}
@@ -165,7 +166,7 @@ def written(case, folder):
     chain = Chain(scene, geometry, PHOTONS, samples=section["samples"] + 1)
     state = chain.state(checked(dict.fromkeys(case.lacks, {})))
     air = state.measured_air * state.photons
-    files = [f"{number}.h5" for number in range(REPEATS)]
+    files = [f"{number}.h5" for number in range(case.repeats)]
     for file in files:
         lines = -np.log(np.maximum(state.counts(random), 0.5) / air)
         write_line_integrals(folder / file, lines.astype(np.float32), geometry)

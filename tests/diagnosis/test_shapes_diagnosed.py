@@ -65,7 +65,7 @@ def test_what_was_left_out_is_named(bench):
 
 @pytest.mark.parametrize("enough", [False, True])
 def test_edges_that_few_rays_miss_are_no_physics(enough, tmp_path, monkeypatch):
-    """Of the module alone, as a detector sees it that has no rays; two per direction, held against four, show effects."""
+    """Of the module alone, as a real detector sees it. Two per direction, held against four, show effects."""
     if not enough:
         monkeypatch.setattr(numerical, "FINER_OF_SHAPES", numerical.FINER)
     tried = ["source_distance", "off_focal_radiation", "view_blur", "focal_spot"]

@@ -1,0 +1,112 @@
+"""What the time of a diagnosis grows with: rays, voxels, effects, repeats and cores, one at a time.
+
+    python benchmarks/diagnosis_growth.py --out results/benchmarks
+
+Scans with scatter left out, of the study's phantom, by the library's own chain, each diagnosed from its folder to its
+page in a Python of its own. Writes diagnosis_growth.csv and diagnosis_growth.png with the exponent of each: seconds go
+with size to that power, start and page included. Run it on cores that do nothing else.
+"""
+
+import argparse
+import csv
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from diagnosis_rates import Case, every_effect, run, written
+
+from virtual_phantom.figures import style
+
+# Effects in the order in which they are tried first, so that the one that is missing is always among them.
+EFFECTS = tuple(["scatter", *(case.name for case in every_effect() if case.name != "scatter")])
+COLUMNS, ROWS, VIEWS, ACROSS = 64, 8, 90, 128
+SERIES = {
+    "rays": (1, 2, 4, 8),  # times as many views
+    "voxels": (64, 128, 256, 384),  # across
+    "effects": (3, 9, 27),
+    "repeats": (4, 8, 16),
+    "cores": (1, 2),
+}
+
+
+def case_of(of, value):
+    """The recording of a place of a series, and how many processes diagnose it."""
+    views = VIEWS * (value if of == "rays" else 1)
+    across = value if of == "voxels" else ACROSS
+    effects = EFFECTS[: value if of == "effects" else len(EFFECTS)]
+    repeats = value if of == "repeats" else 4
+    case = Case(f"{of}_{value}", COLUMNS, ROWS, views, ("scatter",), across, effects=effects, repeats=repeats)
+    return case, value if of == "cores" else 1
+
+
+def size_of(of, value, extent):
+    """What is on the axis."""
+    return {"rays": extent.rays, "voxels": value**2 * 24}.get(of, value)
+
+
+def measured(rounds):
+    """Rows of what, its size, and the median of seconds by the clock."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for of, values in SERIES.items():
+            for value in values:
+                case, processes = case_of(of, value)
+                place = Path(folder) / case.name
+                extent = written(case, place)
+                runs = [run(place, processes, False) for _ in range(rounds)]
+                seconds = float(np.median([sum(parts.values()) for parts, _ in runs]))
+                row = {"of": of, "size": size_of(of, value, extent), "seconds": round(seconds, 2)}
+                rows.append(row | {"found": "+".join(runs[0][1]) or "none"})
+                print(rows[-1], flush=True)
+    return rows
+
+
+def exponents(rows):
+    """{of: the power that fits all sizes of it}."""
+    found = {}
+    for of in dict.fromkeys(row["of"] for row in rows):
+        size, seconds = np.array([(row["size"], row["seconds"]) for row in rows if row["of"] == of], float).T
+        found[of] = float(np.polyfit(np.log(size), np.log(seconds), 1)[0])
+    return found
+
+
+@style.styled(grid=True)
+def drawn(rows, powers):
+    """One panel for each, on logarithmic axes."""
+    figure = style.figure(style.DOUBLE_COLUMN_MM, 48)
+    axes = figure.subplots(1, len(powers), sharey=True)
+    for axis, (of, power) in zip(axes, powers.items(), strict=True):
+        size, seconds = np.array([(row["size"], row["seconds"]) for row in rows if row["of"] == of], float).T
+        line = np.exp(np.log(seconds).mean() + power * (np.log(size) - np.log(size).mean()))
+        axis.loglog(size, line, color="0.6", linewidth=1)
+        axis.loglog(size, seconds, "o")
+        axis.set(xlabel=of, title=f"power {power:.2f}")
+        axis.set_xticks(
+            [size[0], size[-1]], [f"{one / 1e6:.2g} M" if one >= 1e4 else f"{one:g}" for one in size[[0, -1]]]
+        )
+        axis.minorticks_off()
+    axes[0].set_ylabel("seconds")
+    low, high = (min(row["seconds"] for row in rows), max(row["seconds"] for row in rows))
+    ticks = [tick for tick in (5, 10, 20, 50, 100, 200) if low / 1.5 <= tick <= high * 1.5]
+    axes[0].set_yticks(ticks, [f"{tick}" for tick in ticks])
+    return figure
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("results/benchmarks"))
+    parser.add_argument("--rounds", type=int, default=1, help="diagnoses of each recording")
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    rows = measured(options.rounds)
+    powers = exponents(rows)
+    with open(options.out / "diagnosis_growth.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, [*rows[0], "exponent"])
+        writer.writeheader()
+        writer.writerows(row | {"exponent": round(powers[row["of"]], 3)} for row in rows)
+    style.save(drawn(rows, powers), [options.out / "diagnosis_growth.png"])
+    print({of: round(power, 2) for of, power in powers.items()})
+
+
+if __name__ == "__main__":
+    main()
