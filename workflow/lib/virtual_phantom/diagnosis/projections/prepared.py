@@ -12,7 +12,7 @@ from scipy.sparse import sparray
 from ...base.errors import InputError
 from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
-from ..core.alignment import NOMINAL_PHOTONS_SD, nuisances
+from ..core.alignment import NOMINAL_PHOTONS_SD, nuisances, pose_of
 from ..core.correlated import WHITE, Correlations, Whitening, estimated, of_state
 from ..core.fit import Fit, Fitter
 from ..core.linearisation import before_images
@@ -29,6 +29,7 @@ from .locate import excess_at_edges, locate
 from .model import ScansModel
 from .numerical import Numerical
 from .observed import PARTS, ObservedScans, Scans, observe
+from .piece import found as piece_of
 
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
@@ -83,8 +84,14 @@ class PreparedScans(Prepared):
         """As Prepared.kinds."""
         model = self.fitter.model
         lines = model.predict(fit.physics, fit.nuisance, self.data, fit.linearisation).mean
-        source = model.chain.geometry.by_vectors().source_mm
-        return kinds(lines, np.arctan2(source[:, 1], source[:, 0]), self.usable, self.held != BY_VIEW)
+        geometry, scene = model.chain.geometry, model.chain.scene
+        source = geometry.by_vectors().source_mm
+        yield from kinds(lines, np.arctan2(source[:, 1], source[:, 0]), self.usable, self.held != BY_VIEW)
+        left, pose = self.half(fit, held_out=False), pose_of(fit.nuisance)
+        residual, weight = (one[0].reshape(lines.shape) for one in (left.residuals, left.weights))
+        piece = piece_of(self.data.as_recorded(residual), weight, geometry, scene.radius_mm, pose)
+        if piece is not None:
+            yield piece.words(scene.energy_kev), piece.lengths_mm(geometry, pose).reshape(-1, 1)
 
     def recorded(self) -> np.ndarray:
         """As Prepared.recorded."""

@@ -1,0 +1,174 @@
+"""A piece of the object that differs from what was stated: the one whose projections explain most of what a fit leaves.
+
+An insert that is missing, a bubble or something that lies in the object is alike in all views but for where they see
+it. Hardening, scatter and glare change the whole object, so that a piece is small beside it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import signal
+from scipy.optimize import minimize
+
+from ...base.errors import InputError
+from ...base.geometry import Grid, ScanGeometry
+from ...physics.materials import attenuation_per_mm
+from ...physics.scene import IN_PLACE, Pose
+from ...physics.shapes import Shape, ShapesScene, cylinder, ellipsoid
+from ...projectors.cpu import CpuProjector
+
+ACROSS = 64  # voxels of the grid on which a piece is looked for, over the object's width
+RADII = (1.0, 2.0, 4.0, 8.0)  # that are tried there, in voxels: up to a quarter of the object's width
+# Radius over the object's reach: what is larger is no piece of it, and could stand for what hardening and scatter do.
+LARGEST = 0.25
+STEPS = 120  # of the simplex that finds place and radius
+FEWEST_VOXELS = 0.5  # radius of the smallest piece: rays of a scan pass by smaller ones
+# Sum of squares of a ray's lengths over the sum of lengths, for radius 1: of a ball, and of a rod seen from its side.
+OF_BALL, OF_ROD = 1.5, 16 / (3 * np.pi)
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A ball, or a rod along z through all slices.
+
+    Attributes
+    ----------
+    place_mm : tuple of 3 float
+        Of its middle in the object, x, y and z.
+    radius_mm : float
+    rod : bool
+    more_per_mm : float
+        By how much it attenuates more than was stated, 1/mm.
+    """
+
+    place_mm: tuple[float, float, float]
+    radius_mm: float
+    rod: bool
+    more_per_mm: float = 0.0
+
+    @property
+    def shape(self) -> Shape:
+        """It as a shape, of any material."""
+        if self.rod:
+            return cylinder("water", self.place_mm, self.radius_mm)
+        return ellipsoid("water", self.place_mm, [self.radius_mm] * 3)
+
+    def lengths_mm(self, geometry: ScanGeometry, pose: Pose = IN_PLACE) -> np.ndarray:
+        """Path lengths of the rays to the pixels' centres in it, shape (views, rows, columns)."""
+        return ShapesScene([self.shape]).path_lengths(geometry, pose)[0].astype(np.float64)
+
+    def words(self, energy_kev: float) -> str:
+        """What it is, after "what is left".
+
+        Parameters
+        ----------
+        energy_kev : float
+            At which HU are counted, keV.
+
+        Returns
+        -------
+        str
+        """
+        water = float(attenuation_per_mm("water", [energy_kev])[0])
+        x, y, z = self.place_mm
+        where = f"x {x:.0f}, y {y:.0f}" + ("" if self.rod else f", z {z:.0f}") + " mm"
+        what = "a rod along z" if self.rod else "a piece"
+        return (
+            f"is like {what} of the object, {2 * self.radius_mm:.2g} mm wide at {where}, that differs from what was "
+            f"stated by {1000 * self.more_per_mm / water:+.0f} HU"
+        )
+
+
+def found(
+    residual: np.ndarray, weight: np.ndarray, geometry: ScanGeometry, reach_mm: float, pose: Pose = IN_PLACE
+) -> Piece | None:
+    """The ball or rod whose projections explain most of a residual.
+
+    Parameters
+    ----------
+    residual, weight : ndarray, shape (views, rows, columns)
+        Of line integrals, and their inverse variances.
+    geometry : ScanGeometry
+    reach_mm : float
+        How far the object reaches from its axis, mm.
+    pose : Pose, optional
+        Of the object.
+
+    Returns
+    -------
+    Piece or None
+        None where rays do not lie in the order that a back-projection needs, and where nothing is to be explained.
+    """
+    begun = _looked_for(residual, weight, geometry, reach_mm)
+    least = FEWEST_VOXELS * 2 * reach_mm / ACROSS
+    best, most = None, 0.0
+    for start in begun:
+        free = [0, 1] if start.rod else [0, 1, 2]
+
+        def piece(numbers: Sequence[float], start: Piece = start, free: Sequence[int] = free) -> Piece:
+            place = np.array(start.place_mm)
+            place[free] = numbers[:-1]
+            radius = float(np.clip(np.exp(numbers[-1]), least, LARGEST * reach_mm))
+            return Piece((float(place[0]), float(place[1]), float(place[2])), radius, start.rod)
+
+        def explained(one: Piece) -> tuple[float, float]:
+            """Chi-square, and by how much it attenuates more, 1/mm."""
+            lengths = one.lengths_mm(geometry, pose)
+            along, square = float((weight * residual * lengths).sum()), float((weight * lengths**2).sum())
+            return (along**2 / square, along / square) if square > 0 else (0.0, 0.0)
+
+        first = np.array([*np.array(start.place_mm)[free], np.log(start.radius_mm)])
+        spread = [start.radius_mm / 2] * len(free) + [0.3]
+        simplex = np.vstack([first, *(first + np.eye(len(first))[k] * spread[k] for k in range(len(first)))])
+        result = minimize(
+            lambda numbers: -explained(piece(numbers))[0],
+            first,
+            method="Nelder-Mead",
+            options={"initial_simplex": simplex, "maxfev": STEPS, "xatol": 0.05, "fatol": 0.1},
+        )
+        one = piece(result.x)
+        chi_square, more = explained(one)
+        if chi_square > most:
+            best, most = Piece(one.place_mm, one.radius_mm, one.rod, more), chi_square
+    return best
+
+
+def _looked_for(residual: np.ndarray, weight: np.ndarray, geometry: ScanGeometry, reach_mm: float) -> list[Piece]:
+    """The best ball and the best rod on a coarse grid, by back-projection.
+
+    A ball's projections are the sums of those of its voxels. So its matched filter is the sum over the ball of the
+    back-projected residual, and the square of its projections about that of the weights times its width.
+    """
+    spacing = 2 * reach_mm / ACROSS
+    high = geometry.rows * geometry.row_pitch_mm / geometry.magnification
+    slices = max(1, round(min(high, 2 * reach_mm) / spacing))
+    middle = float(geometry.source_mm[:, 2].mean())
+    grid = Grid((slices, ACROSS, ACROSS), (spacing, spacing, spacing))
+    try:
+        projector = CpuProjector(geometry, grid, lanes=2, centre_mm=(0.0, 0.0, middle))
+    except InputError:  # a detector that is turned, or an object that the source does not go round
+        return []
+    packed = projector.pack_projections(np.stack([weight * residual, weight]).astype(np.float32))
+    back = projector.unpack_volume(projector.adjoint(packed)).astype(np.float64)
+    z, y, x = grid.axes_mm()
+    found = {}
+    for radius in RADII:
+        half = np.arange(-int(radius), int(radius) + 1)
+        square = half[:, None, None] ** 2 + half[:, None] ** 2 + half**2
+        ball = (square <= radius**2).astype(float)
+        disc = (half[:, None] ** 2 + half**2 <= radius**2).astype(float)
+        along, weighed = (signal.fftconvolve(one, ball, mode="same") for one in back)
+        flat, flat_weighed = (signal.fftconvolve(one.sum(axis=0), disc, mode="same") for one in back)
+        width = radius * spacing
+        for rod, one, of, shape in ((False, along, weighed, OF_BALL), (True, flat, flat_weighed, OF_ROD)):
+            seen = of > 1e-3 * of.max()
+            gain = np.where(seen, one**2 / np.where(seen, shape * width * of, 1.0), 0.0)
+            at = np.unravel_index(int(np.argmax(gain)), gain.shape)
+            if gain[at] > found.get(rod, (0.0,))[0]:
+                row, column = at[-2:]
+                height = 0.0 if rod else float(z[at[0]]) + middle
+                found[rod] = float(gain[at]), Piece((float(x[column]), float(y[row]), height), width, rod)
+    return [piece for _, piece in found.values()]
