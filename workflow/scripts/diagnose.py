@@ -57,7 +57,10 @@ with job(snakemake) as log:
             prepared, found = hold_against(recording.name, prepared, physics, params.same_material, kept)
         else:
             processes = snakemake.threads
-            prepared, found = explain(recording.name, prepared, effects, params.accuracy, processes, kept, how_far)
+            differ = asked.settings.object_may_differ
+            prepared, found = explain(
+                recording.name, prepared, effects, params.accuracy, processes, kept, how_far, differ
+            )
         if "record" in given.keys():
             found = replace(found, content=with_coverage(found.content, read(given.record)))
         tried = [] if "physics" in given.keys() else effects

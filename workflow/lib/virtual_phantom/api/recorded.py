@@ -69,7 +69,7 @@ def diagnose(
         Thresholds in the place of those under `diagnosis.matters` in the configuration.
     **settings
         As under `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
-        `check_setup`.
+        `check_setup`, `object_may_differ`.
 
     Returns
     -------
@@ -120,7 +120,8 @@ def diagnose(
         if setup.kind in VERDICTS:
             return Diagnosis(None, [], [], verdict(setup, read, asked))
     _, prepared = ready(asked, read)
-    prepared, found = explain(read.name, prepared, tried, defaults_of("diagnosis", "model_accuracy"), processes)
+    accuracy, differ = defaults_of("diagnosis", "model_accuracy"), asked.settings.object_may_differ
+    prepared, found = explain(read.name, prepared, tried, accuracy, processes, object_may_differ=differ)
     table = agreement(read, prepared, found.choice, asked, Branch.AGREEMENT, _regions(asked, read), practice=True)
     content = in_practice(found.content | {"agreement": table}, defaults_of("diagnosis", "matters") | (matters or {}))
     return replace(found, content=content if setup is None else content | {"setup": setup.content})

@@ -8,6 +8,7 @@ from dataclasses import replace
 from .core.attribute import Choice, choose
 from .core.how_far import ALIGNED, JUDGED, HowFar
 from .core.kept import KeptFits
+from .core.object_differs import differing, mended, no_physics
 from .core.prepared import Prepared
 from .core.trials import trials
 from .core.verdict import Diagnosis, diagnose
@@ -22,6 +23,7 @@ def explain(
     processes: int = 1,
     kept: KeptFits | None = None,
     how_far: HowFar | None = None,
+    object_may_differ: bool | float = False,
 ) -> tuple[Prepared, Diagnosis]:
     """Choose the effects that explain a recording, and judge them.
 
@@ -40,6 +42,9 @@ def explain(
         As choose takes them.
     how_far : HowFar, optional
         What is told while it goes on.
+    object_may_differ : bool or float, optional
+        Whether pieces of the object that explain more than any effect are mended before effects are chosen; a number:
+        those that are at most so wide, mm.
 
     Returns
     -------
@@ -47,15 +52,21 @@ def explain(
         With the noise by which the recording was judged.
     diagnosis : Diagnosis
     """
-    how_far = how_far or HowFar()
+    how_far, numerical, pieces = how_far or HowFar(), accuracy.get("numerical", 0.0), []
+    if object_may_differ is not False:
+        widest = float("inf") if object_may_differ is True else object_may_differ
+        prepared, pieces = mended(prepared, effects, numerical, processes, widest)
+    kept = None if pieces else kept  # which knows of no pieces
 
     def choice(one: Prepared, kept: KeptFits | None) -> Choice:
         (baseline,) = trials(one.fitter, [((),)], kept=kept)
         how_far.reached(ALIGNED)
+        if not pieces and (piece := differing(one, baseline, effects, numerical, processes, how_far)):
+            return no_physics(baseline, piece)
         return choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far)
 
     prepared, chosen = _settled(prepared, choice, kept)
-    found = diagnose(name, prepared, chosen)
+    found = diagnose(name, prepared, chosen, pieces)
     how_far.reached(JUDGED)
     return prepared, found
 

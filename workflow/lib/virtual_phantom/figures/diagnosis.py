@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 
 import numpy as np
 import seaborn
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 
 from ..io.volumes import Volume
@@ -204,6 +205,37 @@ def draw_ranking(gains: Mapping[str, float], chosen: tuple[str, ...], fitted: Co
     axes.set_xlabel(
         "gain on data not fitted (log score), each effect alone\nblue: in the verdict; pale: estimated, not fitted"
     )
+    return figure
+
+
+@style.styled()
+def draw_pieces(scanned: Volume, pieces: Sequence[Mapping]) -> Figure:
+    """Pieces of the object that differ from what was stated, each in the slice of its middle.
+
+    Parameters
+    ----------
+    scanned : Volume
+        What was stated, HU.
+    pieces : sequence of mapping
+        As diagnosis.json has them: x_mm, y_mm, z_mm, width_mm and hu.
+
+    Returns
+    -------
+    Figure
+    """
+    down, across = (len(pieces) + 1) // 2, min(len(pieces), 2)
+    figure = style.figure(style.SINGLE_COLUMN_MM * across, 66 * down)
+    panels = figure.subplots(down, across, squeeze=False).ravel()
+    heights = scanned.grid.axes_mm()[0]
+    for axes, one in zip(panels, pieces, strict=False):
+        z = len(heights) // 2 if one["z_mm"] is None else int(np.argmin(np.abs(heights - one["z_mm"])))
+        axial.show(axes, scanned.array[z], scanned.grid, axial.edges_mm(scanned.grid))
+        x, y = np.array([one["x_mm"], one["y_mm"]]) + scanned.grid.centre_mm[:2]
+        axes.add_patch(Circle((x, y), one["width_mm"] / 2, fill=False, color=style.ORANGE, linewidth=1.2))
+        axes.set_title(f"{one['hu']:+.0f} HU, {one['width_mm']:.2g} mm wide")
+        axial.scale_bar(axes)
+    for axes in panels[len(pieces) :]:
+        axes.remove()
     return figure
 
 

@@ -233,6 +233,8 @@ class Chain:
             seen = seen + weight
         if any(np.ndim(weight) for *_, weight in state.sources):  # a collimator hides points of the source
             air = air * seen
+        if state.added is not None:
+            total = total * np.exp(-state.added)
         if beam is None:  # one energy: filters thin the beam and no more
             total = total * thinned
         state.air = np.broadcast_to(air * state.fluence, (state.fluence.shape[0], *total.shape[2:])).copy()

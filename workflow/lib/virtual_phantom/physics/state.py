@@ -31,6 +31,8 @@ class State:
         lowers it and stands nowhere else.
     motion_mm : ndarray, shape (views, 3), or None
         Displacement of the object, mm.
+    added : ndarray, shape (views, rows, columns), or None
+        Line integrals of what lies in the object beside what the scene has.
     anode : Anode
         Of the tube.
     sensor : Sensor
@@ -81,6 +83,7 @@ class State:
     geometry: ScanGeometry
     photons: float = 1e5
     motion_mm: np.ndarray | None = None
+    added: np.ndarray | None = None
     anode: Anode = TUNGSTEN
     sensor: Sensor = SENSOR
     spectrum: Spectrum | None = None

@@ -77,6 +77,7 @@ def page(
         ranking=picture(figures.draw_ranking(choice.alone, choice.chosen.fit.effects, choice.singles))
         if choice.alone
         else None,
+        pieces=_pieces(content, scanned),
         object=None if scanned is None else picture(figures.draw_object(scanned)),
         domains=DOMAINS,
         quantities=UNITS,
@@ -85,6 +86,12 @@ def page(
         version=__version__,
         date=date.today().isoformat(),
     )
+
+
+def _pieces(content: dict, scanned: Volume | None) -> str | None:
+    """The pieces of the object that differ, drawn in what was stated of it."""
+    found = content.get("object", {}).get("pieces", [])
+    return picture(figures.draw_pieces(scanned, found)) if found and scanned is not None else None
 
 
 def residual_maps(diagnosis: Diagnosis, prepared: Prepared) -> tuple[np.ndarray, np.ndarray]:

@@ -1,5 +1,7 @@
 """Words for readers of a diagnosis: domains in which differences are looked for, and nuisance parameters."""
 
+from ..diagnosis.core.object_differs import MOST_PIECES
+
 # {domain: what is compared there}. Those of ONE_SIDED are tested for too much only.
 DOMAINS = {
     "columns": "mean difference of every detector column",
@@ -35,4 +37,8 @@ NUISANCES = {
     "size": ("size of the object over the stated one", ""),
     "rays": ("error of one ray per pixel, over the expected one", ""),
     "voxels": ("error of the phantom's voxels, over the expected one", ""),
+    **{
+        f"piece_{n}": (f"piece {n} of the object that was mended: attenuation over the stated one", "1/mm")
+        for n in range(1, MOST_PIECES + 1)
+    },
 }

@@ -94,6 +94,8 @@ class Settings:
         Name of the protocol that simulates a recording of images.
     check_setup : bool
         Whether the description of the scan is doubted first.
+    object_may_differ : bool or float
+        As course.explain takes it.
     baseline : mapping
         {effect: {parameter: {value, sd}}}: physics that is known (core.declared).
     """
@@ -106,6 +108,7 @@ class Settings:
     object: MaskedObject | LabelledObject | ShapesObject | None = None
     protocol: str | None = None
     check_setup: bool = False
+    object_may_differ: bool | float = False
     baseline: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
 
     @classmethod

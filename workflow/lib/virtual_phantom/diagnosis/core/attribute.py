@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TYPE_CHECKING
 
 from ...io.schema import defaults_of
 from .fit import Fit, Fitter
@@ -13,6 +14,9 @@ from .kept import KeptFits
 from .screening import Screened, screened
 from .trial import Trial, chance
 from .trials import trials
+
+if TYPE_CHECKING:
+    from .outside import Change
 
 # Of an effect's likelihood ratio, over all candidates; a choice. Of 32 scans of the proof with nothing left out, an
 # effect was named in 1.
@@ -60,6 +64,8 @@ class Choice:
         {effect: the fit without it, the others and the alignment refitted}.
     numerical : float
         Share by which the corrections for finite steps may be off.
+    piece : Change or None
+        The piece of the object that explains more than any effect, if there is one: then no effect is chosen.
     """
 
     baseline: Trial
@@ -73,6 +79,7 @@ class Choice:
     undecided: dict[str, float] = field(default_factory=dict)
     without: dict[str, Fit] = field(default_factory=dict)
     numerical: float = 0.0
+    piece: Change | None = None
 
     def ambiguous_with(self, effect: str) -> list[str]:
         """Effects that explain the data as well in its place."""

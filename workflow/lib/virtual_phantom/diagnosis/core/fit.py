@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -99,6 +100,12 @@ class Fitter:
         self.model, self.data, self.held_out = model, data, held_out
         self.weights = data.weights(variance, floor)
         self.held_weights = held_out.weights(variance, floor)
+
+    def of(self, model: Model) -> Fitter:
+        """The same data with the same weights, of another model."""
+        found = copy.copy(self)
+        found.model = model
+        return found
 
     def fit(self, effects: tuple[str, ...], given: Fit | None = None) -> Fit:
         """Refit all parameters of these effects and the alignment.

@@ -18,7 +18,7 @@ from .attribute import Choice
 from .fit import Fit, Problem
 from .locate import KINDS, Half, Location
 from .observed import Observed
-from .prepared import Prepared
+from .prepared import PieceOfObject, Prepared
 from .steps import Known
 from .templates import SMALL, whitened
 from .uncertainty import of_both_halves
@@ -42,12 +42,15 @@ class Change:
     gain : float
         Log score of the data held out that the change would add, its size shrunk for what noise alone gives
         (W. James and C. Stein, Proc. 4th Berkeley Symp. 1, 361, 1961).
+    piece : PieceOfObject or None
+        Where it is one of the object.
     """
 
     words: str
     z: float
     p: float
     gain: float
+    piece: PieceOfObject | None = None
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,11 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
         change = _change(fitted, held, residuals, inverse, directions, fit.pattern_variance, of_steps)
         if change is not None:
             found.append(Change(words, *change))
+    piece = prepared.piece(fit)
+    if piece is not None:
+        change = _change(fitted, held, residuals, inverse, piece.directions, fit.pattern_variance, of_steps)
+        if change is not None:
+            found.append(Change(piece.words, *change, piece))
     return sorted(found, key=lambda one: one.p)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -14,6 +14,25 @@ from .fit import Fit, Fitter
 from .locate import Half, Location
 from .look import Look
 from .observed import Observed
+
+
+@dataclass(frozen=True)
+class PieceOfObject:
+    """A piece of the object that may differ from what was stated.
+
+    Attributes
+    ----------
+    words : str
+        What it is, after "what is left".
+    content : mapping
+        What diagnosis.json holds of it.
+    directions : ndarray, shape (mean data, 1)
+        Path lengths in it, mm.
+    """
+
+    words: str
+    content: Mapping
+    directions: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -105,6 +124,34 @@ class Prepared(ABC):
         iterable of tuple of str and ndarray or sparse array, shape (mean data, directions)
         """
         return ()
+
+    def piece(self, fit: Fit) -> PieceOfObject | None:
+        """The piece of the object whose change would explain most of what a fit leaves of the data fitted.
+
+        Parameters
+        ----------
+        fit : Fit
+
+        Returns
+        -------
+        PieceOfObject or None
+            None where none can be told, and by default.
+        """
+        return None
+
+    def with_piece(self, piece: PieceOfObject) -> Prepared:
+        """The same of an object with that piece, of which only the attenuation is fitted.
+
+        Parameters
+        ----------
+        piece : PieceOfObject
+            As `piece` gives it.
+
+        Returns
+        -------
+        Prepared
+        """
+        raise NotImplementedError
 
     @abstractmethod
     def recorded(self) -> np.ndarray:

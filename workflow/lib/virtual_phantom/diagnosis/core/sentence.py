@@ -34,7 +34,8 @@ def sentence(content: Mapping) -> str:
     """
     recording, verdict = content["recording"], content["verdict"]
     if verdict == MATCH:
-        return f"{recording} and the simulation agree: what they differ by is noise and alignment."
+        text = f"{recording} and the simulation agree: what they differ by is noise and alignment."
+        return text + put_right(content)
     practice = content.get("practice") or {}
     small = practice.get("small", [])
     if verdict == PRACTICAL:
@@ -52,6 +53,13 @@ def sentence(content: Mapping) -> str:
     named = [one["name"] for one in content["effects"] if one["name"] not in small]
     if not named and misstated(content):
         text += "."
+    elif not named and "removes" in content.get("object", {}):
+        (piece,) = content["object"]["pieces"]
+        text += (
+            f"{felt(practice)}, and the object may be another than was stated: what differs {piece['what']}. That "
+            f"would remove {share(content['object']['removes'], content)} of the difference on data not fitted, and no "
+            "effect of the library half as much."
+        )
     elif not named:
         text += f"{felt(practice)}, and no effect of the library explains it."
     elif content["doubts"]:
@@ -62,7 +70,7 @@ def sentence(content: Mapping) -> str:
     else:
         was = "was" if len(named) == 1 else "were"
         text += f"; left out {was} {listed(content, named)}{removed(content, named)}."
-    text += misstated(content)
+    text += misstated(content) + put_right(content)
     if small:
         text += f" Significant too, but less than matters in images ({limits(practice)}): {listed(content, small)}."
     if named and content["unexplained"]:
@@ -80,6 +88,14 @@ def taken(content: Mapping) -> str:
     left = ", ".join(map(label, content["not_taken"]))
     rest = f" Not taken was the {left} of that scan." if left else ""
     return f" The physics is as found on {source}; only the alignment was fitted here.{rest}"
+
+
+def put_right(content: Mapping) -> str:
+    """What was mended of the object before."""
+    found = content.get("object", {})
+    if not found.get("mended"):
+        return ""
+    return f" The object was mended first, where what differed {enumerated([one['what'] for one in found['pieces']])}."
 
 
 def misstated(content: Mapping) -> str:

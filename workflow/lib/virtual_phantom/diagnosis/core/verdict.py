@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -12,9 +13,11 @@ from ...physics.effect import load
 from .attribute import AS_GOOD, LEAST_GAIN, Choice
 from .caveats import caveats
 from .doubts import doubts
+from .fit import Fit
 from .locate import EDGES, KINDS, Location, aligned
 from .model import Model
-from .outside import better, changes, standing_out
+from .object_differs import content_of
+from .outside import Change, better, changes, standing_out
 from .prepared import Prepared
 from .pulls import statements
 from .sentence import MATCH, UNEXPLAINED, sentence
@@ -23,6 +26,10 @@ from .trial import Trial
 
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
 NO_SIGNED_MAP = (EDGES, "both halves", KINDS)  # sums of squares and products
+OBJECT_TURNED = (
+    "the same scan of the object turned by 90 degrees about z: what belongs to the object turns with it, what belongs "
+    "to the scanner stays"
+)
 VERDICTS = (MATCH, "mismatch explained", "mismatch partly explained", UNEXPLAINED)
 
 
@@ -46,7 +53,7 @@ class Diagnosis:
     content: dict
 
 
-def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
+def diagnose(recording: str, prepared: Prepared, choice: Choice, pieces: Sequence[Change] = ()) -> Diagnosis:
     """Judge a choice of effects on the data held out.
 
     Parameters
@@ -55,6 +62,8 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         Its name.
     prepared : Prepared
     choice : Choice
+    pieces : sequence of Change, optional
+        Of the object, which were mended before.
 
     Returns
     -------
@@ -121,6 +130,10 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice) -> Diagnosis:
         "noise_from_one_repeat": prepared.single,
         "caveats": caveats(prepared, choice, fitter.model.tube_kvp, left),
     }
+    if choice.piece is not None:
+        content["object"] = content_of([choice.piece], False, _excess(prepared, choice.baseline.fit))
+    elif pieces:
+        content["object"] = content_of(pieces, True)
     return Diagnosis(choice, before, after, content | {"sentence": sentence(content)})
 
 
@@ -202,6 +215,12 @@ def excess_rms_removed(before: float, after: float, floor: float) -> float | Non
     return float(1 - np.sqrt(max(0.0, after**2 - floor**2) / (before**2 - floor**2)))
 
 
+def _excess(prepared: Prepared, fit: Fit) -> float:
+    """Log score of the data held out that what a fit leaves of their mean costs beyond noise."""
+    half = prepared.half(fit, held_out=True)
+    return float((half.weights[0] * half.residuals[0] ** 2).sum() - (half.weights[0] > 0).sum()) / 2
+
+
 def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
     """Numbers before, after, and what noise alone would give.
 
@@ -279,7 +298,7 @@ def next_measurements(choice: Choice, something_left: bool, ranked: bool) -> lis
     -------
     list of str
     """
-    found = []
+    found = [OBJECT_TURNED] if choice.piece else []
     for name in choice.chosen.fit.effects:
         rivals = choice.ambiguous_with(name)
         if rivals and ranked:

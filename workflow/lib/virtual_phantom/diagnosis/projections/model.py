@@ -43,6 +43,9 @@ class ScansModel(Model):
     ----------
     chain, aligned, anode, tube_kvp, fixed, density, declared
         As Model takes them.
+    pieces : mapping of str to ndarray, shape (views, rows, columns), optional
+        {name of a number of the alignment: path lengths, mm}: what the object has beside what was stated attenuates by
+        so much per mm.
     numerical : Numerical, optional
         Errors of its steps, each a distortion of the line integrals that is fitted within its bounds, since it is alike
         in many rays and no noise; None: there are none.
@@ -58,9 +61,22 @@ class ScansModel(Model):
         density: tuple[float, float] = (1.0, DENSITY_SD),
         numerical: Numerical | None = None,
         declared: Mapping[str, Mapping[str, Statement]] | None = None,
+        pieces: Mapping[str, np.ndarray] | None = None,
     ):
         super().__init__(chain, aligned, anode, tube_kvp, fixed, density, declared)
-        self.numerical = numerical
+        self.numerical, self.pieces = numerical, pieces or {}
+
+    def with_piece(self, number: Nuisance, lengths_mm: np.ndarray) -> ScansModel:
+        """The same with one piece of the object more, whose attenuation is that number of the alignment."""
+        more = {**self.pieces, number.name: lengths_mm}
+        kept = self.anode, self.tube_kvp, self.fixed, self.density, self.numerical, self.declared
+        return ScansModel(self.chain, (*self.aligned, number), *kept, pieces=more)
+
+    def added(self, nuisance: Mapping[str, float]) -> np.ndarray | None:
+        """Line integrals of all pieces, shape (views, rows, columns); None: there are none."""
+        if not self.pieces:
+            return None
+        return np.asarray(sum(nuisance[name] * lengths for name, lengths in self.pieces.items()))
 
     @property
     def distortions(self) -> tuple[str, ...]:
@@ -81,7 +97,8 @@ class ScansModel(Model):
         weights: np.ndarray,
     ) -> bool:
         """As Model.strayed."""
-        lines = prediction.design[0]
+        lines, added = prediction.design[0], self.added(nuisance)
+        lines = lines if added is None else lines - added
         return bool(self.distortions) and self.numerical.strayed(errors, lines, weights.reshape(lines.shape))
 
     def predict(
@@ -94,7 +111,8 @@ class ScansModel(Model):
         """As Model.predict."""
         photons = float(np.exp(nuisance["log_photons"]))
         chain = self.near(linearisation.rays)
-        state = chain.state(before_images(physics), pose_of(nuisance), photons=photons, anode=self.anode)
+        physics, pose, added = before_images(physics), pose_of(nuisance), self.added(nuisance)
+        state = chain.state(physics, pose, photons=photons, anode=self.anode, added=added)
         # The logarithm of noisy counts lies above that of their mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()

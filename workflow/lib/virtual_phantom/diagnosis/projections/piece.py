@@ -60,6 +60,16 @@ class Piece:
         """Path lengths of the rays to the pixels' centres in it, shape (views, rows, columns)."""
         return ShapesScene([self.shape]).path_lengths(geometry, pose)[0].astype(np.float64)
 
+    def more_hu(self, energy_kev: float) -> float:
+        """By how much it attenuates more than was stated, HU."""
+        return 1000 * self.more_per_mm / float(attenuation_per_mm("water", [energy_kev])[0])
+
+    def content(self, energy_kev: float) -> dict:
+        """What diagnosis.json holds of it."""
+        x, y, z = self.place_mm
+        place = {"x_mm": x, "y_mm": y, "z_mm": None if self.rod else z}
+        return place | {"width_mm": 2 * self.radius_mm, "hu": self.more_hu(energy_kev)}
+
     def words(self, energy_kev: float) -> str:
         """What it is, after "what is left".
 
@@ -72,13 +82,13 @@ class Piece:
         -------
         str
         """
-        water = float(attenuation_per_mm("water", [energy_kev])[0])
         x, y, z = self.place_mm
         where = f"x {x:.0f}, y {y:.0f}" + ("" if self.rod else f", z {z:.0f}") + " mm"
         what = "a rod along z" if self.rod else "a piece"
+        hu = self.more_hu(energy_kev)
         return (
-            f"is like {what} of the object, {2 * self.radius_mm:.2g} mm wide at {where}, that differs from what was "
-            f"stated by {1000 * self.more_per_mm / water:+.0f} HU"
+            f"is like {what} of the object, {2 * self.radius_mm:.2g} mm wide at {where}, that has {abs(hu):.0f} HU "
+            f"{'more' if hu > 0 else 'less'} than stated"
         )
 
 
@@ -141,6 +151,11 @@ def _looked_for(residual: np.ndarray, weight: np.ndarray, geometry: ScanGeometry
 
     A ball's projections are the sums of those of its voxels. So its matched filter is the sum over the ball of the
     back-projected residual, and the square of its projections about that of the weights times its width.
+
+    Returns
+    -------
+    list of Piece
+        Without amounts; none where rays cannot be back-projected.
     """
     spacing = 2 * reach_mm / ACROSS
     high = geometry.rows * geometry.row_pitch_mm / geometry.magnification

@@ -12,24 +12,24 @@ from scipy.sparse import sparray
 from ...base.errors import InputError
 from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
-from ..core.alignment import NOMINAL_PHOTONS_SD, nuisances, pose_of
+from ..core.alignment import NOMINAL_PHOTONS_SD, Nuisance, nuisances, pose_of
 from ..core.correlated import WHITE, Correlations, Whitening, estimated, of_state
 from ..core.fit import Fit, Fitter
 from ..core.linearisation import before_images
 from ..core.locate import Half, Location
 from ..core.look import Look
 from ..core.observed import FEWEST, Blocks
-from ..core.prepared import Prepared
+from ..core.prepared import PieceOfObject, Prepared
 from ..core.statement import Statement, stated_physics
 from ..core.uncertainty import left_by_numbers
 from ..extent import rays_of
+from . import piece
 from .caveats import lost_rays
 from .kinds import kinds
 from .locate import excess_at_edges, locate
 from .model import ScansModel
 from .numerical import Numerical
 from .observed import PARTS, ObservedScans, Scans, observe
-from .piece import found as piece_of
 
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
@@ -84,14 +84,26 @@ class PreparedScans(Prepared):
         """As Prepared.kinds."""
         model = self.fitter.model
         lines = model.predict(fit.physics, fit.nuisance, self.data, fit.linearisation).mean
-        geometry, scene = model.chain.geometry, model.chain.scene
-        source = geometry.by_vectors().source_mm
-        yield from kinds(lines, np.arctan2(source[:, 1], source[:, 0]), self.usable, self.held != BY_VIEW)
+        source = model.chain.geometry.by_vectors().source_mm
+        return kinds(lines, np.arctan2(source[:, 1], source[:, 0]), self.usable, self.held != BY_VIEW)
+
+    def piece(self, fit: Fit) -> PieceOfObject | None:
+        """As Prepared.piece."""
+        chain, shape = self.fitter.model.chain, self.data.mean.shape
         left, pose = self.half(fit, held_out=False), pose_of(fit.nuisance)
-        residual, weight = (one[0].reshape(lines.shape) for one in (left.residuals, left.weights))
-        piece = piece_of(self.data.as_recorded(residual), weight, geometry, scene.radius_mm, pose)
-        if piece is not None:
-            yield piece.words(scene.energy_kev), piece.lengths_mm(geometry, pose).reshape(-1, 1)
+        residual, weight = (one[0].reshape(shape) for one in (left.residuals, left.weights))
+        one = piece.found(self.data.as_recorded(residual), weight, chain.geometry, chain.scene.radius_mm, pose)
+        if one is None:
+            return None
+        lengths, energy_kev = one.lengths_mm(chain.geometry, pose), chain.scene.energy_kev
+        return PieceOfObject(one.words(energy_kev), one.content(energy_kev), lengths.reshape(-1, 1))
+
+    def with_piece(self, piece: PieceOfObject) -> PreparedScans:
+        """As Prepared.with_piece."""
+        fitter, number = self.fitter, f"piece_{len(self.fitter.model.pieces) + 1}"
+        lengths = piece.directions.reshape(self.data.mean.shape)
+        model = fitter.model.with_piece(Nuisance(number, "1/mm", 0.0, np.inf), lengths)
+        return replace(self, fitter=fitter.of(model))
 
     def recorded(self) -> np.ndarray:
         """As Prepared.recorded."""

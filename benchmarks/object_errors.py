@@ -1,0 +1,142 @@
+"""Whether a diagnosis tells an object that differs from physics that was left out.
+
+    python benchmarks/object_errors.py --draws 40 --first 0 --out object_errors.csv
+
+Scans of the body of shapes that diagnosis_draws.py has, taken with three times as many rays per pixel and direction as
+the model has. In turn an insert is missing, a bubble or something denser is somewhere in the body, an insert is of
+another material or lies a few mm beside its place, a rod is in the body, or (every fourth draw) the object is as stated
+and one effect is left out. `ours` is what is said: object, or the effects named.
+"""
+
+import argparse
+import csv
+import os
+import time
+from concurrent.futures import ProcessPoolExecutor
+from itertools import cycle, islice
+
+import diagnosis_draws as draws
+import numpy as np
+
+from virtual_phantom.diagnosis.course import explain
+from virtual_phantom.diagnosis.projections import prepared
+from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.io.schema import defaults_of
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import acts_on_images, names
+from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
+
+SAMPLES, FINER = 4, 3
+INSERTS = {"bone": ((50, 10, 5), 20.0), "adipose": ((-40, -20, -5), 18.0)}
+KINDS = ("missing", "bubble", "denser", "material", "displaced", "rod")
+LIBRARY = [name for name in names() if not acts_on_images(name)]
+FIELDS = "draw kind truth ours verdict place_off_mm width_mm hu removes mended_verdict mended_effects seconds".split()
+
+
+def body(**changes):
+    """The shapes of diagnosis_draws.shapes_scene, with inserts changed: {material: shape or None}."""
+    inserts = {name: ellipsoid(name, place, [radius] * 3) for name, (place, radius) in INSERTS.items()} | changes
+    whole = ellipsoid("soft_tissue", (0, 0, 0), (110, 80, 1000))
+    return [whole, *(one for one in inserts.values() if one is not None), cylinder("pmma", (-10, 45, 0), 12.0)]
+
+
+def place(random):
+    """Somewhere in the body, away from its inserts."""
+    while True:
+        x, y = random.uniform(-80, 80), random.uniform(-55, 55)
+        near = [np.hypot(x - at[0], y - at[1]) - radius for at, radius in INSERTS.values()]
+        if (x / 95) ** 2 + (y / 65) ** 2 < 1 and min(*near, np.hypot(x + 10, y - 45) - 12) > 12:
+            return np.array([x, y, random.uniform(-8, 8)])
+
+
+def changed(kind, random):
+    """What is scanned, what of it is another than stated, and where."""
+    if kind == "missing":
+        name = str(random.choice(list(INSERTS)))
+        return body(**{name: None}), f"{name} is missing", np.array(INSERTS[name][0])
+    if kind in ("bubble", "denser"):
+        at, radius = place(random), random.uniform(2, 6)
+        material = "nothing" if kind == "bubble" else str(random.choice(["pmma", "bone"]))
+        return body(more=ellipsoid(material, at, [radius] * 3)), f"{material}, {2 * radius:.1f} mm wide", at
+    if kind == "material":
+        at, radius = INSERTS["adipose"]
+        return body(adipose=ellipsoid("water", at, [radius] * 3)), "water for adipose", np.array(at)
+    if kind == "displaced":
+        at, radius = INSERTS["adipose"]
+        angle, by = random.uniform(0, 2 * np.pi), random.uniform(2, 6)
+        there = np.array(at) + by * np.array([np.cos(angle), np.sin(angle), 0])
+        return body(adipose=ellipsoid("adipose", there, [radius] * 3)), f"adipose {by:.1f} mm off", np.array(at)
+    at, radius = place(random), random.uniform(2, 6)
+    return body(more=cylinder("pmma", at, radius)), f"rod of pmma, {2 * radius:.1f} mm wide", at
+
+
+def one(task):
+    """A row."""
+    draw, kind = task
+    random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(draw,)))
+    accuracy = defaults_of("diagnosis", "model_accuracy")
+
+    def given(scans):
+        model, floor = model_and_floor(ShapesScene(body()), draws.GEOMETRY, SAMPLES, photons=draws.PHOTONS)
+        return prepared.prepare(scans, None, model, floor_chain=floor, nominal_photons=draws.PHOTONS)
+
+    physics, at = {}, None
+    if kind == "physics":
+        shapes = body()
+        blank = given(draws.scans(Chain(ShapesScene(shapes), draws.GEOMETRY, draws.PHOTONS), {}, random))
+        wanted = float(np.exp(random.uniform(np.log(15.0), np.log(150.0))))
+        truth = str(random.choice([name for name in LIBRARY if name != "gain_pattern"]))
+        physics = {truth: draws.strengths(truth, wanted, random, blank)}
+    else:
+        shapes, truth, at = changed(kind, random)
+    scanned = Chain(ShapesScene(shapes), draws.GEOMETRY, draws.PHOTONS, samples=FINER * SAMPLES)
+    scans = draws.scans(scanned, physics, random)
+    began = time.perf_counter()
+    content = explain("draw", given(scans), LIBRARY, accuracy)[1].content
+    row = {"draw": draw, "kind": kind, "truth": truth, "verdict": content["verdict"]}
+    row |= {"ours": "+".join(effect["name"] for effect in content["effects"]) or "none"}
+    row["seconds"] = round(time.perf_counter() - began, 1)
+    if "object" in content:
+        piece = content["object"]["pieces"][0]
+        row |= {"ours": "object", "removes": round(content["object"]["removes"], 3), "hu": round(piece["hu"])}
+        row["width_mm"] = round(piece["width_mm"], 1)
+        if at is not None:
+            axes = 2 if piece["z_mm"] is None else 3
+            found = np.array([piece["x_mm"], piece["y_mm"], piece["z_mm"] or 0.0])
+            row["place_off_mm"] = round(float(np.linalg.norm((found - at)[:axes])), 1)
+        mended = explain("draw", given(scans), LIBRARY, accuracy, object_may_differ=True)[1].content
+        row |= {"mended_verdict": mended["verdict"]}
+        row["mended_effects"] = "+".join(effect["name"] for effect in mended["effects"]) or "none"
+    return row
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--draws", type=int, default=40)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    parser.add_argument("--out", default="object_errors.csv")
+    options = parser.parse_args()
+    order = islice(cycle([*KINDS[:3], "physics", *KINDS[3:], "physics"]), options.first + options.draws)
+    tasks = [*enumerate(order)][options.first :]
+    rows = []
+    with ProcessPoolExecutor(options.processes) as pool, open(options.out, "w", newline="") as file:
+        writer = csv.DictWriter(file, FIELDS, restval="")
+        writer.writeheader()
+        for row in pool.map(one, tasks):
+            writer.writerow(row)
+            file.flush()
+            rows.append(row)
+            print(row, flush=True)
+    objects = [row for row in rows if row["kind"] != "physics"]
+    told = sum(row["ours"] == "object" for row in objects)
+    false = sum(row["ours"] == "object" for row in rows if row["kind"] == "physics")
+    print(f"object differs: told in {told} of {len(objects)}; said of physics in {false} of {len(rows) - len(objects)}")
+    mended = [row for row in objects if row["ours"] == "object"]
+    match = sum(row["mended_verdict"] == "match" for row in mended)
+    named = sum(row["mended_effects"] != "none" for row in mended)
+    print(f"with the object mended: a match in {match} of {len(mended)}, effects named in {named}")
+
+
+if __name__ == "__main__":
+    main()
