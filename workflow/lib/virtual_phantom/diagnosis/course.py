@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from .core.attribute import Choice, choose
 from .core.how_far import ALIGNED, JUDGED, HowFar
 from .core.kept import KeptFits
-from .core.object_differs import differing, mended, no_physics
+from .core.object_differs import MOST_PIECES, beside, better_than, beyond_effects, differing, mended, no_physics
 from .core.prepared import Prepared
 from .core.trials import trials
 from .core.verdict import Diagnosis, diagnose
@@ -53,19 +54,26 @@ def explain(
     diagnosis : Diagnosis
     """
     how_far, numerical, pieces = how_far or HowFar(), accuracy.get("numerical", 0.0), []
-    if object_may_differ is not False:
-        widest = float("inf") if object_may_differ is True else object_may_differ
-        prepared, pieces = mended(prepared, effects, numerical, processes, widest)
-    kept = None if pieces else kept  # which knows of no pieces
+    widest_mm = math.inf if object_may_differ is True else float(object_may_differ)
+    if widest_mm:
+        prepared, pieces = mended(prepared, effects, numerical, processes, widest_mm)
 
     def choice(one: Prepared, kept: KeptFits | None) -> Choice:
         (baseline,) = trials(one.fitter, [((),)], kept=kept)
         how_far.reached(ALIGNED)
-        if not pieces and (piece := differing(one, baseline, effects, numerical, processes, how_far)):
+        piece = None if pieces else differing(one, baseline, numerical)
+        if piece is not None and beyond_effects(one, baseline, piece, effects, processes, how_far):
             return no_physics(baseline, piece)
-        return choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far)
+        found = choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far)
+        return no_physics(baseline, piece) if piece is not None and better_than(piece, found) else found
 
-    prepared, chosen = _settled(prepared, choice, kept)
+    while True:
+        # Fits that are kept know of no pieces.
+        prepared, chosen = _settled(prepared, choice, None if pieces else kept)
+        piece = beside(prepared, chosen) if widest_mm and len(pieces) < MOST_PIECES else None
+        if piece is None or piece.piece.content["width_mm"] > widest_mm:
+            break
+        prepared, pieces = prepared.with_piece(piece.piece), [*pieces, piece]
     found = diagnose(name, prepared, chosen, pieces)
     how_far.reached(JUDGED)
     return prepared, found

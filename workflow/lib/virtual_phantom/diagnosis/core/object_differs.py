@@ -7,9 +7,10 @@ diagnosis is to go on with the object mended.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
-from .attribute import LEAST_GAIN, Choice
+from .attribute import AS_GOOD, LEAST_GAIN, Choice
 from .how_far import HowFar
 from .locate import ALPHA
 from .outside import Change, changes
@@ -22,43 +23,57 @@ MOST_PIECES = 3  # that are mended; an object that differs in more is another ob
 BEYOND = 2.0  # times what the best effect gains to first order: a fit may gain twice as much
 
 
-def differing(
-    prepared: Prepared,
-    baseline: Trial,
-    effects: Sequence[str],
-    numerical: float,
-    processes: int = 1,
-    how_far: HowFar | None = None,
-) -> Change | None:
-    """The piece of the object whose change explains more of the data held out than any effect could.
+def differing(prepared: Prepared, baseline: Trial, numerical: float) -> Change | None:
+    """The piece of the object whose change explains more of the data held out than any other kind of change.
 
     Parameters
     ----------
     prepared : Prepared
     baseline : Trial
         Alignment alone.
-    effects : sequence of str
-        Candidates.
     numerical : float
         As `changes` takes it.
+
+    Returns
+    -------
+    Change or None
+        None where there is none.
+    """
+    return _standing_out(changes(prepared, baseline.fit, numerical), LEAST_GAIN)
+
+
+def beyond_effects(
+    prepared: Prepared,
+    baseline: Trial,
+    piece: Change,
+    effects: Sequence[str],
+    processes: int = 1,
+    how_far: HowFar | None = None,
+) -> bool:
+    """Whether a piece explains more than any effect could, so that none needs to be fitted.
+
+    Parameters
+    ----------
+    prepared, baseline
+        As `differing` takes them.
+    piece : Change
+    effects : sequence of str
+        Candidates.
     processes, how_far
         As `screened` takes them.
 
     Returns
     -------
-    Change or None
-        None where there is none, or where an effect or another kind of change might do as well.
+    bool
     """
-    found = changes(prepared, baseline.fit, numerical)
-    piece = next((one for one in found if one.piece is not None), None)
-    if piece is None or piece.p * len(found) > ALPHA or piece.gain < LEAST_GAIN:
-        return None
-    if piece.gain <= max((one.gain for one in found if one is not piece), default=0.0):
-        return None
     alone = screened(prepared.fitter, baseline.fit, effects, processes=processes, how_far=how_far) if effects else {}
     # The gain is of chi-square, twice the log score.
-    best = max((one.gain / 2 for one in alone.values()), default=0.0)
-    return piece if piece.gain > BEYOND * best else None
+    return piece.gain > BEYOND * max((one.gain / 2 for one in alone.values()), default=0.0)
+
+
+def better_than(piece: Change, choice: Choice) -> bool:
+    """Whether a piece explains more than all effects that were chosen do together."""
+    return piece.gain > choice.chosen.score - choice.baseline.score + max(AS_GOOD, choice.blur)
 
 
 def no_physics(baseline: Trial, piece: Change) -> Choice:
@@ -71,14 +86,14 @@ def mended(
     effects: Sequence[str],
     numerical: float,
     processes: int = 1,
-    widest_mm: float = float("inf"),
+    widest_mm: float = math.inf,
 ) -> tuple[Prepared, list[Change]]:
     """The recording of an object in which pieces are what the data say.
 
     Parameters
     ----------
     prepared, effects, numerical, processes
-        As `differing` takes them.
+        As `differing` and `beyond_effects` take them.
     widest_mm : float, optional
         Of a piece.
 
@@ -91,12 +106,48 @@ def mended(
     pieces: list[Change] = []
     while len(pieces) < MOST_PIECES:
         (baseline,) = trials(prepared.fitter, [((),)])
-        one = differing(prepared, baseline, effects, numerical, processes)
+        one = differing(prepared, baseline, numerical)
         if one is None or one.piece.content["width_mm"] > widest_mm:
+            break
+        if not beyond_effects(prepared, baseline, one, effects, processes):
             break
         prepared = prepared.with_piece(one.piece)
         pieces.append(one)
     return prepared, pieces
+
+
+def beside(prepared: Prepared, choice: Choice) -> Change | None:
+    """The piece of the object that explains more than one of the chosen effects, or what all of them leave.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    choice : Choice
+
+    Returns
+    -------
+    Change or None
+    """
+    found, least = [], max(AS_GOOD, choice.blur)
+    for effect, fit in choice.without.items():
+        piece = _piece(changes(prepared, fit, choice.numerical))
+        if piece is not None and piece.gain > choice.gains[effect] + least:
+            found.append((piece.gain - choice.gains[effect], piece))
+    if found:
+        return max(found, key=lambda one: one[0])[1]
+    return _standing_out(changes(prepared, choice.chosen.fit, choice.numerical), max(LEAST_GAIN, choice.blur))
+
+
+def _standing_out(found: Sequence[Change], least: float) -> Change | None:
+    """The piece, if it is no chance and the best of all kinds of change."""
+    piece = _piece(found)
+    if piece is None or piece.p * len(found) > ALPHA or piece.gain < least:
+        return None
+    return piece if piece.gain == max(one.gain for one in found) else None
+
+
+def _piece(found: Sequence[Change]) -> Change | None:
+    return next((one for one in found if one.piece is not None), None)
 
 
 def content_of(pieces: Sequence[Change], mended: bool, excess: float | None = None) -> dict:

@@ -57,8 +57,8 @@ def sentence(content: Mapping) -> str:
         (piece,) = content["object"]["pieces"]
         text += (
             f"{felt(practice)}, and the object may be another than was stated: what differs {piece['what']}. That "
-            f"would remove {share(content['object']['removes'], content)} of the difference on data not fitted, and no "
-            "effect of the library half as much."
+            f"would remove {share(content['object']['removes'], content)} of the difference on data not fitted, "
+            "more than effects of the library do."
         )
     elif not named:
         text += f"{felt(practice)}, and no effect of the library explains it."

@@ -1,0 +1,168 @@
+"""A piece of the object that differs from what was stated: found, told before physics, and mended if asked."""
+
+from functools import cache
+
+import jsonschema
+import numpy as np
+import pytest
+from simulated_scans import noisy_lines
+
+from virtual_phantom.base.geometry import Grid, circular, helical
+from virtual_phantom.diagnosis.course import explain
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.diagnosis.projections.piece import Piece, found
+from virtual_phantom.figures.diagnosis import draw_pieces
+from virtual_phantom.io import documents
+from virtual_phantom.io.schema import defaults_of
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import checked
+from virtual_phantom.physics.materials import attenuation_per_mm
+from virtual_phantom.physics.shapes import ShapesScene, ellipsoid
+
+PHOTONS = 1e5
+SCHEMA = documents.schema_of_kind("diagnosis")
+SCAN = dict(
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=48,
+    rows=8,
+    column_pitch_mm=9.0,
+    row_pitch_mm=9.0,
+    view_interval_ms=10.0,
+)
+GEOMETRY = circular(views=36, **SCAN)
+BODY = ellipsoid("soft_tissue", (0, 0, 0), (90, 70, 1000))
+FAT = ellipsoid("adipose", (-35, -20, -3), (15, 15, 15))
+TRIED = ("scatter", "dark_signal", "detector_offset", "spectrum", "focal_spot")
+
+
+def shapes_scene(*more):
+    return ShapesScene([BODY, *more])
+
+
+def told(scanned, physics=None, differ=False, stated=(FAT,), seed=1):
+    """What is said of a scan of these shapes, of an object that was stated to have those."""
+    state = Chain(shapes_scene(*scanned), GEOMETRY, PHOTONS, samples=12).state(checked(physics or {}))
+    repeats = noisy_lines(state, 4, np.random.default_rng(seed)).astype(np.float32)
+    taken = observed.Scans(repeats, state.measured_air.mean(axis=0) * PHOTONS, np.ones(repeats[0].shape, bool))
+    model, floor = model_and_floor(shapes_scene(*stated), GEOMETRY, 4, photons=PHOTONS)
+    given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
+    accuracy = defaults_of("diagnosis", "model_accuracy")
+    content = explain("bench", given, TRIED, accuracy, object_may_differ=differ)[1].content
+    jsonschema.validate(content, SCHEMA)
+    return content
+
+
+missing = cache(lambda differ=False: told((), differ=differ))
+
+
+@pytest.mark.parametrize(
+    ("geometry", "piece"),
+    [
+        (GEOMETRY, Piece((30.0, 10.0, 6.0), 9.0, False, 0.004)),
+        (GEOMETRY, Piece((-20.0, 40.0, 0.0), 6.0, True, -0.003)),
+        (
+            circular(views=36, surface="cylindrical", arc_radius_mm=1040.0, **SCAN),
+            Piece((30.0, 10.0, 6.0), 9.0, False, 0.004),
+        ),
+        (
+            helical(views=72, volume_height_mm=40.0, turns=2.0, pitch=0.8, **SCAN),
+            Piece((10.0, -40.0, 12.0), 10.0, False, -0.01),
+        ),
+        (circular(views=60, **SCAN | {"rows": 1}), Piece((-20.0, 40.0, 0.0), 6.0, True, -0.003)),
+    ],
+)
+def test_the_piece_of_its_own_projections_is_found(geometry, piece):
+    residual = piece.more_per_mm * piece.lengths_mm(geometry)
+    one = found(residual, np.full(residual.shape, 1e5), geometry, 90.0)
+    assert one.more_per_mm == pytest.approx(piece.more_per_mm, rel=0.15)
+    assert one.radius_mm == pytest.approx(piece.radius_mm, rel=0.1)
+    axes = 2 if one.rod or piece.rod else 3
+    np.testing.assert_allclose(one.place_mm[:axes], piece.place_mm[:axes], atol=1.0)
+
+
+def test_a_ball_s_lengths_are_its_chords():
+    """Through the middle of a ball the central ray is as long as it is wide; all rays together have its volume."""
+    lengths = Piece((0.0, 0.0, 0.0), 20.0, False).lengths_mm(circular(views=4, **SCAN | {"columns": 49, "rows": 9}))
+    np.testing.assert_allclose(lengths[:, 4, 24], 40.0, rtol=1e-5)
+    pixel_mm2 = (9.0 * 570 / 1040) ** 2
+    assert lengths.sum() / 4 * pixel_mm2 == pytest.approx(4 / 3 * np.pi * 20**3, rel=0.05)
+
+
+def test_rays_of_a_turned_detector_say_nothing():
+    turned = Chain(shapes_scene(), GEOMETRY).state({"detector_roll": {"angle_deg": 1.0}}).mounting.of(GEOMETRY)
+    assert found(np.ones(GEOMETRY.shape), np.ones(GEOMETRY.shape), turned, 90.0) is None
+
+
+def test_hu_are_those_of_water():
+    kev = 60.0
+    water = float(attenuation_per_mm("water", [kev])[0])
+    piece = Piece((1.0, 2.0, 3.0), 4.0, False, -0.1 * water)
+    assert piece.more_hu(kev) == pytest.approx(-100)
+    assert piece.words(kev) == (
+        "is like a piece of the object, 8 mm wide at x 1, y 2, z 3 mm, that has 100 HU less than stated"
+    )
+    assert "a rod along z of the object" in Piece((1.0, 2.0, 3.0), 4.0, True).words(kev)
+    assert Piece((1.0, 2.0, 3.0), 4.0, True).content(kev)["z_mm"] is None
+
+
+def test_an_insert_that_is_missing_is_the_object_and_no_physics():
+    content = missing()
+    assert content["verdict"] == "unexplained" and not content["effects"]
+    (piece,) = content["object"]["pieces"]
+    assert not content["object"]["mended"] and content["object"]["removes"] > 0.95
+    place = piece["x_mm"], piece["y_mm"], piece["z_mm"]
+    np.testing.assert_allclose(place, (-35, -20, -3), atol=1.5)
+    assert piece["width_mm"] == pytest.approx(30, abs=3)
+    fat, muscle, water = (float(attenuation_per_mm(one, [60.0])[0]) for one in ("adipose", "soft_tissue", "water"))
+    assert piece["hu"] == pytest.approx(1000 * (muscle - fat) / water, rel=0.15)
+    assert "the object may be another than was stated" in content["sentence"]
+    assert "turned by 90 degrees" in content["next_measurement"][0]
+
+
+def test_it_is_mended_if_the_user_says_so():
+    content = missing(True)
+    assert content["verdict"] == "match" and content["object"]["mended"]
+    assert "The object was mended first" in content["sentence"]
+    low, high = content["alignment"]["piece_1"]["ci95"]
+    assert 0 < low < high
+
+
+def test_physics_beside_a_mended_object_is_named():
+    physics = {"dark_signal": {"level_units": 1500.0}}
+    content = told((), physics, True)
+    assert [one["name"] for one in content["effects"]] == ["dark_signal"], content["sentence"]
+    low, high = content["effects"][0]["parameters"]["level_units"]["ci95"]
+    assert low - (high - low) < 1500 < high + (high - low)
+    assert len(content["object"]["pieces"]) == 1
+
+
+def test_pieces_wider_than_allowed_are_not_mended():
+    assert not told((), differ=10.0)["object"]["mended"]
+
+
+@pytest.mark.parametrize("physics", [{"scatter": {}}, {"spectrum": {}}, {"dark_signal": {"level_units": 1500.0}}])
+def test_physics_is_no_object(physics):
+    content = told((FAT,), physics)
+    assert "object" not in content and content["effects"][0]["name"] in physics, content["sentence"]
+
+
+def test_what_lies_in_the_object_beside_the_scene_attenuates():
+    """As if the scene had it: a ball of the body's own material in air beside it."""
+    ball = ellipsoid("soft_tissue", (0, 110, 0), (8, 8, 8))
+    with_ball = Chain(ShapesScene([BODY, ball]), GEOMETRY, PHOTONS).state({})
+    lengths = ShapesScene([ball]).path_lengths(GEOMETRY)[0]
+    mu = float(attenuation_per_mm("soft_tissue", [ShapesScene([BODY]).energy_kev])[0])
+    added = Chain(ShapesScene([BODY]), GEOMETRY, PHOTONS).state({}, added=mu * lengths.astype(float))
+    np.testing.assert_allclose(added.line_integrals(), with_ball.line_integrals(), atol=1e-5)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_pieces_are_drawn_where_they_are(count):
+    whole = Volume(np.full((4, 48, 48), 20.0, np.float32), Grid((4, 48, 48), (8.0, 4.0, 4.0)))
+    one = {"x_mm": -35.0, "y_mm": -20.0, "z_mm": -3.0, "width_mm": 30.0, "hu": 91.0}
+    figure = draw_pieces(whole, [one, one | {"z_mm": None}, one][:count])
+    circles = [patch for axes in figure.axes for patch in axes.patches]
+    assert len(circles) == count and circles[0].center == (-35.0, -20.0) and circles[0].radius == 15.0
