@@ -11,7 +11,7 @@ from virtual_phantom.base.geometry import Grid, circular, helical
 from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.numerical import model_and_floor
-from virtual_phantom.diagnosis.projections.piece import Piece, found
+from virtual_phantom.diagnosis.projections.piece import Piece, found, reach_of
 from virtual_phantom.figures.diagnosis import draw_pieces
 from virtual_phantom.io import documents
 from virtual_phantom.io.schema import defaults_of
@@ -81,6 +81,13 @@ def test_the_piece_of_its_own_projections_is_found(geometry, piece):
     assert one.radius_mm == pytest.approx(piece.radius_mm, rel=0.1)
     axes = 2 if one.rod or piece.rod else 3
     np.testing.assert_allclose(one.place_mm[:axes], piece.place_mm[:axes], atol=1.0)
+
+
+def test_an_object_reaches_as_far_as_rays_are_attenuated():
+    lines = ShapesScene([BODY]).path_lengths(GEOMETRY)[0] * 0.02
+    pixel_mm = 9.0 * 570 / 1040
+    assert abs(reach_of(lines, GEOMETRY) - 90.0) < 1.5 * pixel_mm
+    assert reach_of(np.ones(GEOMETRY.shape), GEOMETRY) == pytest.approx(23.5 * pixel_mm)  # cut off
 
 
 def test_a_ball_s_lengths_are_its_chords():

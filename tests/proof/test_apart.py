@@ -9,6 +9,7 @@ MAY_BE_LOADED = {
     *("base", "base.data", "base.errors", "base.geometry", "base.pose", "base.streams", "base.units", "base.vectors"),
     *("features", "features.names"),
     *("io", "io.files", "io.hdf5", "io.schema", "io.volumes", "study", "study.config", "study.job"),
+    *("study.progress", "study.progress.said"),
     *(
         "phantom",
         "phantom.fit",

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 from ...io.schema import defaults_of
+from .change import Change
 from .fit import Fit, Fitter
 from .how_far import HowFar
 from .kept import KeptFits
 from .screening import Screened, screened
 from .trial import Trial, chance
 from .trials import trials
-
-if TYPE_CHECKING:
-    from .outside import Change
 
 # Of an effect's likelihood ratio, over all candidates; a choice. Of 32 scans of the proof with nothing left out, an
 # effect was named in 1.

@@ -11,9 +11,10 @@ import math
 from collections.abc import Sequence
 
 from .attribute import AS_GOOD, LEAST_GAIN, Choice
+from .change import Change
 from .how_far import HowFar
 from .locate import ALPHA
-from .outside import Change, changes
+from .outside import changes
 from .prepared import Prepared
 from .screening import screened
 from .trial import Trial

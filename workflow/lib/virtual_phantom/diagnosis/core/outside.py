@@ -15,42 +15,17 @@ from scipy import stats
 from scipy.sparse import issparse, sparray
 
 from .attribute import Choice
+from .change import Change
 from .fit import Fit, Problem
 from .locate import KINDS, Half, Location
 from .observed import Observed
-from .prepared import PieceOfObject, Prepared
+from .prepared import Prepared
 from .steps import Known
 from .templates import SMALL, whitened
 from .uncertainty import of_both_halves
 
 ALIKE = 1e-6  # of the largest eigenvalue of a span, each direction of length 1: less is rounding
 Directions = np.ndarray | sparray
-
-
-@dataclass(frozen=True)
-class Change:
-    """What one kind of change does for a fit.
-
-    Attributes
-    ----------
-    words : str
-        Of the kind, after "what is left".
-    z : float
-        Of the residual held out, along the direction that the data fitted say.
-    p : float
-        Chance of such a z without any such change.
-    gain : float
-        Log score of the data held out that the change would add, its size shrunk for what noise alone gives
-        (W. James and C. Stein, Proc. 4th Berkeley Symp. 1, 361, 1961).
-    piece : PieceOfObject or None
-        Where it is one of the object.
-    """
-
-    words: str
-    z: float
-    p: float
-    gain: float
-    piece: PieceOfObject | None = None
 
 
 @dataclass(frozen=True)

@@ -3,36 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 from scipy.sparse import sparray
 
+from .change import PieceOfObject
 from .fit import Fit, Fitter
 from .locate import Half, Location
 from .look import Look
 from .observed import Observed
-
-
-@dataclass(frozen=True)
-class PieceOfObject:
-    """A piece of the object that may differ from what was stated.
-
-    Attributes
-    ----------
-    words : str
-        What it is, after "what is left".
-    content : mapping
-        What diagnosis.json holds of it.
-    directions : ndarray, shape (mean data, 1)
-        Path lengths in it, mm.
-    """
-
-    words: str
-    content: Mapping
-    directions: np.ndarray
 
 
 @dataclass(frozen=True)

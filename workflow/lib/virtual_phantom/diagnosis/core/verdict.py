@@ -12,12 +12,13 @@ from ...base.words import label
 from ...physics.effect import load
 from .attribute import AS_GOOD, LEAST_GAIN, Choice
 from .caveats import caveats
+from .change import Change
 from .doubts import doubts
 from .fit import Fit
 from .locate import EDGES, KINDS, Location, aligned
 from .model import Model
 from .object_differs import content_of
-from .outside import Change, better, changes, standing_out
+from .outside import better, changes, standing_out
 from .prepared import Prepared
 from .pulls import statements
 from .sentence import MATCH, UNEXPLAINED, sentence

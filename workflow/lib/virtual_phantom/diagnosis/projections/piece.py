@@ -24,6 +24,7 @@ ACROSS = 64  # voxels of the grid on which a piece is looked for, over the objec
 RADII = (1.0, 2.0, 4.0, 8.0)  # that are tried there, in voxels: up to a quarter of the object's width
 # Radius over the object's reach: what is larger is no piece of it, and could stand for what hardening and scatter do.
 LARGEST = 0.25
+ATTENUATES = 0.02  # of the largest line integral: less is noise or scatter beside the object
 STEPS = 120  # of the simplex that finds place and radius
 FEWEST_VOXELS = 0.5  # radius of the smallest piece: rays of a scan pass by smaller ones
 # Sum of squares of a ray's lengths over the sum of lengths, for radius 1: of a ball, and of a rod seen from its side.
@@ -90,6 +91,25 @@ class Piece:
             f"is like {what} of the object, {2 * self.radius_mm:.2g} mm wide at {where}, that has {abs(hu):.0f} HU "
             f"{'more' if hu > 0 else 'less'} than stated"
         )
+
+
+def reach_of(lines: np.ndarray, geometry: ScanGeometry) -> float:
+    """How far what attenuates reaches from the axis, as far as rays meet it.
+
+    Parameters
+    ----------
+    lines : ndarray, shape (views, rows, columns)
+        Line integrals.
+    geometry : ScanGeometry
+
+    Returns
+    -------
+    float
+        At the isocentre, mm.
+    """
+    across = np.abs(geometry.column_positions_mm()) / geometry.magnification
+    largest = lines.max(axis=(0, 1))
+    return float(across[largest > ATTENUATES * largest.max()].max(initial=across.min()))
 
 
 def found(

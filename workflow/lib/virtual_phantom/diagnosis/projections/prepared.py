@@ -13,13 +13,14 @@ from ...base.errors import InputError
 from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import NOMINAL_PHOTONS_SD, Nuisance, nuisances, pose_of
+from ..core.change import PieceOfObject
 from ..core.correlated import WHITE, Correlations, Whitening, estimated, of_state
 from ..core.fit import Fit, Fitter
 from ..core.linearisation import before_images
 from ..core.locate import Half, Location
 from ..core.look import Look
 from ..core.observed import FEWEST, Blocks
-from ..core.prepared import PieceOfObject, Prepared
+from ..core.prepared import Prepared
 from ..core.statement import Statement, stated_physics
 from ..core.uncertainty import left_by_numbers
 from ..extent import rays_of
@@ -89,10 +90,14 @@ class PreparedScans(Prepared):
 
     def piece(self, fit: Fit) -> PieceOfObject | None:
         """As Prepared.piece."""
-        chain, shape = self.fitter.model.chain, self.data.mean.shape
+        model, shape = self.fitter.model, self.data.mean.shape
+        chain = model.chain
+        lines = model.predict(fit.physics, fit.nuisance, self.data, fit.linearisation).design[0]
         left, pose = self.half(fit, held_out=False), pose_of(fit.nuisance)
         residual, weight = (one[0].reshape(shape) for one in (left.residuals, left.weights))
-        one = piece.found(self.data.as_recorded(residual), weight, chain.geometry, chain.scene.radius_mm, pose)
+        one = piece.found(
+            self.data.as_recorded(residual), weight, chain.geometry, piece.reach_of(lines, chain.geometry), pose
+        )
         if one is None:
             return None
         lengths, energy_kev = one.lengths_mm(chain.geometry, pose), chain.scene.energy_kev
