@@ -36,6 +36,7 @@ from virtual_phantom.diagnosis.core.asked import Asked, ShapesObject
 from virtual_phantom.diagnosis.core.how_far import FITTED, RANKED, HowFar
 from virtual_phantom.diagnosis.core.locate import ALPHA
 from virtual_phantom.diagnosis.course import explain
+from virtual_phantom.diagnosis.extent import is_shapes, samples_for
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
 from virtual_phantom.diagnosis.projections.scanned import scene_of, shaped_object
 from virtual_phantom.diagnosis.ready import agreement, ready
@@ -163,7 +164,10 @@ def written(case, folder):
     given = {key: str(path) for key, path in given.items()}
     geometry, random = geometry_of(case), np.random.default_rng(np.random.SeedSequence(SEED))
     scene = scene_of(Asked.of(model, given.get("phantom"), 1))
-    chain = Chain(scene, geometry, PHOTONS, samples=section["samples"] + 1)
+    shapes = is_shapes(section)
+    samples = samples_for(section["samples"], shapes, geometry.shape)
+    # Edges of shapes are sharp: few rays miss them.
+    chain = Chain(scene, geometry, PHOTONS, samples=3 * samples if shapes else samples + 1)
     state = chain.state(checked(dict.fromkeys(case.lacks, {})))
     air = state.measured_air * state.photons
     files = [f"{number}.h5" for number in range(case.repeats)]
