@@ -10,6 +10,7 @@ from simulated_scans import noisy_lines
 from virtual_phantom.base.geometry import Grid, circular, helical
 from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections import piece as piece_module
 from virtual_phantom.diagnosis.projections.numerical import model_and_floor
 from virtual_phantom.diagnosis.projections.piece import Piece, found, reach_of
 from virtual_phantom.figures.diagnosis import draw_pieces
@@ -81,6 +82,18 @@ def test_the_piece_of_its_own_projections_is_found(geometry, piece):
     assert one.radius_mm == pytest.approx(piece.radius_mm, rel=0.1)
     axes = 2 if one.rod or piece.rod else 3
     np.testing.assert_allclose(one.place_mm[:axes], piece.place_mm[:axes], atol=1.0)
+
+
+def test_place_and_radius_come_from_some_views_of_a_large_scan(monkeypatch):
+    """Of those that weigh: every second one does not, where the others are held out."""
+    monkeypatch.setattr(piece_module, "MOST_RAYS", 10_000)
+    geometry = circular(views=144, **SCAN)
+    truth = Piece((30.0, 10.0, 6.0), 9.0, False, 0.004)
+    lengths = truth.lengths_mm(geometry)
+    weight = np.full(lengths.shape, 1e5) * (np.arange(144) % 2)[:, None, None]
+    one = found(truth.more_per_mm * lengths, weight, geometry, 90.0)
+    np.testing.assert_allclose(one.place_mm, truth.place_mm, atol=1.0)
+    assert one.more_per_mm == pytest.approx(truth.more_per_mm, rel=0.15)
 
 
 def test_an_object_reaches_as_far_as_rays_are_attenuated():

@@ -25,6 +25,7 @@ RADII = (1.0, 2.0, 4.0, 8.0)  # that are tried there, in voxels: up to a quarter
 # Radius over the object's reach: what is larger is no piece of it, and could stand for what hardening and scatter do.
 LARGEST = 0.25
 ATTENUATES = 0.02  # of the largest line integral: less is noise or scatter beside the object
+MOST_RAYS, FEWEST_VIEWS = 100_000, 24  # of the views by which place and radius are found
 STEPS = 120  # of the simplex that finds place and radius
 FEWEST_VOXELS = 0.5  # radius of the smallest piece: rays of a scan pass by smaller ones
 # Sum of squares of a ray's lengths over the sum of lengths, for radius 1: of a ball, and of a rod seen from its side.
@@ -133,6 +134,11 @@ def found(
         None where rays do not lie in the order that a back-projection needs, and where nothing is to be explained.
     """
     begun = _looked_for(residual, weight, geometry, reach_mm)
+    # Place and radius from some of the views, as hundreds of trials on all of a large scan would take minutes.
+    # Of views halved every second one has no weight.
+    views = np.flatnonzero(weight.any(axis=(1, 2)))
+    views = views[:: max(1, min(residual.size // MOST_RAYS, len(views) // FEWEST_VIEWS))]
+    some = residual[views], weight[views], geometry.at(views)
     least = FEWEST_VOXELS * 2 * reach_mm / ACROSS
     best, most = None, 0.0
     for start in begun:
@@ -144,26 +150,29 @@ def found(
             radius = float(np.clip(np.exp(numbers[-1]), least, LARGEST * reach_mm))
             return Piece((float(place[0]), float(place[1]), float(place[2])), radius, start.rod)
 
-        def explained(one: Piece) -> tuple[float, float]:
-            """Chi-square, and by how much it attenuates more, 1/mm."""
-            lengths = one.lengths_mm(geometry, pose)
-            along, square = float((weight * residual * lengths).sum()), float((weight * lengths**2).sum())
-            return (along**2 / square, along / square) if square > 0 else (0.0, 0.0)
-
         first = np.array([*np.array(start.place_mm)[free], np.log(start.radius_mm)])
         spread = [start.radius_mm / 2] * len(free) + [0.3]
         simplex = np.vstack([first, *(first + np.eye(len(first))[k] * spread[k] for k in range(len(first)))])
         result = minimize(
-            lambda numbers: -explained(piece(numbers))[0],
+            lambda numbers: -_explained(piece(numbers), *some, pose)[0],
             first,
             method="Nelder-Mead",
             options={"initial_simplex": simplex, "maxfev": STEPS, "xatol": 0.05, "fatol": 0.1},
         )
         one = piece(result.x)
-        chi_square, more = explained(one)
+        chi_square, more = _explained(one, residual, weight, geometry, pose)
         if chi_square > most:
             best, most = Piece(one.place_mm, one.radius_mm, one.rod, more), chi_square
     return best
+
+
+def _explained(
+    one: Piece, residual: np.ndarray, weight: np.ndarray, geometry: ScanGeometry, pose: Pose
+) -> tuple[float, float]:
+    """Chi-square that a piece explains, and by how much it attenuates more then, 1/mm."""
+    lengths = one.lengths_mm(geometry, pose)
+    along, square = float((weight * residual * lengths).sum()), float((weight * lengths**2).sum())
+    return (along**2 / square, along / square) if square > 0 else (0.0, 0.0)
 
 
 def _looked_for(residual: np.ndarray, weight: np.ndarray, geometry: ScanGeometry, reach_mm: float) -> list[Piece]:
