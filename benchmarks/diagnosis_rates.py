@@ -50,7 +50,7 @@ from virtual_phantom.physics.effect import acts_on_images, checked, names
 from virtual_phantom.recordings.importers.study import scan_of
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.report.diagnosis import page, residual_maps
-from virtual_phantom.study.costs.diagnoses import STAGE, extent
+from virtual_phantom.study.costs.diagnoses import STAGE, extent, materials_of
 from virtual_phantom.study.costs.rates import estimate, fit_parts, read_rates
 
 PHOTONS, REPEATS = 1e5, 4
@@ -178,9 +178,8 @@ def written(case, folder):
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
     tried = list(case.effects) or candidates(section | {"effects": None})
     (folder / "case.json").write_text(json.dumps({"model": model, "given": given, "effects": tried}))
-    materials = 1 if model["materials"]["dense"] is None else 2
     voxels = shape_of(given["phantom"]) if "phantom" in given else ()
-    return extent(section, geometry.shape, len(tried), (voxels, materials))
+    return extent(section, geometry.shape, len(tried), (voxels, materials_of(model["materials"])))
 
 
 def masked(across):

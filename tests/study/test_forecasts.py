@@ -36,6 +36,12 @@ def diagnosed(folder, **recordings):
     return context_of(results_dir=f"{folder}/r", recordings=places, diagnosis={"recordings": settings})
 
 
+def seconds_of(context, name, cores):
+    (found,) = (one for one in context.diagnosis.forecasts(cores) if one["name"] == name)
+    assert found["processes"] == cores
+    return found["seconds"]
+
+
 def drawn(path, *shape):
     write_nifti(Volume(np.ones(shape, np.uint8), Grid(shape, (1.0, 1.0, 1.0))), path)
     return str(path)
@@ -126,7 +132,7 @@ def test_the_job_says_what_the_plan_said(tmp_path):
 
 def test_more_cores_are_less_time_and_the_console_is_told_core_seconds(tmp_path):
     context = diagnosed(tmp_path, bench=({}, {}))
-    one, two = (context.diagnosis.seconds("bench", processes) for processes in (1, 2))
+    one, two = (seconds_of(context, "bench", cores) for cores in (1, 2))
     assert one / 2 < two < one
     document = f"{tmp_path}/r/diagnosis/bench/diagnosis.json"
     assert context.expected_seconds(2)[document] == pytest.approx(2 * two)
@@ -143,7 +149,7 @@ def test_a_cluster_is_asked_for_more_than_the_forecast(tmp_path):
     )
     diagnosis = context.diagnosis
     assert diagnosis.minutes("small", 2) == FLOORS[STAGE]
-    expected = diagnosis.seconds("large", 2) / 60
+    expected = seconds_of(context, "large", 2) / 60
     assert SAFETY * expected <= diagnosis.minutes("large", 2) < SAFETY * expected + 1
     assert diagnosis.minutes("again", 1) == 60 * 4
     assert asked({"seconds": {}}, STAGE, diagnosis.extent("large").work()) == UNKNOWN_MINUTES

@@ -7,10 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from .core.attribute import Choice, choose
+from .core.change import Change
 from .core.how_far import ALIGNED, JUDGED, HowFar
 from .core.kept import KeptFits
-from .core.object_differs import MOST_PIECES, beside, better_than, beyond_effects, differing, mended, no_physics
+from .core.object_differs import MOST_PIECES, beside, better_than, beyond_effects, differing, no_physics
+from .core.outside import ChangesOfFits
 from .core.prepared import Prepared
+from .core.screening import screened
 from .core.trials import trials
 from .core.verdict import Diagnosis, diagnose
 from .core.verified import Physics, stated, verified
@@ -53,28 +56,38 @@ def explain(
         With the noise by which the recording was judged.
     diagnosis : Diagnosis
     """
-    how_far, numerical, pieces = how_far or HowFar(), accuracy.get("numerical", 0.0), []
+    how_far, numerical, changes = how_far or HowFar(), accuracy.get("numerical", 0.0), ChangesOfFits()
     widest_mm = math.inf if object_may_differ is True else float(object_may_differ)
-    if widest_mm:
-        prepared, pieces = mended(prepared, effects, numerical, processes, widest_mm)
+    pieces: list[Change] = []
+
+    def may_be_mended(piece: Change) -> bool:
+        return piece.piece.content["width_mm"] <= widest_mm
 
     def choice(one: Prepared, kept: KeptFits | None) -> Choice:
         (baseline,) = trials(one.fitter, [((),)], kept=kept)
         how_far.reached(ALIGNED)
-        piece = None if pieces else differing(one, baseline, numerical)
-        if piece is not None and beyond_effects(one, baseline, piece, effects, processes, how_far):
-            return no_physics(baseline, piece)
-        found = choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far)
-        return no_physics(baseline, piece) if piece is not None and better_than(piece, found) else found
+        piece = differing(changes(one, baseline.fit, numerical)) if len(pieces) < MOST_PIECES else None
+        if piece is not None and pieces and not may_be_mended(piece):
+            piece = None  # effects are chosen beside those that were mended
+        alone = None
+        if piece is not None:
+            alone = screened(one.fitter, baseline.fit, effects, processes, how_far) if effects else {}
+            if beyond_effects(piece, alone):
+                return no_physics(baseline, piece)
+        found = choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far, alone)
+        better = piece is not None and not pieces and better_than(piece, found)
+        return no_physics(baseline, piece) if better else found
 
     while True:
         # Fits that are kept know of no pieces.
         prepared, chosen = _settled(prepared, choice, None if pieces else kept)
-        piece = beside(prepared, chosen) if widest_mm and len(pieces) < MOST_PIECES else None
-        if piece is None or piece.piece.content["width_mm"] > widest_mm:
+        piece = None
+        if widest_mm and len(pieces) < MOST_PIECES:
+            piece = chosen.piece or beside(prepared, chosen, changes)
+        if piece is None or not may_be_mended(piece):
             break
         prepared, pieces = prepared.with_piece(piece.piece), [*pieces, piece]
-    found = diagnose(name, prepared, chosen, pieces)
+    found = diagnose(name, prepared, chosen, pieces, changes)
     how_far.reached(JUDGED)
     return prepared, found
 

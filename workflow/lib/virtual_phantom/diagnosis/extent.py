@@ -12,8 +12,6 @@ from collections.abc import Mapping
 # with them.
 MOST_FITTED = 2.5e6
 FEWEST_VIEWS = 24  # that are left of a large scan, fitted and held out together: what turns with the gantry still shows
-
-
 # Rays per pixel and direction of the model. Edges of shapes are as sharp as can be: with 2 per direction, what they
 # miss there passes for 25 of log score of a source distance (4 repeats of 1e5 photons, nothing wrong); with 4 for 3.
 SAMPLES, SAMPLES_OF_SHAPES = 2, 4
@@ -92,3 +90,24 @@ def step_for(shape: tuple[int, int, int], samples: int) -> int:
     """
     step = max(1, math.ceil(rays_of(shape, samples) / MOST_FITTED))
     return min(step + (step + 1) % 2, max(1, (shape[0] // FEWEST_VIEWS - 1) | 1))
+
+
+def fitted(samples: int | None, view_step: int | None, shapes: bool, shape: tuple[int, int, int]) -> tuple[int, int]:
+    """What of a recording of projections is fitted.
+
+    Parameters
+    ----------
+    samples, view_step : int or None
+        What the configuration says.
+    shapes, shape
+        As `samples_for` takes them.
+
+    Returns
+    -------
+    samples : int
+        Rays per pixel and direction.
+    step : int
+        One view of so many.
+    """
+    samples = samples_for(samples, shapes, shape)
+    return samples, view_step or step_for(shape, samples)

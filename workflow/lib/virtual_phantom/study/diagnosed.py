@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from ..base.errors import InputError
 from ..diagnosis.candidates import OF_ONE_SCAN, candidates, check_accuracy, check_kinds
-from ..diagnosis.extent import is_shapes, samples_for, step_for
+from ..diagnosis.extent import fitted, is_shapes
 from ..physics.effect import image_effects, require
 from ..physics.object_files import path_of
 from ..recordings.scan import missing_for_geometry, timed
@@ -338,30 +338,12 @@ class Diagnosis:
             return None
         shape = tuple(content["scan"][key] for key in ("views", "rows", "columns"))
         config = self.plan.config
-        finer, materials = config["grid"]["oversampling"], 1 if config["materials"]["dense"] is None else 2
-        voxels = [finer * count for count in config["grid"]["shape"]]
+        voxels = [config["grid"]["oversampling"] * count for count in config["grid"]["shape"]]
+        phantom = voxels, diagnoses.materials_of(config["materials"])
         try:
-            return diagnoses.extent(settings, shape, len(self.candidates[name]), (voxels, materials))
+            return diagnoses.extent(settings, shape, len(self.candidates[name]), phantom)
         except InputError:
             return None
-
-    def seconds(self, name: str, processes: int) -> float | None:
-        """How long the diagnosis of a recording is expected to take by the clock, s.
-
-        Parameters
-        ----------
-        name : str
-            The recording.
-        processes : int
-            Side by side.
-
-        Returns
-        -------
-        float or None
-            None where that is not known.
-        """
-        extent = self.extent(name)
-        return None if extent is None else estimate(self.rates, diagnoses.STAGE, extent.work(processes))
 
     def forecasts(self, cores: int | None) -> list[dict]:
         """What `snakemake plan` says of every diagnosis.
@@ -380,8 +362,11 @@ class Diagnosis:
         for name in self.settings:
             processes, extent = self.processes(name, cores), self.extent(name)
             one = {"name": name, "effects": len(self.candidates[name]), "processes": processes}
-            known = {} if extent is None else {"rays": extent.rays}
-            found.append(one | known | {"seconds": self.seconds(name, processes)})
+            if extent is None:
+                found.append(one | {"seconds": None})
+            else:
+                seconds = estimate(self.rates, diagnoses.STAGE, extent.work(processes))
+                found.append(one | {"rays": extent.rays, "seconds": seconds})
         return found + [{"name": name, "seconds": None} for name in (*self.scanners, *self.comparisons)]
 
     def minutes(self, name: str, processes: int) -> int:
@@ -426,7 +411,7 @@ class Diagnosis:
         scan = protocol["scan"] if protocol else self.recordings.content(name)["scan"]
         settings = self.settings[name]
         shape = protocol["projections"] if protocol else scan["views"], scan["rows"], scan["columns"]
-        samples = samples_for(settings["samples"], is_shapes(settings), shape)
-        step = 1 if protocol else settings["view_step"] or step_for(shape, samples)
+        view_step = 1 if protocol else settings["view_step"]
+        samples, step = fitted(settings["samples"], view_step, is_shapes(settings), shape)
         rays = math.prod(shape) / 1e6
         return int(1500 + READ_BYTES * rays + processes * rays / step * (60 * samples**2 + 500))

@@ -104,6 +104,7 @@ def choose(
     accuracy: Mapping[str, float] | None = None,
     kept: KeptFits | None = None,
     how_far: HowFar | None = None,
+    alone: Mapping[str, Screened] | None = None,
 ) -> Choice:
     """Choose the effects that explain the data held out.
 
@@ -128,6 +129,8 @@ def choose(
         As for `trials`.
     how_far : HowFar, optional
         What is told of rankings and fits.
+    alone : mapping of str to Screened, optional
+        Matched filters of all candidates beside the alignment, where they were made before.
 
     Returns
     -------
@@ -135,7 +138,7 @@ def choose(
     """
     if accuracy is None:
         accuracy = defaults_of("diagnosis", "model_accuracy")
-    fits = _Fits(fitter, baseline, candidates, processes, kept, how_far)
+    fits = _Fits(fitter, baseline, candidates, processes, kept, how_far, alone)
     current, found, tried = baseline, {}, fits.single(could_win(fits.alone))
     worth: dict[str, float] = {}  # log score that each effect gained when it was taken
     numerical = accuracy.get("numerical", 0.0)
@@ -189,7 +192,7 @@ class _Fits:
 
     Parameters
     ----------
-    fitter, baseline, candidates, processes, kept, how_far
+    fitter, baseline, candidates, processes, kept, how_far, alone
         As `choose` takes them.
 
     Attributes
@@ -200,11 +203,14 @@ class _Fits:
         Fits of candidates alone that were made.
     """
 
-    def __init__(self, fitter: Fitter, baseline: Trial, candidates: Sequence[str], processes: int, kept, how_far):
+    def __init__(
+        self, fitter: Fitter, baseline: Trial, candidates: Sequence[str], processes: int, kept, how_far, alone
+    ):
         self.baseline, self.candidates = baseline, tuple(candidates)
         self._make = partial(trials, fitter, processes=processes, kept=kept, how_far=how_far)
         self._screen = partial(screened, fitter, processes=processes, how_far=how_far)
-        self.alone, self.singles = self.screened(baseline.fit, self.candidates), {}
+        self.alone = self.screened(baseline.fit, self.candidates) if alone is None else alone
+        self.singles: dict[str, Trial] = {}
 
     def others(self, chosen: Trial) -> list[str]:
         """Candidates that are not in a fit."""

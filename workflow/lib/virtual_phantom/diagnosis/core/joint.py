@@ -126,8 +126,7 @@ class JointFitter:
         if not effects:
             return given.fits[name] if not given.effects else fitter.fit(())
         others = self.without(name).fit(effects, given)
-        held = copy.copy(fitter)
-        held.model = copy.copy(fitter.model)
+        held = fitter.of(copy.copy(fitter.model))
         held.model.fixed = {effect: others.physics[effect] for effect in effects}
         fit = held.fit(effects, replace(given.fits[name], effects=effects, physics=others.physics))
         return replace(fit, errors=fit.errors | {effect: others.errors[effect] for effect in effects})

@@ -7,67 +7,43 @@ diagnosis is to go on with the object mended.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from .attribute import AS_GOOD, LEAST_GAIN, Choice
 from .change import Change
-from .how_far import HowFar
 from .locate import ALPHA
-from .outside import changes
+from .outside import ChangesOfFits
 from .prepared import Prepared
-from .screening import screened
+from .screening import Screened
 from .trial import Trial
-from .trials import trials
 
 MOST_PIECES = 3  # that are mended; an object that differs in more is another object
 BEYOND = 2.0  # times what the best effect gains to first order: a fit may gain twice as much
 
 
-def differing(prepared: Prepared, baseline: Trial, numerical: float) -> Change | None:
-    """The piece of the object whose change explains more of the data held out than any other kind of change.
+def differing(found: Sequence[Change], least: float = LEAST_GAIN) -> Change | None:
+    """The piece of the object, if it is no chance and explains more of the data held out than any other kind of change.
 
     Parameters
     ----------
-    prepared : Prepared
-    baseline : Trial
-        Alignment alone.
-    numerical : float
-        As `changes` takes it.
+    found : sequence of Change
+        As outside.changes gives them.
+    least : float, optional
+        Log score that it must gain.
 
     Returns
     -------
     Change or None
         None where there is none.
     """
-    return _standing_out(changes(prepared, baseline.fit, numerical), LEAST_GAIN)
+    piece = _piece(found)
+    if piece is None or piece.p * len(found) > ALPHA or piece.gain < least:
+        return None
+    return piece if piece.gain == max(one.gain for one in found) else None
 
 
-def beyond_effects(
-    prepared: Prepared,
-    baseline: Trial,
-    piece: Change,
-    effects: Sequence[str],
-    processes: int = 1,
-    how_far: HowFar | None = None,
-) -> bool:
-    """Whether a piece explains more than any effect could, so that none needs to be fitted.
-
-    Parameters
-    ----------
-    prepared, baseline
-        As `differing` takes them.
-    piece : Change
-    effects : sequence of str
-        Candidates.
-    processes, how_far
-        As `screened` takes them.
-
-    Returns
-    -------
-    bool
-    """
-    alone = screened(prepared.fitter, baseline.fit, effects, processes=processes, how_far=how_far) if effects else {}
+def beyond_effects(piece: Change, alone: Mapping[str, Screened]) -> bool:
+    """Whether a piece explains more than any effect could, by the effects' matched filters beside the alignment."""
     # The gain is of chi-square, twice the log score.
     return piece.gain > BEYOND * max((one.gain / 2 for one in alone.values()), default=0.0)
 
@@ -82,48 +58,14 @@ def no_physics(baseline: Trial, piece: Change) -> Choice:
     return Choice(baseline, {}, {}, baseline, {}, {}, {}, piece=piece)
 
 
-def mended(
-    prepared: Prepared,
-    effects: Sequence[str],
-    numerical: float,
-    processes: int = 1,
-    widest_mm: float = math.inf,
-) -> tuple[Prepared, list[Change]]:
-    """The recording of an object in which pieces are what the data say.
-
-    Parameters
-    ----------
-    prepared, effects, numerical, processes
-        As `differing` and `beyond_effects` take them.
-    widest_mm : float, optional
-        Of a piece.
-
-    Returns
-    -------
-    prepared : Prepared
-    pieces : list of Change
-        At most MOST_PIECES, in the order in which they were found.
-    """
-    pieces: list[Change] = []
-    while len(pieces) < MOST_PIECES:
-        (baseline,) = trials(prepared.fitter, [((),)])
-        one = differing(prepared, baseline, numerical)
-        if one is None or one.piece.content["width_mm"] > widest_mm:
-            break
-        if not beyond_effects(prepared, baseline, one, effects, processes):
-            break
-        prepared = prepared.with_piece(one.piece)
-        pieces.append(one)
-    return prepared, pieces
-
-
-def beside(prepared: Prepared, choice: Choice) -> Change | None:
+def beside(prepared: Prepared, choice: Choice, changes: ChangesOfFits) -> Change | None:
     """The piece of the object that explains more than one of the chosen effects, or what all of them leave.
 
     Parameters
     ----------
     prepared : Prepared
     choice : Choice
+    changes : ChangesOfFits
 
     Returns
     -------
@@ -136,15 +78,7 @@ def beside(prepared: Prepared, choice: Choice) -> Change | None:
             found.append((piece.gain - choice.gains[effect], piece))
     if found:
         return max(found, key=lambda one: one[0])[1]
-    return _standing_out(changes(prepared, choice.chosen.fit, choice.numerical), max(LEAST_GAIN, choice.blur))
-
-
-def _standing_out(found: Sequence[Change], least: float) -> Change | None:
-    """The piece, if it is no chance and the best of all kinds of change."""
-    piece = _piece(found)
-    if piece is None or piece.p * len(found) > ALPHA or piece.gain < least:
-        return None
-    return piece if piece.gain == max(one.gain for one in found) else None
+    return differing(changes(prepared, choice.chosen.fit, choice.numerical), max(LEAST_GAIN, choice.blur))
 
 
 def _piece(found: Sequence[Change]) -> Change | None:

@@ -7,7 +7,7 @@ residual along that direction is normal whatever the span.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy import stats
 from scipy.sparse import issparse, sparray
 
 from .attribute import Choice
-from .change import Change
+from .change import Change, PieceOfObject
 from .fit import Fit, Problem
 from .locate import KINDS, Half, Location
 from .observed import Observed
@@ -102,16 +102,40 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
     step = inverse @ (fitted.columns.T @ fitted.residual + off)
     residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step
     found, of_steps = [], numerical**2 * fit.corrected
-    for words, directions in prepared.kinds(fit):
+    for words, directions, piece in _tried(prepared, fit):
         change = _change(fitted, held, residuals, inverse, directions, fit.pattern_variance, of_steps)
         if change is not None:
-            found.append(Change(words, *change))
+            found.append(Change(words, *change, piece))
+    return sorted(found, key=lambda one: one.p)
+
+
+class ChangesOfFits:
+    """`changes` of fits, each worked out once: who chooses asks for them, and who judges.
+
+    Of one recording made ready at a time: with other noise or another object it takes the place of the one before.
+    """
+
+    def __init__(self):
+        self._prepared: Prepared | None = None
+        self._found: dict[tuple, list[Change]] = {}
+
+    def __call__(self, prepared: Prepared, fit: Fit, numerical: float) -> list[Change]:
+        """As `changes`; there is one fit of a set of effects."""
+        if prepared is not self._prepared:
+            self._prepared, self._found = prepared, {}
+        key = fit.effects, numerical
+        if key not in self._found:
+            self._found[key] = changes(prepared, fit, numerical)
+        return self._found[key]
+
+
+def _tried(prepared: Prepared, fit: Fit) -> Iterator[tuple[str, Directions, PieceOfObject | None]]:
+    """All kinds of change one after the other, and the piece of the object as one more."""
+    for words, directions in prepared.kinds(fit):
+        yield words, directions, None
     piece = prepared.piece(fit)
     if piece is not None:
-        change = _change(fitted, held, residuals, inverse, piece.directions, fit.pattern_variance, of_steps)
-        if change is not None:
-            found.append(Change(piece.words, *change, piece))
-    return sorted(found, key=lambda one: one.p)
+        yield piece.words, piece.directions, piece
 
 
 def _change(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from .fit import Fit
 from .locate import EDGES, KINDS, Location, aligned
 from .model import Model
 from .object_differs import content_of
-from .outside import better, changes, standing_out
+from .outside import ChangesOfFits, better, standing_out
 from .prepared import Prepared
 from .pulls import statements
 from .sentence import MATCH, UNEXPLAINED, sentence
@@ -54,7 +53,13 @@ class Diagnosis:
     content: dict
 
 
-def diagnose(recording: str, prepared: Prepared, choice: Choice, pieces: Sequence[Change] = ()) -> Diagnosis:
+def diagnose(
+    recording: str,
+    prepared: Prepared,
+    choice: Choice,
+    pieces: Sequence[Change] = (),
+    changes: ChangesOfFits | None = None,
+) -> Diagnosis:
     """Judge a choice of effects on the data held out.
 
     Parameters
@@ -65,22 +70,21 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice, pieces: Sequenc
     choice : Choice
     pieces : sequence of Change, optional
         Of the object, which were mended before.
+    changes : ChangesOfFits, optional
+        With those that the choice has asked for.
 
     Returns
     -------
     Diagnosis
     """
-    fitter = prepared.fitter
+    fitter, changes = prepared.fitter, changes or ChangesOfFits()
 
-    @cache
-    def kinds(effects):
-        return changes(prepared, fits[effects], choice.numerical)
-
-    fits = {fit.effects: fit for fit in (choice.baseline.fit, *choice.without.values(), choice.chosen.fit)}
+    def kinds(fit):
+        return changes(prepared, fit, choice.numerical)
 
     def places(fit, least_gain):
         fitted, held = prepared.halves(fit)
-        more = [*aligned(fit, fitter.model.distortions), *standing_out(kinds(fit.effects), least_gain)]
+        more = [*aligned(fit, fitter.model.distortions), *standing_out(kinds(fit), least_gain)]
         found = prepared.domains(held, fit, fitted, more)
         # A place comes before a kind of change, which lies nowhere.
         return sorted(found, key=lambda one: (not one.significant, one.domain == KINDS))
@@ -96,7 +100,7 @@ def diagnose(recording: str, prepared: Prepared, choice: Choice, pieces: Sequenc
     }
     doubted = doubts(choice, fitter.model, metrics["held_out"])
     known = statements(choice.chosen.fit, fitter.model)
-    beside = {name: kinds(fit.effects) for name, fit in choice.without.items()}
+    beside = {name: kinds(fit) for name, fit in choice.without.items()}
     outside = better(choice, beside, max(AS_GOOD, choice.blur))
     off = any(one["off"] for parameters in known.values() for one in parameters.values())
     verdict = VERDICTS[(2 if left or doubted or outside else 1) if effects or off else (0 if not left else 3)]

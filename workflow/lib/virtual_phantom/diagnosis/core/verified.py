@@ -152,9 +152,9 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
                     f"{physics.recording}: {one.name} of its {name} is in {units[one.name]}, and this recording's in "
                     f"{one.unit}; take the physics from a recording of the same kind"
                 )
-    model, held = fitter.model, copy.copy(fitter)
+    model = fitter.model
     density = physics.scale if physics.scale is not None and same_material else model.density
-    held.model = copy.copy(model)  # of projections or of images
+    held = fitter.of(copy.copy(model))  # of projections or of images
     held.model.fixed, held.model.density = physics.effects, density
     chosen = trial(held, tuple(physics.effects), baseline)
     without = {}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -43,12 +44,15 @@ class ScansModel(Model):
     ----------
     chain, aligned, anode, tube_kvp, fixed, density, declared
         As Model takes them.
-    pieces : mapping of str to ndarray, shape (views, rows, columns), optional
-        {name of a number of the alignment: path lengths, mm}: what the object has beside what was stated attenuates by
-        so much per mm.
     numerical : Numerical, optional
         Errors of its steps, each a distortion of the line integrals that is fitted within its bounds, since it is alike
         in many rays and no noise; None: there are none.
+
+    Attributes
+    ----------
+    pieces : mapping of str to ndarray, shape (views, rows, columns)
+        {name of a number of the alignment: path lengths, mm}: what the object has beside what was stated attenuates by
+        so much per mm.
     """
 
     def __init__(
@@ -61,18 +65,18 @@ class ScansModel(Model):
         density: tuple[float, float] = (1.0, DENSITY_SD),
         numerical: Numerical | None = None,
         declared: Mapping[str, Mapping[str, Statement]] | None = None,
-        pieces: Mapping[str, np.ndarray] | None = None,
     ):
         super().__init__(chain, aligned, anode, tube_kvp, fixed, density, declared)
-        self.numerical, self.pieces = numerical, pieces or {}
+        self.numerical = numerical
+        self.pieces: Mapping[str, np.ndarray] = {}
 
     def with_piece(self, number: Nuisance, lengths_mm: np.ndarray) -> ScansModel:
         """The same with one piece of the object more, whose attenuation is that number of the alignment."""
-        more = {**self.pieces, number.name: lengths_mm}
-        kept = self.anode, self.tube_kvp, self.fixed, self.density, self.numerical, self.declared
-        return ScansModel(self.chain, (*self.aligned, number), *kept, pieces=more)
+        found = copy.copy(self)
+        found.aligned, found.pieces = (*self.aligned, number), {**self.pieces, number.name: lengths_mm}
+        return found
 
-    def added(self, nuisance: Mapping[str, float]) -> np.ndarray | None:
+    def _added(self, nuisance: Mapping[str, float]) -> np.ndarray | None:
         """Line integrals of all pieces, shape (views, rows, columns); None: there are none."""
         if not self.pieces:
             return None
@@ -97,7 +101,7 @@ class ScansModel(Model):
         weights: np.ndarray,
     ) -> bool:
         """As Model.strayed."""
-        lines, added = prediction.design[0], self.added(nuisance)
+        lines, added = prediction.design[0], prediction.state.added
         lines = lines if added is None else lines - added
         return bool(self.distortions) and self.numerical.strayed(errors, lines, weights.reshape(lines.shape))
 
@@ -111,7 +115,7 @@ class ScansModel(Model):
         """As Model.predict."""
         photons = float(np.exp(nuisance["log_photons"]))
         chain = self.near(linearisation.rays)
-        physics, pose, added = before_images(physics), pose_of(nuisance), self.added(nuisance)
+        physics, pose, added = before_images(physics), pose_of(nuisance), self._added(nuisance)
         state = chain.state(physics, pose, photons=photons, anode=self.anode, added=added)
         # The logarithm of noisy counts lies above that of their mean.
         above, variance = state.log_noise()

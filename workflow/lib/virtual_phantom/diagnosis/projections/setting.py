@@ -8,7 +8,7 @@ from ...recordings.recording import Recording
 from ...recordings.scan import assumed
 from ..core.asked import Asked, Labels
 from ..core.declared import BASELINE, declared
-from ..extent import samples_for, step_for
+from ..extent import fitted
 from .caveats import check_scans
 from .numerical import model_and_floor
 from .observed import scans
@@ -42,14 +42,13 @@ def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedS
         "readout": AIR if taken.white is None else float(taken.white.mean()),
     }
     scene, shape = scene_of(asked), recording.geometry.shape
-    samples = samples_for(settings.samples, settings.of_shapes, shape)
+    samples, step = fitted(settings.samples, settings.view_step, settings.of_shapes, shape)
     model, floor = model_and_floor(scene, recording.geometry, samples, **more)
     coarse = None
     if settings.of_phantom:
         voxels = coarse_scene(asked.phantom, asked.mu_water_per_mm, asked.materials, asked.threads)
         coarse = Chain(voxels, recording.geometry, samples=samples, **more)
     further = scans(recording.held_out) if len(recording.held_out) else None
-    step = settings.view_step or step_for(shape, samples)
     check_scans(taken.every(step), str(recording.document.path))
     return prepare(
         taken,

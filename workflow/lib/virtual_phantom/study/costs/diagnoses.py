@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import yaml
 
 from ...base.errors import refusing
-from ...diagnosis.extent import is_shapes, rays_of, samples_for, step_for
+from ...diagnosis.extent import fitted, is_shapes, rays_of
 from ...physics.object_files import path_of
 
 STAGE = "diagnose"
@@ -106,11 +106,24 @@ def extent(settings: Mapping, shape: tuple[int, int, int], effects: int, phantom
         If what was scanned is a file that cannot be read.
     """
     views, rows, columns = shape
-    samples = samples_for(settings.get("samples"), is_shapes(settings), shape)
-    step = settings.get("view_step") or step_for(shape, samples)
-    fitted = math.ceil(views / step), rows, columns
-    rays = rays_of(fitted, samples)
-    return Extent(math.prod(fitted), rays, _planes(settings, phantom), effects, settings["check_setup"])
+    samples, step = fitted(settings.get("samples"), settings.get("view_step"), is_shapes(settings), shape)
+    seen = math.ceil(views / step), rows, columns
+    return Extent(math.prod(seen), rays_of(seen, samples), _planes(settings, phantom), effects, settings["check_setup"])
+
+
+def materials_of(section: Mapping) -> int:
+    """How many materials the study's phantom is divided into.
+
+    Parameters
+    ----------
+    section : mapping
+        Of the configuration: materials.
+
+    Returns
+    -------
+    int
+    """
+    return 1 if section["dense"] is None else 2
 
 
 def _planes(settings: Mapping, phantom: tuple[Sequence[int], int]) -> int:

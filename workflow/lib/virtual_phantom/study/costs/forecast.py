@@ -9,7 +9,7 @@ from ...base.data import RESOURCES
 from ...base.errors import InputError
 from ...io.volumes import shape_of
 from ..progress.status import duration
-from .diagnoses import STAGE, extent, rays_in_words
+from .diagnoses import STAGE, extent, materials_of, rays_in_words
 from .rates import estimate, read_rates
 
 
@@ -45,10 +45,9 @@ def beforehand(
     """
     if not effects:
         return None
-    materials = 1 if model["materials"]["dense"] is None else 2
     try:
         voxels = () if phantom is None else shape_of(phantom)
-        found = extent(model["settings"], shape, effects, (voxels, materials))
+        found = extent(model["settings"], shape, effects, (voxels, materials_of(model["materials"])))
         seconds = estimate(read_rates(RESOURCES / "rates.yaml"), STAGE, found.work(processes))
     except InputError:
         return None
