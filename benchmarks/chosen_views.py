@@ -46,7 +46,6 @@ FIELDS = "draw truth stands step chosen equals verdict seconds".split()
 def one(task):
     """The rows of a scan, with all views and with one of some."""
     draw, step = task
-    draws.GEOMETRY = GEOMETRY
     random = np.random.default_rng(np.random.SeedSequence(20261124, spawn_key=(draw,)))
     scene = draws.scene()
     chain = Chain(scene, GEOMETRY, draws.PHOTONS, samples=2 * SAMPLES)

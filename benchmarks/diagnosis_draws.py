@@ -20,6 +20,7 @@ that stands out, `worst` the first domain that the diagnosis calls unexplained.
 import argparse
 import copy
 import csv
+import math
 import os
 import time
 from concurrent.futures import ProcessPoolExecutor
@@ -57,6 +58,8 @@ EDGE_MM = 2.0
 SQUARES_SD = 3.5  # of sums of squares: one in some thousand passes it by chance
 LEFT_BINS = (WEAKEST, 10.0, 20.0, np.inf)
 LEFT_OPEN = ("unexplained", "mismatch partly explained")
+INSERTS = {"bone": ((50, 10, 5), 20.0), "adipose": ((-40, -20, -5), 18.0)}  # balls: place and radius, mm
+ROD = ((-10, 45, 0), 12.0)
 GEOMETRY = circular(
     views=90,
     source_to_isocentre_mm=570.0,
@@ -84,12 +87,16 @@ def scene(edge_mm=EDGE_MM, threads=1):
     return VoxelScene.of(Volume(hu.astype(np.float32), grid), Segmentation(), 0.0193, threads)
 
 
+def body(**changes):
+    """The same body of shapes: muscle, bone, fat and a rod of PMMA; with inserts changed, {name: shape or None}."""
+    inserts = {name: ellipsoid(name, at, [radius] * 3) for name, (at, radius) in INSERTS.items()} | changes
+    muscle = ellipsoid("soft_tissue", (0, 0, 0), (110, 80, 1000))
+    return [muscle, *(one for one in inserts.values() if one is not None), cylinder("pmma", *ROD)]
+
+
 def shapes_scene():
-    """The same body of shapes: muscle, bone, fat and a rod of PMMA."""
-    body = ellipsoid("soft_tissue", (0, 0, 0), (110, 80, 1000))
-    bone = ellipsoid("bone", (50, 10, 5), (20, 20, 20))
-    fat = ellipsoid("adipose", (-40, -20, -5), (18, 18, 18))
-    return ShapesScene([body, bone, fat, cylinder("pmma", (-10, 45, 0), 12.0)])
+    """The body of shapes as a scene."""
+    return ShapesScene(body())
 
 
 def scans(chain, physics, random):
@@ -108,7 +115,7 @@ def strengths(name, wanted, random, given):
     typical = given.fitter.model.chain.held(name) | {parameter.name: parameter.typical for parameter in every}
     parameters = varied(every)
     if effect.pattern:
-        pixels = GEOMETRY.rows * GEOMETRY.columns
+        pixels = math.prod(given.data.mean.shape[1:])
         noise = np.sqrt(1 / given.fitter.weights[0].reshape(given.data.mean.shape).sum(axis=0)).mean()
         return typical | {"rms": float(noise * np.sqrt(wanted * np.sqrt(2 / pixels)))}
     if not parameters:

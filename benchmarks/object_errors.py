@@ -17,6 +17,7 @@ from itertools import cycle, islice
 
 import diagnosis_draws as draws
 import numpy as np
+from diagnosis_draws import INSERTS, ROD, body
 
 from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.projections import prepared
@@ -27,17 +28,9 @@ from virtual_phantom.physics.effect import acts_on_images, names
 from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
 
 SAMPLES, FINER = 4, 3
-INSERTS = {"bone": ((50, 10, 5), 20.0), "adipose": ((-40, -20, -5), 18.0)}
 KINDS = ("missing", "bubble", "denser", "material", "displaced", "rod")
 LIBRARY = [name for name in names() if not acts_on_images(name)]
 FIELDS = "draw kind truth ours verdict place_off_mm width_mm hu removes mended_verdict mended_effects seconds".split()
-
-
-def body(**changes):
-    """The shapes of diagnosis_draws.shapes_scene, with inserts changed: {material: shape or None}."""
-    inserts = {name: ellipsoid(name, place, [radius] * 3) for name, (place, radius) in INSERTS.items()} | changes
-    whole = ellipsoid("soft_tissue", (0, 0, 0), (110, 80, 1000))
-    return [whole, *(one for one in inserts.values() if one is not None), cylinder("pmma", (-10, 45, 0), 12.0)]
 
 
 def place(random):
@@ -45,7 +38,7 @@ def place(random):
     while True:
         x, y = random.uniform(-80, 80), random.uniform(-55, 55)
         near = [np.hypot(x - at[0], y - at[1]) - radius for at, radius in INSERTS.values()]
-        if (x / 95) ** 2 + (y / 65) ** 2 < 1 and min(*near, np.hypot(x + 10, y - 45) - 12) > 12:
+        if (x / 95) ** 2 + (y / 65) ** 2 < 1 and min(*near, np.hypot(x - ROD[0][0], y - ROD[0][1]) - ROD[1]) > 12:
             return np.array([x, y, random.uniform(-8, 8)])
 
 
@@ -77,7 +70,7 @@ def one(task):
     accuracy = defaults_of("diagnosis", "model_accuracy")
 
     def given(scans):
-        model, floor = model_and_floor(ShapesScene(body()), draws.GEOMETRY, SAMPLES, photons=draws.PHOTONS)
+        model, floor = model_and_floor(draws.shapes_scene(), draws.GEOMETRY, SAMPLES, photons=draws.PHOTONS)
         return prepared.prepare(scans, None, model, floor_chain=floor, nominal_photons=draws.PHOTONS)
 
     physics, at = {}, None
