@@ -43,7 +43,7 @@ has), plausible range, the value at which the effect is off, and what a fit of o
   reconstruction; `snakemake diagnosis` tries the others on projections ([how](diagnosis.md)).
 * **Geometry.** Rays run to where the pixels of a turned detector are, flat or curved. Bowtie, heel and off-focal
   radiation keep to the stated one: 10 degrees off the central ray, 1 degree of tilt or skew changes angles by 0.3 %.
-* **Not there**: scatter grids. Scatter has one kernel and does not know of depth.
+* **Not there**: scatter has one kernel and does not know of depth.
 * **Baseline.** A study without effects does not use this chain, but one path length in one material; they agree to
   2e-5.
 * **Materials.** A voxel is divided among two materials by its HU (`materials`), exactly at the energy where water

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.candidates import candidates, check_accuracy, check_kinds
-from virtual_phantom.physics.effect import acts_on_images, names
+from virtual_phantom.diagnosis.candidates import candidates, check_accuracy, check_kinds, shown_by
+from virtual_phantom.physics.effect import acts_on_images, names, offered
 
 
 def test_a_flux_is_only_tried_against_a_stated_one():
@@ -16,8 +16,30 @@ def test_a_flux_is_only_tried_against_a_stated_one():
 
 def test_each_kind_has_its_own():
     ours = {kind: set(candidates({"nominal_photons": 1e5}, kind)) for kind in ("projections", "images")}
-    assert set(names()) - ours["projections"] == {name for name in names() if acts_on_images(name)}
-    assert set(names()) - ours["images"] == {"gain_pattern"}
+    of_images = {name for name in names() if acts_on_images(name)}
+    assert set(names()) - ours["projections"] == of_images | {"water_correction", "current_along_z"}
+    assert set(names()) - ours["images"] == {"gain_pattern", "water_correction", "current_along_z"}
+
+
+def test_a_correction_is_looked_for_where_the_maker_made_it():
+    tried = candidates({}, corrected=["beam_hardening"])
+    assert "water_correction" in tried and "spectrum" not in tried
+    with pytest.raises(InputError, match=r"water_correction .* state corrected: \[beam_hardening\] in recording.yaml"):
+        candidates({"effects": ["water_correction"]})
+
+
+def test_a_current_along_the_axis_needs_a_source_that_moves_there():
+    scan = {"trajectory": "helical", "rotation_time_ms": 500.0, "views_per_rotation": 100.0}
+    assert "current_along_z" in candidates({}, **shown_by({"kind": "projections", "scan": scan}))
+    assert "current_along_z" in candidates({}, **shown_by({"kind": "images"}))
+    circle = scan | {"trajectory": "circular"}
+    assert "current_along_z" not in candidates({}, **shown_by({"kind": "projections", "scan": circle}))
+
+
+def test_what_does_nothing_alone_is_offered_beside_what_it_changes():
+    every = ["anti_scatter_grid", "slow_afterglow", "motion"]
+    assert offered(every, ()) == ["motion"]
+    assert offered(every, ("scatter",)) == ["anti_scatter_grid", "motion"]
 
 
 @pytest.mark.parametrize(

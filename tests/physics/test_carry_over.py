@@ -183,7 +183,7 @@ def test_a_fit_finds_the_same_at_another_speed_dose_and_collimation(name, made, 
         assert abs(fit.physics[name][key] - value) < 3.5 * error and error < 0.5 * abs(value), (key, fit.physics[name])
 
 
-TIMED_OR_READ = {"motion", "source_drift", "dark_signal", "afterglow", "detector_saturation"}
+TIMED_OR_READ = {"motion", "source_drift", "dark_signal", "afterglow", "slow_afterglow", "detector_saturation"}
 HELD_TO = {  # effects that the height of the beam changes
     "scatter": "its amount falls with the height of the beam",
     "veiling_glare": "the dark beside the beam spreads into it as its light does",
@@ -209,8 +209,9 @@ def test_the_rows_that_a_collimator_leaves_are_read_as_before(name):
 
 def test_what_goes_by_unknown_times_is_not_looked_for():
     chain = Chain(DiscScene(160.0, "water"), scanner(), readout=AIR)
-    assert {name for name in names() if needs_times(name)} == {"afterglow", "motion", "source_drift"}
-    for name in ("afterglow", "motion", "source_drift"):
+    timed = {"afterglow", "slow_afterglow", "motion", "source_drift"}
+    assert {name for name in names() if needs_times(name)} == timed
+    for name in sorted(timed):
         with pytest.raises(InputError, match="the time from view to view is not known"):
             chain.parameters(name)
     with pytest.raises(InputError, match="state scan.view_interval_ms or scan.rotation_time_ms"):

@@ -10,7 +10,7 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.base.geometry import Grid, circular, helical
 from virtual_phantom.diagnosis.projections.observed import Scans, observe
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.correlation import correlations
@@ -27,6 +27,18 @@ ROOT = Path(__file__).resolve().parents[2]
 MU = 0.0193
 GEOMETRY = circular(
     views=24,
+    source_to_isocentre_mm=500.0,
+    source_to_detector_mm=1000.0,
+    columns=48,
+    rows=6,
+    column_pitch_mm=6.0,
+    row_pitch_mm=6.0,
+    view_interval_ms=20.0,
+)
+
+HELIX = helical(
+    views=24,
+    volume_height_mm=30.0,
     source_to_isocentre_mm=500.0,
     source_to_detector_mm=1000.0,
     columns=48,
@@ -88,12 +100,15 @@ def test_an_effect_at_its_neutral_value_changes_nothing(chain, name):
     )
     values = effect.values({})
     varied = [parameter for parameter in effect.parameters if parameter.neutral is not None]
-    state, baseline = chain.state({name: values}), chain.state({})
+    there = {} if effect.beside is None else {effect.beside: load(effect.beside).values({})}
+    if name == "current_along_z":
+        chain = chain.copy(HELIX)
+    state, baseline = chain.state(there | {name: values}), chain.state(there)
     changed = [state.line_integrals(), state.variance(), correlations(state)]
     same = [baseline.line_integrals(), baseline.variance(), correlations(baseline)]
     assert any((a != b).any() for a, b in zip(changed, same, strict=True)), "typical strength does nothing"
     if varied:
-        off = chain.state({name: values | {parameter.name: parameter.neutral for parameter in varied}})
+        off = chain.state(there | {name: values | {parameter.name: parameter.neutral for parameter in varied}})
         for a, b in zip((off.line_integrals(), off.variance()), same, strict=False):
             np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)
 

@@ -1,5 +1,7 @@
 """The independent simulator's scans, against closed forms: its frame, its noise, and what is added to it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.materials import attenuation_per_mm as attenuation
 from virtual_phantom.physics.scene import DiscScene
-from virtual_phantom.physics.shapes import ShapesScene, ellipsoid
+from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
 from virtual_phantom.physics.spectra import Anode
 from virtual_phantom.physics.state import State
 from virtual_phantom.proof.conceal.catalogue import CATALOGUE
@@ -17,6 +19,8 @@ from virtual_phantom.proof.conceal.generate import NOMINAL
 from virtual_phantom.proof.conceal.xcist import (
     Materials,
     Scan,
+    Surface,
+    Surfaces,
     _configured,
     attenuation_per_mm,
     energy_of_water,
@@ -252,6 +256,28 @@ def test_lag_leaves_some_of_the_last_view(plain):
     assert np.polyfit(before.ravel(), changed.ravel(), 1)[0] > 0.02
 
 
+def test_a_second_slower_lag_is_the_slow_afterglow():
+    """Of a scan that begins without a glow, and flashes in the middle of every view: XCIST's two exponentials."""
+    lag = {"lag_share": 0.05, "lag_ms": 60.0, "slow_lag_share": 0.03, "slow_lag_ms": 500.0}
+    rod = ShapesScene([cylinder("water", CENTRE, RADIUS)], KEV)
+    geometry = circular(views=VIEWS, view_interval_ms=1000.0 / VIEWS, exposure_ms=1e-6, **DETECTOR)
+    order = Scan(views=VIEWS, kev=KEV, photons=1e8, **DETECTOR)
+    body = Surfaces((Surface("cylinder", "water", tuple(CENTRE), (RADIUS, RADIUS, 1000.0)),), rays=3)
+    plain, glowing = (
+        lines(simulate(replace(order, settings=settings), body, 1, np.random.SeedSequence(1)))[0]
+        for settings in ({}, lag)
+    )
+    physics = {
+        "afterglow": {"share": 0.05, "time_constant_ms": 60.0, "before": 0.0},
+        "slow_afterglow": {"share": 0.03, "time_constant_ms": 500.0, "before": 0.0},
+    }
+    chain = Chain(rod, geometry, 1e8, samples=3)
+    expected = chain.state(physics).line_integrals() - chain.state({}).line_integrals()
+    assert np.abs(glowing - plain - expected).max() < 0.02 * np.abs(expected).max()
+    without = chain.state({"afterglow": physics["afterglow"]}).line_integrals() - chain.state({}).line_integrals()
+    assert np.abs(glowing - plain - without).max() > 0.2 * np.abs(expected).max()
+
+
 def test_the_heel_is_tungsten_that_slanted_rays_pass(plain):
     """Of 10 um of it under an anode of 7 degrees, relative to the central ray: exp(-d mu (1 / sin(7 + a) - 1 / sin 7))
     at the cone angle a. Above its K edge, tungsten has 11.2 cm2/g at 70 keV (NIST's XCOM), so 21.5 per mm."""
@@ -392,8 +418,8 @@ def test_the_end_of_a_focal_spot_at_plus_z_lies_nearer_as_recordings_say(tmp_pat
     from gecatsim.pyfiles.SetFocalspot import SetFocalspot
 
     order = Scan(views=VIEWS, kev=KEV, photons=PHOTONS, settings={"focal_spot_mm": (1.0, 2.0)}, **DETECTOR)
-    path = Materials({"water": np.ones((2, 2, 2), np.float32)}, (1.0, 1.0)).write(tmp_path)
-    samples = SetFocalspot(_configured(order, path)).src.samples
+    water = Materials({"water": np.ones((2, 2, 2), np.float32)}, (1.0, 1.0))
+    samples = SetFocalspot(_configured(order, water, tmp_path)).src.samples
     nearer = DETECTOR["source_to_isocentre_mm"] - samples[:, 1]
     np.testing.assert_allclose(nearer, samples[:, 2] / np.tan(np.deg2rad(NOMINAL["anode_angle_deg"])), atol=1e-3)
     assert np.ptp(nearer) > 5

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..base.errors import InputError
 from ..base.streams import Branch
-from ..diagnosis.candidates import candidates
+from ..diagnosis.candidates import candidates, shown_by
 from ..diagnosis.core.asked import Asked, LabelledObject, Settings, ShapesObject
 from ..diagnosis.core.verdict import Diagnosis
 from ..diagnosis.course import explain
@@ -24,7 +24,6 @@ from ..physics.material_names import named
 from ..recordings.document import read_document
 from ..recordings.reading import load
 from ..recordings.recording import Recording
-from ..recordings.scan import timed
 
 SECTION = schema_of("diagnosis", "recordings")["additionalProperties"]  # of one recording
 
@@ -108,9 +107,7 @@ def diagnose(
     section, schema = settings | scanned, SECTION | {"$defs": schema_of()["$defs"]}
     validate(section, schema, "diagnose")
     fill_defaults(section, schema)
-    tried = candidates(
-        section | {"effects": effects}, kind, timed(document.content), document.content.get("corrected", ())
-    )
+    tried = candidates(section | {"effects": effects}, **shown_by(document.content))
     study = defaults_of()
     materials = defaults_of("materials")
     asked = Asked(recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"])

@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping
 
 from ..base.errors import InputError
 from ..physics.effect import acts_on_images, load, names, needs_times, require
+from ..recordings.scan import timed
 from .core.declared import declared
 
 # {kind of a recording: (which effects it does not show, and why)}
@@ -31,8 +32,35 @@ CORRECTED = {
 }
 
 
+# {effect: the correction that it is}: tried where the maker made it.
+MADE_BY_MAKER = {"water_correction": "beam_hardening"}
+
+
+def shown_by(content: Mapping) -> dict:
+    """What of `candidates` a recording says.
+
+    Parameters
+    ----------
+    content : mapping
+        That of recording.yaml.
+
+    Returns
+    -------
+    dict
+        Its arguments after the settings.
+    """
+    kind = content["kind"]
+    # Images are simulated by a protocol of the study, which may be a helix.
+    helical = kind == "images" or content.get("scan", {}).get("trajectory") == "helical"
+    return {"kind": kind, "timed": timed(content), "corrected": content.get("corrected", ()), "helical": helical}
+
+
 def candidates(
-    settings: dict, kind: str = "projections", timed: bool = True, corrected: Collection[str] = ()
+    settings: dict,
+    kind: str = "projections",
+    timed: bool = True,
+    corrected: Collection[str] = (),
+    helical: bool = False,
 ) -> list[str]:
     """The effects that a recording of a kind is tried against.
 
@@ -45,6 +73,8 @@ def candidates(
         Whether the times of its views are known.
     corrected : collection of str, optional
         What was corrected before the recording was stored (CORRECTED).
+    helical : bool, optional
+        Whether the source moves along the axis.
 
     Returns
     -------
@@ -65,6 +95,11 @@ def candidates(
     for name in corrected:
         words = f"was corrected by the scanner's maker (corrected: {name} in recording.yaml)"
         hidden |= dict.fromkeys(CORRECTED.get(name, ()), words)
+    for name, correction in MADE_BY_MAKER.items():
+        if correction not in corrected:
+            hidden[name] = f"is there where the maker corrected it; state corrected: [{correction}] in recording.yaml"
+    if not helical:
+        hidden["current_along_z"] = "goes along the axis, where the source does not move"
     if not timed:
         words = "goes by the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
         hidden |= {name: words for name in names() if needs_times(name)}

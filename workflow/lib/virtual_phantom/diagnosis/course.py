@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from ..physics.effect import offered
 from .core.attribute import Choice, choose
 from .core.change import Change
 from .core.how_far import ALIGNED, JUDGED, HowFar
@@ -71,7 +72,8 @@ def explain(
             piece = None  # effects are chosen beside those that were mended
         alone = None
         if piece is not None:
-            alone = screened(one.fitter, baseline.fit, effects, processes, how_far) if effects else {}
+            first = offered(effects, one.fitter.model.whole(()))
+            alone = screened(one.fitter, baseline.fit, first, processes, how_far) if first else {}
             if beyond_effects(piece, alone):
                 return no_physics(baseline, piece)
         found = choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far, alone)

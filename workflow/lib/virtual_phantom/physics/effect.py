@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -151,6 +151,8 @@ class Effect:
         (state, values by name): changes in place a state.State, or at stage "image" an image_state.ImageState.
     pattern : bool
         True if one unknown per detector pixel is fitted beside the parameters (rings).
+    beside : str or None
+        The effect without which this one does nothing, or is no other than that one.
     rank : int
         Of image effects, which act in the order of their ranks, and of their names where these are equal: 0 for
         sharpness, 1 for the numbers.
@@ -167,6 +169,7 @@ class Effect:
     apply: Callable
     pattern: bool = False
     rank: int = 0
+    beside: str | None = None
 
     def values(self, given: Mapping[str, float], source: str = "physics") -> dict[str, float]:
         """All parameters: those given, the others at their typical value.
@@ -266,6 +269,11 @@ def load(name: str, source: str = "physics") -> Effect:
     """
     require(name, source)
     return importlib.import_module(f".effects.{name}", __package__).EFFECT
+
+
+def offered(candidates: Iterable[str], there: Collection[str]) -> list[str]:
+    """The candidates that can do something beside the effects that are there."""
+    return [name for name in candidates if (needed := load(name).beside) is None or needed in there]
 
 
 def acts_on_images(name: str) -> bool:

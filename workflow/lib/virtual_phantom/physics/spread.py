@@ -10,7 +10,9 @@ from ..base.geometry import ScanGeometry
 TRUNCATED = 3.0  # standard deviations: beyond them a kernel is 0
 
 
-def spread(array: np.ndarray, geometry: ScanGeometry, width_mm: float) -> np.ndarray:
+def spread(
+    array: np.ndarray, geometry: ScanGeometry, width_mm: float, reach_mm: tuple[float, float] = (np.inf, np.inf)
+) -> np.ndarray:
     """Each view under a Gaussian on the detector.
 
     A single row stands for a beam that is high enough to look alike from row to row. Beyond the detector there is
@@ -23,23 +25,35 @@ def spread(array: np.ndarray, geometry: ScanGeometry, width_mm: float) -> np.nda
     geometry : ScanGeometry
     width_mm : float
         Standard deviation, mm.
+    reach_mm : tuple of 2 float, optional
+        Along columns and rows, mm: of what comes from so far nothing arrives, of what comes from nearer a share that
+        falls linearly.
 
     Returns
     -------
     ndarray
         Shaped as `array`.
     """
-    array = array @ _matrix(geometry.columns, width_mm / geometry.column_pitch_mm)
+    columns, rows = (
+        _kernel(width_mm / pitch, reach / pitch)
+        for pitch, reach in zip((geometry.column_pitch_mm, geometry.row_pitch_mm), reach_mm, strict=True)
+    )
+    array = array @ _matrix(geometry.columns, columns)
     if geometry.rows > 1:
-        array = _matrix(geometry.rows, width_mm / geometry.row_pitch_mm) @ array
-    return array
+        return _matrix(geometry.rows, rows) @ array
+    return array * (2 * rows.sum() - rows[0]) if np.isfinite(reach_mm[1]) else array
 
 
-def _matrix(length: int, sigma: float) -> np.ndarray:
-    """Symmetric matrix of the kernel sampled at pixels, its sum over all pixels, on the detector or not, 1."""
-    reach = int(TRUNCATED * sigma + 0.5)
-    kernel = np.exp(-0.5 * (np.arange(reach + 1) / sigma) ** 2)
+def _kernel(sigma: float, reach: float) -> np.ndarray:
+    """Half of the kernel sampled at pixels, that of the middle first: all of it would sum up to 1 if all arrived."""
+    place = np.arange(int(TRUNCATED * sigma + 0.5) + 1)
+    kernel = np.exp(-0.5 * (place / sigma) ** 2)
     kernel /= 2 * kernel.sum() - kernel[0]
+    return kernel if np.isinf(reach) else kernel * np.maximum(1 - place / reach, 0)
+
+
+def _matrix(length: int, kernel: np.ndarray) -> np.ndarray:
+    """Symmetric matrix of half a kernel."""
     column = np.zeros(length)
-    column[: reach + 1] = kernel[:length]
+    column[: len(kernel)] = kernel[:length]
     return scipy.linalg.toeplitz(column)

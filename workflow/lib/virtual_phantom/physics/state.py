@@ -14,6 +14,8 @@ from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
 PHOTONS, AIR = "photons", "air"  # of a readout: its unit
 LEAST_SIGNAL = 1e-6  # of the signal in air: a logarithm of less is none
 LINEAR = (1.0, 0.0)  # response of a detector whose readings are proportional to the signal
+AS_READ = (0.0, 0.0)  # a polynomial on line integrals that leaves them as they are
+MOST_CORRECTED = 10.0  # line integral from which such a polynomial goes on as a straight line: makers' tables end too
 MOST_NOISE = 0.2  # variance of line integrals up to which moments of the logarithm follow their series
 
 
@@ -64,11 +66,18 @@ class State:
         (share, memory, before): share of a view's signal that is read with later views, what of the glow each further
         view of the scanner leaves, and how much of it there is before the first view, over what that view's signal
         would bring about if it lasted.
+    slow_lag : tuple of 3 float
+        As `lag`, of a second glow that fades over so many views that its own noise averages out.
+    grid : tuple of 2 float
+        Height of the septa over their gap, across the columns and across the rows; 0: there are none. What is scattered
+        further sideways they stop.
     response : tuple of 2 float
         (exponent, loss): what is read of the signal N in photons, when neighbours have shared it, it has glowed on and
         electronic noise is in it, goes as N^exponent / (1 + loss N), in the scan and in the air scan.
     gain : ndarray or None
         Of each pixel since the air scan, a factor broadcastable to (rows, columns).
+    correction : tuple of 2 float
+        (a, b): in the place of line integrals p the maker stores p + a p^2 + b p^3.
     dark : ndarray or None
     dark_air : float
         Read out beside the signal and no photons, in readout units: in the scan, broadcastable to (views, rows,
@@ -98,8 +107,11 @@ class State:
     electronic: float = 0.0
     neighbours: tuple[float, float] = (0.0, 0.0)
     lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    slow_lag: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    grid: tuple[float, float] = (0.0, 0.0)
     response: tuple[float, float] = LINEAR
     gain: np.ndarray | None = None
+    correction: tuple[float, float] = AS_READ
     dark: np.ndarray | None = None
     dark_air: float = 0.0
     readout: float | str = PHOTONS
@@ -119,6 +131,11 @@ class State:
 
     @property
     def measured(self) -> np.ndarray:
+        """The mean signal as it is stored, shape (views, rows, columns)."""
+        return self.corrected(self._read_out)
+
+    @property
+    def _read_out(self) -> np.ndarray:
         """The mean signal as it is read out, shape (views, rows, columns)."""
         signal = self.responded(self.read(self.signal))
         signal = signal if self.gain is None else signal * self.gain
@@ -148,6 +165,25 @@ class State:
         exponent, loss = self.response
         return np.sign(signal) * np.abs(signal) ** exponent / (1 + loss * self.photons * np.abs(signal))
 
+    def corrected(self, reading: np.ndarray) -> np.ndarray:
+        """A reading whose line integral is corrected for beam hardening as the maker does it.
+
+        Parameters
+        ----------
+        reading : ndarray, shape (views, rows, columns)
+            Over that of a pixel in air at fluence 1. Readings without a logarithm count as the least that have one.
+
+        Returns
+        -------
+        ndarray
+            Shaped as `reading`, and itself without a correction.
+        """
+        if self.correction == AS_READ:
+            return reading
+        air = self.measured_air
+        lines = -np.log(np.maximum(reading, LEAST_SIGNAL * air) / air)
+        return air * np.exp(-polynomial(lines, self.correction)[0])
+
     def exponent(self, signal: np.ndarray) -> np.ndarray | float:
         """How ln(reading) grows with ln(signal) by the response, with signals as `responded` takes them."""
         exponent, loss = self.response
@@ -165,11 +201,18 @@ class State:
         ndarray, shape (views, rows, columns)
         """
         signal = self.read(self.signal)
-        exponent = self.exponent(signal)
+        exponent = self.exponent(signal) * self._slope
         if self.dark is None:  # gains change signal and noise alike
             return signal / exponent
         slope = exponent if self.response == LINEAR else exponent * self.responded(signal) / signal
-        return self.measured / (slope if self.gain is None else slope * self.gain)
+        return self._read_out / (slope if self.gain is None else slope * self.gain)
+
+    @property
+    def _slope(self) -> np.ndarray | float:
+        """How a stored line integral grows with the one that is read."""
+        if self.correction == AS_READ:
+            return 1.0
+        return polynomial(-np.log(self._read_out / self.measured_air), self.correction)[1]
 
     def read(
         self, signal: np.ndarray, squared: bool = False, first: np.ndarray | None = None, apart: int | None = None
@@ -192,7 +235,14 @@ class State:
         """
         first = None if first is None else shared(first[None], self.neighbours, squared)[0]
         apart = apart or self.geometry.views_apart
-        return lagged(shared(signal, self.neighbours, squared), self.lag, squared, first, apart)
+        signal = shared(signal, self.neighbours, squared)
+        read = lagged(signal, self.lag, squared, first, apart)
+        if not (slow := self.slow_lag[0]):
+            return read
+        if squared:  # of so many views, none adds to the noise of any
+            return read * ((1 - self.lag[0] - slow) / (1 - self.lag[0])) ** 2
+        # Both glow beside each other: what one keeps of a view is not the other's.
+        return read + lagged(signal, self.slow_lag, False, first, apart) - signal
 
     def drawn_before(self, mean: np.ndarray, variance: np.ndarray, random: np.random.Generator) -> np.ndarray | None:
         """A mean over the views before the scan, as their glow weighs them, that is as noisy as these are.
@@ -208,9 +258,10 @@ class State:
         ndarray, shape (rows, columns), or None
             None without afterglow.
         """
-        if not self.lag[0]:
+        if not (self.lag[0] or self.slow_lag[0]):
             return None
-        return mean + random.normal(size=mean.shape) * np.sqrt(variance * (1 - self.lag[1]) / (1 + self.lag[1]))
+        memory = self.lag[1] if self.lag[0] else self.slow_lag[1]
+        return mean + random.normal(size=mean.shape) * np.sqrt(variance * (1 - memory) / (1 + memory))
 
     def line_integrals(self) -> np.ndarray:
         """-ln(signal / air) of the means, float64, shape (views, rows, columns)."""
@@ -233,8 +284,8 @@ class State:
         -------
         mean, variance : ndarray, shape (views, rows, columns)
         """
-        # A power of the signal takes its logarithm that many times, noise and all.
-        exponent = self.exponent(self.read(self.signal))
+        # A power of the signal takes its logarithm that many times, noise and all; a polynomial does to first order.
+        exponent = self.exponent(self.read(self.signal)) * self._slope
         quantum, electronic = (part / exponent**2 for part in self._noise_parts())
         first = quantum + electronic
         noise, quantum = np.minimum(first, MOST_NOISE), np.minimum(quantum, MOST_NOISE)
@@ -269,7 +320,7 @@ class State:
         each = np.divide(self.noise, self.signal, out=np.ones_like(self.signal), where=self.signal > 0)
         before = self.drawn_before(self.signal[0] * self.photons, self.noise[0] * self.photons, earlier)
         # Of views that are left out, the glow that they leave has noise of its own.
-        apart = self.geometry.views_apart if self.lag[0] else 1
+        apart = self.geometry.views_apart if self.lag[0] or self.slow_lag[0] else 1
         signal, each = between(self.signal, apart), between(each, apart)
         drawn = poisson_counts(signal / each * self.photons, random) * each
         read = self.read(drawn, first=before, apart=1)[::apart]
@@ -278,7 +329,29 @@ class State:
         if self.response != LINEAR:
             read = self.responded(read / self.photons) * self.photons
         read = read if self.gain is None else read * self.gain
-        return read if self.dark is None else read + self.dark * (self.photons / self.unit)
+        read = read if self.dark is None else read + self.dark * (self.photons / self.unit)
+        return read if self.correction == AS_READ else self.corrected(read / self.photons) * self.photons
+
+
+def polynomial(lines: np.ndarray, correction: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """The polynomial p + a p^2 + b p^3 and its slope; from MOST_CORRECTED on a straight line.
+
+    Parameters
+    ----------
+    lines : ndarray
+        Line integrals p.
+    correction : tuple of 2 float
+        a and b.
+
+    Returns
+    -------
+    values, slopes : ndarray
+        Shaped as `lines`.
+    """
+    square, cube = correction
+    inside = np.minimum(lines, MOST_CORRECTED)
+    slope = 1 + 2 * square * inside + 3 * cube * inside**2
+    return inside + square * inside**2 + cube * inside**3 + slope * (lines - inside), slope
 
 
 def shared(array: np.ndarray, neighbours: tuple[float, float], squared: bool = False) -> np.ndarray:

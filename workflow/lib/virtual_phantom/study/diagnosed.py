@@ -8,11 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..base.errors import InputError
-from ..diagnosis.candidates import OF_ONE_SCAN, candidates, check_accuracy, check_kinds
+from ..diagnosis.candidates import OF_ONE_SCAN, candidates, check_accuracy, check_kinds, shown_by
 from ..diagnosis.extent import fitted, is_shapes
 from ..physics.effect import image_effects, require
 from ..physics.object_files import path_of
-from ..recordings.scan import missing_for_geometry, timed
+from ..recordings.scan import missing_for_geometry
 from .costs import diagnoses
 from .costs.limits import minutes
 from .costs.rates import estimate
@@ -86,12 +86,7 @@ class Diagnosis:
         check_accuracy(settings["model_accuracy"])
         tried = {}
         for name, one in settings["recordings"].items():
-            content = recordings.content(name)
-            tried[name] = (
-                []
-                if "physics_from" in one
-                else candidates(one, content["kind"], timed(content), content.get("corrected", ()))
-            )
+            tried[name] = [] if "physics_from" in one else candidates(one, **shown_by(recordings.content(name)))
         found = cls(plan, files, recordings, engine, tried, rates)
         for name in settings["scanners"]:
             found.shared(name)

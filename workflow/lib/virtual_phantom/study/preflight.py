@@ -10,10 +10,9 @@ from pathlib import Path
 
 from ..base.errors import InputError, lines_of
 from ..base.streams import Branch, branch
-from ..diagnosis.candidates import candidates, check_accuracy, check_kinds
+from ..diagnosis.candidates import candidates, check_accuracy, check_kinds, shown_by
 from ..projectors import choose_engine
 from ..recordings.document import Document
-from ..recordings.scan import timed
 from .config import flat_detectors, inspected
 from .kept_checks import look_once
 from .outputs import Files
@@ -202,12 +201,8 @@ def _recordings(config: dict, keep: bool) -> Iterator[str]:
         if wrong := _said(check_kinds, {name: one}, documents):
             yield from wrong
         elif "physics_from" not in one:
-            content = documents[name].content
-            yield from (f"{where}: {line}" for line in _said(candidates, one, *_tried_on(content)))
-
-
-def _tried_on(content: dict) -> tuple:
-    return content["kind"], timed(content), content.get("corrected", ())
+            said = _said(partial(candidates, **shown_by(documents[name].content)), one)
+            yield from (f"{where}: {line}" for line in said)
 
 
 def _object(settings: Mapping, where: str, keep: bool) -> Iterator[str]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from ...io.schema import defaults_of
+from ...physics.effect import offered
 from .change import Change
 from .fit import Fit, Fitter
 from .how_far import HowFar
@@ -130,7 +131,7 @@ def choose(
     how_far : HowFar, optional
         What is told of rankings and fits.
     alone : mapping of str to Screened, optional
-        Matched filters of all candidates beside the alignment, where they were made before.
+        Matched filters of the candidates beside the alignment, where they were made before.
 
     Returns
     -------
@@ -170,7 +171,7 @@ def choose(
         if best.score - current.score < least(current) or best.p * len(candidates) > ALPHA:
             break
         current = take(best)
-        found = fits.screened(current.fit, fits.others(current))
+        found = fits.screened(current.fit, fits.others(current.fit.effects))
         # Chi-square is twice the score, and a filter, of first order, may fall short of it by a factor of two.
         hopeful = [*best_few(standing_out(least(current))), *(name for name, one in found.items() if one.blind)]
         if not hopeful or not more:
@@ -182,7 +183,7 @@ def choose(
             break
         current = take(best)
     if set(choice.chosen.fit.effects) & set(found):  # swapped since
-        found = fits.screened(choice.chosen.fit, fits.others(choice.chosen))
+        found = fits.screened(choice.chosen.fit, fits.others(choice.chosen.fit.effects))
     undecided = {name: one.gain / 2 for name, one in standing_out(2 * LEAST_GAIN).items()}
     return replace(choice, blur=blur(choice.chosen), undecided=undecided, numerical=numerical)
 
@@ -198,7 +199,7 @@ class _Fits:
     Attributes
     ----------
     alone : dict of str to Screened
-        Matched filters of all candidates, beside the alignment.
+        Matched filters of the candidates that can do something alone, beside the alignment.
     singles : dict of str to Trial
         Fits of candidates alone that were made.
     """
@@ -209,12 +210,13 @@ class _Fits:
         self.baseline, self.candidates = baseline, tuple(candidates)
         self._make = partial(trials, fitter, processes=processes, kept=kept, how_far=how_far)
         self._screen = partial(screened, fitter, processes=processes, how_far=how_far)
-        self.alone = self.screened(baseline.fit, self.candidates) if alone is None else alone
+        self._whole = fitter.model.whole
+        self.alone = self.screened(baseline.fit, self.others(())) if alone is None else alone
         self.singles: dict[str, Trial] = {}
 
-    def others(self, chosen: Trial) -> list[str]:
-        """Candidates that are not in a fit."""
-        return [name for name in self.candidates if name not in chosen.fit.effects]
+    def others(self, effects: tuple[str, ...], but: str | None = None) -> list[str]:
+        """Candidates that are none of these effects, nor another one, and can do something beside these."""
+        return [name for name in offered(self.candidates, self._whole(effects)) if name not in (*effects, but)]
 
     def screened(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
         """As `screening.screened`."""
@@ -255,7 +257,7 @@ def _with_stand_ins(fits: _Fits, current: Trial) -> tuple[Choice, Trial | None]:
     for effect, rest in rests.items():
         gains[effect] = current.score - without[effect].score
         p[effect] = min(1.0, chance(current.fit, without[effect].fit, effect) * len(fits.candidates))
-        others = fits.others(current)
+        others = fits.others(rest, but=effect)
         found = fits.screened(without[effect].fit, others) if rest else {name: fits.alone[name] for name in others}
         first_order = {name: gains[effect] - found[name].gain / 2 for name in others}
         close = [name for name in others if first_order[name] < RULED_OUT]

@@ -74,6 +74,10 @@ class JointFitter:
             raise InputError("a joint fit needs a recording; there is none")
         self.fitters = dict(fitters)
 
+    def whole(self, effects: tuple[str, ...]) -> tuple[str, ...]:
+        """What is declared of the scanner, and these effects."""
+        return next(iter(self.fitters.values())).model.whole(effects)
+
     def without(self, name: str) -> JointFitter:
         """The same without one recording."""
         return JointFitter({other: one for other, one in self.fitters.items() if other != name})

@@ -9,6 +9,7 @@ from scipy import stats
 
 from ...base.errors import InputError
 from ...io.schema import defaults_of
+from ...physics.effect import offered
 from ...statistics.multiplicity import bonferroni
 from .attribute import ALPHA, LEAST_GAIN
 from .fit import Fit
@@ -102,8 +103,8 @@ def choose_jointly(
         return max(LEAST_GAIN, sum(accuracy.get(name, accuracy["default"]) ** 2 * gains[name] for name in names))
 
     left = list(candidates)
-    while left:
-        tried = [together.fit((*current.effects, name), current) for name in left]
+    while now := offered(left, together.whole(current.effects)):
+        tried = [together.fit((*current.effects, name), current) for name in now]
         tried.sort(key=lambda one: one.chi_square)
         here = judge.scores(current.effects, current)
         best = max(tried[:TRIED], key=lambda one: _gain(judge.scores(one.effects, one), here))

@@ -1,7 +1,10 @@
 """Scattered radiation."""
 
+import math
+
 import numpy as np
 
+from ...base.geometry import ScanGeometry
 from ..effect import Effect, Parameter
 from ..spread import spread
 from ..state import State
@@ -12,14 +15,21 @@ def apply(state: State, values: dict[str, float]) -> None:
     transmission = state.signal / state.air
     # What leaves the primary beam: most where about 1/e of it is left.
     source = -transmission * np.log(np.clip(transmission, 1e-12, 1)) * state.air
+    reach_mm = _through(state.grid, state.geometry)
     if state.noise is state.signal:  # photons that all count alike
         state.signal = state.noise = state.signal + values["amount"] * spread(
-            source, state.geometry, values["width_mm"]
+            source, state.geometry, values["width_mm"], reach_mm
         )
         return
     noise = np.divide(source * state.noise, state.signal, out=np.zeros_like(source), where=state.signal > 0)
-    more = values["amount"] * spread(np.stack([source, noise]), state.geometry, values["width_mm"])
+    more = values["amount"] * spread(np.stack([source, noise]), state.geometry, values["width_mm"], reach_mm)
     state.signal, state.noise = state.signal + more[0], state.noise + more[1]
+
+
+def _through(grid: tuple[float, float], geometry: ScanGeometry) -> tuple[float, float]:
+    """How far from where it comes scatter of the object's middle arrives behind a grid, along columns and rows, mm."""
+    away_mm = geometry.source_to_detector_mm - geometry.source_to_isocentre_mm
+    return tuple(away_mm / ratio if ratio else math.inf for ratio in grid)
 
 
 EFFECT = Effect(

@@ -34,6 +34,7 @@ TARGET_ANGLE_DEG = 7.0  # of its anode, whose spectra are tabulated
 FOCAL_SPOT_SAMPLES = 3  # along either side, evenly spaced
 SPOT_STRETCHED = (1 - FOCAL_SPOT_SAMPLES**-2) ** -0.5  # so that they vary as much as the whole side
 ENERGIES_KEV = (40.0, 120.0)  # between which that of the monochromatic beam is looked for
+SURFACES = {"ellipsoid": 1, "cylinder": 2}  # its numbers for them
 # What the hooks do when nothing is asked of them.
 IDLE = {
     "detector_columns_px": 0.0,
@@ -69,6 +70,8 @@ class Scan:
         {name: value} of what is concealed: those of IDLE, and what this module, `readout` and `generate` read.
     surface : {"flat", "cylindrical"}, optional
         Of the detector; an arc is about the source.
+    column_offset_px : float, optional
+        As ScanGeometry has it.
     """
 
     views: int
@@ -83,6 +86,7 @@ class Scan:
     rotation_ms: float = 1000.0
     settings: dict = field(default_factory=dict)
     surface: str = FLAT
+    column_offset_px: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -93,10 +97,78 @@ class Acquired:
     ----------
     readings : ndarray of float32, shape (repeats, views, rows, columns)
     air : ndarray of float32, shape (rows, columns)
+    quanta : ndarray, shape (rows, columns), or None
+        Noise-equivalent quanta in air, per view; None where nobody asked.
     """
 
     readings: np.ndarray
     air: np.ndarray
+    quanta: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Surface:
+    """An ellipsoid or an elliptic cylinder along z.
+
+    Attributes
+    ----------
+    kind : {"ellipsoid", "cylinder"}
+    material : str
+        XCIST's name.
+    centre_mm, half_axes_mm : tuple of 3 float
+        Along x, y and z, mm.
+    """
+
+    kind: str
+    material: str
+    centre_mm: tuple[float, float, float]
+    half_axes_mm: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """An object for XCIST by its surfaces: what comes later takes the place of what is there.
+
+    At least one is a cylinder: without the planes of its ends XCIST's reader stops.
+
+    Attributes
+    ----------
+    parts : tuple of Surface
+    rays : int, optional
+        Of every cell of the detector, in either direction.
+    """
+
+    parts: tuple[Surface, ...]
+    rays: int = 2
+
+    def configure(self, cfg, folder: Path) -> None:
+        """Have the configuration scan this object, described by a file in the folder."""
+        cfg.phantom.filename = str(self.write(folder))
+        cfg.phantom.callback, cfg.phantom.projectorCallback = "Phantom_Analytic", "C_Projector_Analytic"
+        cfg.physics.colSampleCount = cfg.physics.rowSampleCount = self.rays
+
+    def write(self, folder: Path) -> Path:
+        """XCIST's file: objects are numbered from 1."""
+        names = sorted({one.material for one in self.parts})
+        lines = [f"materialList = {{{' '.join(repr(name) for name in names)} }};"]
+        for number, one in enumerate(self.parts, start=1):
+            x, y, z = one.centre_mm
+            along, across, up = one.half_axes_mm
+            lines += [
+                "",
+                f"object.center({number},:) = [{x:.6f} {y:.6f} {z:.6f}];",
+                f"object.half_axes({number},:) = [{along:.6f} {across:.6f} {up:.6f}];",
+                f"object.euler_angs({number},:) = [0.000000 0.000000 0.000000];",
+                f"object.density({number}) = 1.000000;",
+                f"object.type({number}) = {SURFACES[one.kind]};",
+                f"object.material({number}) = {1 + names.index(one.material)};",
+                f"object.axial_lims({number},:) = [0 0];",
+                f"object.shape({number}) = 0;",
+                f"object.clip{{{number}}} = [];",
+            ]
+        path = folder / "object.ppm"
+        path.write_text("\n".join(lines) + "\n")
+        return path
 
 
 @dataclass(frozen=True)
@@ -113,6 +185,12 @@ class Materials:
 
     fractions: dict[str, np.ndarray]
     voxel_mm: tuple[float, float]
+
+    def configure(self, cfg, folder: Path) -> None:
+        """Have the configuration scan this object, described by files in the folder."""
+        cfg.phantom.filename = str(self.write(folder))
+        cfg.phantom.projectorCallback = HOOKS + "projector"
+        cfg.physics.colSampleCount = cfg.physics.rowSampleCount = 1
 
     def write(self, folder: Path) -> Path:
         """XCIST's files: row 0 at +y, slice 0 at -z, x fastest."""
@@ -173,13 +251,13 @@ def energy_of_water(mu_per_mm: float) -> float:
     return brentq(lambda kev: attenuation_per_mm("water", kev) - mu_per_mm, *ENERGIES_KEV)
 
 
-def simulate(scan: Scan, materials: Materials, repeats: int, seed: Stream) -> Acquired:
+def simulate(scan: Scan, materials: Materials | Surfaces, repeats: int, seed: Stream) -> Acquired:
     """Scan an object, in a process of its own: XCIST's library keeps one scan's state.
 
     Parameters
     ----------
     scan : Scan
-    materials : Materials
+    materials : Materials or Surfaces
     repeats : int
     seed : Stream
         Of the noise.
@@ -196,21 +274,21 @@ def _simulate(scan, materials, repeats, seed):
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)  # the C library tells of every allocation; this process is its own
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
-        path = materials.write(Path(folder))
-        cfg = _air(_configured(scan, path))
+        folder = Path(folder)
+        cfg = _air(_configured(scan, materials, folder))
         # XCIST's quanta grow with the tube current; each stands for so much of the reading.
         quanta = central(cfg.hooks.quanta, scan)
         current = scan.photons * scan.settings.get("flux_factor", 1.0) / quanta
         quantum_kev = central(cfg.hooks.views[0][0].T, scan) / quanta
-        cfg = _air(_configured(scan, path, current))
-        air = cfg.hooks.views[0][0]
-        cfg = _configured(scan, path, current, quantum_kev)
+        cfg = _air(_configured(scan, materials, folder, current))
+        air, quanta = cfg.hooks.views[0][0], cfg.hooks.quanta.reshape(scan.columns, scan.rows).T
+        cfg = _configured(scan, materials, folder, current, quantum_kev)
         cfg.hooks.repeats = repeats
         cfg.hooks.lag = [None] * repeats
         _seed(cfg, seed.spawn(1)[0])
         cfg.sim.thisScanType = [0, 0, 1, 0]
         _one_scan(cfg)
-    return Acquired(np.stack(cfg.hooks.views, axis=1), air)
+    return Acquired(np.stack(cfg.hooks.views, axis=1), air, quanta)
 
 
 def central(values: np.ndarray, scan: Scan) -> float:
@@ -250,21 +328,23 @@ def _seed(cfg, seed):
     np.random.seed(third)  # noqa: NPY002
 
 
-def _configured(scan: Scan, path: Path, current: float = 1.0, quantum_kev: float = 0.0):
+def _configured(
+    scan: Scan, materials: Materials | Surfaces, folder: Path, current: float = 1.0, quantum_kev: float = 0.0
+):
     from gecatsim import CFG
 
     cfg = CFG()
     settings = IDLE | scan.settings
-    physics, scanner, protocol, phantom = cfg.physics, cfg.scanner, cfg.protocol, cfg.phantom
-    phantom.filename = str(path)
-    phantom.projectorNumThreads = 1
+    physics, scanner, protocol = cfg.physics, cfg.scanner, cfg.protocol
+    materials.configure(cfg, folder)
+    cfg.phantom.projectorNumThreads = 1
     scanner.sid = scan.source_to_isocentre_mm + settings.get("isocentre_mm", 0.0)
     scanner.sdd = scan.source_to_detector_mm + settings.get("detector_mm", 0.0)
     scanner.detectorColCount = scan.columns
     scanner.detectorColsPerMod = scan.columns if scan.surface == FLAT else 1  # a single module is flat
     scanner.detectorRowsPerMod = scanner.detectorRowCount = scan.rows
     scanner.detectorColSize, scanner.detectorRowSize = scan.column_pitch_mm, scan.row_pitch_mm
-    scanner.detectorColOffset = scanner.detectorRowOffset = 0.0
+    scanner.detectorColOffset, scanner.detectorRowOffset = scan.column_offset_px, 0.0
     scanner.detectorColFillFraction = scanner.detectorRowFillFraction = 1.0
     scanner.detectorPrefilter = []
     scanner.detectionGain = 1.0
@@ -278,13 +358,11 @@ def _configured(scan: Scan, path: Path, current: float = 1.0, quantum_kev: float
     protocol.rotationTime = scan.rotation_ms / 1000
     protocol.mA = current
     protocol.flatFilter = []
-    protocol.bowtie = "" if "bowtie" not in settings else _scaled_bowtie(settings, path.parent)
+    protocol.bowtie = "" if "bowtie" not in settings else _scaled_bowtie(settings, folder)
     protocol.wobbleDistance = settings.get("wobble_mm", 0.0)
     protocol.dutyRatio = settings.get("duty", 1.0)
     # XCIST begins to expose with the view's interval; views are named by the middle of their exposure.
     protocol.startAngle = 360 / scan.views * (1 - protocol.dutyRatio) / 2
-    physics.colSampleCount = physics.rowSampleCount = 1
-    phantom.projectorCallback = HOOKS + "projector"
     physics.fluxCallback = HOOKS + "flux"
     physics.recalcFlux = 1
     physics.outputCallback = HOOKS + "output"
@@ -311,8 +389,8 @@ def _configured(scan: Scan, path: Path, current: float = 1.0, quantum_kev: float
         physics.col_crosstalk_opt, physics.row_crosstalk_opt = settings["optical_crosstalk"]
     if "lag_share" in settings:
         physics.lagCallback = "Detection_Lag"
-        physics.lag_taus = [np.float32(settings["lag_ms"]), np.float32(1.0)]
-        physics.lag_alphas = [settings["lag_share"], 0.0]
+        physics.lag_taus = [np.float32(settings["lag_ms"]), np.float32(settings.get("slow_lag_ms", 1.0))]
+        physics.lag_alphas = [settings["lag_share"], settings.get("slow_lag_share", 0.0)]
     physics.enableElectronicNoise = int("electronic_photons" in settings)
     scanner.eNoise = settings.get("electronic_photons", 0.0) * quantum_kev
     cfg.hooks = SimpleNamespace(

@@ -1,0 +1,161 @@
+"""Effects of clinical scanners: grid, slow glow, the maker's water correction, a current that follows the axis."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated_scans import noisy_lines
+
+from virtual_phantom.base.geometry import circular, helical
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effects.afterglow import of_views
+from virtual_phantom.physics.scene import DiscScene
+from virtual_phantom.physics.shapes import ShapesScene, box
+from virtual_phantom.physics.spread import spread
+from virtual_phantom.physics.state import MOST_CORRECTED, State, polynomial
+
+SCANNER = {"source_to_isocentre_mm": 500.0, "source_to_detector_mm": 1000.0}
+GEOMETRY = circular(
+    views=24, columns=60, rows=6, column_pitch_mm=6.0, row_pitch_mm=6.0, view_interval_ms=20.0, **SCANNER
+)
+PHOTONS = 2e4
+TUBE = {"spectrum": {"kvp": 120.0, "filtration_mm": 6.0, "sensor_mm": 0.6}}
+
+
+def chain(geometry=GEOMETRY, **options):
+    return Chain(DiscScene(160.0, "water"), geometry, PHOTONS, **options)
+
+
+def through_septa(beside_mm, away_mm, ratio, random):
+    """Share of rays from a place beside that pass between plates of height `ratio` and distance 1: by hand."""
+    entered = random.random(20_000)  # between two plates
+    left = entered + ratio * beside_mm[:, None] / away_mm  # where the ray is when it leaves them
+    return ((left > 0) & (left < 1)).mean(axis=1)
+
+
+def test_scatter_arrives_behind_a_grid_as_often_as_rays_pass_its_plates():
+    """A bright pixel's scatter over the columns, against rays followed between the plates."""
+    ratio, width_mm, away_mm = 8.0, 60.0, 500.0
+    bright = np.zeros((1, 1, 61))
+    bright[0, 0, 30] = 1.0
+    detector = circular(views=1, columns=61, rows=1, column_pitch_mm=3.0, row_pitch_mm=3.0, **SCANNER)
+    free = spread(bright, detector, width_mm)[0, 0]
+    found = spread(bright, detector, width_mm, (away_mm / ratio, np.inf))[0, 0]
+    passed = through_septa(detector.column_positions_mm(), away_mm, ratio, np.random.default_rng(1))
+    np.testing.assert_allclose(found, free * passed, atol=4 * free.max() * 0.5 / math.sqrt(20_000))
+    assert found.sum() < 0.5 * free.sum()
+
+
+def test_a_grid_lowers_scatter_and_does_nothing_else():
+    scatter = {"scatter": {"amount": 0.1, "width_mm": 60.0}}
+    grid = {"anti_scatter_grid": {"ratio": 10.0, "ratio_along_rows": 0.0}}
+    clean, with_scatter, with_grid = (chain().state(one) for one in ({}, scatter, scatter | grid))
+    assert (with_grid.signal < with_scatter.signal).all() and (with_grid.signal > clean.signal).all()
+    alone = chain().state(grid)
+    np.testing.assert_array_equal(alone.signal, clean.signal)
+    # One row stands for a beam alike along z: there plates across the rows take their share too.
+    row = replace(GEOMETRY, rows=1)
+    crossed = {"anti_scatter_grid": {"ratio": 10.0, "ratio_along_rows": 10.0}}
+    less, more = (chain(row).state(scatter | one).signal - chain(row).state({}).signal for one in (crossed, grid))
+    share = less / more
+    np.testing.assert_allclose(share, share.mean(), rtol=1e-6)
+    assert 0.1 < share.mean() < 0.6
+
+
+def test_two_glows_fade_beside_each_other():
+    """The reading after a flash of one view: what each glow leaves, by its own share and time."""
+    fast, slow = (0.06, 30.0), (0.02, 400.0)
+    physics = {
+        name: {"share": share, "time_constant_ms": constant, "before": 0.0}
+        for name, (share, constant) in (("afterglow", fast), ("slow_afterglow", slow))
+    }
+    state = chain().state(physics)
+    flash = np.zeros((6, 1, 1))
+    flash[0] = 1.0
+    expected = np.zeros(6)
+    expected[0] = 1.0
+    for share, constant in (fast, slow):
+        share, memory = of_views(share, constant, 20.0)
+        expected[0] -= share
+        expected[1:] += share * (1 - memory) * memory ** np.arange(5)
+    np.testing.assert_allclose(state.read(flash, apart=1)[:, 0, 0], expected, rtol=1e-12)
+    np.testing.assert_allclose(state.read(np.ones((3, 1, 1)), first=np.ones((1, 1)), apart=1)[0], 1 - 0.08, atol=0.03)
+
+
+def test_noise_beside_a_slow_glow_is_as_the_draws_have_it():
+    physics = {
+        "afterglow": {"share": 0.1, "time_constant_ms": 40.0, "before": 1.0},
+        "slow_afterglow": {"share": 0.05, "time_constant_ms": 800.0, "before": 1.0},
+    }
+    state = chain().state(physics)
+    scans = noisy_lines(state, 60, np.random.default_rng(4))
+    ratio = (scans.var(axis=0, ddof=1) / state.log_noise()[1]).mean()
+    assert ratio == pytest.approx(1, abs=4 * math.sqrt(2 / 59 / state.signal.size) + 2e-3)
+
+
+def test_the_polynomial_goes_on_as_a_straight_line():
+    lines, (square, cube) = np.array([0.0, 2.0, MOST_CORRECTED, 14.0]), (0.02, 0.001)
+    values, slopes = polynomial(lines, (square, cube))
+    np.testing.assert_allclose(values[:3], (lines + square * lines**2 + cube * lines**3)[:3])
+    assert values[3] - values[2] == pytest.approx(4 * slopes[3]) and slopes[3] == slopes[2]
+
+
+def straightened(material):
+    """Line integrals behind slabs over those of a straight line, without a correction and with one made for water."""
+    thick = np.arange(5.0, 260.0, 15.0)
+
+    def behind(one, length, physics):
+        slab = ShapesScene([box(one, (0, 0, 0), (1000, length, 1000))])
+        thin = circular(views=1, columns=1, rows=1, column_pitch_mm=1.0, row_pitch_mm=1.0, **SCANNER)
+        return float(Chain(slab, thin, PHOTONS).state(physics).line_integrals()[0, 0, 0])
+
+    water = np.array([behind("water", length, TUBE) for length in thick])
+    # Least squares of what straightens water, whatever its slope: a p^2 + b p^3 - s L = -p.
+    columns = np.stack([water**2, water**3, -thick], axis=1)
+    square, cube, _ = np.linalg.lstsq(columns, -water, rcond=None)[0]
+    physics = TUBE | {"water_correction": {"quadratic": square, "cubic": cube}}
+    lengths = thick if material == "water" else thick[thick < 100]
+    plain, corrected = (
+        np.array([behind(material, one, effects) for one in lengths]) / lengths for effects in (TUBE, physics)
+    )
+    return plain / plain[0], corrected / corrected[0]
+
+
+def test_a_water_correction_straightens_water_and_leaves_bone_bent():
+    plain, corrected = straightened("water")
+    assert plain[-1] < 0.94 and np.abs(corrected - 1).max() < 0.01
+    plain, corrected = straightened("bone")
+    assert plain[-1] < corrected[-1] < 0.95
+
+
+def test_noise_behind_a_correction_follows_its_slope():
+    physics = {"water_correction": {"quadratic": 0.05, "cubic": 0.002}, "electronic_noise": {"photons": 40.0}}
+    state, plain = chain().state(physics), chain().state({"electronic_noise": {"photons": 40.0}})
+    lines = plain.line_integrals()
+    np.testing.assert_allclose(state.line_integrals(), lines + 0.05 * lines**2 + 0.002 * lines**3, atol=1e-12)
+    slope = 1 + 0.1 * lines + 0.006 * lines**2
+    np.testing.assert_allclose(state.variance(), plain.variance() * slope**2, rtol=1e-9)
+    scans = noisy_lines(state, 60, np.random.default_rng(5))
+    ratio = (scans.var(axis=0, ddof=1) / state.log_noise()[1]).mean()
+    assert ratio == pytest.approx(1, abs=4 * math.sqrt(2 / 59 / state.signal.size) + 2e-3)
+
+
+def test_readings_without_a_logarithm_are_corrected_as_the_least_that_have_one():
+    one = np.ones((1, 1, 1))
+    state = State(GEOMETRY, photons=100.0, signal=one, air=one, correction=(0.02, 0.0))
+    found = state.corrected(np.array([-1.0, 0.0, 1e-6]).reshape(3, 1, 1)).ravel()
+    assert (found > 0).all() and found[0] == found[1] == found[2]
+
+
+def test_a_current_along_the_axis_changes_the_noise_alone():
+    helix = helical(
+        views=48, volume_height_mm=60.0, columns=60, rows=6, column_pitch_mm=6.0, row_pitch_mm=6.0, **SCANNER
+    )
+    slope, curve = 0.01, -1e-4
+    plain = chain(helix).state({})
+    state = chain(helix).state({"current_along_z": {"linear_per_mm": slope, "quadratic_per_mm2": curve}})
+    z = helix.source_z_mm - (helix.source_z_mm[0] + helix.source_z_mm[-1]) / 2
+    np.testing.assert_allclose(state.line_integrals(), plain.line_integrals(), atol=1e-12)
+    expected = np.exp(-slope * z - curve * z**2)
+    np.testing.assert_allclose((state.variance() / plain.variance()).mean(axis=(1, 2)), expected, rtol=1e-9)
