@@ -16,6 +16,7 @@ where rays run, are in vectors.py.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -27,6 +28,7 @@ from .vectors import CYLINDRICAL, FLAT, ScanGeometry
 # A parallel beam's source to isocentre, and from there to its detector, behind any object. Rays are parallel to 1e-6 of
 # what they are apart, and 64 bits hold places along them to 1e-6 mm.
 PARALLEL_MM, BEHIND_MM = 1e9, 1e3
+DIVERGENT, PARALLEL = "divergent", "parallel"  # beams of a `scan` section
 SPOT_KEYS = ("columns_mm", "radius_mm", "z_mm")  # of a flying focal spot, in a `scan` section
 
 
@@ -241,6 +243,11 @@ class OrbitGeometry(ScanGeometry):
         return replace(self, angles_rad=self.angles_rad + angle_rad)
 
     @property
+    def parallel(self) -> bool:
+        """Whether the beam is one of `parallel_beam`."""
+        return self.source_to_isocentre_mm >= PARALLEL_MM
+
+    @property
     def magnification(self) -> float:
         """At the isocentre."""
         return self.source_to_detector_mm / self.source_to_isocentre_mm
@@ -426,6 +433,21 @@ def parallel_beam() -> dict[str, float]:
     return {"source_to_isocentre_mm": PARALLEL_MM, "source_to_detector_mm": PARALLEL_MM + BEHIND_MM}
 
 
+def with_beam(scan: Mapping) -> dict:
+    """A `scan` section, of a study or a recording, with the distances of its beam.
+
+    Parameters
+    ----------
+    scan : mapping
+        With `beam: parallel` it has none of its own that count.
+
+    Returns
+    -------
+    dict
+    """
+    return dict(scan) | (parallel_beam() if scan.get("beam") == PARALLEL else {})
+
+
 def grid_of(settings: dict) -> Grid:
     """The grid of the configuration's `grid` section, centred at 0: what the phantom is made on.
 
@@ -507,7 +529,8 @@ def surface_of(scan: dict) -> dict:
 
 def stated_surface(geometry: OrbitGeometry) -> dict:
     """What `surface_of` reads, for a recording's `scan` section."""
-    stated = {"detector": geometry.surface}
+    stated = {"beam": PARALLEL} if geometry.parallel else {}
+    stated |= {"detector": geometry.surface}
     if geometry.surface != FLAT and geometry.arc_radius_mm != geometry.source_to_detector_mm:
         stated["arc_radius_mm"] = geometry.arc_radius_mm
     if geometry.flies:

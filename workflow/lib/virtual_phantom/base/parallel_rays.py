@@ -12,6 +12,9 @@ from .geometry import ScanGeometry, orbit_of
 from .vectors import FLAT
 
 SAME_MM = 1e-6  # places of focal spots that differ by less are one
+# Of a step from angle to angle: a ray so near to a view is that view's. So half a turn is enough for parallel rays,
+# whose fan angles are not quite 0.
+BESIDE_VIEW = 1e-3
 
 
 class _Interleaved(NamedTuple):
@@ -101,8 +104,8 @@ class ParallelRays:
             fan = self._widest_rad(geometry)
             # Every spot must have been there before, and be there again.
             scanned, before = (geometry.views - spots) * abs(self.view_step), (spots - 1) * abs(self.view_step)
-            first = int(np.ceil((fan + before) / abs(step)))
-            count = int(np.floor((scanned - fan) / abs(step))) - first + 1
+            first = int(np.ceil((fan + before) / abs(step) - BESIDE_VIEW))
+            count = int(np.floor((scanned - fan) / abs(step) + BESIDE_VIEW)) - first + 1
             if count < self.half_turn:
                 least = (np.pi + 2 * fan) / (2 * np.pi)
                 raise InputError(
@@ -235,11 +238,12 @@ class ParallelRays:
         views, spots = self.geometry.views, len(self.geometry.spots_mm)
         number = (view - spot) / spots
         low = np.floor(number).astype(int)
-        later_share = (number - low).astype(np.float32)[:, None]
         if self.periodic:
+            later_share = (number - low).astype(np.float32)[:, None]
             return (low * spots + spot) % views, ((low + 1) * spots + spot) % views, later_share
         last = (views - 1 - spot) // spots
         low = np.clip(low, 0, last)
+        later_share = np.clip(number - low, 0, 1).astype(np.float32)[:, None]
         return low * spots + spot, np.minimum(low + 1, last) * spots + spot, later_share
 
     def directions_seen(self, points_mm: np.ndarray) -> np.ndarray:

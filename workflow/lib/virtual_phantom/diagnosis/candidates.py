@@ -8,7 +8,8 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from ..base.errors import InputError
-from ..physics.effect import acts_on_images, load, names, needs_times, require
+from ..base.geometry import PARALLEL
+from ..physics.effect import OF_A_SPOT, acts_on_images, load, names, needs_times, require
 from ..recordings.scan import timed
 from .core.declared import declared
 
@@ -52,7 +53,14 @@ def shown_by(content: Mapping) -> dict:
     kind = content["kind"]
     # Images are simulated by a protocol of the study, which may be a helix.
     helical = kind == "images" or content.get("scan", {}).get("trajectory") == "helical"
-    return {"kind": kind, "timed": timed(content), "corrected": content.get("corrected", ()), "helical": helical}
+    parallel = content.get("scan", {}).get("beam") == PARALLEL
+    return {
+        "kind": kind,
+        "timed": timed(content),
+        "corrected": content.get("corrected", ()),
+        "helical": helical,
+        "parallel": parallel,
+    }
 
 
 def candidates(
@@ -61,6 +69,7 @@ def candidates(
     timed: bool = True,
     corrected: Collection[str] = (),
     helical: bool = False,
+    parallel: bool = False,
 ) -> list[str]:
     """The effects that a recording of a kind is tried against.
 
@@ -75,6 +84,8 @@ def candidates(
         What was corrected before the recording was stored (CORRECTED).
     helical : bool, optional
         Whether the source moves along the axis.
+    parallel : bool, optional
+        Whether rays are parallel.
 
     Returns
     -------
@@ -100,6 +111,8 @@ def candidates(
             hidden[name] = f"is there where the maker corrected it; state corrected: [{correction}] in recording.yaml"
     if not helical:
         hidden["current_along_z"] = "goes along the axis, where the source does not move"
+    if parallel:
+        hidden |= dict.fromkeys(OF_A_SPOT, "goes by the place of a focal spot, and the beam is parallel")
     if not timed:
         words = "goes by the scan's times; state scan.rotation_time_ms or scan.view_interval_ms in recording.yaml"
         hidden |= {name: words for name in names() if needs_times(name)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from ..base.geometry import PARALLEL
 from ..base.vectors import FLAT
 from ..base.words import label
 from ..physics.labelled import materials_of
@@ -85,8 +86,15 @@ def scan_of(asked: Asked, recording: Recording) -> str:
         scan, views, made = recording.scan, recording.scan["views"], ""
     return (
         f"{scan['trajectory']}, {views} views, {scan['rows']} x {scan['columns']} pixels (rows x columns) of "
-        f"{scan['row_pitch_mm']:g} x {scan['column_pitch_mm']:g} mm, {_surface(scan)}, source to isocentre "
-        f"{scan['source_to_isocentre_mm']:g} mm, to detector {scan['source_to_detector_mm']:g} mm{made}"
+        f"{scan['row_pitch_mm']:g} x {scan['column_pitch_mm']:g} mm, {_surface(scan)}, {_beam(scan)}{made}"
+    )
+
+
+def _beam(scan: Mapping) -> str:
+    if scan.get("beam") == PARALLEL:
+        return "parallel beam"
+    return (
+        f"source to isocentre {scan['source_to_isocentre_mm']:g} mm, to detector {scan['source_to_detector_mm']:g} mm"
     )
 
 

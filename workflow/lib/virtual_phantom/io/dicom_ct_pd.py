@@ -123,8 +123,10 @@ def views_of(lines: np.ndarray, geometry: OrbitGeometry) -> list[Dataset]:
     Raises
     ------
     InputError
-        For an arc about another point than the focal centre, which the format has no place for.
+        For a parallel beam, and an arc about another point than the focal centre, which the format has no place for.
     """
+    if geometry.parallel:
+        raise InputError("DICOM-CT-PD: has fan beams alone; the scan's beam is parallel")
     if geometry.surface != FLAT and geometry.arc_radius_mm != geometry.source_to_detector_mm:
         raise InputError("DICOM-CT-PD: has arcs about the focal centre alone; the detector is one about another point")
     low = _rounded(lines.min())

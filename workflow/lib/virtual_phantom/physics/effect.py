@@ -35,6 +35,17 @@ PER_AIR_PHOTON = "1 over the photons in air"
 READOUT_UNITS = (
     "readout units"  # in a study and of its own recordings photons, of line integrals alone the signal in air
 )
+# Effects that go by the place or size of the focal spot, or by angles and distances from it: parallel rays know none.
+OF_A_SPOT = (
+    "anti_scatter_grid",
+    "bowtie",
+    "focal_spot",
+    "focal_spot_wobble",
+    "heel",
+    "off_focal_radiation",
+    "source_distance",
+    "source_drift",
+)
 LOGARITHM = 0  # as a power: fits vary the logarithm
 
 

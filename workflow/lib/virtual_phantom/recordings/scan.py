@@ -7,10 +7,11 @@ import math
 import numpy as np
 
 from ..base.errors import InputError
-from ..base.geometry import OrbitGeometry, surface_of
-from ..base.vectors import CYLINDRICAL
+from ..base.geometry import PARALLEL, OrbitGeometry, surface_of, with_beam
+from ..base.vectors import CYLINDRICAL, FLAT
 
 DETECTOR = ("source_to_isocentre_mm", "source_to_detector_mm", "columns", "rows", "column_pitch_mm", "row_pitch_mm")
+DISTANCES = DETECTOR[:2]
 REQUIRED = ("trajectory", *DETECTOR, "views", "views_per_rotation", "start_angle_deg", "direction")
 HELICAL = ("table_feed_mm", "start_z_mm")
 # Scanners for bodies and phantoms: body CT has fans of 45 to 60 degrees and fields of view of 500 mm, bench scanners of
@@ -23,7 +24,7 @@ TIME_TOLERANCE = 0.01  # by which stated times may be rounded
 def missing_for_geometry(scan: dict) -> list[str]:
     """The keys that an OrbitGeometry still needs; empty if the section is complete."""
     needed = (*REQUIRED, *HELICAL) if scan.get("trajectory") == "helical" else REQUIRED
-    return [key for key in needed if key not in scan]
+    return [key for key in needed if key not in with_beam(scan)]
 
 
 def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
@@ -57,6 +58,7 @@ def scan_geometry(scan: dict, source: str) -> OrbitGeometry:
     elif scan.get("table_feed_mm", 0) != 0:
         raise InputError(f"{source}: scan.table_feed_mm is not 0 in a circular scan; set trajectory: helical")
     check_lengths(scan, source)
+    scan = with_beam(scan)
     interval, exposure = times(scan, source)
     turns = np.arange(scan["views"]) / scan["views_per_rotation"]
     if "arc_radius_mm" in scan and scan.get("detector") != CYLINDRICAL:
@@ -165,6 +167,13 @@ def check_lengths(scan: dict, source: str) -> None:
         If they cannot.
     """
     advice = "are all lengths in mm, none in cm?"
+    if scan.get("beam") == PARALLEL:
+        for key in (*DISTANCES, "flying_focal_spot", "arc_radius_mm"):
+            if key in scan:
+                raise InputError(f"{source}: scan.{key} has no meaning in a parallel beam; take it or scan.beam out")
+        if scan.get("detector", FLAT) != FLAT:
+            raise InputError(f"{source}: scan.detector must be flat in a parallel beam; take it or scan.beam out")
+    scan = with_beam(scan)
     if not {"source_to_isocentre_mm", "source_to_detector_mm"} <= scan.keys():
         return
     isocentre, detector = scan["source_to_isocentre_mm"], scan["source_to_detector_mm"]

@@ -6,6 +6,7 @@ import copy
 from collections.abc import Iterator, Mapping
 
 from ..base.errors import InputError, InputErrors
+from ..base.geometry import PARALLEL, with_beam
 from ..base.vectors import FLAT
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
 from ..physics.effect import acts_on_images, checked
@@ -40,9 +41,9 @@ def check(settings: Mapping) -> None:
 
 
 def flat_detectors(config: Mapping) -> bool:
-    """Whether the detectors of all scans are flat."""
+    """Whether the detectors of all scans are flat, and their rays spread from a focal spot: what a GPU projects."""
     scans = (config.get("scan", {}), *config.get("scans", {}).values())
-    return all(scan.get("detector", FLAT) == FLAT for scan in scans)
+    return all(scan.get("detector", FLAT) == FLAT and scan.get("beam") != PARALLEL for scan in scans)
 
 
 def complete(settings: Mapping) -> dict:
@@ -145,6 +146,9 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     fill_defaults(rest, schema)
     _take_public_scans(rest)
     rest["scans"] = {name: {**rest["scan"], **changes} for name, changes in scans.items()} if "scan" in rest else {}
+    rest["scans"] = {name: with_beam(scan) for name, scan in rest["scans"].items()}
+    if "scan" in rest:
+        rest["scan"] = with_beam(rest["scan"])
     lines = [mistake.line for mistake in found] + list(Rules(rest, Names.of(whole)).lines())
     return list(dict.fromkeys(lines)), rest
 

@@ -9,8 +9,9 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
 from ..base.errors import InputError, meant
+from ..base.geometry import PARALLEL
 from ..base.vectors import FLAT
-from ..physics.effect import check_readings, checked, image_effects
+from ..physics.effect import OF_A_SPOT, check_readings, checked, image_effects
 from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 
 
@@ -82,6 +83,7 @@ class Rules:
             self._optimal,
             self._noise_calibration,
             self._physics,
+            self._parallel,
             self._matched,
             self._comparisons,
             self._diagnosed,
@@ -267,6 +269,14 @@ class Rules:
                 except InputError as error:
                     yield str(error)
 
+    def _parallel(self) -> Iterator[str]:
+        """Effects of a focal spot need one."""
+        for name, protocol in self.protocols.items():
+            scan = self.config["scans"].get(protocol["scan"]) if protocol.get("scan") else self.config.get("scan")
+            if (scan or {}).get("beam") == PARALLEL:
+                for effect in sorted(set(protocol.get("physics", self.config["physics"])) & set(OF_A_SPOT)):
+                    yield f"config: protocols.{name}.physics: {effect} needs a focal spot; the scan's beam is parallel"
+
     def _physics_from(self, stated: dict, where: str) -> Iterator[str]:
         name, beside = stated["from"], sorted(set(stated) - {"from"})
         if beside:
@@ -411,6 +421,10 @@ class Rules:
         scans = {"scan": self.config["scan"]} if "scan" in self.config else {}
         scans |= {f"scans.{name}": scan for name, scan in self.config["scans"].items()}
         for name, scan in scans.items():
+            if scan.get("beam") == PARALLEL:
+                if scan.get("detector", FLAT) != FLAT or scan.get("flying_focal_spot"):
+                    yield f"config: {name}.beam is parallel; take {name}.detector and {name}.flying_focal_spot out"
+                continue
             if scan["source_to_detector_mm"] <= scan["source_to_isocentre_mm"]:
                 yield f"config: {name}.source_to_detector_mm must be larger than source_to_isocentre_mm"
             if scan.get("arc_radius_mm") is not None and scan.get("detector", FLAT) == FLAT:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 # Settings of a scan that came after scores were kept: at these values they change none of them.
-LATER = {"detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
+LATER = {"beam": "divergent", "detector": "flat", "arc_radius_mm": None, "flying_focal_spot": None}
 
 
 OF_PHYSICS = ("physics", "image_physics", "physics_from")

@@ -17,6 +17,8 @@ BASELINE = "diagnosis.recordings: baseline"  # what messages begin with where no
 def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: str) -> dict[str, dict[str, Statement]]:
     """What a configuration declares.
 
+    Parameters of the scanner's design, which no fit varies, are taken at their value whatever their standard deviation.
+
     Parameters
     ----------
     section : mapping
@@ -43,5 +45,8 @@ def declared(section: Mapping[str, Mapping[str, Mapping[str, float]]], where: st
         missing = [one.name for one in effect.parameters if one.name not in parameters]
         if missing:
             raise InputError(f"{where}.{name}: nothing is stated of {', '.join(missing)}; give value and sd")
-        found[name] = {key: Statement(one["value"], one["sd"]) for key, one in parameters.items()}
+        fixed = {one.name for one in effect.parameters if one.stated}
+        found[name] = {
+            key: Statement(one["value"], 0.0 if key in fixed else one["sd"]) for key, one in parameters.items()
+        }
     return found

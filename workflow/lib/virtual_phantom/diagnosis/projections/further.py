@@ -41,7 +41,7 @@ def further(geometry: OrbitGeometry, scene: object, own: Mapping) -> list[Scan |
     like = {key: own[key] for key in ("disc", "object") if key in own}
     again = Scan(SAME, "the same scan again", scene, geometry, section=like)
     radius = scene.radius_mm
-    found: list[Scan | DarkFrames] = [again, *_distances(again, radius)]
+    found: list[Scan | DarkFrames] = [again, *([] if geometry.parallel else _distances(again, radius))]
     found.append(replace(again, name="half_current", words="the same scan at half the tube current", photons=0.5))
     if geometry.view_interval_ms is not None:
         found.append(_slower(again))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...base.geometry import PARALLEL
 from ...base.vectors import CYLINDRICAL, FLAT
 from ..projections.observed import LEAST_TRANSMISSION
 
@@ -78,9 +79,10 @@ def descriptions(scan: Mapping, log: bool, largest: float) -> Iterator[Descripti
             "mirrored rows", "mirror /exchange/data along its rows", scan, lambda rays: rays[..., ::-1, :]
         )
         yield from _swapped(scan)
-    yield from _distances(scan)
+    if scan.get("beam") != PARALLEL:
+        yield from _distances(scan)
+        yield from _surface(scan)
     yield from _views(scan)
-    yield from _surface(scan)
     yield from _offsets(scan)
     if log:
         yield from _line_integrals(scan, largest)

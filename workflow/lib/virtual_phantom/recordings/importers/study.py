@@ -12,6 +12,7 @@ from ...base.errors import InputError
 from ...base.geometry import OrbitGeometry, stated_surface
 from ...io.exchange import read_counts
 from ..recording import Recording
+from ..scan import DISTANCES
 from . import write_folder
 
 
@@ -65,8 +66,7 @@ def scan_of(geometry: OrbitGeometry) -> dict:
     return {
         "trajectory": "helical" if helical else "circular",
         **stated_surface(geometry),
-        "source_to_isocentre_mm": geometry.source_to_isocentre_mm,
-        "source_to_detector_mm": geometry.source_to_detector_mm,
+        **({} if geometry.parallel else {name: getattr(geometry, name) for name in DISTANCES}),
         "columns": geometry.columns,
         "rows": geometry.rows,
         "column_pitch_mm": geometry.column_pitch_mm,
