@@ -1,21 +1,24 @@
 """Bowtie and heel: what they leave of every energy, pixel by pixel."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import load
 from virtual_phantom.physics.materials import attenuation_per_mm
 from virtual_phantom.physics.scene import DiscScene
 from virtual_phantom.physics.sensors import response
 from virtual_phantom.physics.spectra import Anode, tube_spectrum
+from virtual_phantom.physics.state import State
 
+SCANNER = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0)
 GEOMETRY = circular(
     views=2,
-    source_to_isocentre_mm=500.0,
-    source_to_detector_mm=1000.0,
+    **SCANNER,
     columns=81,
     rows=21,
     column_pitch_mm=10.0,
@@ -52,6 +55,28 @@ def through(slab, aluminium_mm=0.0, target="tungsten", target_mm=0.0):
     return [(photons * one * np.exp(-filters - inside)).sum() / (photons * one).sum() for one in moments]
 
 
+BOWTIE = load("bowtie").values({"at_20deg_mm": 15.0})
+
+
+@pytest.mark.parametrize(
+    ("name", "profile", "middle_mm"),
+    [("large", (31.8, 3.54, 14.9), 2.55), ("medium", (32.7, 3.27, 13.0), 0.94), ("small", (32.7, 2.82, 10.8), 1.1)],
+)
+def test_a_bowtie_that_levels_off_is_like_those_of_body_scanners(name, profile, middle_mm):
+    """XCIST's three: fan angles in radians and aluminium in cm."""
+    import gecatsim
+
+    file = Path(gecatsim.__file__).parent / "bowtie" / f"{name}.txt"
+    table = np.loadtxt(file, comments=["#", "%"])
+    values = dict(zip(("at_20deg_mm", "exponent", "levels_off_deg"), profile, strict=True))
+    state = State(circular(views=1, columns=401, rows=1, column_pitch_mm=2.0, row_pitch_mm=1.0, **SCANNER))
+    load("bowtie").apply(state, values)
+    fan, (_, thickness) = state.geometry.fan_angles_rad(), state.filters[0]
+    inside = np.abs(fan) < np.deg2rad(25)
+    expected = 10 * np.interp(fan[inside], table[:, 0], table[:, 1]) - middle_mm
+    assert np.abs(thickness[0, inside] - expected).max() < 1.1
+
+
 def bowtie_mm(geometry, at_20deg_mm):
     fan = np.arctan(geometry.column_positions_mm() / geometry.source_to_detector_mm)
     return at_20deg_mm * (fan / np.deg2rad(20)) ** 2
@@ -70,7 +95,7 @@ def heel_mm(geometry, depth_mm, anode_deg):
 @pytest.mark.parametrize("slab", [Slab(water=50.0), Slab(water=200.0, bone=15.0)])
 def test_a_bowtie_hardens_column_by_column(slab, samples):
     chain = Chain(slab, GEOMETRY, samples=samples)
-    state = chain.state({"spectrum": SPECTRUM, "bowtie": {"at_20deg_mm": 15.0}})
+    state = chain.state({"spectrum": SPECTRUM, "bowtie": BOWTIE})
     lines, thickness = state.line_integrals()[0, 0], bowtie_mm(GEOMETRY, 15.0)
     for column in (0, 10, 40, 60):
         signal, noise = through(slab, thickness[column])
@@ -105,7 +130,7 @@ def test_a_heel_hardens_row_by_row_towards_the_anode(angle, samples):
 def test_one_energy_is_thinned_and_not_hardened():
     chain = Chain(DiscScene(160.0, "water"), GEOMETRY)
     plain = chain.state({}).line_integrals()
-    bowtie, heel = chain.state({"bowtie": {"at_20deg_mm": 15.0}}), chain.state({"heel": {"depth_um": 10.0}})
+    bowtie, heel = chain.state({"bowtie": BOWTIE}), chain.state({"heel": {"depth_um": 10.0}})
     thickness = bowtie_mm(GEOMETRY, 15.0)
     expected = attenuation_per_mm("aluminium", [KEV])[0] * thickness
     np.testing.assert_allclose(-np.log(bowtie.air[0, 0]), expected, rtol=1e-9, atol=1e-12)
@@ -116,7 +141,7 @@ def test_one_energy_is_thinned_and_not_hardened():
         np.testing.assert_allclose(state.variance() * state.air, chain.state({}).variance(), rtol=1e-9)
 
 
-@pytest.mark.parametrize("physics", [{"bowtie": {"at_20deg_mm": 15.0}}, {"heel": {"depth_um": 10.0}}])
+@pytest.mark.parametrize("physics", [{"bowtie": BOWTIE}, {"heel": {"depth_um": 10.0}}])
 @pytest.mark.parametrize("spectrum", [{}, {"spectrum": SPECTRUM}])
 def test_another_detector_and_collimation_has_the_same_parameters(physics, spectrum):
     """Half the columns and rows of a detector half as wide and high, or one at another distance: the same rays get the
