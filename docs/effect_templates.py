@@ -19,7 +19,7 @@ from virtual_phantom.figures.separability import Panel, draw_correlations, draw_
 from virtual_phantom.figures.style import label, number, save
 from virtual_phantom.phantom import layout, synthetic
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names
+from virtual_phantom.physics.effect import acts_on_images, names, offered
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.scene import VoxelScene
 from virtual_phantom.recordings.projections import Projections
@@ -72,7 +72,7 @@ def labels(found: list[Template]) -> list[str]:
 
 def bare(parameter: str) -> str:
     """A parameter's name without its unit."""
-    return re.sub("_(mm|px|deg|units|mm_per_s|units_per_s)$", "", parameter)
+    return re.sub("_(mm|px|deg|units|mm_per_s|units_per_s|per_mm2?)$", "", parameter)
 
 
 def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:
@@ -151,7 +151,8 @@ def with_table(page: str, content: str) -> str:
 if __name__ == "__main__":
     prepared = recording()
     fit = prepared.fitter.fit(())
-    found = separability.described(prepared.fitter, fit, [name for name in names() if not acts_on_images(name)])
+    alone = offered((name for name in names() if not acts_on_images(name)), ())
+    found = separability.described(prepared.fitter, fit, alone)
     save(draw_templates(panels(prepared, found)), [IMAGES / "effect_templates.png"])
     order = separability.grouped(separability.correlations(found))
     ordered = [found[place] for place in order]

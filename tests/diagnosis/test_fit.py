@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from simulated_scans import body, noisy_lines
+from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.diagnosis.core.declared import declared
 from virtual_phantom.diagnosis.core.fit import Problem
 from virtual_phantom.diagnosis.core.screening import amounts, explained, screened
 from virtual_phantom.diagnosis.core.steps import NORMAL_95, bounded_step, standard_errors
@@ -87,8 +88,8 @@ def test_two_that_do_the_same_share_one_step():
     np.testing.assert_array_equal(standard_errors(information), [np.inf, np.inf, 1.0])
 
 
-def fitted_to(truth):
-    """A fitter of a scan that holds this physics, made in the same steps."""
+def fitted_to(truth, stated=None):
+    """A fitter of a scan that holds this physics, made in the same steps, of a scanner of which something is stated."""
     grid = Grid((12, 96, 96), (3.0, 3.0, 3.0))
     painted = body(grid, (110, 80), 20.0, [((50, 10, None), 20, 800.0)])
     scene = VoxelScene.of(painted, Segmentation(), 0.0193)
@@ -107,7 +108,21 @@ def fitted_to(truth):
     repeats = noisy_lines(state, 4, np.random.default_rng(3)).astype(np.float32)
     white = state.measured_air.mean(axis=0) * state.photons
     taken = observed.Scans(repeats, white, np.ones(repeats[0].shape, bool))
-    return prepared.prepare(taken, None, chain, nominal_photons=1e5).fitter
+    known = declared(stated or {}, "here")
+    return prepared.prepare(taken, None, chain, nominal_photons=1e5, declared=known).fitter
+
+
+def test_a_grid_is_found_beside_scatter_that_is_known_without_it():
+    scatter = {"scatter": {"amount": 0.1, "width_mm": 60.0}}
+    truth = scatter | {"anti_scatter_grid": {"ratio": 8.0, "ratio_along_rows": 0.0}}
+    tried = ["anti_scatter_grid", "electronic_noise"]
+    alone = chosen(fitted_to(truth), tried)
+    assert "anti_scatter_grid" not in alone.alone and not alone.chosen.fit.effects
+    stated = {"scatter": {"amount": {"value": 0.1, "sd": 0.001}, "width_mm": {"value": 60.0, "sd": 1.0}}}
+    fit = chosen(fitted_to(truth, stated), tried).chosen.fit
+    assert fit.effects == ("anti_scatter_grid",)
+    ratio, error = (one["anti_scatter_grid"]["ratio"] for one in (fit.physics, fit.errors))
+    assert abs(ratio - 8) < 3.5 * error and error < 4
 
 
 @pytest.mark.parametrize("share, width_mm", [(0.002, 25.0), (0.004, 90.0)])
