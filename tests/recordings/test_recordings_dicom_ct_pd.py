@@ -2,6 +2,7 @@
 
 import math
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -82,6 +83,10 @@ def test_what_is_written_is_read_back(scan, tmp_path):
     step = np.ptp(LINES) / 65535
     np.testing.assert_allclose(recording.repeats[0].data, LINES, atol=0.51 * step)
     assert recording.document.content["corrected"] == []
+    command = "sha256sum * | cut -d' ' -f1 | sort | sha256sum"
+    found = subprocess.run(["bash", "-c", command], cwd=scan, capture_output=True, text=True, check=True).stdout
+    origin = recording.document.content["origin"]
+    assert origin["sha256"] == [found.split()[0]] and origin["files"] == GEOMETRY.views
 
 
 def test_elements_are_where_the_paper_puts_them(scan):
