@@ -7,7 +7,8 @@ import yaml
 from simulated_scans import noisy_lines
 
 import virtual_phantom as vp
-from virtual_phantom.base.geometry import circular
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import circular, parallel_beam
 from virtual_phantom.diagnosis.core.asked import Asked, Settings
 from virtual_phantom.diagnosis.described import object_of
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
@@ -34,17 +35,17 @@ ASKED = Asked("nowhere", Settings.of(SECTION), 0.0193, {})
 FINELY = 12  # rays per pixel and direction of what is scanned: three quarters of what the model's errors are taken from
 
 
-def recorded(folder, physics, photons=2e5):
+def recorded(folder, physics, photons=2e5, geometry=GEOMETRY):
     """Four repeats of the ACR module, written as a recording."""
-    chain = Chain(scene_of(ASKED), GEOMETRY, photons=photons, samples=FINELY)
+    chain = Chain(scene_of(ASKED), geometry, photons=photons, samples=FINELY)
     lines = noisy_lines(chain.state(checked(physics)), 4, np.random.default_rng(3))
     names = [f"{number}.h5" for number in range(4)]
     for name, one in zip(names, lines, strict=True):
         with h5py.File(folder / name, "w") as file:
             data = file.create_dataset("exchange/data", data=one.astype(np.float32))
             data.attrs["log"] = True
-            file["exchange/theta"] = np.rad2deg(GEOMETRY.angles_rad)
-    content = {"name": "bench", "kind": "projections", "scan": scan_of(GEOMETRY), "repeats": names}
+            file["exchange/theta"] = np.rad2deg(geometry.angles_rad)
+    content = {"name": "bench", "kind": "projections", "scan": scan_of(geometry), "repeats": names}
     (folder / "recording.yaml").write_text(yaml.safe_dump(content))
     return folder
 
@@ -61,6 +62,21 @@ def test_what_was_left_out_is_named(bench):
     assert [one["name"] for one in found.content["effects"]] == ["scatter"], found.content["sentence"]
     low, high = found.content["effects"][0]["parameters"]["amount"]["ci95"]
     assert low - (high - low) / 2 < 0.06 < high + (high - low) / 2
+
+
+def test_a_parallel_beam_is_read_and_diagnosed(tmp_path):
+    """Half a turn; its description is checked first, and nothing of a focal spot is tried."""
+    geometry = circular(
+        views=24, turns=0.5, columns=44, rows=4, column_pitch_mm=5.5, row_pitch_mm=4.4, **parallel_beam()
+    )
+    folder = recorded(tmp_path, {"dark_signal": {"level_units": 2000.0, "drift_units_per_s": 0.0}}, geometry=geometry)
+    assert "source_to_isocentre_mm" not in (folder / "recording.yaml").read_text()
+    tried = ["dark_signal", "electronic_noise", "detector_roll"]
+    found = vp.diagnose(folder, shapes="acr464_module1", samples=1, effects=tried)
+    assert [one["name"] for one in found.content["effects"]] == ["dark_signal"], found.content["sentence"]
+    assert found.content["setup"]["kind"] == "as stated", found.content["setup"]
+    with pytest.raises(InputError, match="focal_spot goes by the place of a focal spot"):
+        vp.diagnose(folder, shapes="acr464_module1", samples=1, effects=["focal_spot"])
 
 
 @pytest.mark.parametrize("enough", [False, True])
