@@ -22,7 +22,7 @@ from virtual_phantom.diagnosis.core.separability import (
 from virtual_phantom.diagnosis.core.templates import changes, projected
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import acts_on_images, names
+from virtual_phantom.physics.effect import acts_on_images, names, offered
 from virtual_phantom.physics.scene import DiscScene
 from virtual_phantom.recordings.projections import Projections
 
@@ -167,7 +167,7 @@ def test_the_page_lists_every_effect_on_projections():
     page = module.PAGE.read_text(encoding="utf-8")
     body = page.split(module.BEGIN)[1].split(module.END)[0]
     listed = {re.match(r"\| ([^|:]+?)(:[^|]+)? \|", line)[1] for line in body.strip().splitlines()[2:]}
-    wanted = {label(name) for name in names() if not acts_on_images(name)}
+    wanted = {label(name) for name in offered(names(), ()) if not acts_on_images(name)}
     assert listed == wanted, "run python docs/effect_templates.py"
     assert module.with_table(page, body.strip()) == page
     with pytest.raises(ValueError):

@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.study.config import complete
 
 PHOTONS, DENSITY = 1e5, 1.03
+BARE = SimpleNamespace(model=SimpleNamespace(whole=tuple))  # a fitter, of which a choice asks what is declared alone
 GEOMETRY = circular(
     views=60,
     source_to_isocentre_mm=410.0,
@@ -259,7 +261,7 @@ SINGLES = ("heel", "scatter", "motion")
 
 def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
     singles = SINGLES
-    choice = attribute.choose(None, scored(()), singles)
+    choice = attribute.choose(BARE, scored(()), singles)
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
     assert choice.gains == {"motion": 500, "scatter": 800}
     assert choice.stand_ins == {"motion": {"heel": 395}, "scatter": {"heel": 200}}
@@ -269,7 +271,7 @@ def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
 def test_what_may_be_there_beside_is_undecided_and_not_ruled_out(scored):
     """In the place of heel, motion loses 400; beside it, it gains 200, which an inexact model of heel may leave."""
     singles = SINGLES[::2]
-    choice = attribute.choose(None, scored(()), singles, accuracy={"default": 0.7})
+    choice = attribute.choose(BARE, scored(()), singles, accuracy={"default": 0.7})
     assert choice.chosen.fit.effects == ("heel",)
     assert choice.undecided == {"motion": 200} and choice.ruled_out == {}
 
@@ -280,9 +282,9 @@ def test_models_are_held_as_exact_as_the_configuration_has_it_by_default(scored)
     default = yaml.safe_load((root / "config/config.yaml").read_text())
     stated = complete(default)["diagnosis"]["model_accuracy"]
     assert set(stated) > {"default", "numerical"} and stated["default"] > 0
-    given, taken = (attribute.choose(None, scored(()), singles, **one) for one in ({"accuracy": stated}, {}))
+    given, taken = (attribute.choose(BARE, scored(()), singles, **one) for one in ({"accuracy": stated}, {}))
     assert (given.undecided, given.ruled_out, given.blur) == (taken.undecided, taken.ruled_out, taken.blur)
-    assert taken.blur > attribute.choose(None, scored(()), singles, accuracy={"default": 0.0}).blur
+    assert taken.blur > attribute.choose(BARE, scored(()), singles, accuracy={"default": 0.0}).blur
 
 
 def test_what_has_no_template_is_fitted(scored, monkeypatch):
@@ -295,7 +297,7 @@ def test_what_has_no_template_is_fitted(scored, monkeypatch):
         return plain(fitter, fit, names, **more) | blind
 
     monkeypatch.setattr(attribute, "screened", filtered)
-    choice = attribute.choose(None, scored(()), SINGLES)
+    choice = attribute.choose(BARE, scored(()), SINGLES)
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
 
 
@@ -316,7 +318,7 @@ def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
     """heel gains 500 and motion 200 more: two fifths of it, the square of 0.63."""
     singles = SINGLES[::2]
     for accuracy, named in ((0.6, {"heel", "motion"}), (0.7, {"heel"})):
-        choice = attribute.choose(None, scored(()), singles, accuracy={"default": accuracy})
+        choice = attribute.choose(BARE, scored(()), singles, accuracy={"default": accuracy})
         assert set(choice.chosen.fit.effects) == named
 
 
@@ -326,7 +328,7 @@ def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
 )
 def test_an_effect_is_as_exact_as_is_said_of_it(scored, accuracy, named):
     singles = SINGLES[::2]
-    assert set(attribute.choose(None, scored(()), singles, accuracy=accuracy).chosen.fit.effects) == named
+    assert set(attribute.choose(BARE, scored(()), singles, accuracy=accuracy).chosen.fit.effects) == named
 
 
 @pytest.mark.parametrize(("corrected", "named"), [(990.0, ("heel",)), (1010.0, ())])
@@ -334,7 +336,7 @@ def test_what_corrections_for_steps_may_leave_is_no_evidence(scored, corrected, 
     """heel alone gains 500 of log score, 1000 of chi-square."""
     baseline = scored(())
     baseline = replace(baseline, fit=replace(baseline.fit, corrected=corrected))
-    choice = attribute.choose(None, baseline, ("heel",), accuracy={"default": 0.0, "numerical": 1.0})
+    choice = attribute.choose(BARE, baseline, ("heel",), accuracy={"default": 0.0, "numerical": 1.0})
     assert choice.chosen.fit.effects == named
 
 
@@ -342,7 +344,7 @@ def test_an_effect_is_worth_what_it_explains_once_an_idle_one_has_gone(scored, m
     """heel is taken first, then motion, then scatter, beside which heel gains 1 and goes; 900 are explained."""
     monkeypatch.setattr(attribute, "MOST_EFFECTS", 4)
     singles = SINGLES
-    choice = attribute.choose(None, scored(()), singles, accuracy={"default": 0.1})
+    choice = attribute.choose(BARE, scored(()), singles, accuracy={"default": 0.1})
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
     assert choice.blur == pytest.approx(0.1**2 * 900)
 

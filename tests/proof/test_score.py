@@ -15,7 +15,8 @@ from virtual_phantom.proof.score.intervals import share
 from virtual_phantom.proof.score.remainders import area
 from virtual_phantom.proof.score.score import score
 
-NEVER = ["detector_roll", "detector_skew", "detector_tilt", "slice_thickness"]
+NEVER = ["anti_scatter_grid", "current_along_z", "detector_roll", "detector_skew", "detector_tilt", "slice_thickness"]
+NEVER += ["slow_afterglow", "water_correction"]
 COLUMNS = ("before", "after", "floor")
 
 

@@ -41,7 +41,7 @@ def detected(kvp):
     """Its energies, and how many photons of each it detects in air."""
     with open(os.devnull, "w") as nowhere, tempfile.TemporaryDirectory() as folder:
         os.dup2(nowhere.fileno(), 1)
-        cfg = _air(_configured(order(kvp), staircase().write(Path(folder))))
+        cfg = _air(_configured(order(kvp), staircase(), Path(folder)))
         photons = (cfg.hooks.photons * cfg.sim.Wvec).astype(float).mean(axis=0)
         return np.asarray(cfg.sim.Evec, float), photons
 
