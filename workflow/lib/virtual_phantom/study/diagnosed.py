@@ -86,7 +86,11 @@ class Diagnosis:
         check_accuracy(settings["model_accuracy"])
         tried = {}
         for name, one in settings["recordings"].items():
-            tried[name] = [] if "physics_from" in one else candidates(one, **shown_by(recordings.content(name)))
+            shown = shown_by(recordings.content(name))
+            if "protocol" in one:
+                scan = plan.geometry_settings(plan.geometry_of(one["protocol"]))["scan"]
+                shown["helical"] = scan["trajectory"] == "helical"
+            tried[name] = [] if "physics_from" in one else candidates(one, **shown)
         found = cls(plan, files, recordings, engine, tried, rates)
         for name in settings["scanners"]:
             found.shared(name)
