@@ -28,7 +28,7 @@ from .vectors import CYLINDRICAL, FLAT, ScanGeometry
 # A parallel beam's source to isocentre, and from there to its detector, behind any object. Rays are parallel to 1e-6 of
 # what they are apart, and 64 bits hold places along them to 1e-6 mm.
 PARALLEL_MM, BEHIND_MM = 1e9, 1e3
-DIVERGENT, PARALLEL = "divergent", "parallel"  # beams of a `scan` section
+PARALLEL = "parallel"  # of `scan.beam`
 SPOT_KEYS = ("columns_mm", "radius_mm", "z_mm")  # of a flying focal spot, in a `scan` section
 
 
