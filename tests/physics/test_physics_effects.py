@@ -25,7 +25,7 @@ from virtual_phantom.physics.state import State, lagged, shared
 
 ROOT = Path(__file__).resolve().parents[2]
 MU = 0.0193
-GEOMETRY = circular(
+SCANNER = dict(
     views=24,
     source_to_isocentre_mm=500.0,
     source_to_detector_mm=1000.0,
@@ -35,18 +35,7 @@ GEOMETRY = circular(
     row_pitch_mm=6.0,
     view_interval_ms=20.0,
 )
-
-HELIX = helical(
-    views=24,
-    volume_height_mm=30.0,
-    source_to_isocentre_mm=500.0,
-    source_to_detector_mm=1000.0,
-    columns=48,
-    rows=6,
-    column_pitch_mm=6.0,
-    row_pitch_mm=6.0,
-    view_interval_ms=20.0,
-)
+GEOMETRY, HELIX = circular(**SCANNER), helical(volume_height_mm=30.0, **SCANNER)
 
 
 @pytest.fixture(scope="module")

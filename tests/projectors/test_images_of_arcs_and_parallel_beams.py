@@ -126,6 +126,9 @@ def test_iterations_of_a_parallel_beam_come_to_the_object():
     assert 1000 * found[0, :, 20:44, 20:44].mean() / WATER == pytest.approx(1000, abs=2)
 
 
+OFFSETS = {"column_offset_px": 0.0, "row_offset_px": 0.0, "start_angle_deg": 0.0, "rotation_time_ms": 500.0}
+
+
 def study(**changes):
     whole = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
     return whole | {"scan": whole["scan"] | {"beam": "parallel", "trajectory": "circular"}} | changes
@@ -135,6 +138,8 @@ def test_a_study_of_a_parallel_beam_knows_no_distances():
     config = complete(study())
     geometry = scan_geometry(config["scan"], 180, Grid((4, 32, 32), (2.0, 2.0, 2.0)))
     assert geometry.parallel and geometry.magnification == pytest.approx(1)
+    # A section that no configuration has completed, as virtual_phantom.scan takes it, says it too.
+    assert scan_geometry(study()["scan"] | {"turns": 1.0, **OFFSETS}, 180, Grid((4, 8, 8), (2.0,) * 3)).parallel
 
 
 @pytest.mark.parametrize(

@@ -480,6 +480,7 @@ def scan_geometry(scan: dict, projections: int, grid: Grid) -> OrbitGeometry:
     -------
     OrbitGeometry
     """
+    scan = with_beam(scan)
     detector = {
         key: scan[key]
         for key in (

@@ -145,9 +145,9 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     scans = rest.pop("scans", {})
     fill_defaults(rest, schema)
     _take_public_scans(rest)
-    rest["scans"] = {name: {**rest["scan"], **changes} for name, changes in scans.items()} if "scan" in rest else {}
-    rest["scans"] = {name: with_beam(scan) for name, scan in rest["scans"].items()}
+    rest["scans"] = {}
     if "scan" in rest:
+        rest["scans"] = {name: with_beam({**rest["scan"], **changes}) for name, changes in scans.items()}
         rest["scan"] = with_beam(rest["scan"])
     lines = [mistake.line for mistake in found] + list(Rules(rest, Names.of(whole)).lines())
     return list(dict.fromkeys(lines)), rest

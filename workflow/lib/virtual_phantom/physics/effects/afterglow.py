@@ -8,10 +8,14 @@ from ..state import State
 
 def apply(state: State, values: dict[str, float]) -> None:
     """Set the lag of views."""
-    share, memory = of_views(
-        values["share"], values["time_constant_ms"], state.geometry.known_interval_ms, state.geometry.exposure_ms
-    )
-    state.lag = (share, memory, values["before"])
+    state.lag = lag_of(state, values)
+
+
+def lag_of(state: State, values: dict[str, float]) -> tuple[float, float, float]:
+    """A glow of these parameters in the views of a scan, as State.lag has it."""
+    geometry = state.geometry
+    times = values["time_constant_ms"], geometry.known_interval_ms, geometry.exposure_ms
+    return (*of_views(values["share"], *times), values["before"])
 
 
 def of_views(

@@ -30,9 +30,9 @@ EFFECT = Effect(
     physics="A shaped filter thins the beam towards its edges, and hardens it there beside a spectrum.",
     equation="fluence(g, E) = exp(-mu_Al(E) t f(g) / f(20 deg)) at the fan angle g; f = |g|^n, or 1 - exp(-(|g| / w)^n)"
     " where it levels off at w; what the middle has belongs to the spectrum's filtration",
-    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), bowtie filters. XCIST's large, medium and small one "
-    "(M. Wu et al., Phys. Med. Biol. 67, 194002, 2022) are met within 1 mm by t = 31.8, 32.7, 32.7 mm, n = 3.5, 3.3, "
-    "2.8 and w = 14.9, 13.0, 10.8 deg, beside 2.6, 0.9 and 1.1 mm in the middle",
+    source="J. Hsieh, Computed Tomography, 3rd ed., SPIE (2015), bowtie filters. Of XCIST's (M. Wu et al., Phys. Med. "
+    "Biol. 67, 194002, 2022), t, n and w within 1.1 mm: large 31.8 mm, 3.54, 14.9 deg; medium 32.7, 3.27, 13.0; small "
+    "32.7, 2.82, 10.8. Their middles have 2.6, 0.9 and 1.1 mm more",
     stage="fluence",
     signature="white field falls to both edges, and noise grows there; with a spectrum, line integrals fall behind "
     "the outer columns",

@@ -2,16 +2,12 @@
 
 from ..effect import LOGARITHM, PER_VIEW, Effect, Parameter, Reach
 from ..state import State
-from .afterglow import of_views
+from .afterglow import lag_of
 
 
 def apply(state: State, values: dict[str, float]) -> None:
     """Set the slow lag of views."""
-    geometry = state.geometry
-    share, memory = of_views(
-        values["share"], values["time_constant_ms"], geometry.known_interval_ms, geometry.exposure_ms
-    )
-    state.slow_lag = (share, memory, values["before"])
+    state.slow_lag = lag_of(state, values)
 
 
 EFFECT = Effect(
