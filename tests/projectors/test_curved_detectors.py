@@ -228,8 +228,10 @@ def test_impossible_arcs_and_spots(changes, message):
         circular(views=9, **(ARC | changes))
 
 
-def test_astra_has_no_arcs():
+@pytest.mark.parametrize("beam", [{}, parallel_beam() | {"surface": "flat"}], ids=["arc", "parallel"])
+def test_astra_has_no_arcs_and_no_parallel_beams(beam):
     from virtual_phantom.projectors.astra_cuda import AstraCudaProjector
 
-    with pytest.raises(InputError, match="astra_cuda has no cylindrical detectors; set engine: cpu"):
-        AstraCudaProjector(circular(views=9, **ARC), Grid((2, 2, 2), (1.0, 1.0, 1.0)), arrays=np)
+    message = "astra_cuda has neither cylindrical detectors nor parallel beams; set engine: cpu"
+    with pytest.raises(InputError, match=message):
+        AstraCudaProjector(circular(views=9, **(ARC | beam)), Grid((2, 2, 2), (1.0, 1.0, 1.0)), arrays=np)

@@ -255,7 +255,9 @@ def reconstruct(
         algorithm,
         known[algorithm] | settings,
         engine=choose_engine(
-            engine, (known["sirt"] | settings).get("backprojector"), flat=scan.geometry.surface == FLAT
+            engine,
+            (known["sirt"] | settings).get("backprojector"),
+            flat=scan.geometry.surface == FLAT and not scan.geometry.parallel,
         ),
         mu_water_per_mm=scan.mu_water_per_mm,
         physics=scan.image_physics,

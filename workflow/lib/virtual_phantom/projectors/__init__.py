@@ -42,7 +42,7 @@ def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool =
     look : bool, optional
         False: astra_cuda is believed, and looked for by what uses it (`projector`).
     flat : bool, optional
-        Whether all detectors are: ASTRA has no other.
+        Whether all detectors are, and no beam is parallel: ASTRA is given nothing else.
 
     Returns
     -------
@@ -52,14 +52,14 @@ def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool =
     ------
     InputError
         For an unknown engine, for astra_cuda where there is no CUDA device or no CuPy, with "adjoint", or for a
-        detector that is not flat.
+        detector that is not flat or a parallel beam.
     """
     if name not in ENGINES:
         raise InputError(f"engine '{name}' is unknown; use one of {', '.join(ENGINES)}")
     if name == "cpu" or (name == "auto" and (backprojector == "adjoint" or not flat)):
         return "cpu"
     if not flat:
-        raise InputError("engine: astra_cuda has no cylindrical detectors; set engine: cpu")
+        raise InputError("engine: astra_cuda has neither cylindrical detectors nor parallel beams; set engine: cpu")
     if backprojector == "adjoint":
         raise InputError("engine: astra_cuda has no adjoint; set reconstruction.sirt.backprojector: voxel")
     if name == "auto":

@@ -63,12 +63,12 @@ class AstraCudaProjector:
     Raises
     ------
     InputError
-        For a detector that is not flat, and where ASTRA fails.
+        For a detector that is not flat, a parallel beam, and where ASTRA fails.
     """
 
     def __init__(self, geometry: ScanGeometry, grid: Grid, lanes: int = 1, arrays: ModuleType | None = None):
-        if geometry.surface != FLAT:
-            raise InputError("engine: astra_cuda has no cylindrical detectors; set engine: cpu")
+        if geometry.surface != FLAT or geometry.parallel:
+            raise InputError("engine: astra_cuda has neither cylindrical detectors nor parallel beams; set engine: cpu")
         if arrays is None:
             import cupy as arrays
         self.geometry, self.grid, self.lanes, self._arrays = geometry, grid, lanes, arrays
