@@ -9,6 +9,7 @@ from virtual_phantom.diagnosis.core.correlated import WHITE, Correlations, White
 from virtual_phantom.diagnosis.core.fit import Problem
 from virtual_phantom.diagnosis.core.locate import Half
 from virtual_phantom.diagnosis.core.pattern import estimate
+from virtual_phantom.diagnosis.core.statement import Statement
 from virtual_phantom.diagnosis.core.templates import data_changes
 from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.uncertainty import left_by_numbers
@@ -310,3 +311,29 @@ def test_a_single_repeat_has_its_correlations_from_the_fit():
 
     assert spread(found, found.fitter) == pytest.approx(1, abs=3 / np.sqrt(2 * 384))
     assert spread(given, given.fitter) > 1.2
+
+
+def test_declared_physics_says_how_the_noise_of_a_single_repeat_is_correlated():
+    """So no effect is chosen twice; what is found beside it still counts."""
+    glow = {"share": 0.3, "time_constant_ms": 5.0, "before": 0.0}
+    physics = {"optical_crosstalk": {"column": 0.1, "row": 0.1}, "afterglow": glow}
+    declared = {name: {key: Statement(value, 0.0) for key, value in one.items()} for name, one in physics.items()}
+    chain = Chain(DiscScene(200.0, "water"), geometry_of(60, 8, 40), PHOTONS)
+    taken = scans(chain, physics, np.random.default_rng(12), repeats=1)
+    beside = {"optical_crosstalk": declared["optical_crosstalk"]}
+    whole, part, none = (
+        prepared.prepare(taken, None, chain, nominal_photons=PHOTONS, declared=one) for one in (declared, beside, {})
+    )
+    fit = trial(whole.fitter, ()).fit
+    assert whole.with_noise_of(fit) is whole
+    # However much was declared, the noise is that of the physics that was found.
+    after = [one.with_noise_of(fit) for one in (part, none)]
+    for one in after:
+        assert one.data.whitening.noise.columns == pytest.approx(whole.data.whitening.noise.columns, rel=1e-3)
+        assert one.data.whitening.noise.views == pytest.approx(whole.data.whitening.noise.views, rel=1e-3)
+        # But where the object's edge moves through a block, which counts as noise until it is modelled.
+        assert np.median(one.variance / whole.variance) == pytest.approx(1, abs=0.05)
+        counted = whole.fitter.weights[0] > 0
+        assert np.median(one.fitter.weights[0][counted] / whole.fitter.weights[0][counted]) == pytest.approx(
+            1, abs=0.05
+        )

@@ -59,6 +59,26 @@ class Correlations:
         first, memory = self.views
         return Correlations(self.columns, self.rows, (first * memory ** (step - 1), memory**step))
 
+    def stands_out(self, other: Correlations, rays: int) -> bool:
+        """Whether so many rays would show that their noise has these correlations and not the other ones.
+
+        Parameters
+        ----------
+        other : Correlations
+        rays : int
+
+        Returns
+        -------
+        bool
+        """
+        pairs = zip((self.columns, self.rows, self.views), (other.columns, other.rows, other.views), strict=True)
+        return max(abs(one[0] - two[0]) for one, two in pairs) * np.sqrt(rays) > SEEN
+
+    def of_second_differences(self) -> float:
+        """Variance of x[i - 1] - 2 x[i] + x[i + 1] of successive views, over that of a view."""
+        first, memory = self.views
+        return 6 - 8 * first + 2 * first * memory
+
     def covariance(self, axis: int, length: int) -> np.ndarray:
         """Covariance of places along an axis, that of a place far from the ends being 1 with itself.
 
@@ -183,7 +203,7 @@ class Correlations:
 WHITE = Correlations()
 
 
-def of_state(state: State) -> Correlations:
+def of_state(state: State, apart: int | None = None) -> Correlations:
     """Correlations that a state of the chain gives the noise.
 
     Electronic noise is included as its share is over all rays.
@@ -191,6 +211,8 @@ def of_state(state: State) -> Correlations:
     Parameters
     ----------
     state : State
+    apart : int, optional
+        Of the scanner's views, by how many those lie apart that are asked for; None: the state's own.
 
     Returns
     -------
@@ -211,7 +233,7 @@ def of_state(state: State) -> Correlations:
     glow = share**2 * (1 - memory) / (1 + memory)
     views = (share * (1 - share) * (1 - memory) + glow * memory) / ((1 - share) ** 2 + glow)
     found = Correlations(*pixels, (coloured * views, memory if share else 0.0))
-    return found.of_every(state.geometry.views_apart)
+    return found.of_every(state.geometry.views_apart if apart is None else apart)
 
 
 class Whitening:
@@ -224,13 +246,18 @@ class Whitening:
     lines : ndarray, shape (views, rows, columns)
         Line integrals, to first order: what is read is their transmission.
     usable : ndarray of bool, shape (views, rows, columns)
+
+    Attributes
+    ----------
+    noise, correlations : Correlations
+        As given, and those of the views that are usable.
     """
 
     def __init__(self, correlations: Correlations, lines: np.ndarray, usable: np.ndarray):
         self.views = np.flatnonzero(usable.any(axis=(1, 2)))
         steps = np.diff(self.views)
         step = int(np.median(steps)) if steps.size else 1
-        self.correlations = correlations.of_every(step)
+        self.noise, self.correlations = correlations, correlations.of_every(step)
         shape = usable.shape
         power = np.multiply.outer(*(correlations.power(axis, shape[axis]) for axis in (1, 2)))
         self._blur = np.sqrt(power / power[0, 0])

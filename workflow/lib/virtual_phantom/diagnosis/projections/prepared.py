@@ -37,7 +37,6 @@ MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
 SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20 000 are taken for distances or offsets
 MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
-SECOND_DIFFERENCE = 6.0  # variance of x[i - 1] - 2 x[i] + x[i + 1] over that of white noise
 BY_VIEW = "every second view"
 # Rays, those of a pixel counted one by one: of a scan of more, noise is looked at in the views that are fitted and in
 # those beside them. 20 million take 2 GB.
@@ -59,9 +58,17 @@ LOOK = Look(
 
 @dataclass(frozen=True)
 class PreparedScans(Prepared):
-    """A recording of projections, made ready. `single`: its noise is that of differences of neighbouring views."""
+    """A recording of projections, made ready. `single`: its noise is that of differences of neighbouring views.
+
+    Attributes
+    ----------
+    second_difference : float
+        Variance of their second differences over that of a view, as the noise of a single repeat was taken from them.
+    """
 
     look: ClassVar[Look] = LOOK
+
+    second_difference: float = WHITE.of_second_differences()
 
     @property
     def usable(self) -> np.ndarray:
@@ -123,9 +130,8 @@ class PreparedScans(Prepared):
     def with_noise_of(self, fit: Fit) -> PreparedScans:
         """The same with noise that neighbours share as a fit has it.
 
-        That is for the noise of a single repeat, which was taken for white; differences of repeats say it otherwise.
-        The second difference of views that are correlated by r1 and, two apart, r2 has 6 - 8 r1 + 2 r2 of their
-        variance.
+        That is for the noise of a single repeat, of which nothing is known but what is declared; differences of repeats
+        say it otherwise.
 
         Parameters
         ----------
@@ -136,20 +142,26 @@ class PreparedScans(Prepared):
         PreparedScans
             This one, where nothing is to be changed.
         """
-        model, data = self.fitter.model, self.data
-        if not self.single or data.whitening is not None:
+        if not self.single:
             return self
-        correlations = of_state(model.predict(fit.physics, fit.nuisance, data, fit.linearisation).state)
-        if correlations.white:
+        model, data = self.fitter.model, self.data
+        state = model.predict(fit.physics, fit.nuisance, data, fit.linearisation).state
+        correlations, before = of_state(state), WHITE if data.whitening is None else data.whitening.noise
+        if not correlations.stands_out(before, int(self.usable.sum())):
             return self
         stated = before_images(stated_physics(model.declared))
         clean = model.chain.state(stated, photons=1.0, anode=model.anode).line_integrals()
-        data, held_out = (_whitened(one, correlations, clean, one.numerical) for one in (data, self.held_out))
-        first, memory = correlations.views
-        variance = self.variance * SECOND_DIFFERENCE / (SECOND_DIFFERENCE - 8 * first + 2 * first * memory)
-        weighed = variance * np.exp(-clean) * data.whitening.variance(clean) * data.whitening.amplification
+        data, held_out = (
+            _whitened(
+                replace(one, whitening=None), correlations, clean, [one.as_recorded(error) for error in one.numerical]
+            )
+            for one in (data, self.held_out)
+        )
+        now = of_state(state, apart=1).of_second_differences()
+        variance = self.variance * self.second_difference / now
+        weighed = _weighed(variance, data, clean)
         fitter = Fitter(model, data, held_out, weighed, _floor(data))
-        return replace(self, fitter=fitter, data=data, held_out=held_out, variance=variance)
+        return replace(self, fitter=fitter, data=data, held_out=held_out, variance=variance, second_difference=now)
 
     def caveats(self) -> list[str]:
         """As Prepared.caveats."""
@@ -246,6 +258,10 @@ def prepare(
         unit = unit / state.measured_air
     noise, single = _noise(taken, clean, residuals)
     photons = 1 / float(np.mean(noise[taken.usable] / unit[taken.usable]))
+    between = WHITE.of_second_differences()
+    if single:
+        declares = of_state(looked.state(stated, photons=photons, anode=anode), apart=1).of_second_differences()
+        noise, photons, between = noise * between / declares, photons * declares / between, declares
     if not np.isfinite(photons) or photons > MOST_PHOTONS:
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")
     if step > 1:
@@ -261,19 +277,21 @@ def prepare(
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
     left = numerical.left()
     fitted, held, words = split(taken, further)
-    correlations = WHITE if single else _correlations(taken, clean, variance)
+    correlations = of_state(chain.state(stated, photons=photons, anode=anode)) if single else None
+    correlations = correlations or _correlations(taken, clean, variance)
     data, held_out = (
         _whitened(observe(part, reference, blocks, correlations), correlations, clean, left) for part in (fitted, held)
     )
     floor = _floor(data)
     apart = [taken] if words == BY_VIEW else [fitted, held]
-    weighed = variance
-    if not single:
+    if single:
+        weighed = _weighed(variance, data, clean)
+    else:
         weighed, freedom = _of_one_repeat(apart, reference, clean, correlations, blocks)
         scatter = 2 / np.maximum(freedom, 1)
         data, held_out = (replace(one, weighed=scatter) for one in (data, held_out))
-    if data.whitening is not None:
-        weighed = weighed * data.whitening.amplification
+        if data.whitening is not None:
+            weighed = weighed * data.whitening.amplification
     aligned = nuisances(
         # A single repeat's noise is an estimate of its own and not among the data, so nothing else would hold it.
         np.log(nominal_photons or photons),
@@ -284,7 +302,17 @@ def prepare(
     model = ScansModel(chain, aligned, anode, tube_kvp, numerical=numerical, declared=declared)
     fitter = Fitter(model, data, held_out, weighed, floor)
     return PreparedScans(
-        fitter, data, held_out, variance, words, single, photons, step=step, lacking=lacking, voxels=voxels
+        fitter,
+        data,
+        held_out,
+        variance,
+        words,
+        single,
+        photons,
+        step=step,
+        lacking=lacking,
+        voxels=voxels,
+        second_difference=between,
     )
 
 
@@ -327,7 +355,7 @@ def _noise(
 ) -> tuple[np.ndarray, bool]:
     """Variance of every ray of one repeat.
 
-    It is that over repeats, or, of a single one, from second differences over views.
+    It is that over repeats, or, of a single one, from second differences over views, as if they shared no noise.
 
     Parameters
     ----------
@@ -356,7 +384,7 @@ def _noise(
     square = np.where(taken.usable, second**2 * np.exp(-clean), np.nan).ravel()
     order = np.argsort(blocks.index.ravel(), kind="stable")
     parts = np.split(square[order], np.cumsum(np.bincount(blocks.index.ravel(), minlength=blocks.count))[:-1])
-    level = np.array([_mean_square(part[np.isfinite(part)]) for part in parts]) / SECOND_DIFFERENCE
+    level = np.array([_mean_square(part[np.isfinite(part)]) for part in parts]) / WHITE.of_second_differences()
     return blocks.spread(np.maximum(level, 1e-30)) * np.exp(clean), True
 
 
@@ -396,6 +424,23 @@ def _whitened(data: ObservedScans, correlations: Correlations, clean: np.ndarray
         return replace(data, numerical=tuple(numerical))
     data = replace(data, whitening=Whitening(correlations, clean, data.usable))
     return replace(data, numerical=tuple(data.whitened(np.where(data.usable, one, 0)) for one in numerical))
+
+
+def _weighed(variance: np.ndarray, data: ObservedScans, clean: np.ndarray) -> np.ndarray:
+    """Variance of every ray of a single repeat, whitened.
+
+    Parameters
+    ----------
+    variance, clean : ndarray, shape (views, rows, columns)
+        Variance of one repeat, and line integrals, of the first model.
+    data : ObservedScans
+
+    Returns
+    -------
+    ndarray, shape (views, rows, columns)
+    """
+    white = data.whitening
+    return variance if white is None else variance * np.exp(-clean) * white.variance(clean) * white.amplification
 
 
 def _of_one_repeat(
