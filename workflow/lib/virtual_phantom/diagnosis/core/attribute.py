@@ -11,6 +11,7 @@ from ...physics.effect import offered
 from .change import Change
 from .fit import Fit, Fitter
 from .how_far import HowFar
+from .inexact import Errors, errors_with_models
 from .kept import KeptFits
 from .screening import Screened, screened
 from .trial import Trial, chance
@@ -64,6 +65,8 @@ class Choice:
         Share by which the corrections for finite steps may be off.
     piece : Change or None
         The piece of the object that explains more than any effect, if there is one: then no effect is chosen.
+    errors : Errors or None
+        Of the numbers of the chosen fit; None: of noise alone, as the fit has them.
     """
 
     baseline: Trial
@@ -78,6 +81,7 @@ class Choice:
     without: dict[str, Fit] = field(default_factory=dict)
     numerical: float = 0.0
     piece: Change | None = None
+    errors: Errors | None = None
 
     def ambiguous_with(self, effect: str) -> list[str]:
         """Effects that explain the data as well in its place."""
@@ -185,7 +189,8 @@ def choose(
     if set(choice.chosen.fit.effects) & set(found):  # swapped since
         found = fits.screened(choice.chosen.fit, fits.others(choice.chosen.fit.effects))
     undecided = {name: one.gain / 2 for name, one in standing_out(2 * LEAST_GAIN).items()}
-    return replace(choice, blur=blur(choice.chosen), undecided=undecided, numerical=numerical)
+    errors = errors_with_models(fitter, choice.chosen.fit, choice.without, accuracy)
+    return replace(choice, blur=blur(choice.chosen), undecided=undecided, numerical=numerical, errors=errors)
 
 
 class _Fits:

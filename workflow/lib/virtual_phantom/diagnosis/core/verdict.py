@@ -14,6 +14,7 @@ from .caveats import caveats
 from .change import Change
 from .doubts import doubts
 from .fit import Fit
+from .inexact import Errors
 from .locate import EDGES, KINDS, Location, aligned
 from .model import Model
 from .object_differs import content_of
@@ -91,7 +92,7 @@ def diagnose(
 
     inexact = max(LEAST_GAIN, choice.blur)
     before, after = places(choice.baseline.fit, LEAST_GAIN), places(choice.chosen.fit, inexact)
-    effects = choice.chosen.fit.effects
+    effects, errors = choice.chosen.fit.effects, _errors(choice)
     left = [place for place in after if place.significant]
     removed = excess_removed(prepared, choice.baseline, choice.chosen, left) if effects else None
     metrics = {
@@ -118,7 +119,7 @@ def diagnose(
         "ruled_out": choice.ruled_out,
         "undecided": choice.undecided,
         "alignment": {
-            name: {"value": value, "ci95": _interval(value, choice.chosen.fit.nuisance_errors[name])}
+            name: {"value": value, "ci95": _interval(value, errors.nuisance[name])}
             for name, value in choice.chosen.fit.nuisance.items()
         },
         **metrics,
@@ -260,7 +261,7 @@ def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:
 
 
 def _effect(name: str, choice: Choice, model: Model) -> dict:
-    effect, fit = load(name), choice.chosen.fit
+    effect, fit, errors = load(name), choice.chosen.fit, _errors(choice).physics
     parameters = {one.name: one for one in (*effect.parameters, *model.parameters(name))}
     units = {key: one.unit for key, one in parameters.items()}
     ranges = {key: (one.low, one.high) for key, one in parameters.items()}
@@ -270,7 +271,8 @@ def _effect(name: str, choice: Choice, model: Model) -> dict:
         "parameters": {
             key: {
                 "value": value,
-                "ci95": _interval(value, fit.errors[name].get(key, 0.0), *ranges[key]),
+                "ci95": _interval(value, errors[name].get(key, 0.0), *ranges[key]),
+                "ci95_noise": _interval(value, fit.errors[name].get(key, 0.0), *ranges[key]),
                 "unit": units[key],
             }
             for key, value in fit.physics[name].items()
@@ -278,6 +280,12 @@ def _effect(name: str, choice: Choice, model: Model) -> dict:
         },
         "evidence": {"held_out_gain": choice.gains[name], "p": choice.p[name]},
     }
+
+
+def _errors(choice: Choice) -> Errors:
+    """Of the numbers of the chosen fit."""
+    fit = choice.chosen.fit
+    return choice.errors or Errors(fit.errors, fit.nuisance_errors)
 
 
 def _interval(value: float, error: float, low: float = -np.inf, high: float = np.inf) -> list[float]:

@@ -1,0 +1,93 @@
+"""Intervals that count inexact models: closed forms, and data that are off as models may be."""
+
+import numpy as np
+import pytest
+from simulated_scans import noisy_lines
+
+from virtual_phantom.base.geometry import circular
+from virtual_phantom.diagnosis.core import inexact
+from virtual_phantom.diagnosis.core.inexact import errors_with_models, shapes
+from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.scene import DiscScene
+
+PHOTONS, SHARE, LEVEL = 1e5, 0.1, 400.0
+TRUE = {"dark_signal": {"level_units": LEVEL, "drift_units_per_s": 0.0}}
+INEXACT = {"default": SHARE, "numerical": 0.0}
+GEOMETRY = circular(
+    views=40,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=48,
+    rows=1,
+    column_pitch_mm=8.0,
+    row_pitch_mm=8.0,
+    view_interval_ms=10.0,
+)
+
+
+@pytest.fixture(scope="module")
+def chain():
+    return Chain(DiscScene(160.0, "water"), GEOMETRY, PHOTONS)
+
+
+def fitted(chain, seed, added=0.0):
+    """The fitter of four repeats, to whose lines something is added, and fits without and with a dark signal."""
+    state = chain.state(TRUE)
+    lines = (noisy_lines(state, 4, np.random.default_rng(seed)) + added).astype(np.float32)
+    white = state.measured_air.mean(axis=0) * state.photons
+    scans = observed.Scans(lines, white, np.ones(lines.shape[1:], bool))
+    fitter = prepared.prepare(scans, None, chain, nominal_photons=PHOTONS).fitter
+    baseline = trial(fitter, ())
+    return fitter, baseline.fit, trial(fitter, ("dark_signal",), baseline).fit
+
+
+def level(errors):
+    return errors.physics["dark_signal"]["level_units"]
+
+
+def test_models_that_are_exact_leave_the_errors_of_noise(chain):
+    fitter, without, fit = fitted(chain, 1)
+    for known, accuracy in (({"dark_signal": without}, {"default": 0.0, "numerical": 0.0}), ({}, INEXACT)):
+        errors = errors_with_models(fitter, fit, known, accuracy)
+        assert errors.physics["dark_signal"] == pytest.approx(fit.errors["dark_signal"], rel=1e-3)
+        assert errors.nuisance == pytest.approx(fit.nuisance_errors, rel=1e-3)
+
+
+def test_a_model_too_weak_as_a_whole_is_off_by_its_share_of_the_parameter(chain, monkeypatch):
+    """The change by the effect is J times how far the numbers lie from those without it: so is their shift."""
+    monkeypatch.setattr(inexact, "shapes", lambda mean: [np.ones(mean.shape)])
+    fitter, without, fit = fitted(chain, 2)
+    errors = errors_with_models(fitter, fit, {"dark_signal": without}, INEXACT)
+    by_model = np.sqrt(level(errors) ** 2 - fit.errors["dark_signal"]["level_units"] ** 2)
+    assert by_model == pytest.approx(SHARE * fit.physics["dark_signal"]["level_units"], rel=0.05)
+    # What is named for an effect guards its own intervals.
+    exact = errors_with_models(fitter, fit, {"dark_signal": without}, INEXACT | {"dark_signal": 0.0})
+    assert level(exact) == pytest.approx(fit.errors["dark_signal"]["level_units"], rel=1e-3)
+
+
+def test_of_data_that_are_off_as_models_may_be_intervals_are_right(chain):
+    """24 scans, each with distortions drawn as they are counted: errors in units of the whole are standard normal."""
+    _, without, fit = fitted(chain, 3)
+    fitter, *_ = fitted(chain, 3)
+    there, here = (
+        fitter.model.predict(one.physics, one.nuisance, fitter.data, one.linearisation).mean for one in (without, fit)
+    )
+    random, z, of_noise = np.random.default_rng(8), [], []
+    for seed in range(24):
+        added = sum(SHARE * random.normal() * shape for shape in shapes(here)) * (here - there)
+        fitter, without, fit = fitted(chain, 100 + seed, added)
+        errors = errors_with_models(fitter, fit, {"dark_signal": without}, INEXACT)
+        off = fit.physics["dark_signal"]["level_units"] - LEVEL
+        z.append(off / level(errors))
+        of_noise.append(off / fit.errors["dark_signal"]["level_units"])
+    assert 0.62 < np.sqrt(np.mean(np.square(z))) < 1.45  # 99.7 % of the root mean square of 24 normal values
+    assert np.sqrt(np.mean(np.square(of_noise))) > 2  # what intervals of noise alone miss
+
+
+def test_shapes_are_of_one_size_along_whatever_axes_there_are():
+    for shape in ((7, 4, 9), (7, 1, 9), (1, 1, 1)):
+        found = shapes(np.random.default_rng(1).normal(size=shape))
+        assert all(one.shape == shape and np.mean(one**2) == pytest.approx(1) for one in found)
+        assert len(found) == 1 + sum(length > 1 for length in shape) + (2 + (shape[2] > 2)) * (max(shape) > 1)
