@@ -95,7 +95,7 @@ def _chance(p: float) -> str:
 
 
 def _coverage(held: Mapping) -> str:
-    """How often such intervals held the truth (proof_record.with_coverage), in a sentence."""
+    """How often intervals for noise alone held the truth (proof_record.with_coverage), in a sentence."""
     every = "{count} of {n} of all effects' parameters".format(**held["all"])
     if held["n"]:
         own = enumerated([label(name) for name in held["effects"]])
@@ -103,8 +103,8 @@ def _coverage(held: Mapping) -> str:
     else:
         every += "; of this effect none was counted"
     return (
-        "The interval is that of the noise, if the model is right. On scans by another simulator (docs/proof.md) such "
-        f"intervals held the truth in {every}."
+        "The interval is for noise and for inexact models (model_accuracy). On scans by another simulator "
+        f"(docs/proof.md) intervals for noise alone held the truth in {every}."
     )
 
 

@@ -133,7 +133,7 @@ def held(entries: Iterable[Entry], effect: str) -> Held | None:
 
 
 def with_coverage(content: dict, entries: Sequence[Entry]) -> dict:
-    """What diagnosis.json holds, each parameter's `ci95` with how often such intervals held the truth.
+    """What diagnosis.json holds, each parameter with how often intervals for noise alone held the truth.
 
     Returns
     -------
