@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from virtual_phantom.physics.transmission import BLOCK, transmitted
+from virtual_phantom.physics.transmission import BLOCK, MANY, transmitted
 
 
 def close_to(paths, attenuation_per_mm):
@@ -51,6 +51,14 @@ def test_shares_of_single_rows_and_columns():
     for thin in (shares[..., :1], shares[..., :1, :]):
         whole = np.broadcast_to(thin, shares.shape)
         assert np.array_equal(transmitted(paths, attenuation, thin), transmitted(paths, attenuation, whole))
+
+
+@pytest.mark.parametrize("of_pixels", [False, True])
+def test_threads_change_nothing(of_pixels):
+    random = np.random.default_rng(2)
+    paths, attenuation, shares = drawn(random, 2, 9, (2, 7, MANY * BLOCK // 7), of_pixels)
+    one, three = (transmitted(paths, attenuation, shares, threads) for threads in (1, 3))
+    assert np.array_equal(one, three)
 
 
 @pytest.mark.parametrize("length_mm", [-3.0, 0.0, 1e-4, 870.0, 1e6])

@@ -299,7 +299,7 @@ class Chain:
         if shares.ndim > 2:  # where a filter is alike along rows or columns, there is one for all of them
             for axis, count in zip((-2, -1), rays, strict=True):
                 shares = shares.repeat(count if shares.shape[axis] > 1 else 1, axis)
-        return transmitted(paths, table, shares)
+        return transmitted(paths, table, shares, self.scene.threads)
 
 
 def _kept(size: float, most: int) -> int:

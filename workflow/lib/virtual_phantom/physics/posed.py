@@ -74,7 +74,7 @@ class PosedScene:
 
     def __init__(self, scene: VoxelScene, samples: int = 1):
         self.scene, self._samples = scene, samples
-        self.materials, self.energy_kev = scene.materials, scene.energy_kev
+        self.materials, self.energy_kev, self.threads = scene.materials, scene.energy_kev, scene.threads
         self.attenuation_per_mm = scene.attenuation_per_mm
         self.allowed_mm = float(np.sqrt(TOLERANCE_MM * min(scene.grid.spacing)))
         self._kept: Kept | None = None
@@ -120,7 +120,7 @@ class NearScene:
 
     def __init__(self, scene: PosedScene, given: Sequence[Traced]):
         self._scene, self._given = scene, tuple(given)
-        self.materials, self.energy_kev = scene.materials, scene.energy_kev
+        self.materials, self.energy_kev, self.threads = scene.materials, scene.energy_kev, scene.threads
         self.attenuation_per_mm = scene.attenuation_per_mm
 
     def path_lengths(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None):

@@ -27,6 +27,8 @@ class PrismScene:
         Of the monochromatic beam, keV.
     """
 
+    threads = 1
+
     def __init__(
         self, shares: np.ndarray, grid: Grid, materials: tuple[Material, ...], energy_kev: float = DISC_ENERGY_KEV
     ):

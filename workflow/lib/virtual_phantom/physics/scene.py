@@ -146,6 +146,8 @@ class DiscScene:
         If the material attenuates like this at no energy.
     """
 
+    threads = 1
+
     def __init__(self, diameter_mm: float, material: str, mu_per_mm: float | None = None):
         self.radius_mm, self.materials = diameter_mm / 2, (material,)
         self.energy_kev = DISC_ENERGY_KEV if mu_per_mm is None else energy_of(material, mu_per_mm)
