@@ -9,10 +9,21 @@ import pytest
 from simulated_scans import SCAN
 from test_context import context_of, recorded
 
-from virtual_phantom.base.geometry import Grid
+from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.extent import MOST_FITTED
 from virtual_phantom.io.volumes import Volume, write_nifti
-from virtual_phantom.study.costs.diagnoses import RAYS_PER_PIXEL, STAGE, UNITS, Extent, extent, rays_in_words
+from virtual_phantom.physics.effect import load
+from virtual_phantom.physics.sampling import sources
+from virtual_phantom.physics.state import State
+from virtual_phantom.study.costs.diagnoses import (
+    RAYS_PER_PIXEL,
+    STAGE,
+    UNITS,
+    Extent,
+    extent,
+    rays_in_words,
+    source_points,
+)
 from virtual_phantom.study.costs.forecast import beforehand
 from virtual_phantom.study.costs.limits import FLOORS, SAFETY, UNKNOWN_MINUTES
 from virtual_phantom.study.costs.limits import minutes as asked
@@ -54,6 +65,28 @@ def test_rays_are_those_of_the_views_that_are_fitted():
     # Of a fan beam all rays of a pixel lie in its plane.
     assert counted((180, 1, 512)).rays == 180 * 512 * 2
     assert counted((984, 64, 888), samples=1).rays <= MOST_FITTED
+
+
+@pytest.mark.parametrize(
+    "physics",
+    [
+        {},
+        {"focal_spot": {"width_mm": 1.0, "length_mm": 0.8}},
+        {"off_focal_radiation": {"share": 0.05, "width_mm": 20.0, "collimator_mm": 200.0}},
+        {"focal_spot": {"width_mm": 1.0, "length_mm": 0.8}, "view_blur": {"duty": 0.5}},
+    ],
+    ids=" and ".join,
+)
+@pytest.mark.parametrize("rows", [1, 8])
+def test_every_point_of_a_declared_source_has_rays_of_its_own(physics, rows):
+    """As the chain sends them where no blur is wider than two pixels."""
+    scan = {"source_to_isocentre_mm": 570.0, "source_to_detector_mm": 1040.0, "view_interval_ms": 1.0}
+    geometry = circular(views=720, columns=32, rows=rows, column_pitch_mm=12.0, row_pitch_mm=12.0, **scan)
+    state = State(geometry, 1e5)
+    for name, values in physics.items():
+        load(name).apply(state, values)
+    assert source_points(physics) == len(list(sources(state)))
+    assert counted((720, rows, 32), baseline=physics).rays == source_points(physics) * counted((720, rows, 32)).rays
 
 
 def test_planes_are_what_a_ray_meets(tmp_path):

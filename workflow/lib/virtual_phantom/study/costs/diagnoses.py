@@ -17,7 +17,7 @@ How many fits follow depends on what is found. The rates are means of recordings
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import yaml
@@ -25,6 +25,7 @@ import yaml
 from ...base.errors import refusing
 from ...diagnosis.extent import fitted, is_shapes, rays_of
 from ...physics.object_files import path_of
+from ...physics.sampling import LEAST
 
 STAGE = "diagnose"
 UNITS = ("job", "plane", "point", "filter_point", "filter_step", "fit_point")
@@ -42,7 +43,8 @@ class Extent:
     Attributes
     ----------
     pixels, rays : int
-        That are fitted, over all views; rays of a pixel are counted one by one.
+        That are fitted, over all views; rays of a pixel are counted one by one, and of a source that is declared to be
+        wide those of every point.
     planes : int
         As the unit `plane`.
     effects : int
@@ -87,7 +89,7 @@ def extent(settings: Mapping, shape: tuple[int, int, int], effects: int, phantom
     Parameters
     ----------
     settings : mapping
-        Its section of the configuration: samples, view_step, check_setup, disc, object.
+        Its section of the configuration: samples, view_step, check_setup, disc, object, baseline.
     shape : tuple of 3 int
         Of the scan: views, rows, columns.
     effects : int
@@ -108,7 +110,25 @@ def extent(settings: Mapping, shape: tuple[int, int, int], effects: int, phantom
     views, rows, columns = shape
     samples, step = fitted(settings.get("samples"), settings.get("view_step"), is_shapes(settings), shape)
     seen = math.ceil(views / step), rows, columns
-    return Extent(math.prod(seen), rays_of(seen, samples), _planes(settings, phantom), effects, settings["check_setup"])
+    rays = rays_of(seen, samples) * source_points(settings.get("baseline", {}))
+    return Extent(math.prod(seen), rays, _planes(settings, phantom), effects, settings["check_setup"])
+
+
+def source_points(declared: Collection[str]) -> int:
+    """From how many points rays come in every model, at least.
+
+    Parameters
+    ----------
+    declared : collection of str
+        Effects that are known of the scanner.
+
+    Returns
+    -------
+    int
+    """
+    spot = LEAST**2 if "focal_spot" in declared else 1
+    beside = LEAST if "off_focal_radiation" in declared else 0
+    return (spot + beside) * (LEAST if "view_blur" in declared else 1)
 
 
 def materials_of(section: Mapping) -> int:
