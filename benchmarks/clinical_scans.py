@@ -171,7 +171,7 @@ def diagnosed(number: int, options) -> dict:
         write_object(folder / "body.yaml")
         config = write_config(one, folder, options.view_step)
         snakemake = str(Path(sys.executable).with_name("snakemake"))
-        done([snakemake, "diagnosis", "--cores", "2", "--configfile", str(config)])
+        done([snakemake, "diagnosis", "--cores", str(options.cores), "--configfile", str(config)])
     said = json.loads(path.read_text(encoding="utf-8"))
     return one | {"said": said, "seconds": time.perf_counter() - began}
 
@@ -183,6 +183,7 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--view-step", type=int, default=15, help="one view of so many is fitted or held out")
+    parser.add_argument("--cores", type=int, default=2, help="of one diagnosis")
     parser.add_argument("--out", type=Path, required=True, help="a folder, which keeps what was done")
     options = parser.parse_args()
     first = 0

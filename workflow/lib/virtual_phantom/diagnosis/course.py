@@ -10,6 +10,7 @@ from ..physics.effect import offered
 from .core.attribute import Choice, choose
 from .core.change import Change
 from .core.how_far import ALIGNED, JUDGED, HowFar
+from .core.inexact import errors_with_models
 from .core.kept import KeptFits
 from .core.object_differs import MOST_PIECES, beside, better_than, beyond_effects, differing, no_physics
 from .core.outside import ChangesOfFits
@@ -89,6 +90,7 @@ def explain(
         if piece is None or not may_be_mended(piece):
             break
         prepared, pieces = prepared.with_piece(piece.piece), [*pieces, piece]
+    chosen = replace(chosen, errors=errors_with_models(prepared.fitter, chosen.chosen.fit, chosen.without, accuracy))
     found = diagnose(name, prepared, chosen, pieces, changes)
     how_far.reached(JUDGED)
     return prepared, found

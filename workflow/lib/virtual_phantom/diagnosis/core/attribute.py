@@ -11,7 +11,7 @@ from ...physics.effect import offered
 from .change import Change
 from .fit import Fit, Fitter
 from .how_far import HowFar
-from .inexact import Errors, errors_with_models
+from .inexact import Errors
 from .kept import KeptFits
 from .screening import Screened, screened
 from .trial import Trial, chance
@@ -189,8 +189,7 @@ def choose(
     if set(choice.chosen.fit.effects) & set(found):  # swapped since
         found = fits.screened(choice.chosen.fit, fits.others(choice.chosen.fit.effects))
     undecided = {name: one.gain / 2 for name, one in standing_out(2 * LEAST_GAIN).items()}
-    errors = errors_with_models(fitter, choice.chosen.fit, choice.without, accuracy)
-    return replace(choice, blur=blur(choice.chosen), undecided=undecided, numerical=numerical, errors=errors)
+    return replace(choice, blur=blur(choice.chosen), undecided=undecided, numerical=numerical)
 
 
 class _Fits:
