@@ -62,6 +62,8 @@ class PreparedScans(Prepared):
 
     Attributes
     ----------
+    look : Look
+        Of projections.
     second_difference : float
         Variance of their second differences over that of a view, as the noise of a single repeat was taken from them.
     """
