@@ -84,6 +84,8 @@ from virtual_phantom.physics.scene import IN_PLACE, turned_back
 class Balls:
     """Path lengths through balls that do not overlap, in closed form."""
 
+    threads = 1
+
     def __init__(self, balls, material):
         self.balls, self.materials, self.energy_kev = balls, (material,), 60.0
         self.attenuation_per_mm = attenuation_per_mm(material, [self.energy_kev])

@@ -33,6 +33,8 @@ class Slab:
 
     energy_kev = KEV
 
+    threads = 1
+
     def __init__(self, **paths_mm):
         self.materials, self.paths_mm = tuple(paths_mm), list(paths_mm.values())
         self.attenuation_per_mm = np.array([attenuation_per_mm(name, [KEV])[0] for name in self.materials])

@@ -205,7 +205,7 @@ def test_a_focal_spot_blurs_by_its_shadow():
 class CopperBall:
     """At the isocentre; chords in closed form."""
 
-    materials, energy_kev = ("copper",), 60.0
+    materials, energy_kev, threads = ("copper",), 60.0, 1
 
     def __init__(self, radius_mm):
         self.radius_mm, self.attenuation_per_mm = radius_mm, attenuation_per_mm("copper", [60.0])

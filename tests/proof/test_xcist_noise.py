@@ -49,7 +49,7 @@ def detected(kvp):
 class Steps:
     """One ray through every thickness of water, a column each."""
 
-    materials, energy_kev, columns = ("water",), 70.0, 4001
+    materials, energy_kev, threads, columns = ("water",), 70.0, 1, 4001
 
     def path_lengths(self, geometry, pose, motion_mm=None):
         return np.linspace(0, 400, self.columns)[None, None, None]
