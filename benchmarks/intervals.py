@@ -9,7 +9,6 @@ fitted, nothing is chosen. Cases that the file has already are not done again. S
 """
 
 import argparse
-import json
 import tempfile
 from pathlib import Path
 
@@ -50,9 +49,8 @@ def fitted(folder, truth, config, seed):
         baseline, fit = both(prepared.fitter)
     accuracy = config["diagnosis"]["model_accuracy"]
     errors = errors_with_models(prepared.fitter, fit, {name: baseline}, accuracy).physics[name]
-    data = prepared.fitter.weights[0]
     return {
-        "chi_square": fit.parts[0] / float((data > 0).sum()),
+        "chi_square": fit.parts[0] / float((prepared.fitter.weights[0] > 0).sum()),
         "parameters": [
             {
                 "name": key,
@@ -98,17 +96,19 @@ def main():
     parser.add_argument("--strengths", nargs="*", default=["weak", "medium", "strong"])
     parser.add_argument("--out", type=Path)
     parser.add_argument("--count", type=Path, nargs="*", help="files of earlier runs: nothing is scanned")
+    parser.add_argument("--without", nargs="*", default=[], help="effects that --count leaves out")
     options = parser.parse_args()
     if options.count:
-        counted([json.loads(row) for path in options.count for row in path.read_text(encoding="utf-8").splitlines()])
+        if missing := [str(path) for path in options.count if not path.is_file()]:
+            parser.error(f"--count: there is no {', '.join(missing)}")
+        cases = [case for path in options.count for case in lacking.rows_of(path)]
+        counted([case for case in cases if case["effect"] not in options.without])
         return
     if options.seed is None or options.out is None:
         parser.error("give --seed and --out, or --count")
     config = complete(yaml.safe_load((lacking.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
     drawn = {"seed": options.seed, "effects": options.effects, "strengths": options.strengths, "none": 0, "unknown": 0}
-    cases = []
-    if options.out.is_file():
-        cases = [json.loads(row) for row in options.out.read_text(encoding="utf-8").splitlines()]
+    cases = lacking.rows_of(options.out)
     done = {case["case"] for case in cases}
     for case, truth in truths(lacking.asked_of_proof(drawn)).items():
         (effect,) = truth["effects"]
@@ -117,8 +117,7 @@ def main():
         with tempfile.TemporaryDirectory() as folder:
             found = fitted(Path(folder), truth, config, options.seed)
         cases.append({"case": case, "effect": effect["name"], "strength": effect["strength"]} | found)
-        with options.out.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(cases[-1]) + "\n")
+        lacking.append(options.out, cases[-1])
         said = (
             f"{one['name']} {one['value']:.4g} +- {one['noise']:.2g} ({one['whole']:.2g}), {one['truth']:.4g}"
             for one in found["parameters"]

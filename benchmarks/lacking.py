@@ -78,6 +78,17 @@ def asked_of_proof(drawn):
     return settings
 
 
+def rows_of(path):
+    """What a file holds of cases that were done; nothing of one that is not there."""
+    return [json.loads(row) for row in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []
+
+
+def append(path, row):
+    """Add a case to a file."""
+    with path.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row) + "\n")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True)
@@ -99,9 +110,7 @@ def main():
         "unknown_kinds": options.kinds,
     }
     settings = asked_of_proof(drawn)
-    rows = []
-    if options.out.is_file():
-        rows = [json.loads(line) for line in options.out.read_text(encoding="utf-8").splitlines()]
+    rows = rows_of(options.out)
     done = {row["truth"]["case"] for row in rows}
     for case, truth in truths(settings).items():
         if case in done:
@@ -112,8 +121,7 @@ def main():
             "recording verdict sentence effects ambiguous_with remainder_sd excess_removed outside unexplained"
         ).split()
         rows.append({"truth": truth, "diagnosis": {key: said[key] for key in kept}, "seconds": seconds})
-        with options.out.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
+        append(options.out, rows[-1])
         concealed = ", ".join(f"{one['name']} ({one['strength']})" for one in truth["effects"]) or "nothing"
         print(f"{case} {concealed}: {said['sentence']} [{seconds:.0f} s]", flush=True)
     cases = [Case(row["truth"], row["diagnosis"]) for row in rows]

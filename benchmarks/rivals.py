@@ -16,7 +16,6 @@ Cases that the file has already are not done again.
 """
 
 import argparse
-import json
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -146,17 +145,14 @@ def main():
     options = parser.parse_args()
     config = complete(yaml.safe_load((lacking.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
     drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
-    rows = []
-    if options.out.is_file():
-        rows = [json.loads(line) for line in options.out.read_text(encoding="utf-8").splitlines()]
+    rows = lacking.rows_of(options.out)
     done = {row["truth"]["case"] for row in rows}
     for case, truth in truths(lacking.asked_of_proof(drawn)).items():
         if case in done:
             continue
         with tempfile.TemporaryDirectory() as folder:
             rows.append({"truth": truth, "answers": answers(Path(folder), truth, config, options.seed)})
-        with options.out.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(rows[-1]) + "\n")
+        lacking.append(options.out, rows[-1])
         print(case, [one["name"] for one in truth["effects"]], rows[-1]["answers"], flush=True)
     counted: dict[tuple[str, str], dict[str, list[bool]]] = {}
     for row in rows:

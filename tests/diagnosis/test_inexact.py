@@ -69,11 +69,8 @@ def test_a_model_too_weak_as_a_whole_is_off_by_its_share_of_the_parameter(chain,
 
 def test_of_data_that_are_off_as_models_may_be_intervals_are_right(chain):
     """24 scans, each with distortions drawn as they are counted: errors in units of the whole are standard normal."""
-    _, without, fit = fitted(chain, 3)
-    fitter, *_ = fitted(chain, 3)
-    there, here = (
-        fitter.model.predict(one.physics, one.nuisance, fitter.data, one.linearisation).mean for one in (without, fit)
-    )
+    fitter, *fits = fitted(chain, 3)
+    there, here = (fitter.predicted(one).mean for one in fits)
     random, z, of_noise = np.random.default_rng(8), [], []
     for seed in range(24):
         added = sum(SHARE * random.normal() * shape for shape in shapes(here)) * (here - there)

@@ -235,3 +235,5 @@ def test_astra_has_no_arcs_and_no_parallel_beams(beam):
     message = "astra_cuda has neither cylindrical detectors nor parallel beams; set engine: cpu"
     with pytest.raises(InputError, match=message):
         AstraCudaProjector(circular(views=9, **(ARC | beam)), Grid((2, 2, 2), (1.0, 1.0, 1.0)), arrays=np)
+    vectors = circular(views=9, **(ARC | {"surface": "flat"})).by_vectors()
+    AstraCudaProjector(vectors, Grid((2, 2, 2), (1.0, 1.0, 1.0)), arrays=np)

@@ -12,7 +12,6 @@ import pandas as pd
 from ..base.errors import InputError, meant
 from ..base.geometry import Grid, ScanGeometry, scan_geometry
 from ..base.streams import Branch, branch
-from ..base.vectors import FLAT
 from ..features import extraction
 from ..io.default_study import default_study
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
@@ -23,7 +22,7 @@ from ..physics.effect import acts_on_images, checked
 from ..physics.line_integrals import check_rois_seen
 from ..physics.noise import acquire
 from ..physics.projected import projected
-from ..projectors import choose_engine
+from ..projectors import astra_projects, choose_engine
 
 STUDY = default_study()
 SHAPE, SPACING_MM = (tuple(STUDY["grid"][key]) for key in ("shape", "spacing_mm"))
@@ -257,7 +256,7 @@ def reconstruct(
         engine=choose_engine(
             engine,
             (known["sirt"] | settings).get("backprojector"),
-            flat=scan.geometry.surface == FLAT and not scan.geometry.parallel,
+            flat=astra_projects(scan.geometry),
         ),
         mu_water_per_mm=scan.mu_water_per_mm,
         physics=scan.image_physics,

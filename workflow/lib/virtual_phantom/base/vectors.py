@@ -249,6 +249,11 @@ class ScanGeometry:
         up = self.row_positions_mm()[row] * self.row_direction[view]
         return source, source + self.toward_mm[view] + along + up
 
+    @property
+    def parallel(self) -> bool:
+        """Whether the beam is parallel: none that is given by vectors is."""
+        return False
+
     @cached_property
     def is_upright(self) -> bool:
         """Whether the detector's rows lie above each other along z in every view."""

@@ -6,6 +6,7 @@ import warnings
 
 from ..base.errors import InputError
 from ..base.geometry import Grid, ScanGeometry
+from ..base.vectors import FLAT
 
 ENGINES = ("auto", "cpu", "astra_cuda")
 
@@ -26,7 +27,13 @@ def cupy_installed() -> bool:
     return True
 
 
+NOT_OF_ASTRA = "engine: astra_cuda has neither cylindrical detectors nor parallel beams; set engine: cpu"
 NO_CUPY = "astra_cuda needs CuPy, which cannot be imported: pip install -r environment-gpu.txt"
+
+
+def astra_projects(geometry: ScanGeometry) -> bool:
+    """Whether ASTRA is given such a scan: its detector is flat, and its beam not parallel."""
+    return geometry.surface == FLAT and not geometry.parallel
 
 
 def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool = True) -> str:
@@ -59,7 +66,7 @@ def choose_engine(name: str, backprojector: str, look: bool = True, flat: bool =
     if name == "cpu" or (name == "auto" and (backprojector == "adjoint" or not flat)):
         return "cpu"
     if not flat:
-        raise InputError("engine: astra_cuda has neither cylindrical detectors nor parallel beams; set engine: cpu")
+        raise InputError(NOT_OF_ASTRA)
     if backprojector == "adjoint":
         raise InputError("engine: astra_cuda has no adjoint; set reconstruction.sirt.backprojector: voxel")
     if name == "auto":

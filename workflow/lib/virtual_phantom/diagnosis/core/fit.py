@@ -14,6 +14,7 @@ from .alignment import SURE, Nuisance
 from .linearisation import BASE, Linearisation, LinearisationPoint
 from .model import Model
 from .observed import Observed
+from .prediction import Prediction
 from .steps import bounded_step, standard_errors, updated
 
 ITERATIONS = 25  # of a fit, so that it ends
@@ -173,6 +174,11 @@ class Fitter:
         errors = standard_errors(information)
         return problem.result(point, errors, residuals, current, pattern)
 
+    def predicted(self, fit: Fit, held_out: bool = False) -> Prediction:
+        """What a fit predicts of the data fitted, or of those held out; a gain pattern is no part of it."""
+        data = self.held_out if held_out else self.data
+        return self.model.predict(fit.physics, fit.nuisance, data, fit.linearisation)
+
     def residuals(self, fit: Fit, held_out: bool = True) -> list[np.ndarray]:
         """Observed less predicted, by part; the mean's noise made white.
 
@@ -187,8 +193,7 @@ class Fitter:
         list of ndarray, shape (data,)
         """
         data = self.held_out if held_out else self.data
-        parts = data.residuals(self.model.predict(fit.physics, fit.nuisance, data, fit.linearisation))
-        return less_pattern(parts, fit.pattern, data)
+        return less_pattern(data.residuals(self.predicted(fit, held_out)), fit.pattern, data)
 
     def score(self, fit: Fit) -> float:
         """Log score of the data held out, up to a constant: minus half of chi-square."""

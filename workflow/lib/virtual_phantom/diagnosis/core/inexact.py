@@ -18,7 +18,6 @@ import numpy as np
 
 from ...physics.effect import load
 from .fit import Fit, Fitter, Problem
-from .prediction import Prediction
 from .steps import Known, standard_errors
 from .templates import data_changes, whitened, with_knowledge
 
@@ -106,26 +105,23 @@ def _distortions(
     fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]
 ) -> list[np.ndarray]:
     """Changes of the whitened data that inexact models may make, one standard deviation each, shape (data,)."""
-    data, here = fitter.data, _predicted(fitter, fit)
-    after, found = data.residuals(here), []
+    data, here = fitter.data, fitter.predicted(fit)
+    after, spread, found = data.residuals(here), shapes(here.mean), []
 
-    def spread_out(change: np.ndarray, rest: list[np.ndarray]) -> list[np.ndarray]:
-        """Over the mean; what else is known of the data changes as a whole."""
-        means = [data.whitened(np.where(data.usable, change * shape, 0)).ravel() for shape in shapes(here.mean)]
-        none = [0 * one for one in rest]
-        return [whitened([one, *(none if place else rest)], fitter.weights) for place, one in enumerate(means)]
+    def add(change: np.ndarray, rest: list[np.ndarray]) -> None:
+        """A change of the mean, spread out; what else is known of the data changes with the even one."""
+        for shape in spread:
+            mean = data.whitened(np.where(data.usable, change * shape, 0)).ravel()
+            found.append(whitened([mean, *rest], fitter.weights))
+            rest = [np.zeros_like(one) for one in rest]
 
     for name, fitted in without.items():
         if load(name).pattern:  # no number has a model then
             continue
-        share, there = accuracy.get(name, accuracy["default"]), _predicted(fitter, fitted)
+        share, there = accuracy.get(name, accuracy["default"]), fitter.predicted(fitted)
         rest = [share * (one - other) for one, other in zip(data.residuals(there), after, strict=True)][1:]
-        found += spread_out(share * (here.mean - there.mean), rest)
-    corrected = np.asarray(fitter.model.distortion(fit.nuisance, fit.linearisation))
-    if share := accuracy.get("numerical", 0.0) * bool(corrected.any()):
-        found += spread_out(share * corrected, [0 * one for one in after[1:]])
+        add(share * (here.mean - there.mean), rest)
+    corrected = accuracy.get("numerical", 0.0) * np.asarray(fitter.model.distortion(fit.nuisance, fit.linearisation))
+    if corrected.any():
+        add(corrected, [np.zeros_like(one) for one in after[1:]])
     return found
-
-
-def _predicted(fitter: Fitter, fit: Fit) -> Prediction:
-    return fitter.model.predict(fit.physics, fit.nuisance, fitter.data, fit.linearisation)

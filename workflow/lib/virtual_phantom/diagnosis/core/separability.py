@@ -79,7 +79,7 @@ def _drawn(fitter: Fitter, fit: Fit, name: str) -> np.ndarray:
         for physics in (fit.physics, fit.physics | {name: effect.values({})})
     )
     mean = data.whitened(np.where(data.usable, with_it - without, 0)).ravel()
-    rest = data.residuals(fitter.model.predict(fit.physics, fit.nuisance, data, fit.linearisation))[1:]
+    rest = data.residuals(fitter.predicted(fit))[1:]
     return whitened([mean, *(np.zeros_like(part) for part in rest)], fitter.weights)
 
 

@@ -114,8 +114,7 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
         Parameters are in the order of `varied`, and change faster than shapes.
     """
     every = fitter.model.parameters(name)
-    now = fitter.model.predict(fit.physics, fit.nuisance, fitter.data, fit.linearisation)
-    before = fitter.data.residuals(now)
+    before = fitter.data.residuals(fitter.predicted(fit))
     ranges = {one.name: one for one in fitter.model.unknowns((name,))}
     typical = {
         parameter.name: one.value(min(max(parameter.number(parameter.typical), one.low), one.high))

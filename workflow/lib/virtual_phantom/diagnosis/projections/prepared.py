@@ -93,7 +93,7 @@ class PreparedScans(Prepared):
     def kinds(self, fit: Fit) -> Iterable[tuple[str, np.ndarray | sparray]]:
         """As Prepared.kinds."""
         model = self.fitter.model
-        lines = model.predict(fit.physics, fit.nuisance, self.data, fit.linearisation).mean
+        lines = self.fitter.predicted(fit).mean
         source = model.chain.geometry.by_vectors().source_mm
         return kinds(lines, np.arctan2(source[:, 1], source[:, 0]), self.usable, self.held != BY_VIEW)
 
@@ -101,7 +101,7 @@ class PreparedScans(Prepared):
         """As Prepared.piece."""
         model, shape = self.fitter.model, self.data.mean.shape
         chain = model.chain
-        lines = model.predict(fit.physics, fit.nuisance, self.data, fit.linearisation).design[0]
+        lines = self.fitter.predicted(fit).design[0]
         left, pose = self.half(fit, held_out=False), pose_of(fit.nuisance)
         residual, weight = (one[0].reshape(shape) for one in (left.residuals, left.weights))
         one = piece.found(
@@ -147,7 +147,7 @@ class PreparedScans(Prepared):
         if not self.single:
             return self
         model, data = self.fitter.model, self.data
-        state = model.predict(fit.physics, fit.nuisance, data, fit.linearisation).state
+        state = self.fitter.predicted(fit).state
         correlations, before = of_state(state), WHITE if data.whitening is None else data.whitening.noise
         if not correlations.stands_out(before, int(self.usable.sum())):
             return self
@@ -279,8 +279,10 @@ def prepare(
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
     left = numerical.left()
     fitted, held, words = split(taken, further)
-    correlations = of_state(chain.state(stated, photons=photons, anode=anode)) if single else None
-    correlations = correlations or _correlations(taken, clean, variance)
+    if single:
+        correlations = of_state(chain.state(stated, photons=photons, anode=anode))
+    else:
+        correlations = _correlations(taken, clean, variance)
     data, held_out = (
         _whitened(observe(part, reference, blocks, correlations), correlations, clean, left) for part in (fitted, held)
     )

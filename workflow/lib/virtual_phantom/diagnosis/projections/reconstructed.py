@@ -143,7 +143,7 @@ def simulated_repeats(prepared: PreparedScans, fit: Fit, count: int, random: np.
     -------
     ndarray of float32, shape (count, views, rows, columns)
     """
-    state = prepared.fitter.model.predict(fit.physics, fit.nuisance, prepared.held_out, fit.linearisation).state
+    state = prepared.fitter.predicted(fit, held_out=True).state
     air = state.measured_air * state.photons
     pattern = 0.0 if fit.pattern is None else fit.pattern
     transmissions = (np.maximum(state.counts(random) / air, LEAST_TRANSMISSION) for _ in range(count))
