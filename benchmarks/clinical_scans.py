@@ -39,6 +39,7 @@ DETECTOR = {
     "column_offset_px": -1.25,
 }
 VIEWS, ROTATION_MS, PHOTONS = 246, 1000.0, 3e5  # per turn, a quarter of the scanner's 984
+SENSOR = "yttrium_gadolinium_oxide"  # the simulator's Lumex
 LEAST_READING = 1e-6  # of the air scan
 # XCIST's names of materials whose attenuation is the library's to 0.2 %, and the library's.
 MATERIALS = {"water": "water", "plexi": "pmma", "Al": "aluminium", "air": "air"}
@@ -53,13 +54,13 @@ BODY = (
 )
 # The scanner: settings of the simulator, and what is stated of each effect (value, standard deviation; 0: taken for
 # exact). Of the bowtie it is the profile in its file, of the spectrum the aluminium that hardens water and aluminium on
-# the central ray as the file's spectrum, 3 mm of aluminium and a Lumex sensor of 3 mm do (to 0.2 %), with the 2.6 mm of
-# the bowtie's middle. The simulator's sensor keeps all energy, the library's loses fluorescence: 1.5 mm of caesium
-# iodide stand in for it.
+# the central ray as the file's spectrum and 3 mm of aluminium do, with the 2.6 mm of the bowtie's middle. The sensor is
+# stated as it is, but its thickness is not trusted: the simulator's sensor keeps all energy, the library's loses
+# fluorescence, and reads the same at 1.6 mm.
 SCANNER = {
     "spectrum": (
         {"kvp": 120.0, "aluminium_mm": 3.0},
-        {"kvp": (120.0, 0.0), "filtration_mm": (10.8, 1.0), "sensor_mm": (1.5, 0.0)},
+        {"kvp": (120.0, 0.0), "filtration_mm": (10.8, 1.0), "sensor_mm": (3.0, 1.5)},
     ),
     "bowtie": (
         {"bowtie": "large", "bowtie_scale": 1.0},
@@ -106,7 +107,7 @@ def write_dicom(taken, folder: Path) -> None:
 def state_tube(path: Path) -> None:
     """The anode, which DICOM-CT-PD has no element for, written into the recording by hand."""
     content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    content["nominal"] |= {"anode": "W", "anode_angle_deg": TARGET_ANGLE_DEG}
+    content["nominal"] |= {"anode": "W", "anode_angle_deg": TARGET_ANGLE_DEG, "sensor": {"material": SENSOR}}
     path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
 
 
