@@ -57,7 +57,7 @@ def test_models_that_are_exact_leave_the_errors_of_noise(chain):
 
 def test_a_model_too_weak_as_a_whole_is_off_by_its_share_of_the_parameter(chain, monkeypatch):
     """The change by the effect is J times how far the numbers lie from those without it: so is their shift."""
-    monkeypatch.setattr(inexact, "shapes", lambda mean: [np.ones(mean.shape)])
+    monkeypatch.setattr(inexact, "shapes", lambda mean: {0: np.ones(mean.shape)})
     fitter, without, fit = fitted(chain, 2)
     errors = errors_with_models(fitter, fit, {"dark_signal": without}, INEXACT)
     by_model = np.sqrt(level(errors) ** 2 - fit.errors["dark_signal"]["level_units"] ** 2)
@@ -73,7 +73,7 @@ def test_of_data_that_are_off_as_models_may_be_intervals_are_right(chain):
     there, here = (fitter.predicted(one).mean for one in fits)
     random, z, of_noise = np.random.default_rng(8), [], []
     for seed in range(24):
-        added = sum(SHARE * random.normal() * shape for shape in shapes(here)) * (here - there)
+        added = sum(SHARE * random.normal() * shape for shape in shapes(here).values()) * (here - there)
         fitter, without, fit = fitted(chain, 100 + seed, added)
         errors = errors_with_models(fitter, fit, {"dark_signal": without}, INEXACT)
         off = fit.physics["dark_signal"]["level_units"] - LEVEL
@@ -86,5 +86,5 @@ def test_of_data_that_are_off_as_models_may_be_intervals_are_right(chain):
 def test_shapes_are_of_one_size_along_whatever_axes_there_are():
     for shape in ((7, 4, 9), (7, 1, 9), (1, 1, 1)):
         found = shapes(np.random.default_rng(1).normal(size=shape))
-        assert all(one.shape == shape and np.mean(one**2) == pytest.approx(1) for one in found)
+        assert all(one.shape == shape and np.mean(one**2) == pytest.approx(1) for one in found.values())
         assert len(found) == 1 + sum(length > 1 for length in shape) + (2 + (shape[2] > 2)) * (max(shape) > 1)

@@ -6,6 +6,8 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
+from virtual_phantom.diagnosis.core import inexact
+from virtual_phantom.diagnosis.core.inexact import errors_with_models, shared_errors_with_models
 from virtual_phantom.diagnosis.core.joint import JointFitter
 from virtual_phantom.diagnosis.core.joint_choice import choose_jointly
 from virtual_phantom.diagnosis.projections import observed
@@ -79,6 +81,28 @@ def test_together_they_know_more_than_each_alone(fitters, joint):
     for key in SCATTER["scatter"]:
         alone = [one.fit(("scatter",)).errors["scatter"][key] for one in fitters.values()]
         assert joint.errors["scatter"][key] < min(alone)
+
+
+INEXACT = {"default": 0.1, "numerical": 0.5}
+
+
+def test_of_one_recording_inexact_models_count_as_there(fitters):
+    one = {"large": fitters["large"]}
+    without, both = JointFitter(one).fit(()), JointFitter(one).fit(("scatter",))
+    shared = shared_errors_with_models(one, both, {"scatter": without}, INEXACT)
+    fit, less = both.fits["large"], without.fits["large"]
+    alone = errors_with_models(fitters["large"], fit, {"scatter": less}, INEXACT).physics["scatter"]
+    assert shared["scatter"] == pytest.approx(alone)
+    assert all(alone[key] > 1.2 * fit.errors["scatter"][key] for key in alone)
+
+
+def test_more_recordings_do_not_make_a_models_error_less(fitters, joint, monkeypatch):
+    """One tenth too weak as a whole: the amount is off by a tenth, of three discs as of one."""
+    monkeypatch.setattr(inexact, "shapes", lambda mean: {0: np.ones(mean.shape)})
+    without = JointFitter(fitters).fit(())
+    errors = shared_errors_with_models(fitters, joint, {"scatter": without}, INEXACT | {"numerical": 0.0})["scatter"]
+    by_model = np.sqrt(errors["amount"] ** 2 - joint.errors["scatter"]["amount"] ** 2)
+    assert by_model == pytest.approx(0.1 * joint.physics["scatter"]["amount"], rel=0.2)
 
 
 def test_it_is_the_least_of_the_sum(fitters, joint):

@@ -10,11 +10,12 @@ import numpy as np
 from ..base.words import label
 from ..physics.effect import load
 from ..statistics.multiplicity import bonferroni
+from .core.inexact import shared_errors_with_models
 from .core.joint import JointFitter
 from .core.joint_choice import JointChoice, choose_jointly
 from .core.locate import ALPHA, aligned
 from .core.prepared import Prepared
-from .core.steps import NORMAL_95
+from .core.steps import interval
 from .core.verdict import VERDICTS, excess_rms_removed
 
 
@@ -60,13 +61,14 @@ def explain_scanner(
     together = JointFitter({key: one.fitter for key, one in prepared.items()})
     choice = choose_jointly(together, candidates, accuracy)
     chosen = choice.chosen
+    errors = shared_errors_with_models(together.fitters, chosen, choice.without, accuracy) if chosen.effects else {}
     recordings = {key: _recording(one, choice, key) for key, one in prepared.items()}
     removed = [one["excess_rms_removed"] for one in recordings.values() if one["excess_rms_removed"] is not None]
     left = [key for key, one in recordings.items() if one["unexplained"]]
     content = {
         "scanner": name,
         "verdict": VERDICTS[(2 if left else 1) if chosen.effects else (3 if left else 0)],
-        "effects": [_effect(effect, choice) for effect in chosen.effects],
+        "effects": [_effect(effect, choice, errors[effect]) for effect in chosen.effects],
         "recordings": recordings,
         "excess_rms_removed": {"median": float(np.median(removed)), "worst": float(np.min(removed))}
         if removed and chosen.effects
@@ -106,16 +108,18 @@ def sentence(content: Mapping) -> str:
     return f"{content['scanner']}: {count} recordings share what the simulation lacks: {names}.{share}{rest}"
 
 
-def _effect(name: str, choice: JointChoice) -> dict:
+def _effect(name: str, choice: JointChoice, errors: Mapping[str, float]) -> dict:
+    """What is said of an effect, with its standard errors, inexact models included."""
     effect, chosen = load(name), choice.chosen
     stated = {one.name: one for one in effect.parameters}
     alone = {key: fit.physics[name] for key, fit in choice.left_out.items()}
     parameters = {}
     for key, value in chosen.physics[name].items():
-        half = NORMAL_95 * chosen.errors[name].get(key, 0.0)
+        low, high = stated[key].low, stated[key].high
         parameters[key] = {
             "value": value,
-            "ci95": [max(stated[key].low, value - half), min(stated[key].high, value + half)],
+            "ci95": interval(value, errors.get(key, 0.0), low, high),
+            "ci95_noise": interval(value, chosen.errors[name].get(key, 0.0), low, high),
             "unit": stated[key].unit,
             "without": {recording: values[key] for recording, values in alone.items()},
         }

@@ -11,15 +11,19 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...physics.effect import load
 from .fit import Fit, Fitter, Problem
+from .joint import JointFit, JointProblem
 from .steps import Known, standard_errors
 from .templates import data_changes, whitened, with_knowledge
+
+Distortions = Iterator[tuple[tuple[str, int], np.ndarray]]  # (model, shape), and (data,)
+NUMERICAL = "numerical"  # of model_accuracy: that of the corrections for finite steps
 
 
 @dataclass(frozen=True)
@@ -58,26 +62,47 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
     -------
     Errors
     """
-    errors = Errors({name: dict(one) for name, one in fit.errors.items()}, dict(fit.nuisance_errors))
-    distortions = _distortions(fitter, fit, without, accuracy)
-    if not distortions:
-        return errors
     problem = Problem(fitter, fit.effects, fit)
-    columns = with_knowledge(data_changes(problem, fit.pattern), problem)
-    information = columns.T @ columns
-    root = Known.of(information).root
-    squares = standard_errors(information) ** 2
-    for one in distortions:
-        squares = squares + (root @ (root.T @ (columns[: len(one)].T @ one))) ** 2
-    numbers = np.sqrt(squares)
-    for one, number, error in zip(problem.unknowns, problem.start, numbers, strict=False):
-        errors.physics[one.effect][one.name] = float(one.value_error(number, error))
+    numbers = _numbers([_Pulled.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
     names = [one.name for one in problem.aligned]
-    errors.nuisance.update(zip(names, map(float, numbers[len(problem.unknowns) :]), strict=True))
-    return errors
+    return Errors(
+        _named(problem, fit.errors, numbers),
+        fit.nuisance_errors | dict(zip(names, map(float, numbers[len(problem.unknowns) :]), strict=True)),
+    )
 
 
-def shapes(level: np.ndarray) -> list[np.ndarray]:
+def shared_errors_with_models(
+    fitters: Mapping[str, Fitter], fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
+) -> dict[str, dict[str, float]]:
+    """Standard errors of what several recordings of one scanner share, inexact models included.
+
+    As errors_with_models; one distortion is that of one model and one shape, in all recordings at once: they have the
+    same model, so that more of them do not make its error less.
+
+    Parameters
+    ----------
+    fitters : mapping of str to Fitter
+        By recording.
+    fit : JointFit
+    without : mapping of str to JointFit
+        As errors_with_models takes them.
+    accuracy : mapping of str to float
+        As errors_with_models takes it.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        As JointFit.errors.
+    """
+    together = JointProblem({name: Problem(fitter, fit.effects, fit.fits[name]) for name, fitter in fitters.items()})
+    scans = [
+        _Pulled.of(problem, fit.fits[name], {key: one.fits[name] for key, one in without.items()}, accuracy, places)
+        for (name, problem), places in zip(together.problems.items(), together.places(), strict=True)
+    ]
+    return _named(next(iter(together.problems.values())), fit.errors, _numbers(scans))
+
+
+def shapes(level: np.ndarray) -> dict[int, np.ndarray]:
     """How a model's error may be spread over the data: evenly, or along an axis or with their level, straight or bent.
 
     Parameters
@@ -87,32 +112,85 @@ def shapes(level: np.ndarray) -> list[np.ndarray]:
 
     Returns
     -------
-    list of ndarray
-        Shaped as `level`; each has a root mean square of 1.
+    dict of int to ndarray
+        By number, the even one 0; shaped as `level`, with a root mean square of 1. An axis of length one has none.
     """
     axes = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in level.shape), indexing="ij", sparse=True)
     rising = [*axes, level, axes[2] ** 2, (level - level.mean()) ** 2]
-    found = [np.ones(level.shape)]
-    for one in rising:
+    found = {0: np.ones(level.shape)}
+    for number, one in enumerate(rising, start=1):
         one = np.broadcast_to(one - one.mean(), level.shape)
         spread = one.std()
         if spread > 0:
-            found.append(one / spread)
+            found[number] = one / spread
     return found
 
 
-def _distortions(
-    fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]
-) -> list[np.ndarray]:
-    """Changes of the whitened data that inexact models may make, one standard deviation each, shape (data,)."""
-    data, here = fitter.data, fitter.predicted(fit)
-    after, spread, found = data.residuals(here), shapes(here.mean), []
+@dataclass(frozen=True)
+class _Pulled:
+    """What one recording knows of the numbers, and how distortions of its data pull them.
 
-    def add(change: np.ndarray, rest: list[np.ndarray]) -> None:
+    Attributes
+    ----------
+    places : ndarray of int, shape (numbers,)
+        Of its numbers among all.
+    information : ndarray, shape (numbers, numbers)
+    pulls : dict of (str, int) to ndarray, shape (numbers,)
+        {(model, shape): J'd}.
+    """
+
+    places: np.ndarray
+    information: np.ndarray
+    pulls: dict[tuple[str, int], np.ndarray]
+
+    @classmethod
+    def of(
+        cls, problem: Problem, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float], places: np.ndarray
+    ) -> _Pulled:
+        """Of a problem that begins where the fit ended."""
+        changes = data_changes(problem, fit.pattern)
+        columns = with_knowledge(changes, problem)
+        distortions = _distortions(problem.fitter, fit, without, accuracy)
+        pulls = {key: changes.T @ distortion for key, distortion in distortions}
+        return cls(places, columns.T @ columns, pulls)
+
+
+def _numbers(scans: Sequence[_Pulled]) -> np.ndarray:
+    """Standard errors of all numbers of several recordings, shape (numbers,)."""
+    count = 1 + max(int(one.places.max()) for one in scans)
+    information = np.zeros((count, count))
+    pulls: dict[tuple[str, int], np.ndarray] = {}
+    for one in scans:
+        information[np.ix_(one.places, one.places)] += one.information
+        for key, pull in one.pulls.items():
+            np.add.at(pulls.setdefault(key, np.zeros(count)), one.places, pull)
+    root, squares = Known.of(information).root, standard_errors(information) ** 2
+    for pull in pulls.values():
+        squares = squares + (root @ (root.T @ pull)) ** 2
+    return np.sqrt(squares)
+
+
+def _named(
+    problem: Problem, of_noise: Mapping[str, Mapping[str, float]], numbers: np.ndarray
+) -> dict[str, dict[str, float]]:
+    """Standard errors of effects' parameters by name; those that are no numbers of the problem keep their own."""
+    errors = {name: dict(one) for name, one in of_noise.items()}
+    for one, number, error in zip(problem.unknowns, problem.start, numbers, strict=False):
+        errors[one.effect][one.name] = float(one.value_error(number, error))
+    return errors
+
+
+def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float]) -> Distortions:
+    """Changes of the whitened data that inexact models may make, one standard deviation each."""
+    # One at a time: of a large scan not all of them can be held.
+    data, here = fitter.data, fitter.predicted(fit)
+    after, spread = data.residuals(here), shapes(here.mean)
+
+    def spread_out(name: str, change: np.ndarray, rest: list[np.ndarray]) -> Distortions:
         """A change of the mean, spread out; what else is known of the data changes with the even one."""
-        for shape in spread:
+        for number, shape in spread.items():
             mean = data.whitened(np.where(data.usable, change * shape, 0)).ravel()
-            found.append(whitened([mean, *rest], fitter.weights))
+            yield (name, number), whitened([mean, *rest], fitter.weights)
             rest = [np.zeros_like(one) for one in rest]
 
     for name, fitted in without.items():
@@ -120,8 +198,7 @@ def _distortions(
             continue
         share, there = accuracy.get(name, accuracy["default"]), fitter.predicted(fitted)
         rest = [share * (one - other) for one, other in zip(data.residuals(there), after, strict=True)][1:]
-        add(share * (here.mean - there.mean), rest)
-    corrected = accuracy.get("numerical", 0.0) * np.asarray(fitter.model.distortion(fit.nuisance, fit.linearisation))
+        yield from spread_out(name, share * (here.mean - there.mean), rest)
+    corrected = accuracy.get(NUMERICAL, 0.0) * np.asarray(fitter.model.distortion(fit.nuisance, fit.linearisation))
     if corrected.any():
-        add(corrected, [np.zeros_like(one) for one in after[1:]])
-    return found
+        yield from spread_out(NUMERICAL, corrected, [np.zeros_like(one) for one in after[1:]])

@@ -109,7 +109,7 @@ class JointFitter:
         first = next(iter(self.fitters))
         alone = self.fitters[first].fit(effects, begun[first])
         begun = {name: replace(fit, effects=effects, physics=alone.physics) for name, fit in begun.items()}
-        return _Joint({name: Problem(self.fitters[name], effects, fit) for name, fit in begun.items()}).solved()
+        return JointProblem({name: Problem(self.fitters[name], effects, fit) for name, fit in begun.items()}).solved()
 
     def left_out(self, name: str, effects: tuple[str, ...], given: JointFit) -> Fit:
         """A recording held against physics that was fitted to the others: only its alignment is fitted.
@@ -141,10 +141,21 @@ class JointFitter:
         return self.fitters[name].fit(())
 
 
-class _Joint:
+class JointProblem:
     """One choice of effects for several recordings: Levenberg and Marquardt's method with Broyden's updates.
 
     As Fitter.fit has it for one recording; a point has the shared numbers and the alignments one after the other.
+
+    Parameters
+    ----------
+    problems : mapping of str to Problem
+        By recording, of the same effects. Their bounds and what they know of shared numbers are made common.
+
+    Attributes
+    ----------
+    problems : dict of str to Problem
+    shared : int
+        How many numbers are shared: those of the effects.
     """
 
     def __init__(self, problems: Mapping[str, Problem]):
@@ -218,6 +229,11 @@ class _Joint:
             information, _ = self._normal(jacobians, points, residuals)
         return self._result(points, residuals, current, standard_errors(information))
 
+    def places(self) -> list[np.ndarray]:
+        """Of every recording, where its numbers stand in a point."""
+        shared = np.arange(self.shared)
+        return [np.concatenate([shared, np.arange(own.start, own.stop)]) for own in self.own.values()]
+
     def _items(self):
         return self.problems.items()
 
@@ -246,10 +262,9 @@ class _Joint:
 
     def _normal(self, jacobians, points, residuals) -> tuple[np.ndarray, np.ndarray]:
         """The arrow's matrix, whole, and its gradient."""
-        size, shared = len(self.low), np.arange(self.shared)
+        size = len(self.low)
         information, gradient = np.zeros((size, size)), np.zeros(size)
-        for name, one in self._items():
-            index = np.concatenate([shared, np.arange(self.own[name].start, self.own[name].stop)])
+        for (name, one), index in zip(self._items(), self.places(), strict=True):
             part, slope = one.normal(jacobians[name], points[name], residuals[name])
             information[np.ix_(index, index)] += part
             gradient[index] += slope

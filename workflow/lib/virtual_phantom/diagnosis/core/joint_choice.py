@@ -35,6 +35,8 @@ class JointChoice:
         {effect: log score, over all recordings left out, that is lost without it}.
     p : dict of str to float
         {effect: chance of such a likelihood ratio when it was taken, times the candidates}.
+    without : dict of str to JointFit
+        {effect: the fit without it, all else refitted}.
     """
 
     baseline: JointFit
@@ -43,6 +45,7 @@ class JointChoice:
     scores: dict[str, dict[str, float]]
     gains: dict[str, float]
     p: dict[str, float]
+    without: dict[str, JointFit]
 
 
 class _Judge:
@@ -120,13 +123,14 @@ def choose_jointly(
             if _gain(judge.scores(current.effects, current), judge.scores(rest.effects, rest)) < LEAST_GAIN:
                 current = rest
     after = judge.scores(current.effects, current)
-    lost = {}
-    for name in current.effects:
-        rest = together.fit(tuple(other for other in current.effects if other != name), current)
-        lost[name] = _gain(after, judge.scores(rest.effects, rest))
+    without = {
+        name: together.fit(tuple(other for other in current.effects if other != name), current)
+        for name in current.effects
+    }
+    lost = {name: _gain(after, judge.scores(rest.effects, rest)) for name, rest in without.items()}
     fits = judge.fits(current.effects, current) if current.effects else baseline.fits
     scores = {name: {"before": judge.none[name], "after": after[name]} for name in after}
-    return JointChoice(baseline, current, fits, scores, lost, {name: p[name] for name in current.effects})
+    return JointChoice(baseline, current, fits, scores, lost, {name: p[name] for name in current.effects}, without)
 
 
 def _gain(there: Mapping[str, float], here: Mapping[str, float]) -> float:

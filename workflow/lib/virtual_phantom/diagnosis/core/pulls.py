@@ -11,7 +11,7 @@ from ...statistics.multiplicity import bonferroni
 from .fit import Fit
 from .locate import ALPHA
 from .model import Model
-from .steps import NORMAL_95
+from .steps import interval
 
 # Share of a stated standard deviation: a fit that takes less off it has not measured the parameter.
 LEAST_TOLD = 0.1
@@ -55,7 +55,7 @@ def statements(fit: Fit, model: Model) -> dict[str, dict[str, dict]]:
                 "stated": stated.value,
                 "sd": stated.sd,
                 "value": value,
-                "ci95": [value - NORMAL_95 * error, value + NORMAL_95 * error],
+                "ci95": interval(value, error),
                 "unit": units[key],
                 "pull": pull,
                 "off": p < ALPHA,

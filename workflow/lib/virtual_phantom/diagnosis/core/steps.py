@@ -65,6 +65,22 @@ def standard_errors(information: np.ndarray) -> np.ndarray:
     return np.where(squares.sum(axis=1) < 1 - ROUNDING, np.inf, error)
 
 
+def interval(value: float, error: float, low: float = -np.inf, high: float = np.inf) -> list[float]:
+    """95 % interval of a number with a standard error, as far as it may go.
+
+    Parameters
+    ----------
+    value, error : float
+    low, high : float, optional
+        The least and the largest value that the number may have.
+
+    Returns
+    -------
+    list of 2 float
+    """
+    return [float(max(low, value - NORMAL_95 * error)), float(min(high, value + NORMAL_95 * error))]
+
+
 def bounded_step(information, gradient, point, low, high) -> np.ndarray:
     """Newton step to the least of the quadratic model within the bounds.
 

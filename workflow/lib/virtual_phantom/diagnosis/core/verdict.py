@@ -22,7 +22,7 @@ from .outside import ChangesOfFits, better, standing_out
 from .prepared import Prepared
 from .pulls import statements
 from .sentence import MATCH, UNEXPLAINED, sentence
-from .steps import NORMAL_95
+from .steps import interval
 from .trial import Trial
 
 LEFT_SD = 3.0  # by which a sum of products must stand above 0 to count as left: 1 in 740 by chance
@@ -119,7 +119,7 @@ def diagnose(
         "ruled_out": choice.ruled_out,
         "undecided": choice.undecided,
         "alignment": {
-            name: {"value": value, "ci95": _interval(value, errors.nuisance[name])}
+            name: {"value": value, "ci95": interval(value, errors.nuisance[name])}
             for name, value in choice.chosen.fit.nuisance.items()
         },
         **metrics,
@@ -271,8 +271,8 @@ def _effect(name: str, choice: Choice, model: Model) -> dict:
         "parameters": {
             key: {
                 "value": value,
-                "ci95": _interval(value, errors[name].get(key, 0.0), *ranges[key]),
-                "ci95_noise": _interval(value, fit.errors[name].get(key, 0.0), *ranges[key]),
+                "ci95": interval(value, errors[name].get(key, 0.0), *ranges[key]),
+                "ci95_noise": interval(value, fit.errors[name].get(key, 0.0), *ranges[key]),
                 "unit": units[key],
             }
             for key, value in fit.physics[name].items()
@@ -286,10 +286,6 @@ def _errors(choice: Choice) -> Errors:
     """Of the numbers of the chosen fit."""
     fit = choice.chosen.fit
     return choice.errors or Errors(fit.errors, fit.nuisance_errors)
-
-
-def _interval(value: float, error: float, low: float = -np.inf, high: float = np.inf) -> list[float]:
-    return [float(max(low, value - NORMAL_95 * error)), float(min(high, value + NORMAL_95 * error))]
 
 
 def _location(place: Location) -> dict:
