@@ -1,0 +1,236 @@
+"""How many verdicts change if a constant that they rest on is halved or doubled.
+
+    python benchmarks/constants.py --seed 81 --none 4 --unknown 4 --pairs 2 --out constants.jsonl
+
+Scans by the proof's simulator as lacking.py has them: effects of --effects alone, pairs, nothing, and faults that the
+library lacks. Each is diagnosed once as it is, and once for each constant at half and at twice its value. A verdict
+has changed if its kind or the set of effects that it names is another one. Fits are made once: constants of fits
+(--fits) need all of them again, each time. Cases that the file has already are not done again.
+"""
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+import lacking
+import yaml
+
+from virtual_phantom.diagnosis import course
+from virtual_phantom.diagnosis.candidates import candidates
+from virtual_phantom.diagnosis.core import attribute, outside
+from virtual_phantom.diagnosis.core.asked import Asked
+from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.proof.conceal.suite import truths
+from virtual_phantom.study.config import complete
+
+DIAGNOSIS = "virtual_phantom.diagnosis"
+FACTORS = (0.5, 2.0)
+# Of the choice of effects and of the verdict: module, name.
+OF_VERDICTS = (
+    *(("core.attribute", name) for name in ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS")),
+    *(("core.attribute", name) for name in ("MOST_SWAPS", "SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
+    *(("core.locate", name) for name in ("ALPHA", "EDGE_SHARE", "BINS")),
+    *(("core.doubts", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
+    ("core.verdict", "LEFT_SD"),
+    ("core.object_differs", "BEYOND"),
+    ("projections.locate", "THIN"),
+)
+# Of fits, and of what is known before them.
+OF_FITS = (
+    ("core.alignment", "SURE"),
+    ("core.alignment", "NOMINAL_PHOTONS_SD"),
+    ("core.alignment", "NUMERICAL"),
+    ("core.model", "DENSITY_SD"),
+    ("core.model", "TUBE_KVP_SD"),
+    ("projections.numerical", "LEFT"),
+    ("projections.numerical", "MOST_STRAY"),
+    ("projections.prepared", "SIZE_SD"),
+)
+ABOVE_ONE = ("MOST_CHI_SQUARE",)  # of a ratio that is 1 where nothing is wrong: what it has beyond is varied
+STATED = "stated"  # how the diagnosis without any change is called
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number of a module, or of `model_accuracy` where there is no module."""
+
+    module: str
+    name: str
+
+    @property
+    def label(self) -> str:
+        return f"{self.module or 'model_accuracy'}.{self.name}"
+
+    @contextmanager
+    def times(self, factor: float, accuracy: dict[str, float]) -> Iterator[dict[str, float]]:
+        """With so many times its value, in its module and in all that have it from there: the accuracy to go by."""
+        if not self.module:
+            yield accuracy | {self.name: accuracy[self.name] * factor}
+            return
+        home = import_module(f"{DIAGNOSIS}.{self.module}")
+        stated = getattr(home, self.name)
+        holders = [
+            one
+            for key, one in list(sys.modules.items())
+            if key.startswith(DIAGNOSIS) and getattr(one, self.name, None) is stated
+        ]
+        for one in holders:
+            setattr(one, self.name, scaled(stated, factor, self.name))
+        try:
+            yield accuracy
+        finally:
+            for one in holders:
+                setattr(one, self.name, stated)
+
+
+def scaled(value, factor: float, name: str = ""):
+    """A constant times a factor: whole numbers stay whole, and a pair of mean and standard deviation keeps its mean."""
+    if isinstance(value, dict):
+        return {key: scaled(one, factor) for key, one in value.items()}
+    if isinstance(value, tuple):
+        return (value[0], value[1] * factor)
+    if isinstance(value, int):
+        return max(1, round(value * factor))
+    return 1 + (value - 1) * factor if name in ABOVE_ONE else value * factor
+
+
+class Remembered:
+    """Fits, matched filters and kinds of change of one recording, each worked out once."""
+
+    def __init__(self):
+        self._trials, self._others = {}, {}
+
+    @staticmethod
+    def _key(fit) -> str:
+        return json.dumps([fit.effects, fit.physics, fit.nuisance])
+
+    def _of(self, effects, *begun) -> tuple:
+        return effects, *(None if one is None else self._key(one.fit) for one in begun)
+
+    def get(self, effects, given=None, against=None):
+        """As KeptFits.get."""
+        return self._trials.get(self._of(effects, given, against))
+
+    def put(self, found, effects, given=None, against=None) -> None:
+        """As KeptFits.put."""
+        self._trials[self._of(effects, given, against)] = found
+
+    def once(self, function: Callable) -> Callable:
+        """A function of (what is prepared, a fit, ...) that remembers its answers."""
+
+        def answered(one, fit, *rest, **settings):
+            # What is prepared stays in memory with its answer, so that its number is no other's.
+            key = function.__name__, id(one), self._key(fit), repr(rest[:1])
+            if key not in self._others:
+                self._others[key] = one, function(one, fit, *rest, **settings)
+            return self._others[key][1]
+
+        return answered
+
+    @contextmanager
+    def of_everything(self) -> Iterator[None]:
+        """While matched filters and kinds of change are asked for, those remembered are given."""
+        screened, changes = attribute.screened, outside.changes
+        attribute.screened = course.screened = self.once(screened)
+        outside.changes = self.once(changes)
+        try:
+            yield
+        finally:
+            attribute.screened = course.screened = screened
+            outside.changes = changes
+
+
+def said(asked: Asked, tried: list[str], accuracy: dict[str, float], remembered: Remembered, made=None) -> dict:
+    """Kind of verdict, and effects by name, the first first."""
+    recording, prepared = made or ready(asked)
+    _, found = course.explain(recording.name, prepared, tried, accuracy, kept=remembered)
+    return {"verdict": found.content["verdict"], "effects": [one["name"] for one in found.content["effects"]]}
+
+
+def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -> dict[str, dict]:
+    """{what was changed: what is said then}."""
+    model = lacking.recorded(folder, truth, config, seed)
+    asked, tried = Asked.of(model, str(folder / "image.nii.gz"), 1), list(candidates(model["settings"]))
+    accuracy, made, remembered = config["diagnosis"]["model_accuracy"], ready(asked), Remembered()
+    found = {}
+    with remembered.of_everything():
+        found[STATED] = said(asked, tried, accuracy, remembered, made)
+        for one in [*(Constant("", name) for name in accuracy), *(Constant(*names) for names in OF_VERDICTS)]:
+            for factor in FACTORS:
+                with one.times(factor, accuracy) as taken:
+                    found[f"{one.label} * {factor:g}"] = said(asked, tried, taken, remembered, made)
+    for one in [Constant(*names) for names in OF_FITS] if of_fits else []:
+        for factor in FACTORS:
+            fresh = Remembered()
+            with one.times(factor, accuracy) as taken, fresh.of_everything():
+                found[f"{one.label} * {factor:g}"] = said(asked, tried, taken, fresh)
+    return found
+
+
+def changed(one: dict, stated: dict) -> bool:
+    """Whether a verdict is another one."""
+    return one["verdict"] != stated["verdict"] or set(one["effects"]) != set(stated["effects"])
+
+
+def counted(rows: list[dict]) -> None:
+    """Print how many verdicts change with each constant, those that change most first."""
+    names = {key.rpartition(" * ")[0] for row in rows for key in row["answers"] if key != STATED}
+    table = {}
+    for name in names:
+        by_factor = []
+        for factor in FACTORS:
+            key = f"{name} * {factor:g}"
+            of = [row["answers"] for row in rows if key in row["answers"]]
+            first = sum(one[key]["effects"][:1] != one[STATED]["effects"][:1] for one in of)
+            by_factor.append((sum(changed(one[key], one[STATED]) for one in of), first, len(of)))
+        table[name] = by_factor
+    print(f"{'constant':40} halved: another verdict, another first effect; doubled; of")
+    for name, (half, twice) in sorted(table.items(), key=lambda one: (-sum(part[0] for part in one[1]), one[0])):
+        print(f"{name:40} {half[0]:3} {half[1]:3}   {twice[0]:3} {twice[1]:3}   {half[2]}")
+    flips, of = (sum(part[place] for parts in table.values() for part in parts) for place in (0, 2))
+    print(f"all: {flips} of {of} verdicts")
+
+
+def main() -> None:
+    """Scan, diagnose with every constant as it is, halved and doubled, and count."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument(
+        "--effects", nargs="*", default=["scatter", "spectrum", "focal_spot", "afterglow", "dark_signal"]
+    )
+    parser.add_argument("--strengths", nargs="*", default=["weak", "medium"])
+    parser.add_argument("--none", type=int, default=4)
+    parser.add_argument("--pairs", type=int, default=2)
+    parser.add_argument("--unknown", type=int, default=4)
+    parser.add_argument("--fits", action="store_true", help="constants of fits too: each needs a whole diagnosis")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    config = complete(yaml.safe_load((lacking.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
+    drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
+    rows = lacking.rows_of(options.out)
+    done = {row["truth"]["case"] for row in rows}
+    for case, truth in truths(lacking.asked_of_proof(drawn)).items():
+        if case in done:
+            continue
+        began = time.perf_counter()
+        with tempfile.TemporaryDirectory() as folder:
+            found = answers(Path(folder), truth, config, options.seed, options.fits)
+        rows.append({"truth": truth, "answers": found})
+        lacking.append(options.out, rows[-1])
+        concealed = ", ".join(one["name"] for one in truth["effects"]) or "nothing"
+        stated, others = found[STATED], [key for key in found if changed(found[key], found[STATED])]
+        words = f"{stated['verdict']}, {', '.join(stated['effects']) or 'no effect'}"
+        seconds = time.perf_counter() - began
+        print(f"{case} {concealed}: {words}; changed by {', '.join(others) or 'none'} [{seconds:.0f} s]", flush=True)
+    counted(rows)
+
+
+if __name__ == "__main__":
+    main()
