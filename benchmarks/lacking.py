@@ -34,8 +34,8 @@ ROOT = Path(__file__).resolve().parents[1]
 SCAN = {"columns": 64, "rows": 4, "views": 36, "photons": 1e5, "rotation_time_ms": 1000.0, "repeats": 4}
 
 
-def recorded(folder, truth, config, seed):
-    """A case's recording in a folder, with its object; what a diagnosis asks of it."""
+def recorded(folder, truth, config, seed, baseline=None):
+    """A case's recording in a folder, with its object; what a diagnosis asks of it, with what is declared."""
     one, mu = OBJECTS[truth["phantom"]], config["mu_water_per_mm"]
     stream = branch(config["seed"], Branch.PROOF_PHANTOM)
     phantom = build(one, resource(one.layout), SCAN["columns"], SCAN["rows"], stream)
@@ -49,6 +49,7 @@ def recorded(folder, truth, config, seed):
     )
     write_nifti(phantom.image, folder / "image.nii.gz")
     settings = {"samples": 2, "view_step": 1, "nominal_photons": SCAN["photons"], "alignment": {}}
+    settings["baseline"] = baseline or {}
     model = {"folder": str(folder), "settings": settings, "mu_water_per_mm": mu, "materials": one.stated}
     return model | {"seed": config["seed"], "protocol": None}
 
