@@ -217,3 +217,26 @@ def test_amounts_keep_to_their_ranges_and_alike_templates_count_once():
     assert explained(rows[1:], residual, np.array([5.0]), np.array([9.0])) == 0  # as it is, worse than nothing
     twice = np.stack([rows[1], rows[1] + 1e-7 * rows[0]])
     assert explained(twice, residual, -wide, wide) == pytest.approx(4, abs=1e-3)
+
+
+def test_a_fit_that_stalls_begins_again_from_farther_off(monkeypatch):
+    """What moves rays is set off by shares of its range, and the best of all ends is taken."""
+    fitter = fitted_to({"detector_row_offset": {"rows_mm": 2.0}})
+    stalled = fitter.fit(("detector_row_offset",))
+    begun = Problem(fitter, ("detector_row_offset",), None).farther(stalled)
+    numbers = [one.physics["detector_row_offset"]["rows_mm"] for one in begun]
+    here = stalled.physics["detector_row_offset"]["rows_mm"]
+    assert numbers == pytest.approx([max(here - 10, -10), here - 2, here + 2, min(here + 10, 10)])
+    assert all(one.nuisance == stalled.nuisance for one in begun)
+    ends = iter([(replace(stalled, chi_square=value), 9.0) for value in (50.0, 60.0, 40.0, 30.0, 70.0)])
+    monkeypatch.setattr(fitter, "_settled", lambda problem: next(ends))
+    assert fitter.fit(("detector_row_offset",)).chi_square == 30.0
+
+
+def test_what_moves_no_rays_is_not_set_off():
+    fitter = fitted_to({"scatter": {"amount": 0.1, "width_mm": 60.0}})
+    fit = fitter.fit(("scatter",))
+    assert Problem(fitter, ("scatter",), None).farther(fit) == []
+    # Nor what was fitted before: it has found its place.
+    fit = fitter.fit(("detector_row_offset",))
+    assert Problem(fitter, ("detector_row_offset",), fit).farther(fit) == []

@@ -9,6 +9,7 @@ from ..base.geometry import PARALLEL
 from ..base.vectors import FLAT
 from ..base.words import label
 from ..physics.labelled import materials_of
+from ..physics.materials import attenuation_per_mm
 from ..physics.shapes import NOTHING
 from ..recordings.recording import Recording
 from .core.asked import Asked, LabelledObject, ShapesObject
@@ -36,13 +37,14 @@ def described(asked: Asked, recording: Recording, prepared: Prepared, effects: S
     """
     labels, settings = labels_of(recording), asked.settings
     tube = "voltage not stated" if labels.tube_kvp is None else f"{labels.tube_kvp:g} kV stated"
-    sensor = labels.sensor
+    sensor, kev = labels.sensor, prepared.fitter.model.chain.scene.energy_kev
+    (water,) = attenuation_per_mm("water", [kev])
     known = ", ".join(f"{name} {value:g}" for name, value in settings.alignment.items())
     photons = "from the noise" if settings.nominal_photons is None else f"{settings.nominal_photons:g} stated"
     return {
         "object": object_of(asked),
         "scan": scan_of(asked, recording),
-        "beam before any effect": f"one energy, at which water attenuates {asked.mu_water_per_mm:g} per mm",
+        "beam before any effect": f"one energy, {kev:.3g} keV, at which water attenuates {water:.3g} per mm",
         "tube": f"anode of {labels.anode.target} at {labels.anode.angle_deg:g} degrees, {tube}",
         "sensor": f"{label(sensor.material)}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
         "photons per pixel in air": photons,

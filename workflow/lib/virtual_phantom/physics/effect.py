@@ -14,8 +14,9 @@ from ..base.errors import InputError, meant
 from . import effects
 
 # In the order in which they act.
+GEOMETRY = "geometry"  # the stage of what moves rays
 STAGES = (
-    "geometry",
+    GEOMETRY,
     "motion",
     "spectrum",
     "fluence",

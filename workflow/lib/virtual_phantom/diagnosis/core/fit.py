@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from ...physics.effect import load
+from ...physics.effect import GEOMETRY, load
 from . import pattern as patterns
 from .alignment import SURE, Nuisance
 from .linearisation import BASE, Linearisation, LinearisationPoint
@@ -17,12 +17,17 @@ from .observed import Observed
 from .prediction import Prediction
 from .steps import bounded_step, standard_errors, updated
 
-ITERATIONS = 25  # of a fit, so that it ends
+# Of a fit, so that it ends. Nearly all settle within 25; along a narrow valley, as of a detector that is a row off its
+# place beside an object that may be displaced, 40 are wanted.
+ITERATIONS = 60
 MOST_LINEARISATIONS = 3  # times that numerical errors are computed again in a fit, each when it has settled
 # Of chi-square between two iterations: in units of noise, and of its excess over noise where the model lacks much.
 CONVERGED, CONVERGED_SHARE = 0.02, 1e-5
 # Share of the expected gain that a step must make for its Jacobian to stay in use.
 AS_EXPECTED = (0.7, 1.4)
+# Chi-square that slopes must promise where no step gains anything, for a fit to be tried from farther off, and how far:
+# shares of the range.
+STALLED, FARTHER = 8.0, (-0.5, -0.1, 0.1, 0.5)
 # For derivatives: shares of the plausible range and of the alignment's standard deviation. Path lengths are in single
 # precision, so that smaller steps would measure rounding.
 STEP, ALIGNMENT_STEP = 2e-3, 4e-3
@@ -122,6 +127,14 @@ class Fitter:
         Fit
         """
         problem = Problem(self, effects, given)
+        found, promised = self._settled(problem)
+        if promised <= STALLED:
+            return found
+        others = [self._settled(Problem(self, effects, one))[0] for one in problem.farther(found)]
+        return min([found, *others], key=lambda one: one.chi_square)
+
+    def _settled(self, problem: Problem) -> tuple[Fit, float]:
+        """Where a fit ends; and what slopes promise there of chi-square though no step gains anything."""
         jacobian = None
         point = problem.best_start()
         problem.follow(point)
@@ -133,10 +146,12 @@ class Fitter:
                 jacobian = problem.jacobian(point, residuals, pattern)
             information, gradient = problem.normal(jacobian, point, residuals)
             before, enough = current, max(CONVERGED, CONVERGED_SHARE * (current - problem.count))
+            promised = 0.0  # by the slopes, without damping
             while True:
                 damped = information + damping * np.diag(np.diag(information))
                 step = bounded_step(damped, gradient, point, problem.low, problem.high)
                 expected = float(2 * gradient @ step - step @ information @ step)
+                promised = promised or expected
                 if expected < enough:
                     break
                 trial, tried = problem.polished(np.clip(point + step, problem.low, problem.high), pattern)
@@ -172,7 +187,8 @@ class Fitter:
         if not fresh:  # updates serve the next step: of numbers that moved far, slopes may be off by far
             information, _ = problem.normal(problem.jacobian(point, residuals, pattern), point, residuals)
         errors = standard_errors(information)
-        return problem.result(point, errors, residuals, current, pattern)
+        stuck = promised if fresh and settled and not gained else 0.0
+        return problem.result(point, errors, residuals, current, pattern), stuck
 
     def predicted(self, fit: Fit, held_out: bool = False) -> Prediction:
         """What a fit predicts of the data fitted, or of those held out; a gain pattern is no part of it."""
@@ -309,6 +325,32 @@ class Problem:
             if new:
                 point[place] = off[0][place] + along / square * (full[0][place] - off[0][place])
         return self.polished(np.clip(point, self.low, self.high), None)
+
+    def farther(self, fit: Fit) -> list[Fit]:
+        """Where a fit of this problem may begin again that has stalled.
+
+        What moves rays trades against the alignment along valleys that are narrow, and rough: errors of finite steps
+        are alike nowhere along them. New numbers of such effects are set off, and what was fitted stays.
+
+        Parameters
+        ----------
+        fit : Fit
+
+        Returns
+        -------
+        list of Fit
+        """
+        found = []
+        for index, new in enumerate(self._new_strengths()):
+            one = self.unknowns[index]
+            if not new or load(one.effect).stage != GEOMETRY:
+                continue
+            here = one.of(fit.physics[one.effect][one.name])
+            numbers = [here + share * (self.high[index] - self.low[index]) for share in FARTHER]
+            for number in dict.fromkeys(np.clip(numbers, self.low[index], self.high[index])):
+                moved = fit.physics[one.effect] | {one.name: float(one.value(number))}
+                found.append(replace(fit, physics=fit.physics | {one.effect: moved}))
+        return found
 
     def strays(self, point: np.ndarray) -> bool:
         """Whether predictions of a point lie off those of which numerical errors were computed.
