@@ -1,0 +1,188 @@
+"""How often a second recording settles what one scan leaves ambiguous: the one that is ranked first, and the last.
+
+    python benchmarks/further_recordings.py --draws 10 --first 100 --out further.csv
+
+One effect of a group whose effects look alike is in a scan of a disc of water. What the choice among the group leaves
+ambiguous is ranked against as `snakemake next_measurement` does, the scan that is ranked first and the one ranked last
+are made, and both scans together choose one effect of the ambiguous ones, by the log score of data that were not
+fitted. All by the library's own chain, with three times as many rays per pixel and direction as the model has. Dark
+frames, which are no scan, are left out.
+"""
+
+import argparse
+import csv
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from virtual_phantom.base.geometry import circular
+from virtual_phantom.diagnosis.core.attribute import choose
+from virtual_phantom.diagnosis.core.joint import JointFitter
+from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.next_measurement import possible, rank, refitted
+from virtual_phantom.diagnosis.projections import observed
+from virtual_phantom.diagnosis.projections.measurement import Scan
+from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.diagnosis.projections.prepared import prepare
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.scene import DiscScene, Pose
+
+PHOTONS, REPEATS, SAMPLES, FINER = 1e5, 4, 2, 3
+DISC_MM = 160.0
+GEOMETRY = circular(
+    views=60,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=64,
+    rows=4,
+    column_pitch_mm=8.0,
+    row_pitch_mm=8.0,
+    view_interval_ms=10.0,
+)
+GROUPS = {
+    "place": ("detector_offset", "centre_of_rotation"),
+    "blur": ("focal_spot", "xray_crosstalk", "optical_crosstalk"),
+    "turn": ("afterglow", "view_blur"),
+    "haze": ("dark_signal", "veiling_glare", "scatter"),
+}
+FIELDS = "group draw truth alone ambiguous first first_right last last_right seconds".split()
+
+
+def drawn(name, random, air):
+    """Parameters of an effect as strong as those of medium strength in the proof; a focal spot is a strong one."""
+
+    def between(low, high):
+        return float(np.exp(random.uniform(np.log(low), np.log(high))))
+
+    sign = float(random.choice([-1, 1]))
+    if name == "focal_spot":
+        width = between(3.0, 3.8)
+        return {"width_mm": width, "length_mm": width * between(0.6, 1)}
+    if name in ("xray_crosstalk", "optical_crosstalk"):
+        column = between(0.02, 0.04)
+        return {"column": column, "row": column * between(0.5, 1)}
+    return {
+        "detector_offset": lambda: {"columns_px": sign * between(0.1, 0.2)},
+        "centre_of_rotation": lambda: {"shift_mm": sign * between(0.15, 0.3)},
+        "afterglow": lambda: {"share": between(0.02, 0.04), "time_constant_ms": between(6, 14), "before": 0.0},
+        "view_blur": lambda: {"duty": between(0.5, 0.6)},
+        "dark_signal": lambda: {"level_units": between(1e-3, 2e-3) * air, "drift_units_per_s": 0.0},
+        "veiling_glare": lambda: {"share": between(0.01, 0.02), "width_mm": between(30, 60)},
+        "scatter": lambda: {"amount": between(0.03, 0.1), "width_mm": between(40, 80)},
+    }[name]()
+
+
+def made_ready(scan, like, physics, random, known=None):
+    """A scan of that physics, prepared for fits; the object lies a little beside its place."""
+    model, _ = chains = model_and_floor(
+        scan.scene,
+        scan.geometry,
+        like.samples,
+        photons=like.photons * scan.photons,
+        illumination=like.illumination,
+        sensor=like.sensor,
+        readout=scan.chain(like).readout,
+    )
+    truth = Chain(
+        scan.scene,
+        scan.geometry,
+        model.photons,
+        FINER * model.samples,
+        model.illumination,
+        model.sensor,
+        model.readout,
+    )
+    state = truth.state(physics, Pose(x_mm=float(random.normal(0, 0.3)), y_mm=float(random.normal(0, 0.3))))
+    air = state.measured_air * state.photons
+    lines = np.stack([-np.log(np.maximum(state.counts(random), 0.5) / air) for _ in range(REPEATS)])
+    taken = observed.Scans(lines.astype(np.float32), air.mean(axis=0), np.ones(lines.shape[1:], bool))
+    return prepare(
+        taken, None, chains[0], floor_chain=chains[1], nominal_photons=model.photons, known=known or dict(scan.known)
+    )
+
+
+def settled(prepared, further, group):
+    """Which effect of the group two recordings together speak for."""
+    together = JointFitter({"first": prepared.fitter, "further": further.fitter})
+    given = together.fit(())
+    scores = {}
+    for name in group:
+        fits = together.fit((name,), given).fits
+        scores[name] = sum(one.score(fits[key]) for key, one in together.fitters.items())
+    return max(scores, key=scores.get)
+
+
+def one(group, draw):
+    """A draw: what the first scan alone says, and what it says with another one."""
+    began, effects = time.perf_counter(), GROUPS[group]
+    random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(list(GROUPS).index(group), draw)))
+    truth = effects[draw % len(effects)]
+    like = Chain(DiscScene(DISC_MM, "water"), GEOMETRY, PHOTONS, SAMPLES)
+    physics = {truth: drawn(truth, random, like.reads_in_air)}
+    first = Scan("first", "", like.scene, GEOMETRY)
+    prepared = made_ready(first, like, physics, random)
+    found = choose(prepared.fitter, trial(prepared.fitter, ()), list(effects))
+    row = {"group": group, "draw": draw, "truth": truth, "alone": "", "ambiguous": ""}
+    if not found.chosen.fit.effects:
+        return row | {"seconds": round(time.perf_counter() - began)}
+    named = found.chosen.fit.effects[0]
+    alike = found.ambiguous_with(named)
+    row |= {"alone": named, "ambiguous": "/".join(alike)}
+    if alike:
+        chosen, ambiguities = refitted(prepared, "first", {named: alike})
+        section = {"disc": {"diameter_mm": DISC_MM, "material": "water"}}
+        scans = [one for one in possible({"first": prepared}, section) if isinstance(one, Scan)]
+        ranked = rank({"first": prepared}, chosen, ambiguities, scans).ranked
+        for place, which in ((0, "first"), (-1, "last")):
+            scan = ranked[place].measurement
+            further = made_ready(replace(scan, known=dict(scan.known)), like, physics, random)
+            row |= {which: scan.name, f"{which}_right": settled(prepared, further, [named, *alike]) == truth}
+    return row | {"seconds": round(time.perf_counter() - began)}
+
+
+def right_alone(row):
+    """Whether one scan told it, and right."""
+    return not row["ambiguous"] and row["alone"] == row["truth"]
+
+
+def counted(rows):
+    """Print shares of every group."""
+    for group in GROUPS:
+        of = [row for row in rows if row["group"] == group]
+        open_ = [row for row in of if row["ambiguous"]]
+        alone = sum(right_alone(row) for row in of)
+        first, last = (sum(str(row[key]) == "True" for row in open_) for key in ("first_right", "last_right"))
+        print(
+            f"{group}: {len(of)} draws; told by one scan {alone}; ambiguous {len(open_)}: right with the scan ranked "
+            f"first {first}, with the last {last}; right at last {alone + first} of {len(of)}"
+        )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--groups", nargs="*", default=list(GROUPS))
+    parser.add_argument("--draws", type=int, default=10, help="of every group")
+    parser.add_argument("--first", type=int, default=100)
+    parser.add_argument("--out", type=Path, required=True, help="a table; draws that it has are not done again")
+    options = parser.parse_args()
+    rows = list(csv.DictReader(options.out.open(newline=""))) if options.out.is_file() else []
+    done = {(row["group"], int(row["draw"])) for row in rows}
+    with options.out.open("a", newline="") as file:
+        writer = csv.DictWriter(file, FIELDS, restval="")
+        if not rows:
+            writer.writeheader()
+        for draw in range(options.first, options.first + options.draws):
+            for group in options.groups:
+                if (group, draw) in done:
+                    continue
+                rows.append(dict.fromkeys(FIELDS, "") | one(group, draw))
+                writer.writerow(rows[-1])
+                file.flush()
+                print(rows[-1], flush=True)
+    counted(rows)
+
+
+if __name__ == "__main__":
+    main()
