@@ -76,10 +76,10 @@ def explain(
             first = offered(effects, one.fitter.model.whole(()))
             alone = screened(one.fitter, baseline.fit, first, processes, how_far) if first else {}
             if beyond_effects(piece, alone):
-                return no_physics(baseline, piece)
+                return no_physics(baseline, piece, numerical)
         found = choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far, alone)
         better = piece is not None and not pieces and better_than(piece, found)
-        return no_physics(baseline, piece) if better else found
+        return no_physics(baseline, piece, numerical) if better else found
 
     while True:
         # Fits that are kept know of no pieces.

@@ -53,9 +53,22 @@ def better_than(piece: Change, choice: Choice) -> bool:
     return piece.gain > choice.chosen.score - choice.baseline.score + max(AS_GOOD, choice.blur)
 
 
-def no_physics(baseline: Trial, piece: Change) -> Choice:
-    """The choice of no effect, since a piece of the object explains more."""
-    return Choice(baseline, {}, {}, baseline, {}, {}, {}, piece=piece)
+def no_physics(baseline: Trial, piece: Change, numerical: float) -> Choice:
+    """The choice of no effect, since a piece of the object explains more.
+
+    Parameters
+    ----------
+    baseline : Trial
+        Alignment alone.
+    piece : Change
+    numerical : float
+        As Choice has it.
+
+    Returns
+    -------
+    Choice
+    """
+    return Choice(baseline, {}, {}, baseline, {}, {}, {}, numerical=numerical, piece=piece)
 
 
 def beside(prepared: Prepared, choice: Choice, changes: ChangesOfFits) -> Change | None:
