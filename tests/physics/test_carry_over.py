@@ -22,7 +22,8 @@ from virtual_phantom.physics.effects.afterglow import of_views
 from virtual_phantom.physics.materials import attenuation_per_mm
 from virtual_phantom.physics.noise import acquire
 from virtual_phantom.physics.scene import DISC_ENERGY_KEV, DiscScene
-from virtual_phantom.physics.state import AIR, State, between, lagged
+from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
+from virtual_phantom.physics.state import AIR, EARLIER, State, between, lagged
 from virtual_phantom.physics.stored_state import read_state, to_store
 from virtual_phantom.recordings.projections import Projections
 
@@ -108,6 +109,34 @@ def test_views_that_are_left_out_glow_all_the_same():
     right = (weights[3:] * weights[:-3]).sum() / (weights**2).sum()
     # The noise of views before the scan is that of a mean over them, and has no correlation with the scan's.
     assert correlations(lasting)[2] == pytest.approx(right, rel=0.01)
+
+
+def test_views_just_before_are_taken_where_they_are_known():
+    whole = np.random.default_rng(2).normal(size=(1 + 3 * 12, 2, 4))
+    earlier = np.stack([np.concatenate([whole[:1], whole[12 - count :: 12][:3]]) for count in EARLIER])
+    found = between(whole[::12], 12, earlier)
+    for back in (0, *EARLIER):
+        np.testing.assert_allclose(found[12 - back :: 12], whole[12 - back :: 12][: len(found[12 - back :: 12])])
+    np.testing.assert_allclose(found[12 - 4], (found[12 - 3] + found[12 - 5]) / 2)
+    # Of views that lie less far apart, what is behind the one before is not asked for.
+    np.testing.assert_allclose(between(whole[::2], 2, earlier[:, :1].repeat(19, 1))[::2], whole[::2])
+
+
+@pytest.mark.parametrize("name", ["afterglow", "slow_afterglow"])
+@pytest.mark.parametrize("constant_ms", [4.0, 12.0])
+def test_a_glow_is_right_in_a_scan_of_which_few_views_are_there(name, constant_ms):
+    """One view in 15 of a scan that is whole: between views 22 degrees apart a glow of three views cannot be seen."""
+    body = [ellipsoid("water", (0, 0, 0), (90, 60, 1000)), cylinder("aluminium", (50, -20, 0), 8)]
+    geometry = scanner(views=240, view_interval_ms=4.0)
+    every = Chain(ShapesScene(body), geometry, 1e5, samples=2)
+    few = Chain(ShapesScene(body), geometry.every(15), 1e5, samples=2)
+    glow = {name: {"share": 0.1, "time_constant_ms": constant_ms, "before": 1.0}}
+    right = every.state(glow).line_integrals()[::15][1:]
+    without = every.state({}).line_integrals()[::15][1:]
+    state = few.state(glow)
+    found, far = state.line_integrals()[1:], replace(state, earlier=None).line_integrals()[1:]
+    change = np.linalg.norm(right - without)
+    assert np.linalg.norm(found - right) < 0.05 * change < 0.5 * change < np.linalg.norm(far - right)
 
 
 def chords(geometry, moved=0.0):

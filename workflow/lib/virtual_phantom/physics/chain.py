@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..base.geometry import ScanGeometry
+from ..base.geometry import OrbitGeometry, ScanGeometry
 from ..base.mounting import AS_STATED
 from ..base.recent import Kept
 from .effect import (
@@ -33,13 +33,14 @@ from .effect import (
 )
 from .materials import attenuation_per_mm
 from .posed import NearScene, PosedScene, Scan
-from .sampling import averaged, divided, sources
+from .sampling import averaged, divided, later, sources
 from .scene import IN_PLACE, Pose, VoxelScene
 from .sensors import Sensor
 from .spectra import SENSOR, Spectrum, passing
-from .state import AIR, PHOTONS, State
+from .state import AIR, EARLIER, PHOTONS, State
 from .transmission import transmitted
 
+GLOWS = ("afterglow", "slow_afterglow")  # effects that read what earlier views have seen
 # A fit varies one parameter at a time, and most leave earlier steps alone. A focal spot takes nine.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 20, 24
 KEPT_BYTES, LEAST_KEPT = 2e8, 3  # of either: large scans keep fewer, and work some out again
@@ -82,6 +83,7 @@ class Chain:
         rays = pixels * samples ** (2 if geometry.rows > 1 else 1)
         self._paths = Kept(_kept(8 * rays, PATHS_KEPT) * parts)
         self._transmissions = Kept(_kept(8 * pixels, TRANSMISSIONS_KEPT))
+        self._before: list[Chain] | None = None  # of the views before those that are there
 
     def copy(self, geometry: ScanGeometry | None = None, samples: int | None = None) -> Chain:
         """The same, of another geometry or number of rays if one is given, with nothing kept."""
@@ -209,7 +211,17 @@ class Chain:
         self._transmit(state, pose)
         for effect in behind:
             effect.apply(state, physics[effect.name])
+        glows = state.lag[0] or state.slow_lag[0]
+        if glows and self.geometry.views_apart > 1 and isinstance(self.geometry, OrbitGeometry):
+            state.earlier = self._earlier(physics, pose, photons, extra)
         return state
+
+    def _earlier(self, physics, pose: Pose, photons: float | None, extra: Mapping) -> np.ndarray:
+        """As State.earlier: between views that lie far apart nothing tells what has just been seen."""
+        steady = {name: values for name, values in physics.items() if name not in GLOWS}
+        if self._before is None:
+            self._before = [self.copy(later(self.geometry, -count)) for count in EARLIER]
+        return np.stack([one.state(steady, pose, photons, **extra).signal for one in self._before])
 
     def _before_the_object(self, physics, photons: float | None = None, **extra) -> tuple[State, list]:
         """The state of the beam that meets the object, and the effects that come behind it."""
