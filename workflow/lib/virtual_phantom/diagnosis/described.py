@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..base.geometry import PARALLEL
 from ..base.vectors import FLAT
-from ..base.words import label
+from ..base.words import counted, label
 from ..physics.labelled import materials_of
 from ..physics.materials import attenuation_per_mm
 from ..physics.shapes import NOTHING
@@ -48,7 +48,7 @@ def described(asked: Asked, recording: Recording, prepared: Prepared, effects: S
         "tube": f"anode of {labels.anode.target} at {labels.anode.angle_deg:g} degrees, {tube}",
         "sensor": f"{label(sensor.material)}, {sensor.thickness_mm:g} mm, reads {sensor.reads}",
         "photons per pixel in air": photons,
-        "data": f"{len(recording.repeats)} repeats, {_views_of(prepared.step)}; not fitted: {prepared.held}",
+        "data": f"{counted(len(recording.repeats), 'repeat')}, {_views_of(prepared.step)}; not fitted: {prepared.held}",
         "rays per pixel and direction": f"{prepared.fitter.model.chain.samples}",
         "alignment, standard deviations stated": known or "none: the defaults",
         "physics declared": ", ".join(map(label, settings.baseline)) or "none",
