@@ -62,6 +62,8 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
     -------
     Errors
     """
+    if next(_distortions(fitter, fit, without, accuracy), None) is None:  # of images, derivatives take minutes
+        return Errors({name: dict(one) for name, one in fit.errors.items()}, dict(fit.nuisance_errors))
     problem = Problem(fitter, fit.effects, fit)
     numbers = _numbers([_Pulled.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
     names = [one.name for one in problem.aligned]
