@@ -1,6 +1,6 @@
 """How often a second recording settles what one scan leaves ambiguous: the one that is ranked first, and the last.
 
-    python benchmarks/further_recordings.py --draws 10 --first 100 --out further.csv
+    python benchmarks/further_recordings.py --draws 40 --first 100 --out further.csv
 
 One effect of a group whose effects look alike is in a scan of a disc of water. What the choice among the group leaves
 ambiguous is ranked against as `snakemake next_measurement` does, the scan that is ranked first and the one ranked last
