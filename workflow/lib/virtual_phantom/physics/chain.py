@@ -221,6 +221,8 @@ class Chain:
         steady = {name: values for name, values in physics.items() if name not in GLOWS}
         if self._before is None:
             self._before = [self.copy(later(self.geometry, -count)) for count in EARLIER]
+            for one in self._before:  # of one pose: of large scans more of them would take gigabytes
+                one._paths = Kept(len(divided(one.geometry, one.samples)))
         return np.stack([one.state(steady, pose, photons, **extra).signal for one in self._before])
 
     def _before_the_object(self, physics, photons: float | None = None, **extra) -> tuple[State, list]:
