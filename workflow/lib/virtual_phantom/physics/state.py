@@ -14,7 +14,7 @@ from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
 PHOTONS, AIR = "photons", "air"  # of a readout: its unit
 LEAST_SIGNAL = 1e-6  # of the signal in air: a logarithm of less is none
 # Views of the scanner before each one that is there, by which a glow is followed: of a clinical scan of which one view
-# in 15 is fitted they leave 1 to 5 % of what a glow of 4 to 14 ms changes, (1, 3, 7) 8 %, none of them 70 to 80 %.
+# in 15 is fitted they leave 1 to 5 % of what a glow of 4 to 14 ms changes, (1, 3, 7) 8 %, none of them 70 to 95 %.
 EARLIER = (1, 2, 3, 5, 8)
 LINEAR = (1.0, 0.0)  # response of a detector whose readings are proportional to the signal
 AS_READ = (0.0, 0.0)  # a polynomial on line integrals that leaves them as they are
