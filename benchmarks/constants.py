@@ -1,6 +1,6 @@
 """How many verdicts change if a constant that they rest on is halved or doubled.
 
-    python benchmarks/constants.py --seed 81 --none 4 --unknown 4 --pairs 2 --out constants.jsonl
+    python benchmarks/constants.py --seed 81 --out constants.jsonl
 
 Scans by the proof's simulator as lacking.py has them: effects of --effects alone, pairs, nothing, and faults that the
 library lacks. Each is diagnosed once as it is, and once for each constant at half and at twice its value. A verdict
@@ -20,15 +20,12 @@ from importlib import import_module
 from pathlib import Path
 
 import lacking
-import yaml
 
 from virtual_phantom.diagnosis import course
 from virtual_phantom.diagnosis.candidates import candidates
 from virtual_phantom.diagnosis.core import attribute, outside
 from virtual_phantom.diagnosis.core.asked import Asked
 from virtual_phantom.diagnosis.ready import ready
-from virtual_phantom.proof.conceal.suite import truths
-from virtual_phantom.study.config import complete
 
 DIAGNOSIS = "virtual_phantom.diagnosis"
 FACTORS = (0.5, 2.0)
@@ -202,23 +199,13 @@ def main() -> None:
     """Scan, diagnose with every constant as it is, halved and doubled, and count."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument(
-        "--effects", nargs="*", default=["scatter", "spectrum", "focal_spot", "afterglow", "dark_signal"]
-    )
-    parser.add_argument("--strengths", nargs="*", default=["weak", "medium"])
-    parser.add_argument("--none", type=int, default=4)
-    parser.add_argument("--pairs", type=int, default=2)
-    parser.add_argument("--unknown", type=int, default=4)
-    parser.add_argument("--fits", action="store_true", help="constants of fits too: each needs a whole diagnosis")
     parser.add_argument("--out", type=Path, required=True)
+    lacking.add_draws(parser, ["weak", "medium"], none=4, pairs=2, unknown=4)
+    parser.add_argument("--fits", action="store_true", help="constants of fits too: each needs a whole diagnosis")
     options = parser.parse_args()
-    config = complete(yaml.safe_load((lacking.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
-    drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
+    config = lacking.default_config()
     rows = lacking.rows_of(options.out)
-    done = {row["truth"]["case"] for row in rows}
-    for case, truth in truths(lacking.asked_of_proof(drawn)).items():
-        if case in done:
-            continue
+    for case, truth in lacking.left_to_do(options, rows).items():
         began = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
             found = answers(Path(folder), truth, config, options.seed, options.fits)

@@ -14,7 +14,6 @@ import time
 from pathlib import Path
 
 import lacking
-import yaml
 
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.candidates import candidates
@@ -25,7 +24,6 @@ from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.conceal.catalogue import CATALOGUE
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.proof.conceal.suite import KNOWN
-from virtual_phantom.study.config import complete
 
 STATED = 0.05  # of a parameter: standard deviation of its statement
 DECLARED = 7
@@ -113,7 +111,7 @@ def main() -> None:
     parser.add_argument("--none", type=int, default=20)
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    config = complete(yaml.safe_load((lacking.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
+    config = lacking.default_config()
     rows = lacking.rows_of(options.out)
     done = {row["number"] for row in rows}
     for number in range(options.draws + options.none):

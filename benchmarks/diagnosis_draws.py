@@ -47,7 +47,7 @@ from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.scene import IN_PLACE, VoxelScene
 from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
 
 PHOTONS, REPEATS = 1e5, 4
@@ -99,8 +99,8 @@ def shapes_scene():
     return ShapesScene(body())
 
 
-def scans(chain, physics, random):
-    state = chain.state(physics)
+def scans(chain, physics, random, pose=IN_PLACE):
+    state = chain.state(physics, pose)
     air = state.measured_air
     repeats = [-np.log(np.maximum(state.counts(random), 0.5) / (air * state.photons)) for _ in range(REPEATS)]
     white = air.mean(axis=0) * state.photons

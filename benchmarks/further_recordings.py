@@ -12,9 +12,9 @@ frames, which are no scan, are left out.
 import argparse
 import csv
 import time
-from dataclasses import replace
 from pathlib import Path
 
+import diagnosis_draws as draws
 import numpy as np
 
 from virtual_phantom.base.geometry import circular
@@ -22,14 +22,13 @@ from virtual_phantom.diagnosis.core.attribute import choose
 from virtual_phantom.diagnosis.core.joint import JointFitter
 from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.next_measurement import possible, rank, refitted
-from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.measurement import Scan
 from virtual_phantom.diagnosis.projections.numerical import model_and_floor
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scene import DiscScene, Pose
 
-PHOTONS, REPEATS, SAMPLES, FINER = 1e5, 4, 2, 3
+SAMPLES, FINER = 2, 3
 DISC_MM = 160.0
 GEOMETRY = circular(
     views=60,
@@ -74,33 +73,21 @@ def drawn(name, random, air):
     }[name]()
 
 
-def made_ready(scan, like, physics, random, known=None):
+def made_ready(scan, like, physics, random):
     """A scan of that physics, prepared for fits; the object lies a little beside its place."""
-    model, _ = chains = model_and_floor(
+    stated = scan.chain(like)
+    model, floor = model_and_floor(
         scan.scene,
         scan.geometry,
         like.samples,
-        photons=like.photons * scan.photons,
-        illumination=like.illumination,
-        sensor=like.sensor,
-        readout=scan.chain(like).readout,
+        photons=stated.photons,
+        illumination=stated.illumination,
+        sensor=stated.sensor,
+        readout=stated.readout,
     )
-    truth = Chain(
-        scan.scene,
-        scan.geometry,
-        model.photons,
-        FINER * model.samples,
-        model.illumination,
-        model.sensor,
-        model.readout,
-    )
-    state = truth.state(physics, Pose(x_mm=float(random.normal(0, 0.3)), y_mm=float(random.normal(0, 0.3))))
-    air = state.measured_air * state.photons
-    lines = np.stack([-np.log(np.maximum(state.counts(random), 0.5) / air) for _ in range(REPEATS)])
-    taken = observed.Scans(lines.astype(np.float32), air.mean(axis=0), np.ones(lines.shape[1:], bool))
-    return prepare(
-        taken, None, chains[0], floor_chain=chains[1], nominal_photons=model.photons, known=known or dict(scan.known)
-    )
+    place = Pose(x_mm=float(random.normal(0, 0.3)), y_mm=float(random.normal(0, 0.3)))
+    taken = draws.scans(stated.copy(samples=FINER * like.samples), physics, random, place)
+    return prepare(taken, None, model, floor_chain=floor, nominal_photons=model.photons, known=dict(scan.known))
 
 
 def settled(prepared, further, group):
@@ -119,7 +106,7 @@ def one(group, draw):
     began, effects = time.perf_counter(), GROUPS[group]
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(list(GROUPS).index(group), draw)))
     truth = effects[draw % len(effects)]
-    like = Chain(DiscScene(DISC_MM, "water"), GEOMETRY, PHOTONS, SAMPLES)
+    like = Chain(DiscScene(DISC_MM, "water"), GEOMETRY, draws.PHOTONS, SAMPLES)
     physics = {truth: drawn(truth, random, like.reads_in_air)}
     first = Scan("first", "", like.scene, GEOMETRY)
     prepared = made_ready(first, like, physics, random)
@@ -137,7 +124,7 @@ def one(group, draw):
         ranked = rank({"first": prepared}, chosen, ambiguities, scans).ranked
         for place, which in ((0, "first"), (-1, "last")):
             scan = ranked[place].measurement
-            further = made_ready(replace(scan, known=dict(scan.known)), like, physics, random)
+            further = made_ready(scan, like, physics, random)
             row |= {which: scan.name, f"{which}_right": settled(prepared, further, [named, *alike]) == truth}
     return row | {"seconds": round(time.perf_counter() - began)}
 

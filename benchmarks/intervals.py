@@ -14,7 +14,6 @@ from pathlib import Path
 
 import lacking
 import numpy as np
-import yaml
 from scipy import stats
 
 from virtual_phantom.diagnosis.core.asked import Asked
@@ -22,7 +21,6 @@ from virtual_phantom.diagnosis.core.inexact import errors_with_models
 from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.ready import ready
 from virtual_phantom.proof.conceal.suite import truths
-from virtual_phantom.study.config import complete
 
 EFFECTS = (
     "focal_spot xray_crosstalk optical_crosstalk afterglow electronic_noise photon_flux current_modulation heel "
@@ -106,7 +104,7 @@ def main():
         return
     if options.seed is None or options.out is None:
         parser.error("give --seed and --out, or --count")
-    config = complete(yaml.safe_load((lacking.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
+    config = lacking.default_config()
     drawn = {"seed": options.seed, "effects": options.effects, "strengths": options.strengths, "none": 0, "unknown": 0}
     cases = lacking.rows_of(options.out)
     done = {case["case"] for case in cases}

@@ -34,6 +34,28 @@ ROOT = Path(__file__).resolve().parents[1]
 SCAN = {"columns": 64, "rows": 4, "views": 36, "photons": 1e5, "rotation_time_ms": 1000.0, "repeats": 4}
 
 
+def default_config():
+    """The configuration that everybody begins with, complete."""
+    return complete(yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
+
+
+def add_draws(parser, strengths, none, pairs, unknown):
+    """Add options of what is drawn of the proof's cases, with these defaults."""
+    effects = ["scatter", "spectrum", "focal_spot", "afterglow", "dark_signal"]
+    parser.add_argument("--effects", nargs="*", default=effects)
+    parser.add_argument("--strengths", nargs="*", default=strengths)
+    parser.add_argument("--none", type=int, default=none)
+    parser.add_argument("--pairs", type=int, default=pairs)
+    parser.add_argument("--unknown", type=int, default=unknown)
+
+
+def left_to_do(options, rows):
+    """{case: truth} of what options of add_draws and a seed draw, without those that rows have."""
+    drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
+    done = {row["truth"]["case"] for row in rows}
+    return {case: truth for case, truth in truths(asked_of_proof(drawn)).items() if case not in done}
+
+
 def recorded(folder, truth, config, seed, baseline=None):
     """A case's recording in a folder, with its object; what a diagnosis asks of it, with what is declared."""
     one, mu = OBJECTS[truth["phantom"]], config["mu_water_per_mm"]
@@ -101,7 +123,7 @@ def main():
     parser.add_argument("--left-out", nargs="*", default=[], help="effects that diagnoses do not try")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    config = complete(yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
+    config = default_config()
     drawn = {
         "seed": options.seed,
         "effects": options.effects,

@@ -22,7 +22,6 @@ from pathlib import Path
 
 import lacking
 import numpy as np
-import yaml
 
 from virtual_phantom.diagnosis.candidates import candidates
 from virtual_phantom.diagnosis.core.asked import Asked
@@ -32,8 +31,6 @@ from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.ready import ready
 from virtual_phantom.physics.effect import load
 from virtual_phantom.proof.conceal.case import ADMITTED, Case
-from virtual_phantom.proof.conceal.suite import truths
-from virtual_phantom.study.config import complete
 
 CHANCE = 0.01
 MOST = 4  # effects that a rival takes one after the other, as many as the diagnosis names
@@ -134,22 +131,12 @@ def judged(case, named, rest):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument(
-        "--effects", nargs="*", default=["scatter", "spectrum", "focal_spot", "afterglow", "dark_signal"]
-    )
-    parser.add_argument("--strengths", nargs="*", default=["medium"])
-    parser.add_argument("--none", type=int, default=6)
-    parser.add_argument("--pairs", type=int, default=0)
-    parser.add_argument("--unknown", type=int, default=7)
     parser.add_argument("--out", type=Path, required=True)
+    lacking.add_draws(parser, ["medium"], none=6, pairs=0, unknown=7)
     options = parser.parse_args()
-    config = complete(yaml.safe_load((lacking.ROOT / "config" / "config.yaml").read_text(encoding="utf-8")))
-    drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
+    config = lacking.default_config()
     rows = lacking.rows_of(options.out)
-    done = {row["truth"]["case"] for row in rows}
-    for case, truth in truths(lacking.asked_of_proof(drawn)).items():
-        if case in done:
-            continue
+    for case, truth in lacking.left_to_do(options, rows).items():
         with tempfile.TemporaryDirectory() as folder:
             rows.append({"truth": truth, "answers": answers(Path(folder), truth, config, options.seed)})
         lacking.append(options.out, rows[-1])

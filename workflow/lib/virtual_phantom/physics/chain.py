@@ -40,7 +40,6 @@ from .spectra import SENSOR, Spectrum, passing
 from .state import AIR, EARLIER, PHOTONS, State
 from .transmission import transmitted
 
-GLOWS = ("afterglow", "slow_afterglow")  # effects that read what earlier views have seen
 # A fit varies one parameter at a time, and most leave earlier steps alone. A focal spot takes nine.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 20, 24
 KEPT_BYTES, LEAST_KEPT = 2e8, 3  # of either: large scans keep fewer, and work some out again
@@ -207,23 +206,27 @@ class Chain:
         -------
         State
         """
-        state, behind = self._before_the_object(physics, photons, **extra)
-        self._transmit(state, pose)
-        for effect in behind:
-            effect.apply(state, physics[effect.name])
+        state = self._run_through(physics, pose, photons, extra)
         glows = state.lag[0] or state.slow_lag[0]
         if glows and self.geometry.views_apart > 1 and isinstance(self.geometry, OrbitGeometry):
             state.earlier = self._earlier(physics, pose, photons, extra)
         return state
 
+    def _run_through(self, physics, pose: Pose, photons: float | None, extra: Mapping) -> State:
+        """As `state`, of the views that are there alone."""
+        state, behind = self._before_the_object(physics, photons, **extra)
+        self._transmit(state, pose)
+        for effect in behind:
+            effect.apply(state, physics[effect.name])
+        return state
+
     def _earlier(self, physics, pose: Pose, photons: float | None, extra: Mapping) -> np.ndarray:
         """As State.earlier: between views that lie far apart nothing tells what has just been seen."""
-        steady = {name: values for name, values in physics.items() if name not in GLOWS}
         if self._before is None:
             self._before = [self.copy(later(self.geometry, -count)) for count in EARLIER]
             for one in self._before:  # of one pose: of large scans more of them would take gigabytes
                 one._paths = Kept(len(divided(one.geometry, one.samples)))
-        return np.stack([one.state(steady, pose, photons, **extra).signal for one in self._before])
+        return np.stack([one._run_through(physics, pose, photons, extra).signal for one in self._before])
 
     def _before_the_object(self, physics, photons: float | None = None, **extra) -> tuple[State, list]:
         """The state of the beam that meets the object, and the effects that come behind it."""

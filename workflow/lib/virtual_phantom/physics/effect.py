@@ -13,8 +13,8 @@ from pathlib import Path
 from ..base.errors import InputError, meant
 from . import effects
 
-# In the order in which they act.
 GEOMETRY = "geometry"  # the stage of what moves rays
+# In the order in which they act.
 STAGES = (
     GEOMETRY,
     "motion",

@@ -462,7 +462,7 @@ def between(array: np.ndarray, apart: int, earlier: np.ndarray | None = None) ->
     if apart == 1:
         return array
     behind, known = [0.0, float(apart)], [array[1:], array[:-1]]  # of every view but the first: itself, the one before
-    for count, one in zip(EARLIER, () if earlier is None else earlier, strict=False):
+    for count, one in [] if earlier is None else zip(EARLIER, earlier, strict=True):
         if count < apart:
             behind.insert(-1, float(count))
             known.insert(-1, one[1:])

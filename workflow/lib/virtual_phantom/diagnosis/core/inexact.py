@@ -165,7 +165,7 @@ def _numbers(scans: Sequence[_Pulled]) -> np.ndarray:
     for one in scans:
         information[np.ix_(one.places, one.places)] += one.information
         for key, pull in one.pulls.items():
-            np.add.at(pulls.setdefault(key, np.zeros(count)), one.places, pull)
+            pulls.setdefault(key, np.zeros(count))[one.places] += pull
     root, squares = Known.of(information).root, standard_errors(information) ** 2
     for pull in pulls.values():
         squares = squares + (root @ (root.T @ pull)) ** 2
