@@ -74,7 +74,7 @@ def explain(
         alone = None
         if piece is not None:
             first = offered(effects, one.fitter.model.whole(()))
-            alone = screened(one.fitter, baseline.fit, first, processes, how_far) if first else {}
+            alone = screened(one.fitter, baseline.fit, first, processes, how_far, accuracy) if first else {}
             if beyond_effects(piece, alone):
                 return no_physics(baseline, piece, numerical)
         found = choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far, alone)

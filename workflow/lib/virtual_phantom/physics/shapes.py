@@ -259,14 +259,14 @@ class ShapesScene:
         sources = np.ascontiguousarray((geometry.source_mm - shift) / pose.size)
         to, rises = geometry.bundles()
         ways, rises = np.ascontiguousarray(np.moveaxis(to, 0, -1)) / pose.size, rises / pose.size
-        lengths = np.zeros((len(self.materials), len(sources), len(rises), ways.shape[1]))
+        lengths = np.zeros((len(self.materials), len(sources), len(rises), ways.shape[1]), np.float32)
 
         def run(first, last):
-            part = sources[first:last], ways[first:last], rises, lengths[:, first:last]
+            part = sources[first:last], ways[first:last], rises, float(pose.size), lengths[:, first:last]
             chords(self._shapes, *part, Room.of(self._shapes))
 
         share_out(run, len(sources), self.threads)
-        return (lengths * pose.size).astype(np.float32).reshape(-1, *geometry.shape)
+        return lengths.reshape(-1, *geometry.shape)
 
 
 def _quadric(matrix: np.ndarray, centre_mm: Sequence[float], constant: float) -> np.ndarray:

@@ -106,7 +106,8 @@ def _within_quadric(q, source, way, first, last):
 class Room(NamedTuple):
     """What one ray needs: where it enters and leaves the shapes that it meets, which these are, and its own vectors.
 
-    And what its bundle needs: shapes that its shadow passes, and between which shares of the way it does.
+    And the shares of its way in every material; and what its bundle needs: shapes that its shadow passes, and between
+    which shares of the way it does.
     """
 
     begin: np.ndarray
@@ -118,6 +119,7 @@ class Room(NamedTuple):
     passed: np.ndarray
     near: np.ndarray
     far: np.ndarray
+    shares: np.ndarray
 
     @classmethod
     def of(cls, shapes: Shapes) -> Room:
@@ -125,7 +127,8 @@ class Room(NamedTuple):
         count = len(shapes.material)
         begin, end, near, far = np.empty((4, count))
         met, passed = np.empty((2, count), np.int64)
-        return cls(begin, end, met, np.empty(2 * count), np.empty(3), np.empty(3), passed, near, far)
+        shares = np.empty(1 + shapes.material.max(initial=-1))
+        return cls(begin, end, met, np.empty(2 * count), np.empty(3), np.empty(3), passed, near, far, shares)
 
 
 @njit(inline="always", **EXACT)
@@ -169,8 +172,8 @@ def _at_height(around, z, rise, near, far):
 
 
 @njit(**EXACT)
-def chords(shapes, sources, ways, rises, lengths, room):
-    """Add the lengths of rays in every material, mm.
+def chords(shapes, sources, ways, rises, size, lengths, room):
+    """Write the lengths of rays in every material, mm.
 
     Parameters
     ----------
@@ -181,12 +184,15 @@ def chords(shapes, sources, ways, rises, lengths, room):
         From there to the detector, mm, of the bundle's rays without their rise.
     rises : ndarray, shape (rows,)
         What each row adds to z, mm.
-    lengths : ndarray, shape (materials, views, rows, bundles)
-        What is added to.
+    size : float
+        That lengths are multiplied by.
+    lengths : ndarray of float32, shape (materials, views, rows, bundles)
+        What is written to. Zeros.
     room : Room
     """
     views, bundles = ways.shape[0], ways.shape[1]
     begin, end, met, edges, way, nearest = room.begin, room.end, room.met, room.edges, room.way, room.nearest
+    shares = room.shares
     for view in range(views):
         source = sources[view]
         for bundle in range(bundles):
@@ -218,12 +224,17 @@ def chords(shapes, sources, ways, rises, lengths, room):
                         _insert(edges, 2 * found, first)
                         _insert(edges, 2 * found + 1, last)
                         found += 1
-                whole = np.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+                if found == 0:
+                    continue
+                shares[:] = 0.0
                 for part in range(2 * found - 1):
                     middle = 0.5 * (edges[part] + edges[part + 1])
                     for k in range(found - 1, -1, -1):
                         if begin[k] < middle < end[k]:
                             material = shapes.material[met[k]]
                             if material >= 0:
-                                lengths[material, view, row, bundle] += (edges[part + 1] - edges[part]) * whole
+                                shares[material] += edges[part + 1] - edges[part]
                             break
+                whole = size * np.sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2])
+                for material in range(shares.size):
+                    lengths[material, view, row, bundle] = shares[material] * whole

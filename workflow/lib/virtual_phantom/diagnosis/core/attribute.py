@@ -129,7 +129,8 @@ def choose(
     accuracy : mapping of str to float, optional
         {effect: share of its own change of the data by which its model may be wrong}, `default` that of the others,
         `numerical` that of the corrections for finite steps: what that leaves over is no evidence for another effect,
-        and none against one that could stand in. None: what the configuration has by default.
+        and none against one that could stand in. So with declared effects: what errors of their models may make up is
+        no evidence. None: what the configuration has by default.
     kept : KeptFits, optional
         As for `trials`.
     how_far : HowFar, optional
@@ -143,8 +144,8 @@ def choose(
     """
     if accuracy is None:
         accuracy = defaults_of("diagnosis", "model_accuracy")
-    fits = _Fits(fitter, baseline, candidates, processes, kept, how_far, alone)
-    current, found, tried = baseline, {}, fits.single(could_win(fits.alone))
+    fits = _Fits(fitter, baseline, candidates, processes, kept, how_far, alone, accuracy)
+    current, found, tried = baseline, {}, fits.single(could_win(fits.alone, sure=True))
     worth: dict[str, float] = {}  # log score that each effect gained when it was taken
     numerical = accuracy.get("numerical", 0.0)
     steps = numerical**2 * baseline.fit.corrected / 2
@@ -166,8 +167,8 @@ def choose(
         worth.update(dict.fromkeys(new, max(0.0, gained)))
         return _without_idle(fits, best, least)
 
-    def standing_out(least_gain: float) -> dict[str, Screened]:
-        return {name: one for name, one in found.items() if one.p * len(found) < SCREEN and one.gain > least_gain}
+    def standing_out(least_gain: float, sure: bool = False) -> dict[str, Screened]:
+        return {name: one for name, one in found.items() if stands_out(one.sure if sure else one, found, least_gain)}
 
     for more in reversed(range(MOST_EFFECTS if tried else 0)):
         best_name = max(tried, key=lambda name: tried[name].score)
@@ -177,7 +178,10 @@ def choose(
         current = take(best)
         found = fits.screened(current.fit, fits.others(current.fit.effects))
         # Chi-square is twice the score, and a filter, of first order, may fall short of it by a factor of two.
-        hopeful = [*best_few(standing_out(least(current))), *(name for name, one in found.items() if one.blind)]
+        hopeful = [
+            *best_few(standing_out(least(current), sure=True)),
+            *(name for name, one in found.items() if one.blind),
+        ]
         if not hopeful or not more:
             break
         tried = fits.beside(current, hopeful)
@@ -197,7 +201,7 @@ class _Fits:
 
     Parameters
     ----------
-    fitter, baseline, candidates, processes, kept, how_far, alone
+    fitter, baseline, candidates, processes, kept, how_far, alone, accuracy
         As `choose` takes them.
 
     Attributes
@@ -209,11 +213,20 @@ class _Fits:
     """
 
     def __init__(
-        self, fitter: Fitter, baseline: Trial, candidates: Sequence[str], processes: int, kept, how_far, alone
+        self,
+        fitter: Fitter,
+        baseline: Trial,
+        candidates: Sequence[str],
+        processes: int,
+        kept,
+        how_far,
+        alone,
+        accuracy: Mapping[str, float],
     ):
         self.baseline, self.candidates = baseline, tuple(candidates)
         self._make = partial(trials, fitter, processes=processes, kept=kept, how_far=how_far)
         self._screen = partial(screened, fitter, processes=processes, how_far=how_far)
+        self._accuracy = accuracy
         self._whole = fitter.model.whole
         self.alone = self.screened(baseline.fit, self.others(())) if alone is None else alone
         self.singles: dict[str, Trial] = {}
@@ -222,9 +235,9 @@ class _Fits:
         """Candidates that are none of these effects, nor another one, and can do something beside these."""
         return [name for name in offered(self.candidates, self._whole(effects)) if name not in (*effects, but)]
 
-    def screened(self, fit: Fit, names: Sequence[str]) -> dict[str, Screened]:
-        """As `screening.screened`."""
-        return self._screen(fit, names) if names else {}
+    def screened(self, fit: Fit, names: Sequence[str], in_place: bool = False) -> dict[str, Screened]:
+        """As `screening.screened`; in the place of a chosen effect, errors of declared physics are not asked about."""
+        return self._screen(fit, names, accuracy=None if in_place else self._accuracy) if names else {}
 
     def single(self, names: Sequence[str]) -> dict[str, Trial]:
         """Candidates alone."""
@@ -262,10 +275,12 @@ def _with_stand_ins(fits: _Fits, current: Trial) -> tuple[Choice, Trial | None]:
         gains[effect] = current.score - without[effect].score
         p[effect] = min(1.0, chance(current.fit, without[effect].fit, effect) * len(fits.candidates))
         others = fits.others(rest, but=effect)
-        found = fits.screened(without[effect].fit, others) if rest else {name: fits.alone[name] for name in others}
+        found = fits.alone
+        if rest:
+            found = fits.screened(without[effect].fit, others, in_place=True)
         first_order = {name: gains[effect] - found[name].gain / 2 for name in others}
         close = [name for name in others if first_order[name] < RULED_OUT]
-        likely = list(dict.fromkeys([*could_win(found, 2 * gains[effect]), *close]))
+        likely = list(dict.fromkeys([*could_win({name: found[name] for name in others}, 2 * gains[effect]), *close]))
         fitted = fits.of([(*rest, name) for name in likely], without[effect])
         stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
         stand_ins[effect] |= {name: current.score - one.score for name, one in zip(likely, fitted, strict=True)}
@@ -276,7 +291,12 @@ def _with_stand_ins(fits: _Fits, current: Trial) -> tuple[Choice, Trial | None]:
     return choice, best
 
 
-def could_win(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
+def stands_out(one: Screened, among: Mapping[str, Screened], least_gain: float) -> bool:
+    """Whether a filter shows more than chance, and more than a gain of chi-square."""
+    return one.p * len(among) < SCREEN and one.gain > least_gain
+
+
+def could_win(found: Mapping[str, Screened], needed: float = 0.0, sure: bool = False) -> list[str]:
     """Those to be fitted: the best few, and those of which a filter knows nothing.
 
     Parameters
@@ -284,12 +304,19 @@ def could_win(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:
     found : mapping of str to Screened
     needed : float, optional
         As `best_few`.
+    sure : bool, optional
+        Leave out what errors of declared physics may make up.
 
     Returns
     -------
     list of str
     """
-    return list(dict.fromkeys([*best_few(found, needed), *(name for name, one in found.items() if one.blind)]))
+    hopeful = {
+        name: one
+        for name, one in found.items()
+        if not sure or one.beside_errors is None or stands_out(one.beside_errors, found, LEAST_GAIN)
+    }
+    return list(dict.fromkeys([*best_few(hopeful, needed), *(name for name, one in found.items() if one.blind)]))
 
 
 def best_few(found: Mapping[str, Screened], needed: float = 0.0) -> list[str]:

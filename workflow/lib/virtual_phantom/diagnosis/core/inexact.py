@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...physics.effect import load
+from ...physics.effect import GEOMETRY, load
 from .fit import Fit, Fitter, Problem
 from .joint import JointFit, JointProblem
 from .steps import Known, standard_errors
@@ -102,6 +102,47 @@ def shared_errors_with_models(
         for (name, problem), places in zip(together.problems.items(), together.places(), strict=True)
     ]
     return _named(next(iter(together.problems.values())), fit.errors, _numbers(scans))
+
+
+def distortions_of_declared(fitter: Fitter, fit: Fit, columns: np.ndarray, accuracy: Mapping[str, float]) -> np.ndarray:
+    """Changes of the whitened data that inexact models of declared physics may make.
+
+    An effect explains what it changes less what the alignment would take up without it, to first order. Where rays run
+    is no model, so that declared geometry has no such error.
+
+    Parameters
+    ----------
+    fitter : Fitter
+    fit : Fit
+    columns : ndarray, shape (data, numbers)
+        From `data_changes`, of the fit.
+    accuracy : mapping of str to float
+        As `attribute.choose` takes it.
+
+    Returns
+    -------
+    ndarray, shape (data, distortions)
+        One standard deviation of each.
+    """
+    problem, here = Problem(fitter, fit.effects, fit), fitter.predicted(fit)
+    after, spread = whitened(fitter.data.residuals(here), fitter.weights), shapes(here.mean)
+    found = []
+    for name in fitter.model.declared:
+        share = accuracy.get(name, accuracy["default"])
+        if not share or load(name).stage == GEOMETRY:
+            continue
+        other = fitter.of(fitter.model.undeclared(name))
+        physics = {key: values for key, values in fit.physics.items() if key != name}
+        there = other.model.predict(physics, fit.nuisance, fitter.data, fit.linearisation)
+        change = whitened(fitter.data.residuals(there), fitter.weights) - after
+        aligned = columns[:, len(problem.unknowns) :]
+        knowledge = Problem(other, fit.effects, fit).knowledge[-len(problem.aligned) :]
+        numbers, known = np.vstack([aligned, np.diag(np.sqrt(knowledge))]), np.zeros(len(knowledge))
+        change -= aligned @ np.linalg.lstsq(numbers, np.concatenate([change, known]), rcond=None)[0]
+        mean, rest = np.split(share * change, [here.mean.size])
+        for number, shape in spread.items():  # what else is known of the data changes with the even one
+            found.append(np.concatenate([mean * shape.ravel(), rest if number == 0 else np.zeros_like(rest)]))
+    return np.stack(found, axis=1) if found else np.zeros((len(after), 0))
 
 
 def shapes(level: np.ndarray) -> dict[int, np.ndarray]:

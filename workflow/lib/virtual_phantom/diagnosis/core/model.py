@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
@@ -85,6 +86,12 @@ class Model(ABC):
     def whole(self, effects: tuple[str, ...]) -> tuple[str, ...]:
         """What is declared, and these effects."""
         return (*(name for name in self.declared if name not in effects), *effects)
+
+    def undeclared(self, name: str) -> Model:
+        """The same where one effect is not declared."""
+        found = copy.copy(self)
+        found.declared = {key: stated for key, stated in self.declared.items() if key != name}
+        return found
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:
         """An effect's parameters as the recorded scan shows them."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -14,6 +14,7 @@ from ...physics.effect import Parameter, load
 from .fit import Fit, Fitter, Problem
 from .forked import side_by_side
 from .how_far import RANKED, HowFar
+from .inexact import distortions_of_declared
 from .pattern import chance, estimate
 from .templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_knowledge
 
@@ -33,11 +34,19 @@ class Screened:
         Of chi-square and of what is known of the fit's numbers, to first order.
     blind : bool
         Its template is nothing, so that only a fit can tell: slices of typical thickness that lie as far apart.
+    beside_errors : Screened or None
+        The same if models of declared physics are as inexact as they are trusted to be; None: nothing is declared.
     """
 
     p: float
     gain: float
     blind: bool = False
+    beside_errors: Screened | None = None
+
+    @property
+    def sure(self) -> Screened:
+        """What errors of declared physics cannot make up."""
+        return self if self.beside_errors is None else self.beside_errors
 
 
 @dataclass(frozen=True)
@@ -47,7 +56,7 @@ class Remainder:
     Attributes
     ----------
     basis : ndarray, shape (data + numbers, directions)
-        Orthonormal: what the fit's numbers can take up.
+        Orthonormal: what the fit's numbers can take up, and errors of models if they are counted among these.
     residual : ndarray, shape (data + numbers,)
         Without that.
     inward : ndarray, shape (bounds, data + numbers)
@@ -60,7 +69,9 @@ class Remainder:
     inward: np.ndarray
 
     @classmethod
-    def of(cls, problem: Problem, columns: np.ndarray, residual: np.ndarray) -> Remainder:
+    def of(
+        cls, problem: Problem, columns: np.ndarray, residual: np.ndarray, errors: np.ndarray | None = None
+    ) -> Remainder:
         """From changes and residuals of the whitened data.
 
         Parameters
@@ -70,6 +81,8 @@ class Remainder:
             From `data_changes`.
         residual : ndarray, shape (data,)
             Of the fit.
+        errors : ndarray, shape (data, errors), optional
+            Changes of the whitened data that errors of models may make, one standard deviation each.
 
         Returns
         -------
@@ -81,6 +94,12 @@ class Remainder:
         outward = columns.T @ residual
         low, high = problem.start <= problem.low, problem.start >= problem.high
         at_bound = (low & (outward < 0)) | (high & (outward > 0))
+        if errors is not None:
+            count = errors.shape[1]
+            errors = np.vstack([errors, np.zeros((len(known), count)), np.eye(count)])
+            columns = np.hstack([np.pad(columns, ((0, count), (0, 0))), errors])
+            residual = np.pad(residual, (0, count))
+            low, high, at_bound = (np.pad(one, (0, count)) for one in (low, high, at_bound))
         basis = np.linalg.qr(columns[:, ~at_bound])[0]
         inward = (columns * np.where(low, 1, -1))[:, at_bound].T
         return cls(basis, residual - basis @ (basis.T @ residual), inward - (inward @ basis) @ basis.T)
@@ -106,7 +125,12 @@ class Remainder:
 
 
 def screened(
-    fitter: Fitter, fit: Fit, names: Sequence[str], processes: int = 1, how_far: HowFar | None = None
+    fitter: Fitter,
+    fit: Fit,
+    names: Sequence[str],
+    processes: int = 1,
+    how_far: HowFar | None = None,
+    accuracy: Mapping[str, float] | None = None,
 ) -> dict[str, Screened]:
     """Every effect's matched filter on what a fit leaves over of the data that were fitted.
 
@@ -122,6 +146,8 @@ def screened(
         That work side by side, at most.
     how_far : HowFar, optional
         What is told of every effect that is done.
+    accuracy : mapping of str to float, optional
+        As `attribute.choose` takes it: of models of declared physics. None: they are not asked about.
 
     Returns
     -------
@@ -136,17 +162,26 @@ def screened(
     columns = data_changes(Problem(fitter, fit.effects, fit), fit.pattern)
     # Beside a spectrum other things are known of the alignment.
     problems = {name: Problem(fitter, fit.effects, fit, beside=name) for name in names}
-    remainders: dict[tuple, Remainder] = {}
+    residual = whitened(parts, fitter.weights)
+    errors = None
+    if accuracy is not None and fitter.model.declared:
+        errors = distortions_of_declared(fitter, fit, columns, accuracy)
+    remainders: dict[tuple, list[Remainder]] = {}
     for problem in problems.values():
         if problem.aligned not in remainders:
-            remainders[problem.aligned] = Remainder.of(problem, columns, whitened(parts, fitter.weights))
+            remainders[problem.aligned] = [Remainder.of(problem, columns, residual)]
+            if errors is not None:
+                remainders[problem.aligned].append(Remainder.of(problem, columns, residual, errors))
 
     def one(name: str) -> Screened:
+        left = remainders[problems[name].aligned]
         if load(name).pattern:
-            return _pattern(fitter, parts)
-        tried = shapes(fitter, name)
-        rows, left = templates(fitter, fit, name, tried), remainders[problems[name].aligned]
-        return _best(fitter.model.parameters(name), rows, len(tried), left)
+            found = [_pattern(fitter, parts[0]), *(_pattern(fitter, _of_mean(fitter, other)) for other in left[1:])]
+        else:
+            tried = shapes(fitter, name)
+            rows, parameters = templates(fitter, fit, name, tried), fitter.model.parameters(name)
+            found = [_best(parameters, rows, len(tried), other) for other in left]
+        return found[0] if errors is None else replace(found[0], beside_errors=found[1])
 
     done = None if how_far is None else how_far.begin(RANKED, len(names), fit.effects)
     return dict(zip(names, side_by_side(one, [(name,) for name in names], processes, done), strict=True))
@@ -161,10 +196,16 @@ def shapes(fitter: Fitter, name: str) -> list[dict[str, float]]:
     ]
 
 
-def _pattern(fitter: Fitter, parts: list[np.ndarray]) -> Screened:
-    """Of a gain pattern, which is estimated at once."""
+def _of_mean(fitter: Fitter, left: Remainder) -> np.ndarray:
+    """What is left over of the mean, not in standard deviations, shape (data,)."""
+    weight = fitter.weights[0]
+    return left.residual[: weight.size] / np.sqrt(np.where(weight > 0, weight, np.inf))
+
+
+def _pattern(fitter: Fitter, residual: np.ndarray) -> Screened:
+    """Of a gain pattern, which is estimated at once from what is left over of the mean."""
     shape = fitter.data.mean.shape
-    mean, weight = parts[0].reshape(shape), fitter.weights[0].reshape(shape)
+    mean, weight = residual.reshape(shape), fitter.weights[0].reshape(shape)
     pattern = estimate(mean, weight, fitter.data.whitening)
     found = fitter.data.whitened(np.where(fitter.data.usable, pattern.values, 0))
     gain = float((weight * (2 * mean - found) * found).sum())
