@@ -2,12 +2,18 @@
 
 import numpy as np
 import pytest
-from simulated_scans import body, chosen
+from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.candidates import candidates
+from virtual_phantom.diagnosis.core.attribute import choose
 from virtual_phantom.diagnosis.core.declared import declared
+from virtual_phantom.diagnosis.core.fit import Problem
+from virtual_phantom.diagnosis.core.inexact import distortions_of_declared
+from virtual_phantom.diagnosis.core.screening import screened
+from virtual_phantom.diagnosis.core.templates import data_changes
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.core.verdict import diagnose
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
@@ -97,6 +103,74 @@ def test_pulls_of_statements_that_hold_are_standard_normal(scene):
         pulls.append(found(scene, {"scatter": SCATTER}, drawn, (), seed)["declared"]["scatter"]["amount"]["pull"])
     assert abs(np.mean(pulls)) < 3 / np.sqrt(16)
     assert 0.5 < np.std(pulls, ddof=1) < 1.6  # 99.9 % of 16 normal values
+
+
+STRONG = {"scatter": {"amount": 0.2, "width_mm": 60.0}}
+STRONG_STATED = {"scatter": {"amount": {"value": 0.2, "sd": 0.01}, "width_mm": {"value": 60.0, "sd": 5.0}}}
+TRUSTED = {"default": 0.02, "numerical": 0.12}
+TRIED = ("dark_signal", "veiling_glare", "optical_crosstalk", "detector_saturation", "detector_offset")
+
+
+def scanned_strongly(scene, more, seed, added=0.0):
+    """The fitter of four repeats at 1e6 photons, whose strong scatter is declared, with something added to lines."""
+    chain = Chain(scene, GEOMETRY, 1e6)
+    state = chain.state(STRONG | more)
+    lines = (noisy_lines(state, 4, np.random.default_rng(seed)) + added).astype(np.float32)
+    white = state.measured_air.mean(axis=0) * state.photons
+    taken = observed.Scans(lines, white, np.ones(lines.shape[1:], bool))
+    stated = declared(STRONG_STATED, "baseline")
+    return prepared.prepare(taken, None, chain, nominal_photons=1e6, declared=stated).fitter
+
+
+@pytest.fixture(scope="module")
+def errors_of_scatter(scene):
+    """Of line integrals, one standard deviation each, shape (views, rows, columns, errors)."""
+    fitter = scanned_strongly(scene, {}, 0)
+    fit = trial(fitter, ()).fit
+    columns = data_changes(Problem(fitter, (), fit), None)
+    found = distortions_of_declared(fitter, fit, columns, TRUSTED)
+    mean = fitter.data.mean
+    return (found[: mean.size] / np.sqrt(fitter.weights[0])[:, None]).reshape(*mean.shape, -1)
+
+
+def test_errors_of_a_declared_model_are_of_the_size_that_it_is_trusted_to(scene, errors_of_scatter):
+    """The even one: a share of what scatter changes, less what the alignment takes up, scale and offset at the most."""
+    chain = Chain(scene, GEOMETRY, 1e6)
+    here, there = (chain.state(physics).line_integrals().ravel() for physics in (STRONG, {}))
+    linear = np.stack([here, np.ones(here.size)], axis=1)
+    left = (here - there) - linear @ np.linalg.lstsq(linear, here - there, rcond=None)[0]
+    rms = np.sqrt(np.mean(errors_of_scatter[..., 0] ** 2))
+    assert 0.02 * left.std() < rms < 0.5 * 0.02 * np.sqrt(np.mean((here - there) ** 2))
+    # An exact model has none.
+    fitter = scanned_strongly(scene, {}, 0)
+    fit = trial(fitter, ()).fit
+    columns = data_changes(Problem(fitter, (), fit), None)
+    assert distortions_of_declared(fitter, fit, columns, {"default": 0.0}).shape == (len(columns), 0)
+
+
+@pytest.mark.parametrize("seed", [101, 103, 104])
+def test_what_errors_of_declared_models_may_make_up_is_not_named(scene, errors_of_scatter, seed):
+    """Their errors drawn as they are counted: taken for exact, something is named that is not there."""
+    random = np.random.default_rng(seed)
+    added = errors_of_scatter @ random.normal(size=errors_of_scatter.shape[-1])
+    fitter = scanned_strongly(scene, {}, seed, added)
+    aligned = trial(fitter, ())
+    exact = choose(fitter, aligned, TRIED, accuracy=TRUSTED | {"default": 0.0})
+    assert exact.chosen.fit.effects
+    found = choose(fitter, aligned, TRIED, accuracy=TRUSTED)
+    assert found.chosen.fit.effects == ()
+    # What is significant if models are exact is told all the same.
+    gains = screened(fitter, aligned.fit, TRIED, accuracy=TRUSTED)
+    assert set(exact.chosen.fit.effects) & {name for name, one in gains.items() if one.gain > 10 * one.sure.gain}
+
+
+def test_what_is_there_stands_out_of_errors_of_declared_models_alone(scene, errors_of_scatter):
+    random = np.random.default_rng(104)
+    added = errors_of_scatter @ random.normal(size=errors_of_scatter.shape[-1])
+    fitter = scanned_strongly(scene, {"optical_crosstalk": {"column": 0.01, "row": 0.01}}, 104, added)
+    found = choose(fitter, trial(fitter, ()), TRIED, accuracy=TRUSTED)
+    assert found.chosen.fit.effects == ("optical_crosstalk",)
+    assert found.undecided  # what exact models would have had beside it
 
 
 @pytest.mark.parametrize(
