@@ -1,5 +1,7 @@
 """Several recordings of one scanner: physics is shared, alignment is not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulated_scans import noisy_lines
@@ -200,3 +202,48 @@ def test_a_scanner_that_lacks_nothing_is_a_match():
     assert found["verdict"] == "match" and found["sentence"] == "bench: 3 recordings and the simulation agree."
     validate(found, schema_of_kind(SCANNER), "scanner.json")
     page(found)
+
+
+OWN_DRIFTS = {"large": 3e3, "middle": 0.0, "small": -2e3}  # photons per second
+
+
+@pytest.fixture(scope="module")
+def drifting():
+    """Discs with one dark signal, whose drift is another one in each; a second per scan."""
+    made = {}
+    for name, (diameter, (x, y)) in DISCS.items():
+        chain = Chain(DiscScene(diameter, "water"), replace(GEOMETRY, view_interval_ms=1e3 / 24), PHOTONS)
+        physics = {"dark_signal": {"level_units": 2e3, "drift_units_per_s": OWN_DRIFTS[name]}}
+        lines = noisy_lines(chain.state(physics, Pose(x_mm=x, y_mm=y)), 4, np.random.default_rng(int(diameter)))
+        taken = observed.Scans(lines.astype(np.float32), None, np.ones(lines.shape[1:], bool))
+        made[name] = prepare(taken, None, chain)
+    return made
+
+
+def test_what_every_scan_has_of_its_own_is_not_shared(drifting):
+    """One level in all, a drift for each, of each the truth; left out, a recording has its own drift fitted."""
+    fitters = {name: one.fitter for name, one in drifting.items()}
+    together = JointFitter(fitters)
+    both = together.fit(("dark_signal",))
+    assert both.free == 1 + 3
+    level, error = both.physics["dark_signal"]["level_units"], both.errors["dark_signal"]
+    assert set(error) == {"level_units"} and abs(level - 2e3) < 4 * error["level_units"]
+    assert both.physics["dark_signal"]["drift_units_per_s"] == 0
+    for name, drift in OWN_DRIFTS.items():
+        fit, left = both.fits[name], together.left_out(name, ("dark_signal",), both)
+        assert fit.physics["dark_signal"]["level_units"] == level
+        found, error = (one["dark_signal"]["drift_units_per_s"] for one in (fit.physics, fit.errors))
+        assert abs(found - drift) < 4 * error < 500
+        # Its level is that of the others, whose error is not the drift's.
+        assert left.physics["dark_signal"]["drift_units_per_s"] == pytest.approx(drift, abs=300)
+
+
+def test_a_scanner_says_what_each_scan_has_of_its_own(drifting):
+    accuracy = defaults_of("diagnosis", "model_accuracy")
+    content = explain_scanner("bench", drifting, ("dark_signal", "scatter"), accuracy).content
+    validate(content, schema_of_kind(SCANNER), "scanner.json")
+    (effect,) = content["effects"]
+    assert effect["name"] == "dark_signal" and set(effect["parameters"]) == {"level_units"}
+    own = {name: one["own"]["dark_signal"]["drift_units_per_s"] for name, one in content["recordings"].items()}
+    assert own["small"] < own["middle"] < own["large"]
+    assert "drift" in page(content)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from scipy import ndimage
+from simulated_scans import noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
@@ -24,6 +25,7 @@ from virtual_phantom.diagnosis.projections.scanned import mask_scene
 from virtual_phantom.io import volumes
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.posed import PosedScene
+from virtual_phantom.physics.scene import DiscScene
 from virtual_phantom.recordings.importers.htc2022_object import with_partial_pixels
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.study.config import complete
@@ -365,6 +367,32 @@ def test_what_was_found_elsewhere_can_be_declared(tmp_path):
         for key, value in TRUTH[name].items():
             assert settings["baseline"][name][key] == pytest.approx({"value": value, "sd": errors[name][key]})
     assert model["settings"]["baseline"] == own and with_declared(model, None) == model
+
+
+DRIFTS = {"dark_signal": {"level_units": 2e3, "drift_units_per_s": 3e3}}
+
+
+def test_of_what_every_scan_has_of_its_own_another_declares_how_large_it_may_be(tmp_path):
+    (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, DRIFTS)))
+    stated = with_declared({"settings": {}}, tmp_path / "d.json")["settings"]["baseline"]["dark_signal"]
+    errors = Physics.read(tmp_path / "d.json").errors["dark_signal"]
+    assert stated["level_units"] == pytest.approx({"value": 2e3, "sd": errors["level_units"]})
+    assert stated["drift_units_per_s"] == pytest.approx({"value": 0.0, "sd": 3e3 + errors["drift_units_per_s"]})
+
+
+def test_what_every_scan_has_of_its_own_is_fitted_where_physics_comes_from_another(tmp_path):
+    """The level of the other scan; the drift of this one, which runs the other way."""
+    chain = Chain(DiscScene(70.0, "pmma"), replace(GEOMETRY, view_interval_ms=1e3 / GEOMETRY.views), PHOTONS)
+    here = {"dark_signal": {"level_units": 2e3, "drift_units_per_s": -1e3}}
+    lines = noisy_lines(chain.state(here), 4, np.random.default_rng(7)).astype(np.float32)
+    given = prepared.prepare(observed.Scans(lines, None, np.ones(lines.shape[1:], bool)), None, chain)
+    (tmp_path / "d.json").write_text(json.dumps(found_on("disc", 1.0, DRIFTS)))
+    physics = Physics.read(tmp_path / "d.json")
+    units = {one.name: one.unit for one in given.fitter.model.parameters("dark_signal")}
+    choice = verified(given.fitter, trial(given.fitter, ()), replace(physics, units={"dark_signal": units}), True)
+    found, errors = (one["dark_signal"] for one in (choice.chosen.fit.physics, choice.chosen.fit.errors))
+    assert found["level_units"] == 2e3 and errors["level_units"] == physics.errors["dark_signal"]["level_units"]
+    assert abs(found["drift_units_per_s"] + 1e3) < 4 * errors["drift_units_per_s"] < 500
 
 
 def test_a_diagnosis_that_knows_no_effect_declares_none(tmp_path):

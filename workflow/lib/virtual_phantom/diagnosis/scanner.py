@@ -10,8 +10,9 @@ import numpy as np
 from ..base.words import label
 from ..physics.effect import load
 from ..statistics.multiplicity import bonferroni
+from .core.fit import Fit
 from .core.inexact import shared_errors_with_models
-from .core.joint import JointFitter
+from .core.joint import JointFitter, shared
 from .core.joint_choice import JointChoice, choose_jointly
 from .core.locate import ALPHA, aligned
 from .core.prepared import Prepared
@@ -114,7 +115,7 @@ def _effect(name: str, choice: JointChoice, errors: Mapping[str, float]) -> dict
     stated = {one.name: one for one in effect.parameters}
     alone = {key: fit.physics[name] for key, fit in choice.left_out.items()}
     parameters = {}
-    for key, value in chosen.physics[name].items():
+    for key, value in shared(name, chosen.physics[name]).items():
         low, high = stated[key].low, stated[key].high
         parameters[key] = {
             "value": value,
@@ -146,4 +147,14 @@ def _recording(prepared: Prepared, choice: JointChoice, name: str) -> dict:
         "log_score": choice.scores[name],
         "unexplained": [{"domain": one.domain, "where": one.where, "z": one.z} for one in left],
         "alignment": fit.nuisance,
+        "own": _own(fit),
     }
+
+
+def _own(fit: Fit) -> dict:
+    """Parameters that the recording does not share, as {effect: {parameter: value}}."""
+    found = {
+        name: {key: value for key, value in values.items() if key not in shared(name, values)}
+        for name, values in fit.physics.items()
+    }
+    return {name: values for name, values in found.items() if values}

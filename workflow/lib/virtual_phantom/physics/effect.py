@@ -95,6 +95,8 @@ class Parameter:
         What of it one scan shows; None: as the range, start and typical strength say.
     stated : bool
         Of the scanner's design: a fit takes it at its typical value.
+    of_one_scan : bool
+        Other scans of the scanner have their own.
     """
 
     name: str
@@ -108,6 +110,7 @@ class Parameter:
     power: int = 1
     reach: Reach | None = None
     stated: bool = False
+    of_one_scan: bool = False
 
     def number(self, value: float) -> float:
         """What fits vary, of a value."""

@@ -38,13 +38,14 @@ class JointFit:
     effects : tuple of str
         In the order in which they were given.
     physics, errors : dict of str to dict of str to float
-        {effect: {parameter: value or standard error}}, shared by all recordings.
+        {effect: {parameter: value or standard error}}, shared by all recordings. Parameters of one scan are neutral in
+        `physics` and not in `errors`.
     chi_square : float
         Of all data that were fitted, and of the Gaussian knowledge.
     free : int
-        Number of effects' parameters.
+        Number of effects' parameters, those of one scan counted in every recording.
     fits : dict of str to Fit
-        By recording, with its own alignment.
+        By recording, with its own alignment, and its own values of parameters of one scan.
     """
 
     effects: tuple[str, ...]
@@ -85,7 +86,7 @@ class JointFitter:
     def fit(self, effects: tuple[str, ...], given: JointFit | None = None) -> JointFit:
         """Refit all parameters of these effects, and the alignment of every recording.
 
-        Begins where the first recording alone ends, whose fit tries every start of a new effect.
+        With a new effect it begins where the first recording alone ends, whose fit tries every start.
 
         Parameters
         ----------
@@ -106,13 +107,16 @@ class JointFitter:
             if load(name).pattern:
                 raise InputError(f"{name} has one unknown per detector pixel of one scan; recordings cannot share it")
         begun = {name: self._begun(name, effects, given) for name in self.fitters}
-        first = next(iter(self.fitters))
-        alone = self.fitters[first].fit(effects, begun[first])
-        begun = {name: replace(fit, effects=effects, physics=alone.physics) for name, fit in begun.items()}
+        if given is None or set(effects) - set(given.effects):
+            first = next(iter(self.fitters))
+            alone = self.fitters[first].fit(effects, begun[first])
+            begun = {name: replace(fit, effects=effects, physics=alone.physics) for name, fit in begun.items()}
         return JointProblem({name: Problem(self.fitters[name], effects, fit) for name, fit in begun.items()}).solved()
 
     def left_out(self, name: str, effects: tuple[str, ...], given: JointFit) -> Fit:
-        """A recording held against physics that was fitted to the others: only its alignment is fitted.
+        """A recording held against physics that was fitted to the others.
+
+        Only its alignment is fitted, and parameters of one scan.
 
         Parameters
         ----------
@@ -131,9 +135,10 @@ class JointFitter:
             return given.fits[name] if not given.effects else fitter.fit(())
         others = self.without(name).fit(effects, given)
         held = fitter.of(copy.copy(fitter.model))
-        held.model.fixed = {effect: others.physics[effect] for effect in effects}
-        fit = held.fit(effects, replace(given.fits[name], effects=effects, physics=others.physics))
-        return replace(fit, errors=fit.errors | {effect: others.errors[effect] for effect in effects})
+        held.model.fixed = {effect: shared(effect, others.physics[effect]) for effect in effects}
+        begun = {effect: given.fits[name].physics[effect] | held.model.fixed[effect] for effect in effects}
+        fit = held.fit(effects, replace(given.fits[name], effects=effects, physics=others.physics | begun))
+        return replace(fit, errors=fit.errors | {name: fit.errors[name] | others.errors[name] for name in effects})
 
     def _begun(self, name: str, effects: tuple[str, ...], given: JointFit | None) -> Fit:
         if given is not None and name in given.fits:
@@ -146,6 +151,8 @@ class JointProblem:
 
     As Fitter.fit has it for one recording; a point has the shared numbers and the alignments one after the other.
 
+    The shared ones are those of the effects, but for parameters of one scan.
+
     Parameters
     ----------
     problems : mapping of str to Problem
@@ -154,24 +161,26 @@ class JointProblem:
     Attributes
     ----------
     problems : dict of str to Problem
-    shared : int
-        How many numbers are shared: those of the effects.
     """
 
     def __init__(self, problems: Mapping[str, Problem]):
         self.problems = dict(problems)
         every = list(self.problems.values())
-        self.shared = len(every[0].unknowns)
+        own = np.array([one.of_one_scan for one in every[0].unknowns], bool)
+        # Where numbers stand in the points of the recordings: the shared ones are alike, and there may be fewer others.
+        self._shared = np.flatnonzero(~own)
+        self._own = {
+            name: np.concatenate([np.flatnonzero(own), np.arange(len(own), len(one.start))])
+            for name, one in self.problems.items()
+        }
         # What one scan could show limits nobody else's, and what is known of a number is known once.
-        low = np.min([one.low[: self.shared] for one in every], axis=0)
-        high = np.max([one.high[: self.shared] for one in every], axis=0)
+        low = np.min([one.low[self._shared] for one in every], axis=0)
+        high = np.max([one.high[self._shared] for one in every], axis=0)
         for one in every:
-            one.low[: self.shared], one.high[: self.shared] = low, high
-            one.knowledge[: self.shared] /= len(every)
-        ends = np.cumsum([self.shared] + [len(one.aligned) for one in every])
-        self.own = {name: slice(*ends[[i, i + 1]]) for i, name in enumerate(self.problems)}
-        self.low = np.concatenate([low, *(one.low[self.shared :] for one in every)])
-        self.high = np.concatenate([high, *(one.high[self.shared :] for one in every)])
+            one.low[self._shared], one.high[self._shared] = low, high
+            one.knowledge[self._shared] /= len(every)
+        self.low = self._whole({name: one.low for name, one in self._items()})
+        self.high = self._whole({name: one.high for name, one in self._items()})
         self.count = sum(one.count for one in every)
 
     def solved(self) -> JointFit:
@@ -231,8 +240,13 @@ class JointProblem:
 
     def places(self) -> list[np.ndarray]:
         """Of every recording, where its numbers stand in a point."""
-        shared = np.arange(self.shared)
-        return [np.concatenate([shared, np.arange(own.start, own.stop)]) for own in self.own.values()]
+        found, first = [], len(self._shared)
+        for own in self._own.values():
+            places = np.empty(len(self._shared) + len(own), int)
+            places[self._shared], places[own] = np.arange(len(self._shared)), first + np.arange(len(own))
+            found.append(places)
+            first += len(own)
+        return found
 
     def _items(self):
         return self.problems.items()
@@ -244,13 +258,13 @@ class JointProblem:
         return self._polished(self._whole(start))
 
     def _whole(self, points: Mapping[str, np.ndarray]) -> np.ndarray:
-        first = next(iter(points.values()))[: self.shared]
-        return np.concatenate([first, *(point[self.shared :] for point in points.values())])
+        first = next(iter(points.values()))[self._shared]
+        return np.concatenate([first, *(point[self._own[name]] for name, point in points.items())])
 
     def _polished(self, whole: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, list[np.ndarray]]]:
         made = {
-            name: one.polished(np.concatenate([whole[: self.shared], whole[self.own[name]]]), None)
-            for name, one in self._items()
+            name: one.polished(whole[places], None)
+            for (name, one), places in zip(self._items(), self.places(), strict=True)
         }
         return {name: point for name, (point, _) in made.items()}, {name: left for name, (_, left) in made.items()}
 
@@ -272,9 +286,23 @@ class JointProblem:
 
     def _result(self, points, residuals, total, errors) -> JointFit:
         fits = {}
-        for name, one in self._items():
-            own = np.concatenate([errors[: self.shared], errors[self.own[name]]])
+        for (name, one), places in zip(self._items(), self.places(), strict=True):
             own_total = one.chi_square(residuals[name], points[name])
-            fits[name] = one.result(points[name], own, residuals[name], own_total, None)
+            fits[name] = one.result(points[name], errors[places], residuals[name], own_total, None)
         first = next(iter(fits.values()))
-        return JointFit(first.effects, first.physics, first.errors, total, self.shared, fits)
+        physics = {name: neutral_alone(name, values) for name, values in first.physics.items()}
+        known = {name: shared(name, values) for name, values in first.errors.items()}
+        free = len(self.low) - sum(len(one.aligned) for one in self.problems.values())
+        return JointFit(first.effects, physics, known, total, free, fits)
+
+
+def shared(name: str, values: Mapping[str, float]) -> dict[str, float]:
+    """What recordings share of an effect's parameters, or of their errors."""
+    own = {one.name for one in load(name).parameters if one.of_one_scan}
+    return {key: value for key, value in values.items() if key not in own}
+
+
+def neutral_alone(name: str, values: Mapping[str, float]) -> dict[str, float]:
+    """An effect's parameters, those of one scan neutral."""
+    own = {one.name: one.neutral for one in load(name).parameters if one.of_one_scan}
+    return {key: own.get(key, value) for key, value in values.items()}

@@ -41,7 +41,7 @@ class Model(ABC):
     tube_kvp : float, optional
         As the label on the scanner says, taken to be known to TUBE_KVP_SD, kV; None: not known.
     fixed : mapping of str to mapping of str to float, optional
-        Effects whose parameters are known from elsewhere and not fitted: {effect: {parameter: value}}.
+        Parameters that are known from elsewhere and not fitted: {effect: {parameter: value}}.
     density : tuple of 2 float, optional
         Of the material over the listed one, and its standard deviation: the scale beside a spectrum.
     declared : mapping of str to mapping of str to Statement, optional
@@ -129,11 +129,13 @@ class Model(ABC):
         }
 
     def unknowns(self, effects: tuple[str, ...]) -> list[Unknown]:
-        """The effects' numbers that are fitted, in order. Of a gain pattern and of fixed effects there are none."""
+        """The effects' numbers that are fitted, in order: no fixed ones, and none of a gain pattern."""
         found = []
         for name in effects:
-            effect = load(name)
-            for one in () if effect.pattern or name in self.fixed else self.parameters(name):
+            effect, fixed = load(name), self.fixed.get(name, {})
+            for one in () if effect.pattern else self.parameters(name):
+                if one.name in fixed:
+                    continue
                 low, high = one.number(one.low), one.number(one.high)
                 if (name, one.name) == ("spectrum", "kvp"):
                     low, high = KVP[self.anode.target]
@@ -143,7 +145,8 @@ class Model(ABC):
                     if not stated.sd:
                         continue
                     expected, sd = stated.number(one)
-                    found.append(Unknown(name, one.name, low, high, (expected,), None, expected, sd, one.power))
+                    known = (expected,), None, expected, sd, one.power, one.of_one_scan
+                    found.append(Unknown(name, one.name, low, high, *known))
                     continue
                 starts = (min(max(one.number(one.start), low), high),)
                 # A slice thinner than their distance changes nothing, so that no fit would leave it.
@@ -156,7 +159,8 @@ class Model(ABC):
                     expected, sd = one.number(self.chain.sensor.thickness_mm), self.chain.sensor.thickness_sd
                     low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
                 neutral, starts = None if one.neutral is None else one.number(one.neutral), tuple(dict.fromkeys(starts))
-                found.append(Unknown(name, one.name, low, high, starts, neutral, expected, sd, one.power))
+                known = starts, neutral, expected, sd, one.power, one.of_one_scan
+                found.append(Unknown(name, one.name, low, high, *known))
         return found
 
     @property

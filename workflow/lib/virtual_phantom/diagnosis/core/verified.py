@@ -1,4 +1,7 @@
-"""Physics that was found on one recording, held against another: only the alignment is fitted there."""
+"""Physics that was found on one recording, held against another.
+
+Only the alignment is fitted there, and parameters that every scan has of its own.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from ...io.schema import defaults_of
 from ...physics.effect import READOUT_UNITS, checked, load
 from .attribute import Choice
 from .fit import Fitter
+from .joint import shared
 from .sentence import sentence
 from .steps import NORMAL_95
 from .trial import Trial, trial
@@ -91,7 +95,8 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
     Returns
     -------
     dict
-        Its settings' baseline has value and sd of these too, where it does not state the effect itself.
+        Its settings' baseline has value and sd of these too, where it does not state the effect itself. Parameters of
+        one scan are taken for neutral, to within what they were there.
 
     Raises
     ------
@@ -107,6 +112,11 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
     }
     for name, values in read_document(path, DIAGNOSIS).get("declared", {}).items():
         known[name] = {key: {"value": one["value"], "sd": _error(one)} for key, one in values.items()}
+    for name, values in known.items():
+        for one in load(name).parameters:
+            if one.of_one_scan and one.name in values:
+                there = values[one.name]
+                values[one.name] = {"value": one.neutral, "sd": abs(there["value"] - one.neutral) + there["sd"]}
     if not known:
         raise InputError(f"{path}: knows no effect of the scanner; take baseline_from out")
     settings = model["settings"]
@@ -120,7 +130,7 @@ def _error(parameter: dict) -> float:
 
 
 def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: bool) -> Choice:
-    """Fit the alignment alone beside physics found elsewhere.
+    """Fit the alignment, and parameters of one scan, beside physics found elsewhere.
 
     An effect's gain is what data that were not fitted lose without it, the others kept and the alignment refitted. As
     nothing of an effect was fitted here, it has no p-value (None).
@@ -155,14 +165,16 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     model = fitter.model
     density = physics.scale if physics.scale is not None and same_material else model.density
     held = fitter.of(copy.copy(model))  # of projections or of images
-    held.model.fixed, held.model.density = physics.effects, density
+    held.model.fixed = {name: shared(name, values) for name, values in physics.effects.items()}
+    held.model.density = density
     chosen = trial(held, tuple(physics.effects), baseline)
     without = {}
     for name in physics.effects:
         rest = tuple(other for other in physics.effects if other != name)
         without[name] = trial(held, rest, chosen) if rest else baseline
     gains = {name: chosen.score - one.score for name, one in without.items()}
-    chosen = replace(chosen, fit=replace(chosen.fit, errors=physics.errors))
+    errors = {name: chosen.fit.errors[name] | shared(name, values) for name, values in physics.errors.items()}
+    chosen = replace(chosen, fit=replace(chosen.fit, errors=errors))
     fits = {name: one.fit for name, one in without.items()}
     numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
     p = dict.fromkeys(physics.effects)

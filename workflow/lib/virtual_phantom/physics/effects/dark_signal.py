@@ -42,6 +42,7 @@ EFFECT = Effect(
             0.0,
             100.0,
             reach=Reach(OF_AIR_PER_SCAN, -0.02, 0.02, 0.0005, 0.001),
+            of_one_scan=True,
         ),
     ),
     apply=apply,

@@ -1,0 +1,135 @@
+"""Real discs of one bench together: what they share, each judged by the physics of the others, and what is left.
+
+    python benchmarks/real_discs_jointly.py recordings --view-step 48
+
+`recordings` holds sinograms of the Helsinki Tomography Challenge 2022, each imported as docs/htc2022.md says: the one
+without an outline is the solid disc. Prints tables in Markdown: every disc before, and with the physics of all others;
+the shared numbers of two disjoint halves of the discs; and what is left where lines are smooth: of it the constants of
+columns, and how alike these are from disc to disc.
+"""
+
+import argparse
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from virtual_phantom.diagnosis.core.asked import Asked, Disc, MaskedObject, Settings
+from virtual_phantom.diagnosis.core.fit import Fit
+from virtual_phantom.diagnosis.core.joint import JointFitter
+from virtual_phantom.diagnosis.core.prepared import Prepared
+from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.diagnosis.scanner import explain_scanner
+from virtual_phantom.io.schema import defaults_of
+
+ALIGNMENT = {"scale": 1.0, "size": 0.01, "offset": 0.02}  # as in config/htc2022.yaml
+SMOOTH = 0.9  # share of the rays that lie off edges
+BEHIND = 1.0  # line integral from which on rays go through the disc, not past it
+OBJECT = "object.nii.gz"
+
+
+def prepared(folder: Path, view_step: int) -> Prepared:
+    """A disc as config/htc2022.yaml has it."""
+    scanned = {"disc": Disc(70, "pmma")}
+    if (folder / OBJECT).is_file():
+        scanned = {"object": MaskedObject(str(folder / OBJECT), "pmma")}
+    settings = Settings(1, view_step, ALIGNMENT, **scanned)
+    return ready(Asked(folder, settings, defaults_of()["mu_water_per_mm"], defaults_of("materials")))[1]
+
+
+def smooth_left(one: Prepared, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
+    """Recorded less modelled, and the noise's variance, of data held out where lines are smooth; NaN elsewhere.
+
+    Returns
+    -------
+    left, noise : ndarray, shape (views, columns)
+    """
+    data = one.fitter.held_out
+    lines = one.fitter.predicted(fit, held_out=True).mean[:, 0]
+    slopes = np.abs(np.gradient(lines, axis=1))
+    there = data.usable[:, 0] & (slopes < np.quantile(slopes, SMOOTH)) & (lines > BEHIND)
+    left = one.fitter.residuals(fit)[0].reshape(data.mean.shape)[:, 0]
+    return np.where(there, left, np.nan), np.where(there, one.variance[:, 0], np.nan)
+
+
+def constants(left: np.ndarray) -> np.ndarray:
+    """Of every column, over the views that have it; NaN where fewer than half do. Shape (columns,)."""
+    counts = np.isfinite(left).sum(axis=0)
+    return np.where(counts > counts.max() / 2, np.nansum(left, axis=0) / np.maximum(counts, 1), np.nan)
+
+
+def print_left(discs: Mapping[str, Prepared], fits: Mapping[str, Fit]) -> None:
+    """Where lines are smooth: variance over noise, and what of the rest is constant in columns or in views."""
+    print("\n| smooth parts | variance over noise | of the rest, columns' constants | views' constants |")
+    print("|---|---|---|---|")
+    columns = {}
+    for name, one in discs.items():
+        left, noise = smooth_left(one, fits[name])
+        columns[name] = constants(left)
+        rest = np.nansum(left**2) - np.nansum(noise)
+        shares = []
+        for axis in (0, 1):  # squares of means, less what noise puts into them
+            counts = np.isfinite(left).sum(axis=axis)
+            sums, noises = np.nansum(left, axis=axis), np.nansum(noise, axis=axis)
+            shares.append(((sums**2 - noises)[counts > 0] / counts[counts > 0]).sum() / rest)
+        ratio = np.nansum(left**2) / np.nansum(noise)
+        print(f"| {name} | {ratio:.2f} | {100 * shares[0]:.0f} % | {100 * shares[1]:.0f} % |")
+    alike = []
+    names = list(columns)
+    for place, name in enumerate(names):
+        for other in names[place + 1 :]:
+            both = np.isfinite(columns[name]) & np.isfinite(columns[other])
+            alike.append(np.corrcoef(columns[name][both], columns[other][both])[0, 1])
+    low, middle, high = np.quantile(alike, [0.1, 0.5, 0.9])
+    print(f"\nColumns' constants of two discs correlate by {middle:.2f} (median; 10 to 90 %: {low:.2f} to {high:.2f}).")
+
+
+def print_halves(discs: Mapping[str, Prepared], effects: Sequence[str]) -> None:
+    """The shared numbers of every second disc, and of the others."""
+    names = list(discs)
+    halves = [
+        JointFitter({name: discs[name].fitter for name in names[first::2]}).fit(tuple(effects)) for first in (0, 1)
+    ]
+    print("\n| number | one half of the discs | the other | apart, standard errors of noise |\n|---|---|---|---|")
+    for effect in effects:
+        for key in halves[0].errors[effect]:
+            (one, other), errors = (
+                (half.physics[effect][key] for half in halves),
+                [half.errors[effect][key] for half in halves],
+            )
+            apart = abs(one - other) / np.hypot(*errors)
+            print(f"| {key} of {effect} | {one:.4g} ± {errors[0]:.2g} | {other:.4g} ± {errors[1]:.2g} | {apart:.1f} |")
+
+
+def main() -> None:
+    """Fit, judge and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("recordings", type=Path)
+    parser.add_argument("--view-step", type=int, default=48, help="one view of so many is fitted or held out")
+    parser.add_argument("--effects", nargs="+", default=["spectrum", "dark_signal", "veiling_glare", "scatter"])
+    options = parser.parse_args()
+    began = time.perf_counter()
+    folders = sorted(one for one in options.recordings.iterdir() if one.is_dir())
+    discs = {one.name: prepared(one, options.view_step) for one in folders}
+    found = explain_scanner("bench", discs, options.effects, defaults_of("diagnosis", "model_accuracy"))
+    print(found.content["sentence"], "\n")
+    for effect in found.content["effects"]:
+        numbers = (f"{key} {one['value']:.4g} {one['ci95']}" for key, one in effect["parameters"].items())
+        print(f"* {effect['name']}: {'; '.join(numbers)}")
+    print(
+        "\n| disc | before | with the physics of the others | noise | removed | of its own |\n|---|---|---|---|---|---|"
+    )
+    for name, one in found.content["recordings"].items():
+        rms = one["rms_line_integral"]
+        own = "; ".join(f"{key} {value:.2g}" for values in one["own"].values() for key, value in values.items())
+        share = f"{100 * one['excess_rms_removed']:.1f} %"
+        print(f"| {name} | {rms['before']:.4f} | {rms['after']:.4f} | {rms['floor']:.4f} | {share} | {own} |")
+    print_left(discs, found.choice.left_out)
+    if effects := found.choice.chosen.effects:
+        print_halves(discs, effects)
+    print(f"\n{(time.perf_counter() - began) / 60:.1f} min")
+
+
+if __name__ == "__main__":
+    main()
