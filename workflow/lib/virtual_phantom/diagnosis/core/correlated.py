@@ -74,10 +74,21 @@ class Correlations:
         pairs = zip((self.columns, self.rows, self.views), (other.columns, other.rows, other.views), strict=True)
         return max(abs(one[0] - two[0]) for one, two in pairs) * np.sqrt(rays) > SEEN
 
-    def of_second_differences(self) -> float:
-        """Variance of x[i - 1] - 2 x[i] + x[i + 1] of successive views, over that of a view."""
+    def of_second_differences(self, of_rows: bool = False) -> float:
+        """Variance of x[i - 1] - 2 x[i] + x[i + 1] of successive views, over that of a view.
+
+        Parameters
+        ----------
+        of_rows : bool, optional
+            Of these differences, they are taken of successive rows, too.
+
+        Returns
+        -------
+        float
+        """
         first, memory = self.views
-        return 6 - 8 * first + 2 * first * memory
+        along_views, along_rows = 6 - 8 * first + 2 * first * memory, 6 - 8 * self.rows[0] + 2 * self.rows[1]
+        return along_views * along_rows if of_rows else along_views
 
     def covariance(self, axis: int, length: int) -> np.ndarray:
         """Covariance of places along an axis, that of a place far from the ends being 1 with itself.

@@ -113,7 +113,7 @@ class Fitter:
         found.model = model
         return found
 
-    def fit(self, effects: tuple[str, ...], given: Fit | None = None) -> Fit:
+    def fit(self, effects: tuple[str, ...], given: Fit | None = None, from_farther: bool = True) -> Fit:
         """Refit all parameters of these effects and the alignment.
 
         Parameters
@@ -121,6 +121,8 @@ class Fitter:
         effects : tuple of str
         given : Fit, optional
             Where to begin.
+        from_farther : bool, optional
+            Begin again from farther off where the fit has stalled.
 
         Returns
         -------
@@ -128,7 +130,7 @@ class Fitter:
         """
         problem = Problem(self, effects, given)
         found, promised = self._settled(problem)
-        if promised <= STALLED:
+        if promised <= STALLED or not from_farther:
             return found
         others = [self._settled(Problem(self, effects, one))[0] for one in problem.farther(found)]
         return min([found, *others], key=lambda one: one.chi_square)

@@ -80,6 +80,8 @@ class Observed:
         What makes the mean's noise white; None where it is.
     weighed : ndarray, shape (blocks,), or float
         Relative variance of the mean's weights, which are measured block by block.
+    relative : bool
+        Of the variance only is known how it goes from block to block, and nothing of its level.
     """
 
     mean: np.ndarray
@@ -95,6 +97,7 @@ class Observed:
     alone: np.ndarray | float = 1.0
     whitening: Whitening | None = None
     weighed: np.ndarray | float = 0.0
+    relative: bool = False
 
     def whitened(self, residual: np.ndarray) -> np.ndarray:
         """A residual of the mean, its noise made white."""
@@ -113,9 +116,19 @@ class Observed:
         """Observed less predicted, by part; the mean's noise made white."""
         found = [self.whitened(np.where(self.usable, self.mean - prediction.mean, 0)).ravel()]
         if self.variance is not None:
-            found.append(np.nan_to_num(np.log(self.variance) - prediction.log_variance))
+            found.append(self._of_variance(prediction))
             found.append(np.nan_to_num(self.correlation - prediction.correlation))
         return found
+
+    def _of_variance(self, prediction: Prediction) -> np.ndarray:
+        """Logarithm of the observed variance less the predicted one, shape (blocks,)."""
+        left = np.log(self.variance) - prediction.log_variance
+        known = np.isfinite(left)
+        left = np.where(known, left, 0.0)
+        if not self.relative:
+            return left
+        weight = np.where(known, self.variance_error, np.inf) ** -2
+        return np.where(known, left - (weight @ left) / weight.sum(), 0.0)
 
     def weights(self, variance: np.ndarray, floor: np.ndarray) -> list[np.ndarray]:
         """Inverse variances of the parts of `residuals`, 0 for what is not there.

@@ -32,6 +32,9 @@ class Trial:
 def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, against: Trial | None = None) -> Trial:
     """Fit effects and score them.
 
+    A fit that shows an effect begins again from farther off where it stalls. One of what could stand in does not: there
+    are many, each of them would take minutes in a large scan, and few come near.
+
     Parameters
     ----------
     fitter : Fitter
@@ -45,7 +48,7 @@ def trial(fitter: Fitter, effects: tuple[str, ...], given: Trial | None = None, 
     -------
     Trial
     """
-    fit = fitter.fit(effects, None if given is None else given.fit)
+    fit = fitter.fit(effects, None if given is None else given.fit, from_farther=against is not None)
     p = 1.0 if against is None else chance(fit, against.fit, effects[-1])
     return Trial(fit, fitter.score(fit), p)
 

@@ -122,8 +122,8 @@ class ScansModel(Model):
         lines = state.line_integrals()
         mean = nuisance["scale"] * lines + nuisance["offset"] + self.distortion(nuisance, linearisation) + above
         ratio = np.where(data.usable, variance / data.reference, 0)
-        correlation = None  # of a single repeat, whose noise no fit sees
-        if data.correlation is not None:
+        correlation = data.correlation  # of a single repeat there is none
+        if correlation is not None and np.isfinite(correlation).any():
             correlation = correlations(state, np.where(data.usable, 1 / data.reference, 0))
         with np.errstate(invalid="ignore", divide="ignore"):
             log_variance = np.log(data.blocks.sum(ratio) / data.blocks.sum(data.usable))

@@ -30,14 +30,18 @@ from .kinds import kinds
 from .locate import excess_at_edges, locate
 from .model import ScansModel
 from .numerical import Numerical
-from .observed import PARTS, ObservedScans, Scans, observe
+from .observed import PARTS, ObservedScans, Scans, mean_squares, observe, with_noise_of_views
 
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
 SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20 000 are taken for distances or offsets
-MEDIAN_SQUARE = 0.45494  # of a standard normal variable: median of chi-square with one degree of freedom
-ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 BY_VIEW = "every second view"
+# Rows from which on the noise of a single repeat is taken from differences of rows, too: few objects change from row to
+# row as from view to view, so that those that lie off their place leave nothing in them.
+LEAST_ROWS = 4
+# Variance of a sum of squared second differences over that of independent ones: neighbours correlate by -2/3, those
+# after them by 1/6.
+SECOND_DIFFERENCES_SHARE = 1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)
 # Rays, those of a pixel counted one by one: of a scan of more, noise is looked at in the views that are fitted and in
 # those beside them. 20 million take 2 GB.
 MOST_LOOKED_AT = 2e7
@@ -51,7 +55,8 @@ LOOK = Look(
         ("views", "view", 0),
         ("path length", "rays by line integral (tenths)", 1),
     ),
-    one_repeat="was taken from second differences of neighbouring views, so variances and correlations were not tested",
+    one_repeat="was taken from second differences of neighbouring views, and of rows where there are four or more: of "
+    "these, the course of its variance from view to view was tested, else nothing",
     ranked=True,
 )
 
@@ -159,7 +164,7 @@ class PreparedScans(Prepared):
             )
             for one in (data, self.held_out)
         )
-        now = of_state(state, apart=1).of_second_differences()
+        now = of_state(state, apart=1).of_second_differences(_of_rows(self.data.usable))
         variance = self.variance * self.second_difference / now
         weighed = _weighed(variance, data, clean)
         fitter = Fitter(model, data, held_out, weighed, _floor(data))
@@ -258,17 +263,20 @@ def prepare(
     unit = np.exp(clean)  # variance of one photon per pixel in air
     if declared:  # and of as many as a filter leaves of it
         unit = unit / state.measured_air
-    noise, single = _noise(taken, clean, residuals)
+    noise, squares = _noise(taken, clean, residuals)
+    single = squares is not None
     photons = 1 / float(np.mean(noise[taken.usable] / unit[taken.usable]))
-    between = WHITE.of_second_differences()
+    of_rows = _of_rows(taken.usable)
+    between = WHITE.of_second_differences(of_rows)
     if single:
-        declares = of_state(looked.state(stated, photons=photons, anode=anode), apart=1).of_second_differences()
+        declares = of_state(looked.state(stated, photons=photons, anode=anode), apart=1).of_second_differences(of_rows)
         noise, photons, between = noise * between / declares, photons * declares / between, declares
     if not np.isfinite(photons) or photons > MOST_PHOTONS:
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")
     if step > 1:
         if not large:
             taken, clean, unit, noise = taken.every(step), clean[::step], unit[::step], noise[::step]
+            squares = None if squares is None else squares[::step]
         further = None if further is None else further.every(step)
         chain = every(chain, step)
         floor_chain, coarse_chain = (None if one is None else every(one, step) for one in (floor_chain, coarse_chain))
@@ -290,6 +298,10 @@ def prepare(
     apart = [taken] if words == BY_VIEW else [fitted, held]
     if single:
         weighed = _weighed(variance, data, clean)
+        if of_rows:
+            rows = taken.usable.shape[1]
+            shared = SECOND_DIFFERENCES_SHARE * (1 if large else SECOND_DIFFERENCES_SHARE) * rows / (rows - 2)
+            data, held_out = (with_noise_of_views(one, squares / reference, shared) for one in (data, held_out))
     else:
         weighed, freedom = _of_one_repeat(apart, reference, clean, correlations, blocks)
         scatter = 2 / np.maximum(freedom, 1)
@@ -356,10 +368,11 @@ def _around(
 
 def _noise(
     taken: Scans, clean: np.ndarray, residuals: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-) -> tuple[np.ndarray, bool]:
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Variance of every ray of one repeat.
 
-    It is that over repeats, or, of a single one, from second differences over views, as if they shared no noise.
+    It is that over repeats, or, of a single one, from second differences over views, and over rows where there are
+    enough, as if they shared no noise.
 
     Parameters
     ----------
@@ -372,43 +385,37 @@ def _noise(
     Returns
     -------
     variance : ndarray, shape (views, rows, columns)
-    single : bool
+    squares : ndarray, shape (views, rows, columns), or None
+        Of the second differences, which have that variance on average; NaN where nothing was measured. None where there
+        are repeats.
     """
     if len(taken) > 1:
-        return taken.repeats.var(axis=0, ddof=1, dtype=np.float64) + 1e-30, False
+        return taken.repeats.var(axis=0, ddof=1, dtype=np.float64) + 1e-30, None
     if residuals is None:
-        residual = taken.repeats[0] - clean
-        second = np.zeros_like(residual)
-        second[1:-1] = residual[:-2] - 2 * residual[1:-1] + residual[2:]
-        second[0], second[-1] = second[1], second[-2]
+        second = _second_differences(taken.repeats[0] - clean, 0)
     else:
         before, here, after = residuals
         second = before - 2 * here + after
+    if of_rows := _of_rows(taken.usable):
+        second = _second_differences(second, 1)
     blocks = Blocks.of(second.shape, PARTS)
-    square = np.where(taken.usable, second**2 * np.exp(-clean), np.nan).ravel()
-    order = np.argsort(blocks.index.ravel(), kind="stable")
-    parts = np.split(square[order], np.cumsum(np.bincount(blocks.index.ravel(), minlength=blocks.count))[:-1])
-    level = np.array([_mean_square(part[np.isfinite(part)]) for part in parts]) / WHITE.of_second_differences()
-    return blocks.spread(np.maximum(level, 1e-30)) * np.exp(clean), True
+    squares = np.where(taken.usable, second**2, np.nan) / WHITE.of_second_differences(of_rows)
+    level, _ = mean_squares(squares * np.exp(-clean), blocks)
+    return blocks.spread(np.maximum(level, 1e-30)) * np.exp(clean), squares
 
 
-def _mean_square(squares: np.ndarray) -> float:
-    """Mean square of normal noise, from its squares.
+def _of_rows(usable: np.ndarray) -> bool:
+    """Whether rows are enough for differences of them."""
+    return usable.shape[1] >= LEAST_ROWS
 
-    Where there are enough, by their median: edges that move from view to view have second differences of their own,
-    which would count as noise in a mean.
 
-    Parameters
-    ----------
-    squares : ndarray, shape (rays,)
-
-    Returns
-    -------
-    float
-    """
-    if squares.size < ENOUGH_FOR_MEDIAN:
-        return float(squares.mean()) if squares.size else 0.0
-    return float(np.median(squares)) / MEDIAN_SQUARE
+def _second_differences(array: np.ndarray, axis: int) -> np.ndarray:
+    """Along an axis; the first and the last place have their neighbours'."""
+    array = np.moveaxis(array, axis, 0)
+    found = np.empty_like(array)
+    found[1:-1] = array[:-2] - 2 * array[1:-1] + array[2:]
+    found[0], found[-1] = found[1], found[-2]
+    return np.moveaxis(found, 0, axis)
 
 
 def _floor(data: ObservedScans) -> np.ndarray:

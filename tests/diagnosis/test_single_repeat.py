@@ -1,0 +1,115 @@
+"""A single repeat: how noisy its views are over each other says what changes from view to view, and nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated_scans import body, noisy_lines
+
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.diagnosis.core.attribute import choose
+from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections.observed import NOISE_OF_VIEWS, VIEW_PARTS
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.materials import Segmentation
+from virtual_phantom.physics.scene import IN_PLACE, Pose, VoxelScene
+
+PHOTONS = 1e5
+GEOMETRY = circular(
+    views=96,
+    source_to_isocentre_mm=570.0,
+    source_to_detector_mm=1040.0,
+    columns=64,
+    rows=8,
+    column_pitch_mm=8.0,
+    row_pitch_mm=8.0,
+)
+TRIED = ("current_modulation", "detector_offset", "optical_crosstalk", "electronic_noise", "scatter", "dark_signal")
+MODULATED = {"current_modulation": {"cosine": -0.2, "sine": 0.25}}
+
+
+@pytest.fixture(scope="module")
+def chain():
+    grid = Grid((16, 64, 64), (4.0, 4.5, 4.5))
+    volume = body(grid, (120, 70), 20.0, [((50, 10, 5), 20, 800.0), ((-40, -20, -5), 18, -80.0)])
+    return Chain(VoxelScene.of(volume, Segmentation(), 0.0193), GEOMETRY, PHOTONS)
+
+
+def made_ready(chain, physics, seed, pose=IN_PLACE, **more):
+    """One repeat, made ready."""
+    state = chain.state(physics, pose)
+    lines = noisy_lines(state, 1, np.random.default_rng(np.random.SeedSequence((20261125, seed))))
+    white = state.measured_air.mean(axis=0) * PHOTONS
+    taken = observed.Scans(lines.astype(np.float32), white, np.ones(lines.shape[1:], bool))
+    return prepared.prepare(taken, None, chain, nominal_photons=PHOTONS, **more)
+
+
+def named(given, tried=TRIED):
+    choice = choose(given.fitter, trial(given.fitter, ()), tried)
+    return diagnose("scan", given, choice).content
+
+
+def test_a_current_that_changes_from_view_to_view_is_found_in_one_scan(chain):
+    content = named(made_ready(chain, MODULATED, 1))
+    (effect,) = content["effects"]
+    assert effect["name"] == "current_modulation" and content["noise_from_one_repeat"]
+    for key, truth in MODULATED["current_modulation"].items():
+        low, high = effect["parameters"][key]["ci95"]
+        assert abs(effect["parameters"][key]["value"] - truth) < (high - low) and high - low < 0.2
+
+
+def test_it_is_found_where_one_view_of_some_is_fitted(chain, monkeypatch):
+    """And noise is looked at in those beside them alone."""
+    monkeypatch.setattr(prepared, "MOST_LOOKED_AT", 0)
+    content = named(made_ready(chain, MODULATED, 2, step=3))
+    assert [one["name"] for one in content["effects"]] == ["current_modulation"]
+
+
+@pytest.mark.parametrize(
+    ("physics", "pose"),
+    [({}, IN_PLACE), ({"scatter": {"amount": 0.05, "width_mm": 60.0}}, Pose(x_mm=0.8, y_mm=-0.6, turn_deg=0.4))],
+)
+def test_none_is_found_where_there_is_none(chain, physics, pose):
+    """An elongated body that lies off its place differs from the baseline twice a turn, as a current does."""
+    content = named(made_ready(chain, physics, 3, pose))
+    assert {one["name"] for one in content["effects"]} == set(physics)
+
+
+def test_noise_is_known_of_an_object_that_lies_off_its_place(chain):
+    """Its edges move from view to view, and hardly from row to row: photons within five standard errors, and 3 %."""
+    given = made_ready(chain, {}, 6, Pose(x_mm=0.8, y_mm=-0.6, turn_deg=0.4))
+    rays = given.variance.size
+    assert given.photons == pytest.approx(PHOTONS, rel=5 * np.sqrt(8 / rays) + 0.03)
+
+
+def test_of_fewer_rows_the_noise_is_not_among_the_data(chain):
+    chain = chain.copy(replace(GEOMETRY, rows=3))
+    data = made_ready(chain, {}, 7).data
+    assert data.variance is None and data.parts[0] == "mean"
+
+
+def test_views_are_as_noisy_as_they_are_said_to_be(chain):
+    """Of 12 scans of the baseline: they vary by 0.4 of what noise does or more, and by no more than is allowed."""
+    squares, floors = [], []
+    for seed in range(12):
+        data = made_ready(chain, {}, 100 + seed).data
+        assert data.variance.shape == (VIEW_PARTS[0],) and not np.isfinite(data.correlation).any()
+        left = np.log(data.variance)
+        squares.append(((left - left.mean()) ** 2).sum() / (left.size - 1))
+        floors.append((data.variance_error**2).mean())
+    noise = np.mean(floors) - NOISE_OF_VIEWS**2
+    assert 0.4 * noise < np.mean(squares) < np.mean(floors)
+
+
+def test_of_the_level_nothing_is_known(chain):
+    """Twice the photons change no residual of the noise, and no fit's chi-square beyond what is stated of them."""
+    given = made_ready(chain, {}, 4)
+    fit = given.fitter.fit(())
+    photons = fit.nuisance["log_photons"]
+    twice = type(fit)(**{**vars(fit), "nuisance": fit.nuisance | {"log_photons": photons + np.log(2)}})
+    one, other = (given.fitter.residuals(each, held_out=False)[1] for each in (fit, twice))
+    assert other == pytest.approx(one, abs=1e-3) and abs(one @ given.fitter.weights[1]) < 1e-6 * np.sum(
+        given.fitter.weights[1]
+    )
