@@ -76,13 +76,15 @@ def test_not_all_is_removed_where_something_is_left():
     assert "(root mean square 0.00326, then" in sentence(content("scatter", excess_rms_removed=-0.1))
 
 
-def doubted(physics, nuisance=None, sensor=None, **known):
+def doubted(physics, nuisance=None, sensor=None, pulled=None, **known):
     """Doubts and advice for a fit of these numbers, all of them well known by the data."""
     chain = Chain(SCENE, GEOMETRY, PHOTONS, sensor=sensor or sensors.stated())
     model = ScansModel(chain, nuisances(np.log(PHOTONS), 0.02, {}), **known)
     values = {one.name: one.expected for one in model.aligned} | (nuisance or {})
     errors = {name: dict.fromkeys(numbers, 1e-6) for name, numbers in physics.items()}
-    fit = SimpleNamespace(effects=tuple(physics), physics=physics, errors=errors, nuisance=values)
+    if pulled is None:
+        pulled = {one.name: one.off(values[one.name]) for one in model.alignment(tuple(physics))}
+    fit = SimpleNamespace(effects=tuple(physics), physics=physics, errors=errors, nuisance=values, pulled=pulled)
     choice = SimpleNamespace(chosen=SimpleNamespace(fit=fit))
     return doubts(choice, model, {}), advice(fit, model)
 
@@ -144,6 +146,8 @@ def test_what_the_alignment_had_to_be_pulled_by_is_said_with_what_to_state():
     assert "density of the object" in advised[0] and "alignment: {scale: ...}" in advised[0]
     assert "known to 0.002. If it may be farther off" in advised[1] and "alignment: {offset: ...}" in advised[1]
     assert doubted({}, {"scale": 0.98}) == ([], [])
+    # A density that was found on another recording is known otherwise than the model's own.
+    assert doubted({}, {"scale": 0.9}, pulled={"scale": -0.1}) == ([], [])
 
 
 @pytest.fixture(scope="module")

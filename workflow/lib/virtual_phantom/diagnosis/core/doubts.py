@@ -95,9 +95,9 @@ def advice(fit: Fit, model: Model) -> list[str]:
 
 
 def _pulled(fit: Fit, model: Model) -> list[Nuisance]:
-    """The numbers of the alignment that lie at the most that they may be off by."""
+    """The numbers of the alignment that lie at the most that the fit let them be off by."""
     most = SURE * (1 - AT_BOUND)
-    return [one for one in model.alignment(fit.effects) if abs(one.off(fit.nuisance[one.name])) > most]
+    return [one for one in model.alignment(fit.effects) if abs(fit.pulled.get(one.name, 0.0)) > most]
 
 
 def _quantity(parameter: Parameter, value: float) -> tuple[str, str]:
