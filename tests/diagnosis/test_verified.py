@@ -18,6 +18,7 @@ from virtual_phantom.diagnosis.core.attribute import best_few
 from virtual_phantom.diagnosis.core.fit import Fit
 from virtual_phantom.diagnosis.core.screening import Screened
 from virtual_phantom.diagnosis.core.trial import Trial, trial
+from virtual_phantom.diagnosis.core.uncertainty import left_by_numbers
 from virtual_phantom.diagnosis.core.verdict import diagnose, excess_rms_removed
 from virtual_phantom.diagnosis.core.verified import Physics, stated, verified, with_declared
 from virtual_phantom.diagnosis.projections import observed, prepared
@@ -393,6 +394,11 @@ def test_what_every_scan_has_of_its_own_is_fitted_where_physics_comes_from_anoth
     found, errors = (one["dark_signal"] for one in (choice.chosen.fit.physics, choice.chosen.fit.errors))
     assert found["level_units"] == 2e3 and errors["level_units"] == physics.errors["dark_signal"]["level_units"]
     assert abs(found["drift_units_per_s"] + 1e3) < 4 * errors["drift_units_per_s"] < 500
+    # Of the level, which was fitted elsewhere, the error found there counts; all else has the data's own.
+    fit, worse = choice.chosen.fit, {"dark_signal": errors | {"level_units": 10 * errors["level_units"]}}
+    known, unsure = (left_by_numbers(given.fitter, one) for one in (fit, replace(fit, errors=worse)))
+    assert unsure[0][0] == pytest.approx(10 * known[0][0], rel=1e-6) and np.abs(known[0][0]).max() > 0
+    np.testing.assert_allclose(unsure[0][1:], known[0][1:])
 
 
 def test_a_diagnosis_that_knows_no_effect_declares_none(tmp_path):

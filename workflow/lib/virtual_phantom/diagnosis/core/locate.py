@@ -11,7 +11,7 @@ from scipy import special, stats
 from ...statistics.multiplicity import bonferroni, holm
 from .alignment import PLACE
 from .fit import Fit
-from .observed import FEWEST, Observed
+from .observed import FEWEST, Blocks, Observed
 
 EDGES = "edges"  # a domain: where data change most from one to the next
 KINDS = "kinds of change"  # a domain without places: see core.outside
@@ -196,7 +196,7 @@ def noise_places(
             error = error + (1 / fitted.weights[2] if fitted else 0)
     z = float(level / total / np.sqrt(both))
     return [
-        blocks("noise variance", of_blocks, data, axes, step=step),
+        blocks("noise variance", of_blocks, data, axes, step=step, division=data.noise_blocks),
         Location("noise level", "everywhere", z, _two_sided(z, 1), np.array([z])),
         extreme("noise correlation", residuals[2] / np.sqrt(error), lambda i: f"between {pairs[i]}"),
     ]
@@ -340,6 +340,7 @@ def blocks(
     axes: tuple[str, str, str],
     weighed: np.ndarray | float = 0.0,
     step: int = 1,
+    division: Blocks | None = None,
 ) -> Location:
     """A domain of blocks of the data.
 
@@ -354,19 +355,22 @@ def blocks(
         Relative variance of the weights that z rests on.
     step : int, optional
         Of the first axis: one place of so many of the recording's was taken, whose numbers are said.
+    division : Blocks, optional
+        None: the data's blocks.
 
     Returns
     -------
     Location
     """
+    shape = (division or data.blocks).shape
     worst = int(np.argmax(np.abs(z)))
-    place = np.unravel_index(worst, data.blocks.shape)
+    place = np.unravel_index(worst, shape)
     ranges = [
         f"{name} {every * (n * i // parts)} to {every * (n * (i + 1) // parts - 1)}"
-        for name, n, i, parts, every in zip(axes, data.mean.shape, place, data.blocks.shape, (step, 1, 1), strict=True)
+        for name, n, i, parts, every in zip(axes, data.mean.shape, place, shape, (step, 1, 1), strict=True)
     ]
     likely = _likely(normal_scores(z, weighed))
-    return Location(domain, ", ".join(ranges), float(z[worst]), likely, z.reshape(data.blocks.shape))
+    return Location(domain, ", ".join(ranges), float(z[worst]), likely, z.reshape(shape))
 
 
 def by_value(domain: str, words: str, residual, weight, values, inside, alike: Alike | None = None) -> Location:

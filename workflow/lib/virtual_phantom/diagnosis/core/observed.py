@@ -82,6 +82,8 @@ class Observed:
         Relative variance of the mean's weights, which are measured block by block.
     relative : bool
         Of the variance only is known how it goes from block to block, and nothing of its level.
+    coarser : Blocks or None
+        Blocks of which the variance is known, where these are others than `blocks`.
     """
 
     mean: np.ndarray
@@ -98,6 +100,12 @@ class Observed:
     whitening: Whitening | None = None
     weighed: np.ndarray | float = 0.0
     relative: bool = False
+    coarser: Blocks | None = None
+
+    @property
+    def noise_blocks(self) -> Blocks:
+        """Blocks of which the variance is known."""
+        return self.blocks if self.coarser is None else self.coarser
 
     def whitened(self, residual: np.ndarray) -> np.ndarray:
         """A residual of the mean, its noise made white."""

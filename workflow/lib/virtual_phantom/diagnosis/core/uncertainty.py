@@ -64,12 +64,15 @@ def _changes(problem: Problem, fit: Fit) -> list[np.ndarray]:
 
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:
     """Directions, the sum of whose outer products is the numbers' covariance, shape (directions, numbers)."""
-    known = 0 if fit.free or not problem.unknowns else len(problem.unknowns)
-    inside = Known.of(information[known:, known:])
-    fitted = inside.root.T
-    elsewhere = np.zeros((known, known))
-    for place, one in enumerate(problem.unknowns[:known]):
+    elsewhere = np.zeros(len(problem.start), bool)
+    if fit.free < len(problem.unknowns):  # what is not of this scan alone was found on another one
+        elsewhere[: len(problem.unknowns)] = [not one.of_one_scan for one in problem.unknowns]
+    inside = Known.of(information[np.ix_(~elsewhere, ~elsewhere)]).root.T
+    fitted, found = np.zeros((len(inside), len(elsewhere))), np.zeros((int(elsewhere.sum()), len(elsewhere)))
+    fitted[:, ~elsewhere] = inside
+    for row, place in enumerate(np.flatnonzero(elsewhere)):
+        one = problem.unknowns[place]
         value, error = fit.physics[one.effect][one.name], fit.errors[one.effect][one.name]
         ends = np.clip([value - error, value + error], one.value(one.low), one.value(one.high))
-        elsewhere[place, place] = (one.of(float(ends[1])) - one.of(float(ends[0]))) / 2
-    return np.block([[elsewhere, np.zeros((known, fitted.shape[1]))], [np.zeros((len(fitted), known)), fitted]])
+        found[row, place] = (one.of(float(ends[1])) - one.of(float(ends[0]))) / 2
+    return np.vstack([found, fitted])

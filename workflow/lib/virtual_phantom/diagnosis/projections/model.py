@@ -126,6 +126,6 @@ class ScansModel(Model):
         if correlation is not None and np.isfinite(correlation).any():
             correlation = correlations(state, np.where(data.usable, 1 / data.reference, 0))
         with np.errstate(invalid="ignore", divide="ignore"):
-            log_variance = np.log(data.blocks.sum(ratio) / data.blocks.sum(data.usable))
+            log_variance = np.log(data.noise_blocks.sum(ratio) / data.noise_blocks.sum(data.usable))
         white = None if data.white is None else white_shape(state.measured_air[0])
         return ScansPrediction(mean, log_variance, correlation, (lines, np.ones(lines.shape)), white, state)
