@@ -1,5 +1,6 @@
 """Steps and errors of fits, and fits that begin far off."""
 
+import copy
 from dataclasses import replace
 from fractions import Fraction
 
@@ -15,6 +16,8 @@ from virtual_phantom.diagnosis.core.declared import declared
 from virtual_phantom.diagnosis.core.fit import Problem
 from virtual_phantom.diagnosis.core.screening import amounts, explained, screened
 from virtual_phantom.diagnosis.core.steps import NORMAL_95, bounded_step, standard_errors
+from virtual_phantom.diagnosis.core.templates import data_changes
+from virtual_phantom.diagnosis.core.uncertainty import of_both_halves
 from virtual_phantom.diagnosis.core.unknown import Unknown
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
@@ -196,6 +199,31 @@ def test_matched_filters_say_what_a_fit_gains(chosen, left):
     gained = sum(without.parts) - sum(fitter.fit((*chosen, name), without).parts)
     assert gained > 15
     assert 0.5 < screened(fitter, without, [name])[name].gain / gained < 2
+
+
+def test_jacobians_where_fits_have_ended_are_worked_out_once():
+    """Of both halves, and of a model in which something is known from elsewhere another one."""
+    truth = {"scatter": {"amount": 0.05, "width_mm": 60.0}}
+    fitter = fitted_to(truth)
+    fit = fitter.fit(("scatter",), fitter.fit(()))
+    fitted, held = of_both_halves(fitter, Problem(fitter, fit.effects, fit), fit)
+    again = Problem(fitter, fit.effects, fit)
+    fresh = again.jacobian(again.start, again.residuals(again.start, None), None)
+    for one, other in zip(fitted, fresh, strict=True):
+        np.testing.assert_array_equal(one, other)
+    predict = fitter.model.predict
+    try:
+        fitter.model.predict = None
+        columns = data_changes(again, None)
+        assert of_both_halves(fitter, again, fit)[1] is held
+    finally:
+        fitter.model.predict = predict
+    np.testing.assert_allclose(
+        columns[: fitter.data.mean.size].T * again.steps[:, None], fitted[0] * np.sqrt(fitter.weights[0])
+    )
+    known = copy.copy(fitter.model)
+    known.fixed = {"scatter": {"width_mm": 60.0}}
+    assert data_changes(Problem(fitter.of(known), fit.effects, fit), None).shape[1] == len(again.start) - 1
 
 
 def test_there_is_no_negative_scatter():

@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from ...base.recent import Kept
 from ...physics.effect import GEOMETRY, load
 from . import pattern as patterns
 from .alignment import SURE, Nuisance
@@ -35,6 +36,9 @@ UNKNOWN_STEP = 1e-3  # of an alignment of which nothing is known
 SIZE_STEP = 4e-5  # 4 um at 100 mm, as for places
 # Marquardt's damping: from none, first to LEAST_DAMPING, then by factors of DAMPING while a step makes the fit worse.
 LEAST_DAMPING, DAMPING, MOST_DAMPING = 1e-4, 10.0, 1e4
+# Jacobians where fits have ended, for which rankings, kinds of change and intervals ask in turn: so many (of two fits,
+# in both halves), as long as each has no more bytes than that.
+KEPT, MOST_KEPT = 4, 1e8
 
 
 @dataclass(frozen=True)
@@ -106,11 +110,12 @@ class Fitter:
         self.model, self.data, self.held_out = model, data, held_out
         self.weights = data.weights(variance, floor)
         self.held_weights = held_out.weights(variance, floor)
+        self.kept = Kept(KEPT)
 
     def of(self, model: Model) -> Fitter:
         """The same data with the same weights, of another model."""
         found = copy.copy(self)
-        found.model = model
+        found.model, found.kept = model, Kept(KEPT)
         return found
 
     def fit(self, effects: tuple[str, ...], given: Fit | None = None, from_farther: bool = True) -> Fit:
@@ -480,6 +485,29 @@ class Problem:
             np.stack([step * column[part] for step, column in zip(self.steps, columns, strict=True)])
             for part in range(len(residuals))
         ]
+
+    def jacobian_at_start(self, pattern: np.ndarray | None) -> list[np.ndarray]:
+        """As `jacobian`, where the problem begins: it is kept for who asks next, unless it is large.
+
+        Parameters
+        ----------
+        pattern : ndarray, shape (rows, columns), or None
+
+        Returns
+        -------
+        list of ndarray, shape (numbers, data)
+        """
+
+        def made() -> list[np.ndarray]:
+            return self.jacobian(self.start, self.residuals(self.start, pattern), pattern)
+
+        if 8 * len(self.start) * self.data.mean.size > MOST_KEPT:
+            return made()
+        numbers = (self.start, self.steps, self.high, *(() if pattern is None else (pattern,)))
+        linearised = self.linearisation.errors.key, self.linearisation.rays.key
+        held = self.data is self.fitter.held_out
+        key = self.effects, held, linearised, tuple(one.tobytes() for one in numbers)
+        return self.fitter.kept.get(key, made)
 
     def normal(self, jacobian, point, residuals) -> tuple[np.ndarray, np.ndarray]:
         """Information matrix and gradient at a point.

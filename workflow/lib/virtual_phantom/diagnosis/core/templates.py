@@ -33,10 +33,9 @@ def data_changes(problem: Problem, pattern: np.ndarray | None) -> np.ndarray:
     -------
     ndarray, shape (data, numbers)
     """
-    residuals = problem.residuals(problem.start, pattern)
+    jacobian = problem.jacobian_at_start(pattern)
     columns = [
-        whitened(problem.derivative(index, problem.start, residuals, pattern), problem.weights)
-        for index in range(len(problem.start))
+        whitened([rows[index] for rows in jacobian], problem.weights) / step for index, step in enumerate(problem.steps)
     ]
     return np.stack(columns, axis=1)
 

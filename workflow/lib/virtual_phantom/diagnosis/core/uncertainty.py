@@ -49,17 +49,12 @@ def of_both_halves(fitter: Fitter, problem: Problem, fit: Fit) -> tuple[list[np.
     fitted, held : list of ndarray, shape (numbers, data)
         As Problem.jacobian gives them.
     """
-    fitted = _changes(problem, fit)
+    fitted = problem.jacobian_at_start(fit.pattern)
     if fitter.held_out.usable is fitter.data.usable:
         return fitted, fitted
     other = copy.copy(fitter)
     other.data, other.weights = fitter.held_out, fitter.held_weights
-    return fitted, _changes(Problem(other, fit.effects, fit), fit)
-
-
-def _changes(problem: Problem, fit: Fit) -> list[np.ndarray]:
-    residuals = problem.residuals(problem.start, fit.pattern)
-    return problem.jacobian(problem.start, residuals, fit.pattern)
+    return fitted, Problem(other, fit.effects, fit).jacobian_at_start(fit.pattern)
 
 
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:
