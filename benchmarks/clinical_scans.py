@@ -1,6 +1,6 @@
 """Clinical scans by another simulator, read as DICOM-CT-PD and diagnosed: one effect concealed, the others declared.
 
-    python benchmarks/clinical_scans.py --seed 4 --cases 10 --out clinical
+    python benchmarks/clinical_scans.py --seed 6 --cases 10 --out clinical
 
 XCIST scans a body of its own surfaces with the geometry of a GE LightSpeed VCT (541 and 949.075 mm, an arc of 888
 columns of 1.0239 mm and 16 rows of 1.0988 mm, column offset -1.25), with the physics of such a scanner (120 kV, bowtie,
