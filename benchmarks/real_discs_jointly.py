@@ -2,10 +2,10 @@
 
     python benchmarks/real_discs_jointly.py recordings --view-step 48
 
-`recordings` holds sinograms of the Helsinki Tomography Challenge 2022, each imported as docs/htc2022.md says: the one
-without an outline is the solid disc. Prints tables in Markdown: every disc before, and with the physics of all others;
-the shared numbers of two disjoint halves of the discs; and what is left where lines are smooth: of it the constants of
-columns, and how alike these are from disc to disc.
+`recordings` holds sinograms of the Helsinki Tomography Challenge 2022, each imported as docs/htc2022.md says. Prints
+tables in Markdown: every disc before, and with the physics of all others; the shared numbers of two disjoint halves of
+the discs; and what is left where lines are smooth: of it the constants of columns, and how alike these are from disc to
+disc.
 """
 
 import argparse
@@ -14,28 +14,16 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from real_discs import prepared
 
-from virtual_phantom.diagnosis.core.asked import Asked, Disc, MaskedObject, Settings
 from virtual_phantom.diagnosis.core.fit import Fit
 from virtual_phantom.diagnosis.core.joint import JointFitter
 from virtual_phantom.diagnosis.core.prepared import Prepared
-from virtual_phantom.diagnosis.ready import ready
 from virtual_phantom.diagnosis.scanner import explain_scanner
 from virtual_phantom.io.schema import defaults_of
 
-ALIGNMENT = {"scale": 1.0, "size": 0.01, "offset": 0.02}  # as in config/htc2022.yaml
 SMOOTH = 0.9  # share of the rays that lie off edges
 BEHIND = 1.0  # line integral from which on rays go through the disc, not past it
-OBJECT = "object.nii.gz"
-
-
-def prepared(folder: Path, view_step: int) -> Prepared:
-    """A disc as config/htc2022.yaml has it."""
-    scanned = {"disc": Disc(70, "pmma")}
-    if (folder / OBJECT).is_file():
-        scanned = {"object": MaskedObject(str(folder / OBJECT), "pmma")}
-    settings = Settings(1, view_step, ALIGNMENT, **scanned)
-    return ready(Asked(folder, settings, defaults_of()["mu_water_per_mm"], defaults_of("materials")))[1]
 
 
 def smooth_left(one: Prepared, fit: Fit) -> tuple[np.ndarray, np.ndarray]:
@@ -110,8 +98,8 @@ def main() -> None:
     parser.add_argument("--effects", nargs="+", default=["spectrum", "dark_signal", "veiling_glare", "scatter"])
     options = parser.parse_args()
     began = time.perf_counter()
-    folders = sorted(one for one in options.recordings.iterdir() if one.is_dir())
-    discs = {one.name: prepared(one, options.view_step) for one in folders}
+    names = sorted(one.name for one in options.recordings.iterdir() if one.is_dir())
+    discs = {name: prepared(options.recordings, name, options.view_step) for name in names}
     found = explain_scanner("bench", discs, options.effects, defaults_of("diagnosis", "model_accuracy"))
     print(found.content["sentence"], "\n")
     for effect in found.content["effects"]:

@@ -108,7 +108,7 @@ def test_of_the_level_nothing_is_known(chain):
     given = made_ready(chain, {}, 4)
     fit = given.fitter.fit(())
     photons = fit.nuisance["log_photons"]
-    twice = type(fit)(**{**vars(fit), "nuisance": fit.nuisance | {"log_photons": photons + np.log(2)}})
+    twice = replace(fit, nuisance=fit.nuisance | {"log_photons": photons + np.log(2)})
     one, other = (given.fitter.residuals(each, held_out=False)[1] for each in (fit, twice))
     assert other == pytest.approx(one, abs=1e-3) and abs(one @ given.fitter.weights[1]) < 1e-6 * np.sum(
         given.fitter.weights[1]

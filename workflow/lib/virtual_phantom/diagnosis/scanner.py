@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.words import label
-from ..physics.effect import load
+from ..physics.effect import load, of_one_scan
 from ..statistics.multiplicity import bonferroni
 from .core.fit import Fit
 from .core.inexact import shared_errors_with_models
@@ -153,8 +153,5 @@ def _recording(prepared: Prepared, choice: JointChoice, name: str) -> dict:
 
 def _own(fit: Fit) -> dict:
     """Parameters that the recording does not share, as {effect: {parameter: value}}."""
-    found = {
-        name: {key: value for key, value in values.items() if key not in shared(name, values)}
-        for name, values in fit.physics.items()
-    }
+    found = {name: {key: values[key] for key in of_one_scan(name)} for name, values in fit.physics.items()}
     return {name: values for name, values in found.items() if values}

@@ -337,6 +337,11 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
                     )
 
 
+def of_one_scan(name: str) -> dict[str, float | None]:
+    """Parameters of an effect that other scans of the scanner have of their own, with their neutral values."""
+    return {one.name: one.neutral for one in load(name).parameters if one.of_one_scan}
+
+
 def needs_times(name: str) -> bool:
     """Whether an effect is nothing that a scan without known times could show.
 

@@ -275,12 +275,11 @@ def _with_stand_ins(fits: _Fits, current: Trial) -> tuple[Choice, Trial | None]:
         gains[effect] = current.score - without[effect].score
         p[effect] = min(1.0, chance(current.fit, without[effect].fit, effect) * len(fits.candidates))
         others = fits.others(rest, but=effect)
-        found = fits.alone
-        if rest:
-            found = fits.screened(without[effect].fit, others, in_place=True)
+        found = fits.screened(without[effect].fit, others, in_place=True) if rest else fits.alone
+        found = {name: found[name] for name in others}
         first_order = {name: gains[effect] - found[name].gain / 2 for name in others}
         close = [name for name in others if first_order[name] < RULED_OUT]
-        likely = list(dict.fromkeys([*could_win({name: found[name] for name in others}, 2 * gains[effect]), *close]))
+        likely = list(dict.fromkeys([*could_win(found, 2 * gains[effect]), *close]))
         fitted = fits.of([(*rest, name) for name in likely], without[effect])
         stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
         stand_ins[effect] |= {name: current.score - one.score for name, one in zip(likely, fitted, strict=True)}

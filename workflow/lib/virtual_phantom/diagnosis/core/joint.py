@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.errors import InputError
-from ...physics.effect import load
+from ...physics.effect import load, of_one_scan
 from .fit import (
     AS_EXPECTED,
     CONVERGED,
@@ -166,7 +166,7 @@ class JointProblem:
     def __init__(self, problems: Mapping[str, Problem]):
         self.problems = dict(problems)
         every = list(self.problems.values())
-        own = np.array([one.of_one_scan for one in every[0].unknowns], bool)
+        own = np.array([one.name in of_one_scan(one.effect) for one in every[0].unknowns], bool)
         # Where numbers stand in the points of the recordings: the shared ones are alike, and there may be fewer others.
         self._shared = np.flatnonzero(~own)
         self._own = {
@@ -290,7 +290,7 @@ class JointProblem:
             own_total = one.chi_square(residuals[name], points[name])
             fits[name] = one.result(points[name], errors[places], residuals[name], own_total, None)
         first = next(iter(fits.values()))
-        physics = {name: neutral_alone(name, values) for name, values in first.physics.items()}
+        physics = {name: {**values, **of_one_scan(name)} for name, values in first.physics.items()}
         known = {name: shared(name, values) for name, values in first.errors.items()}
         free = len(self.low) - sum(len(one.aligned) for one in self.problems.values())
         return JointFit(first.effects, physics, known, total, free, fits)
@@ -298,11 +298,5 @@ class JointProblem:
 
 def shared(name: str, values: Mapping[str, float]) -> dict[str, float]:
     """What recordings share of an effect's parameters, or of their errors."""
-    own = {one.name for one in load(name).parameters if one.of_one_scan}
+    own = of_one_scan(name)
     return {key: value for key, value in values.items() if key not in own}
-
-
-def neutral_alone(name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """An effect's parameters, those of one scan neutral."""
-    own = {one.name: one.neutral for one in load(name).parameters if one.of_one_scan}
-    return {key: own.get(key, value) for key, value in values.items()}

@@ -145,8 +145,7 @@ class Model(ABC):
                     if not stated.sd:
                         continue
                     expected, sd = stated.number(one)
-                    known = (expected,), None, expected, sd, one.power, one.of_one_scan
-                    found.append(Unknown(name, one.name, low, high, *known))
+                    found.append(Unknown(name, one.name, low, high, (expected,), None, expected, sd, one.power))
                     continue
                 starts = (min(max(one.number(one.start), low), high),)
                 # A slice thinner than their distance changes nothing, so that no fit would leave it.
@@ -159,8 +158,7 @@ class Model(ABC):
                     expected, sd = one.number(self.chain.sensor.thickness_mm), self.chain.sensor.thickness_sd
                     low, high, starts = max(low, expected - SURE * sd), min(high, expected + SURE * sd), (expected,)
                 neutral, starts = None if one.neutral is None else one.number(one.neutral), tuple(dict.fromkeys(starts))
-                known = starts, neutral, expected, sd, one.power, one.of_one_scan
-                found.append(Unknown(name, one.name, low, high, *known))
+                found.append(Unknown(name, one.name, low, high, starts, neutral, expected, sd, one.power))
         return found
 
     @property

@@ -80,10 +80,8 @@ class Observed:
         What makes the mean's noise white; None where it is.
     weighed : ndarray, shape (blocks,), or float
         Relative variance of the mean's weights, which are measured block by block.
-    relative : bool
-        Of the variance only is known how it goes from block to block, and nothing of its level.
     coarser : Blocks or None
-        Blocks of which the variance is known, where these are others than `blocks`.
+        Blocks of which the variance is known over each other, and nothing of its level; None: it is known of `blocks`.
     """
 
     mean: np.ndarray
@@ -99,7 +97,6 @@ class Observed:
     alone: np.ndarray | float = 1.0
     whitening: Whitening | None = None
     weighed: np.ndarray | float = 0.0
-    relative: bool = False
     coarser: Blocks | None = None
 
     @property
@@ -133,7 +130,7 @@ class Observed:
         left = np.log(self.variance) - prediction.log_variance
         known = np.isfinite(left)
         left = np.where(known, left, 0.0)
-        if not self.relative:
+        if self.coarser is None:
             return left
         weight = np.where(known, self.variance_error, np.inf) ** -2
         return np.where(known, left - (weight @ left) / weight.sum(), 0.0)

@@ -6,6 +6,7 @@ import copy
 
 import numpy as np
 
+from ...physics.effect import of_one_scan
 from .fit import Fit, Fitter, Problem
 from .steps import Known
 
@@ -61,7 +62,7 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
     """Directions, the sum of whose outer products is the numbers' covariance, shape (directions, numbers)."""
     elsewhere = np.zeros(len(problem.start), bool)
     if fit.free < len(problem.unknowns):  # what is not of this scan alone was found on another one
-        elsewhere[: len(problem.unknowns)] = [not one.of_one_scan for one in problem.unknowns]
+        elsewhere[: len(problem.unknowns)] = [one.name not in of_one_scan(one.effect) for one in problem.unknowns]
     inside = Known.of(information[np.ix_(~elsewhere, ~elsewhere)]).root.T
     fitted, found = np.zeros((len(inside), len(elsewhere))), np.zeros((int(elsewhere.sum()), len(elsewhere)))
     fitted[:, ~elsewhere] = inside

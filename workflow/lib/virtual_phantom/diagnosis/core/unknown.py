@@ -29,8 +29,6 @@ class Unknown:
         The Gaussian that it is held by. Without further knowledge that is as wide as the range: against runaways.
     power : int
         As in Parameter.
-    of_one_scan : bool
-        As in Parameter.
     """
 
     effect: str
@@ -42,7 +40,6 @@ class Unknown:
     expected: float
     sd: float
     power: int = 1
-    of_one_scan: bool = False
 
     def of(self, value: float) -> float:
         """The number of a parameter's value."""

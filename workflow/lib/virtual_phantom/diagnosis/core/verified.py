@@ -13,7 +13,7 @@ from pathlib import Path
 from ...base.errors import InputError, refusing
 from ...io.documents import DIAGNOSIS, read_document
 from ...io.schema import defaults_of
-from ...physics.effect import READOUT_UNITS, checked, load
+from ...physics.effect import READOUT_UNITS, checked, load, of_one_scan
 from .attribute import Choice
 from .fit import Fitter
 from .joint import shared
@@ -113,10 +113,9 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
     for name, values in read_document(path, DIAGNOSIS).get("declared", {}).items():
         known[name] = {key: {"value": one["value"], "sd": _error(one)} for key, one in values.items()}
     for name, values in known.items():
-        for one in load(name).parameters:
-            if one.of_one_scan and one.name in values:
-                there = values[one.name]
-                values[one.name] = {"value": one.neutral, "sd": abs(there["value"] - one.neutral) + there["sd"]}
+        for key, neutral in of_one_scan(name).items():
+            if key in values:
+                values[key] = {"value": neutral, "sd": abs(values[key]["value"] - neutral) + values[key]["sd"]}
     if not known:
         raise InputError(f"{path}: knows no effect of the scanner; take baseline_from out")
     settings = model["settings"]

@@ -231,7 +231,7 @@ def with_noise_of_views(data: ObservedScans, squares: np.ndarray, together: floa
         error = np.sqrt(np.bincount(of_views, counts * varies, blocks.count) / rays**2 + NOISE_OF_VIEWS**2)
     missing = np.full(3, np.nan)
     known = {"variance": variance, "variance_error": error, "correlation": missing, "correlation_error": missing}
-    return replace(data, coarser=blocks, relative=True, **known)
+    return replace(data, coarser=blocks, **known)
 
 
 def mean_squares(squares: np.ndarray, blocks: Blocks) -> tuple[np.ndarray, np.ndarray]:
