@@ -5,13 +5,15 @@
 Scans by the proof's simulator as lacking.py has them: every effect of --effects alone, nothing, pairs and faults that
 the library lacks. The rivals see both halves of the repeats, and know of no numerical error beyond what is fitted:
 
-* `filter`: the effect with the largest matched filter beside the alignment, if its chance is under 1 % over all.
+* `filter`: the effect with the largest matched filter beside the alignment, less numbers times ln(data), if its chance
+  is under 1 % over all.
 * `forward`: effects one after the other, each time the best by chi-square plus numbers times ln(data) (BIC), while that
-  falls.
-* `all`: all effects fitted at once; those whose removal would raise the same sum, by their standard errors.
+  falls; each time the five of the largest matched filters beside the last fit are fitted.
+* `all`: all effects fitted at once, each begun where it alone fits best; those whose removal would raise the same sum,
+  by their standard errors.
 
-A rival owns up to a fault if chi-square of its last fit is above the number of data by more than three standard
-deviations.
+A gain pattern has as many numbers as there are pixels; `all` goes without it. A rival owns up to a fault if chi-square
+of its last fit is above the number of data by more than three standard deviations.
 Cases that the file has already are not done again.
 """
 
@@ -34,6 +36,7 @@ from virtual_phantom.proof.conceal.case import ADMITTED, Case
 
 CHANCE = 0.01
 MOST = 4  # effects that a rival takes one after the other, as many as the diagnosis names
+FITTED = 5  # effects that are fitted for each of them, those of the largest matched filters
 WAYS = ("ours", "filter", "forward", "all")
 
 
@@ -58,31 +61,46 @@ def left(fitter, fit):
     return bool(fit.chi_square - count > 3 * np.sqrt(2 * count))
 
 
+def priced(fitter):
+    """ln(data); and numbers that an effect has beside its parameters: a pattern's constants, one for each pixel."""
+    pixels = fitter.data.mean[0].size
+    return np.log(sum(int((weight > 0).sum()) for weight in fitter.weights)), lambda name: pixels * load(name).pattern
+
+
 def matched_filter(fitter, tried):
+    price, further = priced(fitter)
     aligned = fitter.fit(())
     found = screened(fitter, aligned, tried)
-    best = max(found, key=lambda name: found[name].gain)
+    numbers = {name: len(load(name).parameters) + further(name) for name in tried}
+    best = max(found, key=lambda name: found[name].gain - price * numbers[name])
     if found[best].p * len(tried) >= CHANCE:
         return [], left(fitter, aligned)
     return [best], left(fitter, fitter.fit((best,)))
 
 
 def forward(fitter, tried):
-    price = np.log(sum(int((weight > 0).sum()) for weight in fitter.weights))
+    price, further = priced(fitter)
+
+    def criterion(fit):
+        return fit.chi_square + price * (fit.free + sum(map(further, fit.effects)))
+
     current = fitter.fit(())
     while len(current.effects) < MOST:
-        rest = [name for name in tried if name not in current.effects]
-        fits = [fitter.fit((*current.effects, name), current) for name in rest]
-        best = min(fits, key=lambda fit: fit.chi_square + price * fit.free)
-        if best.chi_square + price * best.free >= current.chi_square + price * current.free:
+        found = screened(fitter, current, [name for name in tried if name not in current.effects])
+        nearest = sorted(found, key=lambda name: -found[name].gain)[:FITTED]
+        fits = [fitter.fit((*current.effects, name), current) for name in nearest]
+        best = min(fits, key=criterion)
+        if criterion(best) >= criterion(current):
             break
         current = best
     return list(current.effects), left(fitter, current)
 
 
 def all_at_once(fitter, tried):
-    price = np.log(sum(int((weight > 0).sum()) for weight in fitter.weights))
-    fit = fitter.fit(tuple(tried))
+    price, _ = priced(fitter)
+    aligned = fitter.fit(())
+    alone = {name: fitter.fit((name,), aligned).physics[name] for name in tried}  # all starts of all would be millions
+    fit = fitter.fit(tuple(tried), replace(aligned, physics=alone))
     worth = {}
     for name in tried:
         pulls = [
@@ -105,7 +123,7 @@ def answers(folder, truth, config, seed):
     said = found.content
     equals = [[one["name"], *said["ambiguous_with"].get(one["name"], [])] for one in said["effects"]]
     fitter = without_halves(prepared)
-    smooth = [name for name in tried if not load(name).pattern]  # least squares has no number for each pixel's gain
+    smooth = [name for name in tried if not load(name).pattern]
     rivals = {
         "filter": matched_filter(fitter, tried),
         "forward": forward(fitter, tried),

@@ -6,20 +6,23 @@ Every draw has a scanner and an object of its own: an elliptic body, the quality
 axis, at a place of its own, scanned by the library's chain with twice as many rays per pixel and direction as are
 compared, with physics that the comparison does not know, and 1e5 photons. Each kind of mistake is then made in its
 description, or in its data. Kind `none` makes no mistake, `object` holds the scan against another object, and
-`hidden` makes a mistake that a centred disc cannot tell.
+`hidden` makes a mistake that a centred disc cannot tell. A description that no scanner can have is refused; it counts
+as named if the line that refuses it says what to change.
 """
 
 import argparse
 import csv
 import sys
 import time
+from collections import Counter
 
 import numpy as np
 from scipy import ndimage
 
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Stream, generator
-from virtual_phantom.diagnosis.setup.finding import MOST, find
+from virtual_phantom.diagnosis.setup.finding import AS_STATED, DESCRIPTION, MOST, OBJECT, find
 from virtual_phantom.diagnosis.setup.unlike import Comparison
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.chain import Chain
@@ -131,6 +134,28 @@ def mistaken(kind, scan, lines, random):
     return scan, lines
 
 
+# What a line that refuses a description must say of the mistake.
+REFUSED = {
+    "swapped rows and columns": "are rows and columns swapped",
+    "distance from the isocentre": "if it is the distance from isocentre to detector",
+}
+NAMED, ALIKE, MISSED = "named", "alike", "missed"  # what came of a mistake
+
+
+def outcome(kind, hidden, found):
+    """What is said of a mistake that was made, or of none: right, one of several that are alike, or wrong."""
+    alike = {other.name for other in found.alike}
+    if hidden:
+        return ALIKE if found.kind == AS_STATED and kind in alike else MISSED
+    if kind == "none":
+        return NAMED if found.kind == AS_STATED else MISSED
+    if kind == "object":
+        return NAMED if found.kind == OBJECT else MISSED
+    if found.kind == DESCRIPTION and found.best.name == kind:
+        return NAMED
+    return ALIKE if kind in alike | {found.best.name} else MISSED
+
+
 def found(scene, scan, lines):
     comparison = Comparison(scene, lines, np.isfinite(lines).all(axis=0), MOST, REACH)
     return find(comparison, scan, True, float(lines.max()))
@@ -144,8 +169,21 @@ def main():
     options = parser.parse_args()
     writer = csv.writer(sys.stdout)
     writer.writerow(
-        ("draw", "kind", "physics", "said", "named", "share_stated", "share_best", "share", "alike", "seconds")
+        (
+            "draw",
+            "kind",
+            "physics",
+            "said",
+            "best",
+            "share_stated",
+            "share_best",
+            "share",
+            "alike",
+            "seconds",
+            "outcome",
+        )
     )
+    counted = {kind: Counter() for kind in options.kinds}
     for draw in range(options.first, options.first + options.draws):
         for kind in options.kinds:
             random = generator(Stream(draw))
@@ -166,15 +204,21 @@ def main():
             began = time.process_time()
             try:
                 one = found(objects[1] if kind == "object" else objects[0], described, data)
-            except Exception as error:  # what the description itself cannot be
-                writer.writerow((draw, kind, "+".join(physics), "refused", str(error)[:60], "", "", "", "", ""))
+            except InputError as error:  # what the description itself cannot be
+                came = NAMED if kind in REFUSED and REFUSED[kind] in str(error) else MISSED
+                counted[kind][came] += 1
+                writer.writerow((draw, kind, "+".join(physics), "refused", str(error), "", "", "", "", "", came))
                 continue
             seconds = time.process_time() - began
             alike = " | ".join(other.name for other in one.alike)
             row = (draw, made if kind == "hidden" else kind, "+".join(physics), one.kind, one.best.name)
             shares = (f"{value:.2g}" for value in (one.stated.share, one.best.share, one.share))
-            writer.writerow((*row, *shares, alike, f"{seconds:.1f}"))
+            came = outcome(made, kind == "hidden", one)
+            counted[kind][came] += 1
+            writer.writerow((*row, *shares, alike, f"{seconds:.1f}", came))
             sys.stdout.flush()
+    for kind, outcomes in counted.items():
+        print(f"{kind}: " + ", ".join(f"{came} {outcomes[came]}" for came in (NAMED, ALIKE, MISSED)), file=sys.stderr)
 
 
 if __name__ == "__main__":

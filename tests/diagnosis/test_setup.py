@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Stream, generator
 from virtual_phantom.diagnosis.setup.finding import MOST, find
@@ -96,6 +97,22 @@ def test_a_mistake_is_named_with_the_line_that_mends_it(mistake, lines):
     found = finding(lines if spoiled is None else spoiled(lines), {**SCAN, **changed})
     assert (found.kind, found.best.name) == ("description", mistake)
     assert line in found.best.line
+
+
+def test_a_mistake_without_numbers_beats_a_geometry_that_is_fitted():
+    """Distances nearly twice as long as each other: what swaps them is near what a fitted size takes up."""
+    near = {**SCAN, "source_to_detector_mm": 970.0, "source_to_isocentre_mm": 500.0}
+    found = finding(scanned(scan=near), {**near, "source_to_isocentre_mm": 470.0})
+    assert (found.kind, found.best.name) == ("description", "swapped distances")
+
+
+def test_a_geometry_that_no_scanner_has_is_refused_with_what_may_be_wrong():
+    with pytest.raises(InputError, match="are rows and columns swapped"):
+        scan_geometry({**SCAN, "columns": SCAN["rows"], "rows": SCAN["columns"]}, "scan")
+    with pytest.raises(InputError, match="if it is the distance from isocentre to detector, state 980"):
+        scan_geometry({**SCAN, "source_to_detector_mm": 480.0}, "scan")
+    with pytest.raises(InputError, match="expected; are all lengths in mm"):
+        scan_geometry({**SCAN, "column_pitch_mm": 0.1}, "scan")
 
 
 def test_swapped_rows_and_columns_are_named():

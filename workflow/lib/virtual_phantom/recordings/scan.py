@@ -180,18 +180,19 @@ def check_lengths(scan: dict, source: str) -> None:
     if detector <= isocentre:
         raise InputError(
             f"{source}: scan.source_to_detector_mm {detector:g} is not more than source_to_isocentre_mm {isocentre:g}; "
-            f"{advice}"
+            f"if it is the distance from isocentre to detector, state {detector + isocentre:g}; {advice}"
         )
     if not {"columns", "column_pitch_mm"} <= scan.keys():
         return
-    half = scan["columns"] * scan["column_pitch_mm"] / 2
-    curved = scan.get("detector") == CYLINDRICAL
-    fan = half / scan.get("arc_radius_mm", detector) if curved else math.atan(half / detector)
+    fan = _half_fan(scan)
     width = 2 * isocentre * math.sin(fan)
     if math.degrees(2 * fan) > LARGEST_FAN_DEG:
         raise InputError(f"{source}: scan: the fan would be {math.degrees(2 * fan):.0f} degrees wide; {advice}")
-    if not FIELD_OF_VIEW_MM[0] <= width <= FIELD_OF_VIEW_MM[1]:
-        low, high = FIELD_OF_VIEW_MM
+    low, high = FIELD_OF_VIEW_MM
+    if not low <= width <= high:
+        swapped = scan | {"columns": scan.get("rows", 1)}
+        if scan["columns"] < swapped["columns"] and low <= 2 * isocentre * math.sin(_half_fan(swapped)) <= high:
+            advice = f"are rows and columns swapped, in {source} and in the data? {advice}"
         raise InputError(
             f"{source}: scan: the detector would see a circle of {width:.3g} mm, where {low:g} to {high:g} mm are "
             f"expected; {advice}"
@@ -203,3 +204,11 @@ def check_lengths(scan: dict, source: str) -> None:
                 f"{source}: scan: pixels of {scan['column_pitch_mm']:g} x {scan['row_pitch_mm']:g} mm are implausible; "
                 f"{advice}"
             )
+
+
+def _half_fan(scan: dict) -> float:
+    """Half of the fan angle, radians."""
+    half = scan["columns"] * scan["column_pitch_mm"] / 2
+    detector = scan["source_to_detector_mm"]
+    curved = scan.get("detector") == CYLINDRICAL
+    return half / scan.get("arc_radius_mm", detector) if curved else math.atan(half / detector)

@@ -19,7 +19,9 @@ QUARTERS_DEG = (90.0, 180.0, 270.0)  # start angles that are looked at where the
 MOST_TURNS = 3  # minima over turns that are fitted
 # Shares of the variance of line integrals (benchmarks/setup_mistakes.py says what mistakes, physics and other objects
 # leave): below the first no description is doubted; of what the stated one leaves, another must explain so much.
-MISTAKEN, REMOVED = 1e-4, 0.75
+MISTAKEN, REMOVED = 1e-4, 0.5
+REMOVED_BY_SHIFT = 0.75  # the same of descriptions that shift the detector: effects of the library come near them
+LIKELIER = 100.0  # log likelihood by which it must be ahead, where both have the geometry fitted and leave little
 NAMED = 0.002  # that a description may leave, the geometry fitted, to be named
 ANOTHER = 0.01  # left by every description, whatever the geometry: another object
 EMPTY = 0.02  # scale of the line integrals below which nothing stood in the beam
@@ -87,24 +89,29 @@ def _chosen(comparison: Comparison, first: Unlike, tried: Sequence[Unlike]) -> U
     """The description to name in the place of the stated one, if there is one."""
     chosen = _mistake(first, tried)
     if chosen is not None and not chosen.description.shifts:
-        # On a round object an offset of the detector looks like other angles.
-        chosen = _mistake(_bent(comparison, first), [chosen])
+        # On a round object an offset of the detector looks like other angles. A mistake that has no number to fit and
+        # is as near as a fitted geometry is no chance.
+        bent = _bent(comparison, first)
+        exact = not chosen.turned and chosen.worse_than(bent) < 0
+        chosen = chosen if exact else _mistake(bent, [chosen], least=0.0)
     elif chosen is None and min(one.share for one in (first, *tried)) > MISTAKEN:
         # Physics that shifts or stretches the rays may hide what a mistake leaves, or pass for it.
         nearest = sorted(tried, key=lambda one: one.share)[:CONTENDERS]
         bent, *others = (_bent(comparison, one) for one in (first, *nearest))
-        chosen = _mistake(bent, others)
+        chosen = _mistake(bent, others, least=0.0)
     if chosen is not None and chosen.share > NAMED and _bent(comparison, chosen).share > NAMED:
         return None  # nearer, as something else of about that size would be
     return chosen
 
 
-def _mistake(stated: Unlike, others: Sequence[Unlike]) -> Unlike | None:
-    """The description that explains what the stated one leaves, if one does."""
-    if not others or stated.share <= MISTAKEN:
+def _mistake(stated: Unlike, others: Sequence[Unlike], least: float = MISTAKEN) -> Unlike | None:
+    """The description that explains what the stated one leaves, if that is more than `least` and one does."""
+    if not others or stated.share <= least:
         return None
     best = _best(*others)
-    return best if best.share < min((1 - REMOVED) * stated.share, ANOTHER) else None
+    removed = REMOVED_BY_SHIFT if best.description.shifts else REMOVED
+    explained = best.share < min((1 - removed) * stated.share, ANOTHER)
+    return best if explained and stated.worse_than(best) > LIKELIER else None
 
 
 def _bent(comparison: Comparison, found: Unlike) -> Unlike:
