@@ -12,7 +12,8 @@ the library lacks. The rivals see both halves of the repeats, and know of no num
 * `all`: all effects fitted at once, each begun where it alone fits best; those whose removal would raise the same sum,
   by their standard errors.
 
-A gain pattern has as many numbers as there are pixels; `all` goes without it. A rival owns up to a fault if chi-square
+A gain pattern has as many numbers as there are pixels; `all` goes without it, and without rotation during a view, for
+which every view would be traced several times. A rival owns up to a fault if chi-square
 of its last fit is above the number of data by more than three standard deviations.
 Cases that the file has already are not done again.
 """
@@ -37,6 +38,7 @@ from virtual_phantom.proof.conceal.case import ADMITTED, Case
 CHANCE = 0.01
 MOST = 4  # effects that a rival takes one after the other, as many as the diagnosis names
 FITTED = 5  # effects that are fitted for each of them, those of the largest matched filters
+TOO_MANY = ("gain_pattern", "view_blur")  # not among all at once: as many numbers as pixels, as many rays as moments
 WAYS = ("ours", "filter", "forward", "all")
 
 
@@ -100,7 +102,7 @@ def all_at_once(fitter, tried):
     price, _ = priced(fitter)
     aligned = fitter.fit(())
     alone = {name: fitter.fit((name,), aligned).physics[name] for name in tried}  # all starts of all would be millions
-    fit = fitter.fit(tuple(tried), replace(aligned, physics=alone))
+    fit = fitter.fit(tuple(tried), replace(aligned, physics=alone), from_farther=False)
     worth = {}
     for name in tried:
         pulls = [
@@ -123,7 +125,7 @@ def answers(folder, truth, config, seed):
     said = found.content
     equals = [[one["name"], *said["ambiguous_with"].get(one["name"], [])] for one in said["effects"]]
     fitter = without_halves(prepared)
-    smooth = [name for name in tried if not load(name).pattern]
+    smooth = [name for name in tried if name not in TOO_MANY]
     rivals = {
         "filter": matched_filter(fitter, tried),
         "forward": forward(fitter, tried),

@@ -9,7 +9,7 @@ from simulated_scans import noisy_lines
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.core import inexact
-from virtual_phantom.diagnosis.core.inexact import errors_with_models, shared_errors_with_models
+from virtual_phantom.diagnosis.core.inexact import errors_of_recordings, errors_with_models
 from virtual_phantom.diagnosis.core.joint import JointFitter
 from virtual_phantom.diagnosis.core.joint_choice import choose_jointly
 from virtual_phantom.diagnosis.projections import observed
@@ -91,7 +91,7 @@ INEXACT = {"default": 0.1, "numerical": 0.5}
 def test_of_one_recording_inexact_models_count_as_there(fitters):
     one = {"large": fitters["large"]}
     without, both = JointFitter(one).fit(()), JointFitter(one).fit(("scatter",))
-    shared = shared_errors_with_models(one, both, {"scatter": without}, INEXACT)
+    shared = errors_of_recordings(JointFitter(one), both, {"scatter": without}, INEXACT)["large"]
     fit, less = both.fits["large"], without.fits["large"]
     alone = errors_with_models(fitters["large"], fit, {"scatter": less}, INEXACT).physics["scatter"]
     assert shared["scatter"] == pytest.approx(alone)
@@ -102,7 +102,8 @@ def test_more_recordings_do_not_make_a_models_error_less(fitters, joint, monkeyp
     """One tenth too weak as a whole: the amount is off by a tenth, of three discs as of one."""
     monkeypatch.setattr(inexact, "shapes", lambda mean: {0: np.ones(mean.shape)})
     without = JointFitter(fitters).fit(())
-    errors = shared_errors_with_models(fitters, joint, {"scatter": without}, INEXACT | {"numerical": 0.0})["scatter"]
+    accuracy = INEXACT | {"numerical": 0.0}
+    errors = errors_of_recordings(JointFitter(fitters), joint, {"scatter": without}, accuracy)["large"]["scatter"]
     by_model = np.sqrt(errors["amount"] ** 2 - joint.errors["scatter"]["amount"] ** 2)
     assert by_model == pytest.approx(0.1 * joint.physics["scatter"]["amount"], rel=0.2)
 

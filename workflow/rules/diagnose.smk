@@ -82,6 +82,9 @@ rule diagnose_scanner:
         },
         effects=lambda wildcards: context.diagnosis.shared(wildcards.scanner),
         accuracy=context.diagnosis.accuracy,
+        protocols=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
+            "protocols"
+        ],
     script:
         "../scripts/diagnose_scanner.py"
 

@@ -21,11 +21,13 @@ with job(snakemake) as log:
         name: ready(Asked.of(model, given.get("phantom"), snakemake.threads))[1]
         for name, model in params.models.items()
     }
-    found = explain_scanner(snakemake.wildcards.scanner, prepared, params.effects, params.accuracy)
+    found = explain_scanner(snakemake.wildcards.scanner, prepared, params.effects, params.accuracy, params.protocols)
     fit = found.choice.chosen
     first = next(iter(prepared.values())).fitter.model
     physics = first.of_study(fit.physics, next(iter(fit.fits.values())).nuisance)
     text = f"# {found.content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
+    if protocol := next(iter(found.content["recordings"].values()))["protocol"]:
+        text += f"# What recordings of one protocol have in common is as in protocol {protocol}.\n"
     overlay = {"physics": physics, "noise": {"model": "physical"}}
     write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)
     write_text(page(found.content), output.report)

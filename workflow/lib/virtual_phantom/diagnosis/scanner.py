@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.words import label
-from ..physics.effect import load, of_one_scan
+from ..physics.effect import OF_PROTOCOL, OF_SCANNER, load
 from ..statistics.multiplicity import bonferroni
 from .core.fit import Fit
-from .core.inexact import shared_errors_with_models
-from .core.joint import JointFitter, shared
+from .core.inexact import errors_of_recordings
+from .core.joint import NOT_OF_SCAN, JointFitter, those
 from .core.joint_choice import JointChoice, choose_jointly
 from .core.locate import ALPHA, aligned
 from .core.prepared import Prepared
@@ -35,8 +35,34 @@ class ScannerDiagnosis:
     content: dict
 
 
+def protocols_of(prepared: Mapping[str, Prepared], stated: Mapping[str, Sequence[str]] | None = None) -> dict[str, str]:
+    """The protocol of each recording.
+
+    Parameters
+    ----------
+    prepared : mapping of str to Prepared
+        By recording.
+    stated : mapping of str to sequence of str, optional
+        {protocol: its recordings}. The others are of one protocol for each tube voltage that they state.
+
+    Returns
+    -------
+    dict of str to str
+        {recording: protocol}; all "" where there is but one.
+    """
+    found = {recording: protocol for protocol, recordings in (stated or {}).items() for recording in recordings}
+    for name, one in prepared.items():
+        kvp = one.fitter.model.tube_kvp
+        found.setdefault(name, "voltage not stated" if kvp is None else f"{kvp:g} kV")
+    return found if len(set(found.values())) > 1 else dict.fromkeys(found, "")
+
+
 def explain_scanner(
-    name: str, prepared: Mapping[str, Prepared], candidates: Sequence[str], accuracy: Mapping[str, float]
+    name: str,
+    prepared: Mapping[str, Prepared],
+    candidates: Sequence[str],
+    accuracy: Mapping[str, float],
+    protocols: Mapping[str, Sequence[str]] | None = None,
 ) -> ScannerDiagnosis:
     """Choose the effects that explain recordings together, and judge them on each by the physics of the others.
 
@@ -49,6 +75,8 @@ def explain_scanner(
     candidates : sequence of str
     accuracy : mapping of str to float
         As core.attribute.choose takes it.
+    protocols : mapping of str to sequence of str, optional
+        As protocols_of takes them.
 
     Returns
     -------
@@ -59,17 +87,19 @@ def explain_scanner(
     InputError
         As choose_jointly.
     """
-    together = JointFitter({key: one.fitter for key, one in prepared.items()})
+    together = JointFitter({key: one.fitter for key, one in prepared.items()}, protocols_of(prepared, protocols))
     choice = choose_jointly(together, candidates, accuracy)
     chosen = choice.chosen
-    errors = shared_errors_with_models(together.fitters, chosen, choice.without, accuracy) if chosen.effects else {}
-    recordings = {key: _recording(one, choice, key) for key, one in prepared.items()}
+    errors = errors_of_recordings(together, chosen, choice.without, accuracy) if chosen.effects else {}
+    recordings = {
+        key: {"protocol": together.protocols[key]} | _recording(one, choice, key) for key, one in prepared.items()
+    }
     removed = [one["excess_rms_removed"] for one in recordings.values() if one["excess_rms_removed"] is not None]
     left = [key for key, one in recordings.items() if one["unexplained"]]
     content = {
         "scanner": name,
         "verdict": VERDICTS[(2 if left else 1) if chosen.effects else (3 if left else 0)],
-        "effects": [_effect(effect, choice, errors[effect]) for effect in chosen.effects],
+        "effects": [_effect(effect, choice, together.protocols, errors) for effect in chosen.effects],
         "recordings": recordings,
         "excess_rms_removed": {"median": float(np.median(removed)), "worst": float(np.min(removed))}
         if removed and chosen.effects
@@ -109,23 +139,47 @@ def sentence(content: Mapping) -> str:
     return f"{content['scanner']}: {count} recordings share what the simulation lacks: {names}.{share}{rest}"
 
 
-def _effect(name: str, choice: JointChoice, errors: Mapping[str, float]) -> dict:
-    """What is said of an effect, with its standard errors, inexact models included."""
-    effect, chosen = load(name), choice.chosen
-    stated = {one.name: one for one in effect.parameters}
-    alone = {key: fit.physics[name] for key, fit in choice.left_out.items()}
+def _effect(name: str, choice: JointChoice, protocols: Mapping[str, str], errors: Mapping[str, Mapping]) -> dict:
+    """What is said of an effect, with its standard errors, inexact models included, by recording."""
+    effect = load(name)
+    members: dict[str, list[str]] = {}
+    for recording, protocol in protocols.items():
+        members.setdefault(protocol, []).append(recording)
+    several = len(members) > 1
+    parameters = _parameters(name, (OF_SCANNER,) if several else NOT_OF_SCAN, list(protocols), choice, errors)
+    own = {
+        protocol: _parameters(name, (OF_PROTOCOL,), recordings, choice, errors)
+        for protocol, recordings in members.items()
+        if several
+    }
+    return {
+        "name": name,
+        "physics": effect.physics,
+        "parameters": parameters,
+        "protocols": own if all(own.values()) else {},
+        "evidence": {"left_out_gain": choice.gains[name], "p": choice.p[name]},
+    }
+
+
+def _parameters(
+    name: str, owners: Sequence[str], recordings: Sequence[str], choice: JointChoice, errors: Mapping[str, Mapping]
+) -> dict:
+    """Parameters of an effect that recordings have in common: values, intervals, and what the others say of each."""
+    stated, fit = {one.name: one for one in load(name).parameters}, choice.chosen.fits[recordings[0]]
     parameters = {}
-    for key, value in shared(name, chosen.physics[name]).items():
+    for key, value in those(owners, name, fit.physics[name]).items():
         low, high = stated[key].low, stated[key].high
+        without = {one: choice.left_out[one] for one in recordings}
         parameters[key] = {
             "value": value,
-            "ci95": interval(value, errors.get(key, 0.0), low, high),
-            "ci95_noise": interval(value, chosen.errors[name].get(key, 0.0), low, high),
+            "ci95": interval(value, errors[recordings[0]][name].get(key, 0.0), low, high),
+            "ci95_noise": interval(value, fit.errors[name].get(key, 0.0), low, high),
             "unit": stated[key].unit,
-            "without": {recording: values[key] for recording, values in alone.items()},
+            "without": {
+                one: other.physics[name][key] for one, other in without.items() if (name, key) in other.elsewhere
+            },
         }
-    evidence = {"left_out_gain": choice.gains[name], "p": choice.p[name]}
-    return {"name": name, "physics": effect.physics, "parameters": parameters, "evidence": evidence}
+    return parameters
 
 
 def _recording(prepared: Prepared, choice: JointChoice, name: str) -> dict:
@@ -152,6 +206,13 @@ def _recording(prepared: Prepared, choice: JointChoice, name: str) -> dict:
 
 
 def _own(fit: Fit) -> dict:
-    """Parameters that the recording does not share, as {effect: {parameter: value}}."""
-    found = {name: {key: values[key] for key in of_one_scan(name)} for name, values in fit.physics.items()}
-    return {name: values for name, values in found.items() if values}
+    """Parameters that other recordings say nothing of, as {effect: {parameter: value}}."""
+    own = {
+        name: {
+            one.name: fit.physics[name][one.name]
+            for one in load(name).parameters
+            if one.belongs_to != OF_SCANNER and (name, one.name) not in fit.elsewhere
+        }
+        for name in fit.effects
+    }
+    return {name: values for name, values in own.items() if values}

@@ -48,6 +48,8 @@ OF_A_SPOT = (
     "source_drift",
 )
 LOGARITHM = 0  # as a power: fits vary the logarithm
+# Whose a parameter is: all recordings of a scanner have it in common, those of one of its protocols, or none.
+OF_SCANNER, OF_PROTOCOL, OF_SCAN = "scanner", "protocol", "scan"
 
 
 @dataclass(frozen=True)
@@ -95,8 +97,8 @@ class Parameter:
         What of it one scan shows; None: as the range, start and typical strength say.
     stated : bool
         Of the scanner's design: a fit takes it at its typical value.
-    of_one_scan : bool
-        Other scans of the scanner have their own.
+    belongs_to : {"scanner", "protocol", "scan"}
+        Which recordings have it in common.
     """
 
     name: str
@@ -110,7 +112,7 @@ class Parameter:
     power: int = 1
     reach: Reach | None = None
     stated: bool = False
-    of_one_scan: bool = False
+    belongs_to: str = OF_SCANNER
 
     def number(self, value: float) -> float:
         """What fits vary, of a value."""
@@ -339,7 +341,7 @@ def check_readings(physics: Mapping[str, Mapping[str, float]], air: float, sourc
 
 def of_one_scan(name: str) -> dict[str, float | None]:
     """Parameters of an effect that other scans of the scanner have of their own, with their neutral values."""
-    return {one.name: one.neutral for one in load(name).parameters if one.of_one_scan}
+    return {one.name: one.neutral for one in load(name).parameters if one.belongs_to == OF_SCAN}
 
 
 def needs_times(name: str) -> bool:

@@ -24,5 +24,9 @@ def page(content: dict) -> str:
     removed = picture(figures.draw_recordings(content["recordings"]))
     colour = COLOURS.get(content["verdict"], OTHER_COLOUR)
     filters = {"number": number, "within": within}
-    shown = {"removed": removed, "colour": colour, "version": __version__, "date": date.today().isoformat()}
+    every = (
+        (effect, key) for one in content["recordings"].values() for effect, keys in one["own"].items() for key in keys
+    )
+    shown = {"own": list(dict.fromkeys(every))}
+    shown |= {"removed": removed, "colour": colour, "version": __version__, "date": date.today().isoformat()}
     return render("scanner", filters, d=content | {"recording": content["scanner"]}, **shown)

@@ -323,6 +323,16 @@ class Rules:
                 for key in ("physics_from", "baseline_from"):
                     if other := diagnosed.get(recording, {}).get(key):
                         yield f"config: {where} names '{recording}', which has its {key} {other}; take that out"
+            yield from self._protocols_of_scanner(name, scanner)
+
+    def _protocols_of_scanner(self, name: str, scanner: dict) -> Iterator[str]:
+        where, seen = f"diagnosis.scanners.{name}.protocols", {}
+        for protocol, recordings in scanner["protocols"].items():
+            for recording in recordings:
+                yield from self._known(recording, scanner["recordings"], f"{where}.{protocol}")
+                if recording in seen:
+                    yield f"config: {where}: '{recording}' is of {seen[recording]} and of {protocol}; keep one of them"
+                seen[recording] = protocol
 
     def _one_diagnosed(self, name: str, settings: dict, diagnosed: dict) -> Iterator[str]:
         where = f"config: diagnosis.recordings.{name}"

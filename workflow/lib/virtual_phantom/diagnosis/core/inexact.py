@@ -18,7 +18,7 @@ import numpy as np
 
 from ...physics.effect import GEOMETRY, load
 from .fit import Fit, Fitter, Problem
-from .joint import JointFit, JointProblem
+from .joint import JointFit, JointFitter, JointProblem
 from .steps import Known, standard_errors
 from .templates import data_changes, whitened, with_knowledge
 
@@ -73,18 +73,17 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
     )
 
 
-def shared_errors_with_models(
-    fitters: Mapping[str, Fitter], fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
-) -> dict[str, dict[str, float]]:
-    """Standard errors of what several recordings of one scanner share, inexact models included.
+def errors_of_recordings(
+    together: JointFitter, fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
+) -> dict[str, dict[str, dict[str, float]]]:
+    """Standard errors of effects' parameters that are fitted to several recordings, inexact models included.
 
     As errors_with_models; one distortion is that of one model and one shape, in all recordings at once: they have the
     same model, so that more of them do not make its error less.
 
     Parameters
     ----------
-    fitters : mapping of str to Fitter
-        By recording.
+    together : JointFitter
     fit : JointFit
     without : mapping of str to JointFit
         As errors_with_models takes them.
@@ -93,15 +92,27 @@ def shared_errors_with_models(
 
     Returns
     -------
-    dict of str to dict of str to float
-        As JointFit.errors.
+    dict of str to dict of str to dict of str to float
+        {recording: as Fit.errors}.
     """
-    together = JointProblem({name: Problem(fitter, fit.effects, fit.fits[name]) for name, fitter in fitters.items()})
-    scans = [
-        _Pulled.of(problem, fit.fits[name], {key: one.fits[name] for key, one in without.items()}, accuracy, places)
-        for (name, problem), places in zip(together.problems.items(), together.places(), strict=True)
-    ]
-    return _named(next(iter(together.problems.values())), fit.errors, _numbers(scans))
+    problems = {name: Problem(fitter, fit.effects, fit.fits[name]) for name, fitter in together.fitters.items()}
+    problem = JointProblem(problems, together.protocols)
+    numbers = _numbers(
+        [
+            _Pulled.of(
+                one,
+                fit.fits[name],
+                {key: other.fits[name] for key, other in without.items()},
+                accuracy,
+                problem.places[name],
+            )
+            for name, one in problem.problems.items()
+        ]
+    )
+    return {
+        name: _named(one, fit.fits[name].errors, numbers[problem.places[name]])
+        for name, one in problem.problems.items()
+    }
 
 
 def distortions_of_declared(fitter: Fitter, fit: Fit, columns: np.ndarray, accuracy: Mapping[str, float]) -> np.ndarray:

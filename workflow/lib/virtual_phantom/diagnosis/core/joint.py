@@ -1,19 +1,19 @@
 """Fits of several recordings of one scanner: its physics is shared, alignment is each recording's own.
 
-The normal equations have the form of an arrow: a block of shared numbers, and one of the alignment for each recording
-that touches no other's.
+Between them stand numbers that the recordings of one protocol share: a tube voltage, say. The normal equations have the
+form of an arrow: a block of shared numbers, and one of the alignment for each recording that touches no other's.
 """
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...base.errors import InputError
-from ...physics.effect import load, of_one_scan
+from ...physics.effect import OF_PROTOCOL, OF_SCAN, OF_SCANNER, load, of_one_scan
 from .fit import (
     AS_EXPECTED,
     CONVERGED,
@@ -28,6 +28,8 @@ from .fit import (
 )
 from .steps import bounded_step, standard_errors, updated
 
+NOT_OF_SCAN = (OF_SCANNER, OF_PROTOCOL)
+
 
 @dataclass(frozen=True)
 class JointFit:
@@ -38,14 +40,14 @@ class JointFit:
     effects : tuple of str
         In the order in which they were given.
     physics, errors : dict of str to dict of str to float
-        {effect: {parameter: value or standard error}}, shared by all recordings. Parameters of one scan are neutral in
-        `physics` and not in `errors`.
+        {effect: {parameter: value or standard error}}, shared by all recordings. In `physics`, parameters of one scan
+        are neutral, those of one protocol of several are those of the first recording; in `errors` neither is.
     chi_square : float
         Of all data that were fitted, and of the Gaussian knowledge.
     free : int
-        Number of effects' parameters, those of one scan counted in every recording.
+        Number of effects' parameters, those of one scan counted in every recording, of one protocol in every protocol.
     fits : dict of str to Fit
-        By recording, with its own alignment, and its own values of parameters of one scan.
+        By recording, with its own alignment, and its own values of parameters of one scan or protocol.
     """
 
     effects: tuple[str, ...]
@@ -63,6 +65,14 @@ class JointFitter:
     ----------
     fitters : mapping of str to Fitter
         By recording.
+    protocols : mapping of str to str, optional
+        The protocol of each recording; those without one have one in common.
+
+    Attributes
+    ----------
+    fitters : dict of str to Fitter
+    protocols : dict of str to str
+        Of every recording.
 
     Raises
     ------
@@ -70,10 +80,11 @@ class JointFitter:
         For fewer than one recording.
     """
 
-    def __init__(self, fitters: Mapping[str, Fitter]):
+    def __init__(self, fitters: Mapping[str, Fitter], protocols: Mapping[str, str] | None = None):
         if not fitters:
             raise InputError("a joint fit needs a recording; there is none")
         self.fitters = dict(fitters)
+        self.protocols = {name: (protocols or {}).get(name, "") for name in self.fitters}
 
     def whole(self, effects: tuple[str, ...]) -> tuple[str, ...]:
         """What is declared of the scanner, and these effects."""
@@ -81,12 +92,12 @@ class JointFitter:
 
     def without(self, name: str) -> JointFitter:
         """The same without one recording."""
-        return JointFitter({other: one for other, one in self.fitters.items() if other != name})
+        return JointFitter({other: one for other, one in self.fitters.items() if other != name}, self.protocols)
 
     def fit(self, effects: tuple[str, ...], given: JointFit | None = None) -> JointFit:
         """Refit all parameters of these effects, and the alignment of every recording.
 
-        With a new effect it begins where the first recording alone ends, whose fit tries every start.
+        With a new effect it begins where the first recording of each protocol alone ends, whose fit tries every start.
 
         Parameters
         ----------
@@ -108,15 +119,19 @@ class JointFitter:
                 raise InputError(f"{name} has one unknown per detector pixel of one scan; recordings cannot share it")
         begun = {name: self._begun(name, effects, given) for name in self.fitters}
         if given is None or set(effects) - set(given.effects):
-            first = next(iter(self.fitters))
-            alone = self.fitters[first].fit(effects, begun[first])
-            begun = {name: replace(fit, effects=effects, physics=alone.physics) for name, fit in begun.items()}
-        return JointProblem({name: Problem(self.fitters[name], effects, fit) for name, fit in begun.items()}).solved()
+            alone: dict[str, Fit] = {}
+            for name, fit in begun.items():
+                if (protocol := self._protocol(name, effects)) not in alone:
+                    alone[protocol] = self.fitters[name].fit(effects, fit)
+                begun[name] = replace(fit, effects=effects, physics=alone[protocol].physics)
+        problems = {name: Problem(self.fitters[name], effects, fit) for name, fit in begun.items()}
+        return JointProblem(problems, self.protocols).solved()
 
     def left_out(self, name: str, effects: tuple[str, ...], given: JointFit) -> Fit:
         """A recording held against physics that was fitted to the others.
 
-        Only its alignment is fitted, and parameters of one scan.
+        Only its alignment is fitted, and parameters of one scan; those of its protocol too, where no other recording is
+        of it.
 
         Parameters
         ----------
@@ -133,12 +148,22 @@ class JointFitter:
         fitter = self.fitters[name]
         if not effects:
             return given.fits[name] if not given.effects else fitter.fit(())
-        others = self.without(name).fit(effects, given)
+        rest = self.without(name)
+        others = rest.fit(effects, given)
+        alike = [other for other in rest.fitters if rest.protocols[other] == self.protocols[name]]
+        known = NOT_OF_SCAN if alike else (OF_SCANNER,)
+        one = others.fits[(alike or list(rest.fitters))[0]]
         held = fitter.of(copy.copy(fitter.model))
-        held.model.fixed = {effect: shared(effect, others.physics[effect]) for effect in effects}
+        held.model.fixed = {effect: those(known, effect, one.physics[effect]) for effect in effects}
         begun = {effect: given.fits[name].physics[effect] | held.model.fixed[effect] for effect in effects}
         fit = held.fit(effects, replace(given.fits[name], effects=effects, physics=others.physics | begun))
-        return replace(fit, errors=fit.errors | {name: fit.errors[name] | others.errors[name] for name in effects})
+        errors = {effect: fit.errors[effect] | those(known, effect, one.errors[effect]) for effect in effects}
+        return replace(fit, errors=fit.errors | errors)
+
+    def _protocol(self, name: str, effects: tuple[str, ...]) -> str:
+        """Of a recording, where one of these effects has parameters of a protocol."""
+        own = any(one.belongs_to == OF_PROTOCOL for effect in effects for one in load(effect).parameters)
+        return self.protocols[name] if own else ""
 
     def _begun(self, name: str, effects: tuple[str, ...], given: JointFit | None) -> Fit:
         if given is not None and name in given.fits:
@@ -151,37 +176,43 @@ class JointProblem:
 
     As Fitter.fit has it for one recording; a point has the shared numbers and the alignments one after the other.
 
-    The shared ones are those of the effects, but for parameters of one scan.
+    Numbers of the effects are shared by all recordings, by those of a protocol, or by none, as their parameters are.
 
     Parameters
     ----------
     problems : mapping of str to Problem
         By recording, of the same effects. Their bounds and what they know of shared numbers are made common.
+    protocols : mapping of str to str
+        Of every recording.
 
     Attributes
     ----------
     problems : dict of str to Problem
+    places : dict of str to ndarray of int, shape (numbers,)
+        Of every recording, where its numbers stand in a point; those of the first come first.
+    several : bool
+        Whether they are of more than one protocol.
     """
 
-    def __init__(self, problems: Mapping[str, Problem]):
+    def __init__(self, problems: Mapping[str, Problem], protocols: Mapping[str, str]):
         self.problems = dict(problems)
-        every = list(self.problems.values())
-        own = np.array([one.name in of_one_scan(one.effect) for one in every[0].unknowns], bool)
-        # Where numbers stand in the points of the recordings: the shared ones are alike, and there may be fewer others.
-        self._shared = np.flatnonzero(~own)
-        self._own = {
-            name: np.concatenate([np.flatnonzero(own), np.arange(len(own), len(one.start))])
-            for name, one in self.problems.items()
+        numbered: dict[tuple[str, str, str], int] = {}
+        self.places = {
+            name: np.array([numbered.setdefault(key, len(numbered)) for key in _owned(one, name, protocols[name])])
+            for name, one in self._items()
         }
+        places = np.concatenate(list(self.places.values()))
+        times = np.bincount(places)
         # What one scan could show limits nobody else's, and what is known of a number is known once.
-        low = np.min([one.low[self._shared] for one in every], axis=0)
-        high = np.max([one.high[self._shared] for one in every], axis=0)
-        for one in every:
-            one.low[self._shared], one.high[self._shared] = low, high
-            one.knowledge[self._shared] /= len(every)
-        self.low = self._whole({name: one.low for name, one in self._items()})
-        self.high = self._whole({name: one.high for name, one in self._items()})
-        self.count = sum(one.count for one in every)
+        self.low, self.high = np.full(len(numbered), np.inf), np.full(len(numbered), -np.inf)
+        np.minimum.at(self.low, places, np.concatenate([one.low for _, one in self._items()]))
+        np.maximum.at(self.high, places, np.concatenate([one.high for _, one in self._items()]))
+        for name, one in self._items():
+            where = self.places[name]
+            one.low, one.high = self.low[where], self.high[where]
+            one.knowledge = one.knowledge / times[where]
+        self.count = sum(one.count for one in self.problems.values())
+        self.several = len({protocols[name] for name in self.problems}) > 1
 
     def solved(self) -> JointFit:
         """The fit."""
@@ -238,16 +269,6 @@ class JointProblem:
             information, _ = self._normal(jacobians, points, residuals)
         return self._result(points, residuals, current, standard_errors(information))
 
-    def places(self) -> list[np.ndarray]:
-        """Of every recording, where its numbers stand in a point."""
-        found, first = [], len(self._shared)
-        for own in self._own.values():
-            places = np.empty(len(self._shared) + len(own), int)
-            places[self._shared], places[own] = np.arange(len(self._shared)), first + np.arange(len(own))
-            found.append(places)
-            first += len(own)
-        return found
-
     def _items(self):
         return self.problems.items()
 
@@ -258,14 +279,13 @@ class JointProblem:
         return self._polished(self._whole(start))
 
     def _whole(self, points: Mapping[str, np.ndarray]) -> np.ndarray:
-        first = next(iter(points.values()))[self._shared]
-        return np.concatenate([first, *(point[self._own[name]] for name, point in points.items())])
+        whole = np.empty(len(self.low))
+        for name in reversed(points):  # what is shared is as the first one has it
+            whole[self.places[name]] = points[name]
+        return whole
 
     def _polished(self, whole: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, list[np.ndarray]]]:
-        made = {
-            name: one.polished(whole[places], None)
-            for (name, one), places in zip(self._items(), self.places(), strict=True)
-        }
+        made = {name: one.polished(whole[self.places[name]], None) for name, one in self._items()}
         return {name: point for name, (point, _) in made.items()}, {name: left for name, (_, left) in made.items()}
 
     def _residuals(self, points: Mapping[str, np.ndarray]) -> dict[str, list[np.ndarray]]:
@@ -278,7 +298,8 @@ class JointProblem:
         """The arrow's matrix, whole, and its gradient."""
         size = len(self.low)
         information, gradient = np.zeros((size, size)), np.zeros(size)
-        for (name, one), index in zip(self._items(), self.places(), strict=True):
+        for name, one in self._items():
+            index = self.places[name]
             part, slope = one.normal(jacobians[name], points[name], residuals[name])
             information[np.ix_(index, index)] += part
             gradient[index] += slope
@@ -286,17 +307,41 @@ class JointProblem:
 
     def _result(self, points, residuals, total, errors) -> JointFit:
         fits = {}
-        for (name, one), places in zip(self._items(), self.places(), strict=True):
+        for name, one in self._items():
             own_total = one.chi_square(residuals[name], points[name])
-            fits[name] = one.result(points[name], errors[places], residuals[name], own_total, None)
+            fits[name] = one.result(points[name], errors[self.places[name]], residuals[name], own_total, None)
         first = next(iter(fits.values()))
         physics = {name: {**values, **of_one_scan(name)} for name, values in first.physics.items()}
-        known = {name: shared(name, values) for name, values in first.errors.items()}
+        common = (OF_SCANNER,) if self.several else NOT_OF_SCAN
+        known = {name: those(common, name, values) for name, values in first.errors.items()}
         free = len(self.low) - sum(len(one.aligned) for one in self.problems.values())
         return JointFit(first.effects, physics, known, total, free, fits)
 
 
-def shared(name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """What recordings share of an effect's parameters, or of their errors."""
-    own = of_one_scan(name)
-    return {key: value for key, value in values.items() if key not in own}
+def those(owners: Collection[str], name: str, values: Mapping[str, float]) -> dict[str, float]:
+    """Of an effect's parameters, or of their errors, those that belong to one of these.
+
+    Parameters
+    ----------
+    owners : collection of {"scanner", "protocol", "scan"}
+    name : str
+        Of the effect.
+    values : mapping of str to float
+        By parameter.
+
+    Returns
+    -------
+    dict of str to float
+    """
+    own = {one.name for one in load(name).parameters if one.belongs_to in owners}
+    return {key: value for key, value in values.items() if key in own}
+
+
+def _owned(problem: Problem, name: str, protocol: str) -> Iterator[tuple[str, str, str]]:
+    """Of every number of a recording, what it is and whose: two that are alike in that are one."""
+    owners = {OF_SCANNER: "", OF_PROTOCOL: f"protocol {protocol}", OF_SCAN: f"scan {name}"}
+    for one in problem.unknowns:
+        parameter = next(other for other in load(one.effect).parameters if other.name == one.name)
+        yield one.effect, one.name, owners[parameter.belongs_to]
+    for nuisance in problem.aligned:
+        yield "alignment", nuisance.name, owners[OF_SCAN]

@@ -6,7 +6,6 @@ import copy
 
 import numpy as np
 
-from ...physics.effect import of_one_scan
 from .fit import Fit, Fitter, Problem
 from .steps import Known
 
@@ -61,8 +60,7 @@ def of_both_halves(fitter: Fitter, problem: Problem, fit: Fit) -> tuple[list[np.
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:
     """Directions, the sum of whose outer products is the numbers' covariance, shape (directions, numbers)."""
     elsewhere = np.zeros(len(problem.start), bool)
-    if fit.free < len(problem.unknowns):  # what is not of this scan alone was found on another one
-        elsewhere[: len(problem.unknowns)] = [one.name not in of_one_scan(one.effect) for one in problem.unknowns]
+    elsewhere[: len(problem.unknowns)] = [(one.effect, one.name) in fit.elsewhere for one in problem.unknowns]
     inside = Known.of(information[np.ix_(~elsewhere, ~elsewhere)]).root.T
     fitted, found = np.zeros((len(inside), len(elsewhere))), np.zeros((int(elsewhere.sum()), len(elsewhere)))
     fitted[:, ~elsewhere] = inside

@@ -16,7 +16,7 @@ from ...io.schema import defaults_of
 from ...physics.effect import READOUT_UNITS, checked, load, of_one_scan
 from .attribute import Choice
 from .fit import Fitter
-from .joint import shared
+from .joint import NOT_OF_SCAN, those
 from .sentence import sentence
 from .steps import NORMAL_95
 from .trial import Trial, trial
@@ -164,7 +164,7 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
     model = fitter.model
     density = physics.scale if physics.scale is not None and same_material else model.density
     held = fitter.of(copy.copy(model))  # of projections or of images
-    held.model.fixed = {name: shared(name, values) for name, values in physics.effects.items()}
+    held.model.fixed = {name: those(NOT_OF_SCAN, name, values) for name, values in physics.effects.items()}
     held.model.density = density
     chosen = trial(held, tuple(physics.effects), baseline)
     without = {}
@@ -172,7 +172,9 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
         rest = tuple(other for other in physics.effects if other != name)
         without[name] = trial(held, rest, chosen) if rest else baseline
     gains = {name: chosen.score - one.score for name, one in without.items()}
-    errors = {name: chosen.fit.errors[name] | shared(name, values) for name, values in physics.errors.items()}
+    errors = {
+        name: chosen.fit.errors[name] | those(NOT_OF_SCAN, name, values) for name, values in physics.errors.items()
+    }
     chosen = replace(chosen, fit=replace(chosen.fit, errors=errors))
     fits = {name: one.fit for name, one in without.items()}
     numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]

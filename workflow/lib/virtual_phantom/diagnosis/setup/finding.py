@@ -26,6 +26,7 @@ NAMED = 0.002  # that a description may leave, the geometry fitted, to be named
 ANOTHER = 0.01  # left by every description, whatever the geometry: another object
 EMPTY = 0.02  # scale of the line integrals below which nothing stood in the beam
 ALIKE = 5.0  # log likelihood by which this object must tell two descriptions apart
+NEAR = 2.0  # times as much left: of descriptions for which that is tried with the geometry fitted
 CONTENDERS = 4  # descriptions that are fitted with the geometry
 SCALE_WITHIN = 0.2  # logarithm of a factor that line integrals are off by: hardening and scatter change them too
 
@@ -81,7 +82,8 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
     if share > ANOTHER:
         empty = abs(best.scale) < EMPTY
         return Finding(EMPTY_BEAM if empty else OBJECT, best, first, share)
-    alike = tuple(one for one in (first, *tried) if one.name != best.name and one.worse_than(best) < ALIKE)
+    others = [one for one in (first, *tried) if one.name != best.name]
+    alike = tuple(_alike(comparison, best, others))
     return Finding(AS_STATED if chosen is None else DESCRIPTION, best, first, share, alike)
 
 
@@ -112,6 +114,23 @@ def _mistake(stated: Unlike, others: Sequence[Unlike], least: float = MISTAKEN) 
     removed = REMOVED_BY_SHIFT if best.description.shifts else REMOVED
     explained = best.share < min((1 - removed) * stated.share, ANOTHER)
     return best if explained and stated.worse_than(best) > LIKELIER else None
+
+
+def _alike(comparison: Comparison, best: Unlike, others: Sequence[Unlike]) -> Iterator[Unlike]:
+    """Descriptions that this object cannot tell from the best one.
+
+    What physics leaves, a shift of the detector say, may part two that are alike: near ones have the geometry fitted.
+
+    Yields
+    ------
+    Unlike
+    """
+    yield from (one for one in others if one.worse_than(best) < ALIKE)
+    near = [one for one in others if one.worse_than(best) >= ALIKE and one.share < NEAR * best.share]
+    if near and best.share > MISTAKEN:
+        bent = _bent(comparison, best)
+        near.sort(key=lambda one: one.share)
+        yield from (one for one in near[:CONTENDERS] if abs(_bent(comparison, one).worse_than(bent)) < ALIKE)
 
 
 def _bent(comparison: Comparison, found: Unlike) -> Unlike:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...base.geometry import orbit_of
-from ..effect import Effect, Parameter
+from ..effect import OF_PROTOCOL, Effect, Parameter
 from ..state import State
 
 REFERENCE_DEG = 20.0  # fan angle at which the thickness is stated: inside every body scanner's fan
@@ -38,7 +38,16 @@ EFFECT = Effect(
     "the outer columns",
     settled_by="the white field, or an air scan without the filter",
     parameters=(
-        Parameter("at_20deg_mm", "mm Al", "thickness at a fan angle of 20 degrees", 0.0, 100.0, 10.0, 30.0),
+        Parameter(
+            "at_20deg_mm",
+            "mm Al",
+            "thickness at a fan angle of 20 degrees",
+            0.0,
+            100.0,
+            10.0,
+            30.0,
+            belongs_to=OF_PROTOCOL,  # scanners have several bowties
+        ),
         Parameter("exponent", "1", "n: power of the angle by which it grows", 1.0, 6.0, 2.0, 2.0, None, stated=True),
         Parameter("levels_off_deg", "degrees", "w; 0: it grows on and on", 0.0, 60.0, 0.0, 0.0, None, stated=True),
     ),

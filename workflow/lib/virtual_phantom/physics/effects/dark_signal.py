@@ -2,7 +2,7 @@
 
 import math
 
-from ..effect import OF_AIR, OF_AIR_PER_SCAN, Effect, Parameter, Reach
+from ..effect import OF_AIR, OF_AIR_PER_SCAN, OF_SCAN, Effect, Parameter, Reach
 from ..state import State
 
 
@@ -42,7 +42,7 @@ EFFECT = Effect(
             0.0,
             100.0,
             reach=Reach(OF_AIR_PER_SCAN, -0.02, 0.02, 0.0005, 0.001),
-            of_one_scan=True,
+            belongs_to=OF_SCAN,
         ),
     ),
     apply=apply,

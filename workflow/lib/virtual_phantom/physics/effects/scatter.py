@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from ...base.geometry import ScanGeometry
-from ..effect import Effect, Parameter
+from ..effect import OF_PROTOCOL, Effect, Parameter
 from ..spread import spread
 from ..state import State
 
@@ -41,7 +41,16 @@ EFFECT = Effect(
     signature="line integrals too low, most behind the thickest parts; smooth on the detector",
     settled_by="the same scan with the beam collimated to a few rows: scatter falls with the beam's height",
     parameters=(
-        Parameter("amount", "1", "scattered share of what the primary beam loses", 0.0, 0.6, 0.03, 0.05),
+        Parameter(
+            "amount",
+            "1",
+            "scattered share of what the primary beam loses",
+            0.0,
+            0.6,
+            0.03,
+            0.05,
+            belongs_to=OF_PROTOCOL,  # of its collimation, and of the energies
+        ),
         Parameter("width_mm", "mm", "width of the kernel at the detector", 10.0, 200.0, 60.0, 60.0, None),
     ),
     apply=apply,

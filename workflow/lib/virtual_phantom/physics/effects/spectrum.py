@@ -1,6 +1,6 @@
 """Polychromatic spectrum: beam hardening."""
 
-from ..effect import LOGARITHM, Effect, Parameter
+from ..effect import LOGARITHM, OF_PROTOCOL, Effect, Parameter
 from ..spectra import weighted_spectrum
 from ..state import State
 
@@ -24,8 +24,10 @@ EFFECT = Effect(
     signature="line integrals bend down with path length, alike everywhere; more so behind bone",
     settled_by="the same object behind a plate of aluminium or copper: hardening shrinks, scatter grows",
     parameters=(
-        Parameter("kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None),
-        Parameter("filtration_mm", "mm Al", "filtration, as aluminium", 0.2, 40.0, 6.0, 6.0, None),
+        Parameter("kvp", "kV", "tube voltage", 30.0, 150.0, 110.0, 120.0, None, belongs_to=OF_PROTOCOL),
+        Parameter(
+            "filtration_mm", "mm Al", "filtration, as aluminium", 0.2, 40.0, 6.0, 6.0, None, belongs_to=OF_PROTOCOL
+        ),
         Parameter("sensor_mm", "mm", "thickness of the detector's sensor", 0.01, 100.0, 0.6, 0.6, None, LOGARITHM),
     ),
     apply=apply,
