@@ -450,6 +450,17 @@ def test_physics_is_not_taken_from_where_it_was_taken_to():
     refuse({**config, "diagnosis": together}, "names 'c', which has its baseline_from a; take that out")
 
 
+def test_protocols_of_a_scanner_are_of_its_recordings_and_each_of_one():
+    config = changed("recordings", {name: f"recordings/{name}" for name in "abc"})
+    scanner = {"recordings": ["a", "b"], "protocols": {"low": ["a"], "high": ["b"]}}
+    config["diagnosis"] = {"recordings": {name: {} for name in "abc"}, "scanners": {"s": scanner}}
+    complete(config)
+    scanner["protocols"]["high"] = ["a", "b"]
+    refuse(config, "diagnosis.scanners.s.protocols: 'a' is of low and of high; keep one of them")
+    scanner["protocols"]["high"] = ["c"]
+    refuse(config, "diagnosis.scanners.s.protocols.high names 'c', which is not there; known: a, b")
+
+
 def test_effects_of_images_are_not_for_images_in_boxes():
     voxels = {"spacing_mm": [1.0, 0.7, 0.7], "thickness_mm": 2.0}
     config = changed("protocols.boxed", {"algorithm": "fbp", "projections": 200, "voxels": voxels})

@@ -1,6 +1,7 @@
 """Several recordings of one scanner: physics is shared, alignment is not."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from virtual_phantom.diagnosis.core.joint import JointFitter
 from virtual_phantom.diagnosis.core.joint_choice import choose_jointly
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.prepared import prepare
-from virtual_phantom.diagnosis.scanner import explain_scanner
+from virtual_phantom.diagnosis.scanner import explain_scanner, protocols_of
 from virtual_phantom.io.documents import SCANNER, schema_of_kind
 from virtual_phantom.io.schema import defaults_of, validate
 from virtual_phantom.physics.chain import Chain
@@ -248,3 +249,78 @@ def test_a_scanner_says_what_each_scan_has_of_its_own(drifting):
     own = {name: one["own"]["dark_signal"]["drift_units_per_s"] for name, one in content["recordings"].items()}
     assert own["small"] < own["middle"] < own["large"]
     assert "drift" in page(content)
+
+
+AMOUNTS = {"large": 0.03, "small": 0.03, "middle": 0.07, "further": 0.07}  # of scatter; two collimations
+PROTOCOLS = {"narrow": ["large", "small"], "wide": ["middle", "further"]}
+
+
+@pytest.fixture(scope="module")
+def collimated():
+    """Discs with scatter of one width, half of them with another amount."""
+    return {
+        name: made_ready(name if name in DISCS else "large", {"scatter": {"amount": amount, "width_mm": 60.0}}, seed=7)
+        for name, amount in AMOUNTS.items()
+    }
+
+
+def test_recordings_of_one_protocol_share_what_the_scanner_does_not(collimated):
+    fitters = {name: one.fitter for name, one in collimated.items()}
+    alike = JointFitter(fitters).fit(("scatter",))
+    together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
+    fit = together.fit(("scatter",))
+    assert (alike.free, fit.free) == (2, 3)
+    assert fit.chi_square < alike.chi_square - 100
+    assert set(fit.errors["scatter"]) == {"width_mm"}
+    for name, amount in AMOUNTS.items():
+        found, error = (one["scatter"]["amount"] for one in (fit.fits[name].physics, fit.fits[name].errors))
+        assert abs(found - amount) < 4 * error < 0.1 * amount
+        assert fit.fits[name].physics["scatter"]["width_mm"] == fit.physics["scatter"]["width_mm"]
+    assert fit.fits["large"].physics["scatter"] == fit.fits["small"].physics["scatter"]
+
+
+def test_a_recording_left_out_has_its_protocol_from_others_of_it_or_from_itself(collimated):
+    fitters = {name: one.fitter for name, one in collimated.items()}
+    together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
+    fit = together.fit(("scatter",))
+    left = together.left_out("further", ("scatter",), fit)
+    assert left.free == 0 and left.elsewhere == {("scatter", "amount"), ("scatter", "width_mm")}
+    assert left.physics["scatter"]["amount"] == pytest.approx(0.07, rel=0.05)
+    single = together.without("middle")
+    left = single.left_out("further", ("scatter",), single.fit(("scatter",), fit))
+    assert left.free == 1 and left.elsewhere == {("scatter", "width_mm")}
+    assert left.physics["scatter"]["amount"] == pytest.approx(0.07, rel=0.05)
+
+
+def test_errors_stand_with_the_numbers_that_they_are_of(collimated):
+    """A protocol's number stands among those of the scanner."""
+    fitters = {name: one.fitter for name, one in collimated.items()}
+    together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
+    fit, none = together.fit(("scatter",)), dict.fromkeys(("default", "numerical"), 0.0)
+    found = errors_of_recordings(together, fit, {}, none)
+    for name, one in fit.fits.items():
+        assert found[name]["scatter"] == pytest.approx(one.errors["scatter"], rel=0.05)
+
+
+def test_a_scanner_says_what_each_protocol_has(collimated):
+    accuracy = defaults_of("diagnosis", "model_accuracy")
+    content = explain_scanner("bench", collimated, ("scatter", "veiling_glare"), accuracy, PROTOCOLS).content
+    validate(content, schema_of_kind(SCANNER), "scanner.json")
+    (effect,) = content["effects"]
+    assert effect["name"] == "scatter" and set(effect["parameters"]) == {"width_mm"}
+    amounts = {name: one["amount"]["value"] for name, one in effect["protocols"].items()}
+    assert amounts == {"narrow": pytest.approx(0.03, rel=0.05), "wide": pytest.approx(0.07, rel=0.05)}
+    assert set(effect["protocols"]["wide"]["amount"]["without"]) == set(PROTOCOLS["wide"])
+    assert content["recordings"]["further"]["protocol"] == "wide" and not content["recordings"]["further"]["own"]
+    text = page(content)
+    assert "<td>narrow</td>" in text and "<td>all recordings</td>" in text
+
+
+def test_recordings_that_state_other_tube_voltages_are_of_other_protocols():
+    def stating(*voltages):
+        models = [SimpleNamespace(fitter=SimpleNamespace(model=SimpleNamespace(tube_kvp=kvp))) for kvp in voltages]
+        return {f"scan{number}": one for number, one in enumerate(models)}
+
+    assert set(protocols_of(stating(80.0, 80.0)).values()) == {""}
+    assert list(protocols_of(stating(80.0, 120.0, None)).values()) == ["80 kV", "120 kV", "voltage not stated"]
+    assert protocols_of(stating(80.0, 80.0), {"wide": ["scan1"]}) == {"scan0": "80 kV", "scan1": "wide"}

@@ -56,6 +56,9 @@ use rule next_of_recording as next_of_scanner with:
             for name in context.diagnosis.scanners[wildcards.scanner]["recordings"]
         },
         effects=lambda wildcards: context.diagnosis.shared(wildcards.scanner),
+        protocols=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
+            "protocols"
+        ],
 
 
 rule next_measurement:

@@ -9,6 +9,7 @@ from virtual_phantom.diagnosis.core.verified import with_declared
 from virtual_phantom.diagnosis.next_measurement import alikeness, found_in, possible, rank, refitted, refitted_jointly
 from virtual_phantom.diagnosis.next_written import alike_table, first_words, recording_to_fill_in, table
 from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.diagnosis.scanner import protocols_of
 from virtual_phantom.figures.next_measurement import draw_ranking
 from virtual_phantom.figures.style import save
 from virtual_phantom.io.files import read_text, write_text
@@ -30,7 +31,8 @@ with job(snakemake) as log:
         if len(prepared) == 1:
             chosen, ambiguities = refitted(*prepared.values(), *prepared, found_in(diagnosis))
         else:
-            chosen, ambiguities = refitted_jointly(prepared, named, effects, alike)
+            protocols = protocols_of(prepared, params.protocols)
+            chosen, ambiguities = refitted_jointly(prepared, named, effects, alike, protocols)
         first = next(iter(prepared))
         settings = models[first]["settings"]
         found = rank(prepared, chosen, ambiguities, possible(prepared, settings))

@@ -409,7 +409,11 @@ def refitted(prepared: PreparedScans, name: str, found: Mapping[str, Sequence[st
 
 
 def refitted_jointly(
-    prepared: Mapping[str, PreparedScans], effects: Sequence[str], others: Sequence[str], alike: Mapping[Pair, Mapping]
+    prepared: Mapping[str, PreparedScans],
+    effects: Sequence[str],
+    others: Sequence[str],
+    alike: Mapping[Pair, Mapping],
+    protocols: Mapping[str, str] | None = None,
 ) -> tuple[Fits, list[Ambiguity]]:
     """The fits of a scanner's recordings: its effects, and those alike that explain the recordings as well.
 
@@ -422,13 +426,15 @@ def refitted_jointly(
         That may be tried in their place.
     alike : mapping
         As `alikeness` gives it: what is less alike than ALIKE of all recordings together is not tried.
+    protocols : mapping of str to str, optional
+        Of each recording, as JointFitter takes them.
 
     Returns
     -------
     chosen : mapping of str to Fit
     ambiguities : list of Ambiguity
     """
-    together = JointFitter({name: one.fitter for name, one in prepared.items()})
+    together = JointFitter({name: one.fitter for name, one in prepared.items()}, protocols)
     chosen, ambiguities = together.fit(tuple(effects)), []
 
     def score(fits: Fits) -> float:
