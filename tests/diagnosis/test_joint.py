@@ -12,7 +12,7 @@ from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.core import inexact
 from virtual_phantom.diagnosis.core.inexact import errors_of_recordings, errors_with_models
 from virtual_phantom.diagnosis.core.joint import JointFitter
-from virtual_phantom.diagnosis.core.joint_choice import choose_jointly
+from virtual_phantom.diagnosis.core.joint_choice import MOST_FOLDS, choose_jointly, left_together
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.diagnosis.scanner import explain_scanner, protocols_of
@@ -135,7 +135,7 @@ def test_a_recording_that_was_not_fitted_is_met_by_the_others_physics(fitters, j
     together = JointFitter(fitters)
     for name, one in fitters.items():
         plain = one.score(one.fit(()))
-        held = together.left_out(name, ("scatter",), joint)
+        held = together.left_out([name], ("scatter",), joint)[name]
         assert one.score(held) > plain + 10
         assert held.free == 0
 
@@ -232,7 +232,7 @@ def test_what_every_scan_has_of_its_own_is_not_shared(drifting):
     assert set(error) == {"level_units"} and abs(level - 2e3) < 4 * error["level_units"]
     assert both.physics["dark_signal"]["drift_units_per_s"] == 0
     for name, drift in OWN_DRIFTS.items():
-        fit, left = both.fits[name], together.left_out(name, ("dark_signal",), both)
+        fit, left = both.fits[name], together.left_out([name], ("dark_signal",), both)[name]
         assert fit.physics["dark_signal"]["level_units"] == level
         found, error = (one["dark_signal"]["drift_units_per_s"] for one in (fit.physics, fit.errors))
         assert abs(found - drift) < 4 * error < 500
@@ -283,13 +283,28 @@ def test_a_recording_left_out_has_its_protocol_from_others_of_it_or_from_itself(
     fitters = {name: one.fitter for name, one in collimated.items()}
     together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
     fit = together.fit(("scatter",))
-    left = together.left_out("further", ("scatter",), fit)
+    left = together.left_out(["further"], ("scatter",), fit)["further"]
     assert left.free == 0 and left.elsewhere == {("scatter", "amount"), ("scatter", "width_mm")}
     assert left.physics["scatter"]["amount"] == pytest.approx(0.07, rel=0.05)
-    single = together.without("middle")
-    left = single.left_out("further", ("scatter",), single.fit(("scatter",), fit))
+    single = together.without(["middle"])
+    left = single.left_out(["further"], ("scatter",), single.fit(("scatter",), fit))["further"]
     assert left.free == 1 and left.elsewhere == {("scatter", "width_mm")}
     assert left.physics["scatter"]["amount"] == pytest.approx(0.07, rel=0.05)
+
+
+def test_recordings_of_one_object_are_left_out_together(collimated):
+    names = list("abcd")
+    assert left_together(names) == [["a"], ["b"], ["c"], ["d"]]
+    assert left_together(names, dict.fromkeys(names, "disc")) == [["a"], ["b"], ["c"], ["d"]]
+    assert left_together(names, {"a": "disc", "b": "body", "c": "disc", "d": "body"}) == [["a", "c"], ["b", "d"]]
+    many = left_together([str(number) for number in range(30)])
+    assert len(many) == MOST_FOLDS and sorted(len(one) for one in many) == [2] * 6 + [3] * 6
+    objects = {name: "same" if name in ("large", "small") else name for name in AMOUNTS}
+    together = JointFitter({name: one.fitter for name, one in collimated.items()})
+    found = choose_jointly(together, ("scatter",), objects=objects)
+    alone = together.without(["large", "small"]).fit(("scatter",), found.chosen)
+    assert found.left_out["small"].physics["scatter"] == pytest.approx(alone.physics["scatter"], rel=0.01)
+    assert found.left_out["small"].physics["scatter"] == found.left_out["large"].physics["scatter"]
 
 
 def test_errors_stand_with_the_numbers_that_they_are_of(collimated):

@@ -5,7 +5,7 @@ import yaml
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.core.asked import Asked
 from virtual_phantom.diagnosis.ready import ready
-from virtual_phantom.diagnosis.scanner import explain_scanner
+from virtual_phantom.diagnosis.scanner import explain_scanner, scanned_in
 from virtual_phantom.diagnosis.setup.verdict import VERDICTS, read_setup
 from virtual_phantom.io.documents import SCANNER, write_document
 from virtual_phantom.io.files import write_text
@@ -21,7 +21,14 @@ with job(snakemake) as log:
         name: ready(Asked.of(model, given.get("phantom"), snakemake.threads))[1]
         for name, model in params.models.items()
     }
-    found = explain_scanner(snakemake.wildcards.scanner, prepared, params.effects, params.accuracy, params.protocols)
+    found = explain_scanner(
+        snakemake.wildcards.scanner,
+        prepared,
+        params.effects,
+        params.accuracy,
+        params.protocols,
+        {name: scanned_in(model["settings"]) for name, model in params.models.items()},
+    )
     fit = found.choice.chosen
     first = next(iter(prepared.values())).fitter.model
     physics = first.of_study(fit.physics, next(iter(fit.fits.values())).nuisance)

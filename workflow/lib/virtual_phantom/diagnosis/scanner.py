@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -57,12 +58,18 @@ def protocols_of(prepared: Mapping[str, Prepared], stated: Mapping[str, Sequence
     return found if len(set(found.values())) > 1 else dict.fromkeys(found, "")
 
 
+def scanned_in(settings: Mapping) -> str:
+    """What a recording's settings say was scanned, for comparison with others."""
+    return json.dumps([settings.get("disc"), settings.get("object")], sort_keys=True)
+
+
 def explain_scanner(
     name: str,
     prepared: Mapping[str, Prepared],
     candidates: Sequence[str],
     accuracy: Mapping[str, float],
     protocols: Mapping[str, Sequence[str]] | None = None,
+    objects: Mapping[str, str] | None = None,
 ) -> ScannerDiagnosis:
     """Choose the effects that explain recordings together, and judge them on each by the physics of the others.
 
@@ -77,6 +84,8 @@ def explain_scanner(
         As core.attribute.choose takes it.
     protocols : mapping of str to sequence of str, optional
         As protocols_of takes them.
+    objects : mapping of str to str, optional
+        What each recording is of: those of one object are left out together.
 
     Returns
     -------
@@ -88,7 +97,7 @@ def explain_scanner(
         As choose_jointly.
     """
     together = JointFitter({key: one.fitter for key, one in prepared.items()}, protocols_of(prepared, protocols))
-    choice = choose_jointly(together, candidates, accuracy)
+    choice = choose_jointly(together, candidates, accuracy, objects)
     chosen = choice.chosen
     errors = errors_of_recordings(together, chosen, choice.without, accuracy) if chosen.effects else {}
     recordings = {

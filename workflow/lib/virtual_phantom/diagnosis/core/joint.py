@@ -90,9 +90,9 @@ class JointFitter:
         """What is declared of the scanner, and these effects."""
         return next(iter(self.fitters.values())).model.whole(effects)
 
-    def without(self, name: str) -> JointFitter:
-        """The same without one recording."""
-        return JointFitter({other: one for other, one in self.fitters.items() if other != name}, self.protocols)
+    def without(self, names: Collection[str]) -> JointFitter:
+        """The same without some recordings."""
+        return JointFitter({name: one for name, one in self.fitters.items() if name not in names}, self.protocols)
 
     def fit(self, effects: tuple[str, ...], given: JointFit | None = None) -> JointFit:
         """Refit all parameters of these effects, and the alignment of every recording.
@@ -127,36 +127,41 @@ class JointFitter:
         problems = {name: Problem(self.fitters[name], effects, fit) for name, fit in begun.items()}
         return JointProblem(problems, self.protocols).solved()
 
-    def left_out(self, name: str, effects: tuple[str, ...], given: JointFit) -> Fit:
-        """A recording held against physics that was fitted to the others.
+    def left_out(self, names: Collection[str], effects: tuple[str, ...], given: JointFit) -> dict[str, Fit]:
+        """Recordings held against physics that was fitted to the others.
 
-        Only its alignment is fitted, and parameters of one scan; those of its protocol too, where no other recording is
-        of it.
+        Of each only its alignment is fitted, and parameters of one scan; those of its protocol too, where none of the
+        others is of it.
 
         Parameters
         ----------
-        name : str
-            Of the recording.
+        names : collection of str
+            Of the recordings.
         effects : tuple of str
         given : JointFit
             Where to begin.
 
         Returns
         -------
-        Fit
+        dict of str to Fit
+            By recording.
         """
-        fitter = self.fitters[name]
         if not effects:
-            return given.fits[name] if not given.effects else fitter.fit(())
-        rest = self.without(name)
+            return {name: given.fits[name] if not given.effects else self.fitters[name].fit(()) for name in names}
+        rest = self.without(names)
         others = rest.fit(effects, given)
+        return {name: self._held(name, effects, given.fits[name], rest, others) for name in names}
+
+    def _held(self, name: str, effects: tuple[str, ...], begun: Fit, rest: JointFitter, others: JointFit) -> Fit:
+        """One recording held against a fit of others."""
+        fitter = self.fitters[name]
         alike = [other for other in rest.fitters if rest.protocols[other] == self.protocols[name]]
         known = NOT_OF_SCAN if alike else (OF_SCANNER,)
         one = others.fits[(alike or list(rest.fitters))[0]]
         held = fitter.of(copy.copy(fitter.model))
         held.model.fixed = {effect: those(known, effect, one.physics[effect]) for effect in effects}
-        begun = {effect: given.fits[name].physics[effect] | held.model.fixed[effect] for effect in effects}
-        fit = held.fit(effects, replace(given.fits[name], effects=effects, physics=others.physics | begun))
+        start = {effect: begun.physics[effect] | held.model.fixed[effect] for effect in effects}
+        fit = held.fit(effects, replace(begun, effects=effects, physics=others.physics | start))
         errors = {effect: fit.errors[effect] | those(known, effect, one.errors[effect]) for effect in effects}
         return replace(fit, errors=fit.errors | errors)
 

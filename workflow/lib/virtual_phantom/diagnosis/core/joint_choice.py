@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from scipy import stats
@@ -16,6 +16,7 @@ from .fit import Fit
 from .joint import JointFit, JointFitter
 
 TRIED = 3  # best effects of the fitted data that are held against recordings left out; a choice that bounds the time
+MOST_FOLDS = 12  # times that recordings are left out; a choice that bounds the time
 MOST_MISSED = 0.5  # share of the recordings that an effect may make worse: what one scan has alone is not the scanner's
 
 
@@ -28,7 +29,7 @@ class JointChoice:
     baseline, chosen : JointFit
         The alignments alone, and with the effects; fitted to all recordings.
     left_out : dict of str to Fit
-        By recording, with the physics of the others and its own alignment.
+        By recording, with the physics of those that were not left out with it, and its own alignment.
     scores : dict of str to dict of str to float
         By recording, log score on its data held out: "before", and "after" with the physics of the others.
     gains : dict of str to float
@@ -51,14 +52,18 @@ class JointChoice:
 class _Judge:
     """Scores of sets of effects on recordings left out, each made once."""
 
-    def __init__(self, together: JointFitter, baseline: JointFit):
-        self.together, self._fits = together, {}
+    def __init__(self, together: JointFitter, baseline: JointFit, left_together: Sequence[Collection[str]]):
+        self.together, self.left_together = together, left_together
+        self._fits: dict[tuple[str, ...], dict[str, Fit]] = {}
         self.none = {name: one.score(baseline.fits[name]) for name, one in together.fitters.items()}
 
     def fits(self, effects: tuple[str, ...], given: JointFit) -> dict[str, Fit]:
         key = tuple(sorted(effects))
         if key not in self._fits:
-            self._fits[key] = {name: self.together.left_out(name, effects, given) for name in self.together.fitters}
+            found: dict[str, Fit] = {}
+            for names in self.left_together:
+                found |= self.together.left_out(names, effects, given)
+            self._fits[key] = {name: found[name] for name in self.together.fitters}
         return self._fits[key]
 
     def scores(self, effects: tuple[str, ...], given: JointFit) -> dict[str, float]:
@@ -68,8 +73,36 @@ class _Judge:
         return {name: one.score(found[name]) for name, one in self.together.fitters.items()}
 
 
+def left_together(names: Sequence[str], objects: Mapping[str, str] | None = None) -> list[list[str]]:
+    """Which recordings are left out at a time: those of one object, where there are several; one otherwise.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the recordings.
+    objects : mapping of str to str, optional
+        {recording: what was scanned}; None: each is of an object of its own.
+
+    Returns
+    -------
+    list of list of str
+        MOST_FOLDS at most: of more objects some are left out together.
+    """
+    found: dict[str, list[str]] = {}
+    several = objects is not None and len(set(objects.values())) > 1
+    for name in names:
+        found.setdefault(objects[name] if several else name, []).append(name)
+    groups = list(found.values())
+    return [
+        [name for group in groups[first::MOST_FOLDS] for name in group] for first in range(min(MOST_FOLDS, len(groups)))
+    ]
+
+
 def choose_jointly(
-    together: JointFitter, candidates: Sequence[str], accuracy: Mapping[str, float] | None = None
+    together: JointFitter,
+    candidates: Sequence[str],
+    accuracy: Mapping[str, float] | None = None,
+    objects: Mapping[str, str] | None = None,
 ) -> JointChoice:
     """Choose effects one at a time while recordings that were not fitted gain by them.
 
@@ -84,6 +117,8 @@ def choose_jointly(
     candidates : sequence of str
     accuracy : mapping of str to float, optional
         As core.attribute.choose takes it.
+    objects : mapping of str to str, optional
+        As left_together takes them.
 
     Returns
     -------
@@ -98,7 +133,7 @@ def choose_jointly(
         raise InputError("a joint diagnosis needs two recordings: each is judged by the physics of the others")
     accuracy = defaults_of("diagnosis", "model_accuracy") if accuracy is None else accuracy
     baseline = together.fit(())
-    judge, current = _Judge(together, baseline), baseline
+    judge, current = _Judge(together, baseline, left_together(list(together.fitters), objects)), baseline
     gains: dict[str, float] = {}
     p: dict[str, float] = {}
 
