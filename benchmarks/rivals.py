@@ -1,6 +1,6 @@
 """The diagnosis against simple rivals, on the same recordings.
 
-    python benchmarks/rivals.py --seed 51 --none 6 --unknown 7 --out rivals.jsonl
+    python benchmarks/rivals.py --seed 51 --out rivals.jsonl
 
 Scans by the proof's simulator as lacking.py has them: every effect of --effects alone, nothing, pairs and faults that
 the library lacks. The rivals see both halves of the repeats, and know of no numerical error beyond what is fitted:
@@ -152,7 +152,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--out", type=Path, required=True)
-    lacking.add_draws(parser, ["medium"], none=6, pairs=0, unknown=7)
+    lacking.add_draws(parser, ["medium"], none=6, pairs=5, unknown=7)
     options = parser.parse_args()
     config = lacking.default_config()
     rows = lacking.rows_of(options.out)

@@ -1,6 +1,6 @@
 """How often mistakes in the description of a scan are named, and right descriptions let be.
 
-    python benchmarks/setup_mistakes.py --draws 5 --first 100
+    python benchmarks/setup_mistakes.py --draws 5 --first 700
 
 Every draw has a scanner and an object of its own: an elliptic body, the quality-assurance phantom or a disc off the
 axis, at a place of its own, scanned by the library's chain with twice as many rays per pixel and direction as are

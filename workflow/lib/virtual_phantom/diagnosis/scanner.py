@@ -185,7 +185,7 @@ def _parameters(
             "ci95_noise": interval(value, fit.errors[name].get(key, 0.0), low, high),
             "unit": stated[key].unit,
             "without": {
-                one: other.physics[name][key] for one, other in without.items() if (name, key) in other.elsewhere
+                one: other.physics[name][key] for one, other in without.items() if key in other.elsewhere.get(name, ())
             },
         }
     return parameters
@@ -220,7 +220,7 @@ def _own(fit: Fit) -> dict:
         name: {
             one.name: fit.physics[name][one.name]
             for one in load(name).parameters
-            if one.belongs_to != OF_SCANNER and (name, one.name) not in fit.elsewhere
+            if one.belongs_to != OF_SCANNER and one.name not in fit.elsewhere.get(name, ())
         }
         for name in fit.effects
     }

@@ -61,8 +61,8 @@ class Fit:
         Chi-square by part of the data (Observed.parts).
     free : int
         Number of effects' parameters.
-    elsewhere : frozenset of (str, str)
-        Effects and parameters that were found on other recordings, and not fitted.
+    elsewhere : dict of str to list of str
+        {effect: parameters that were found on other recordings, and not fitted}.
     pulled : dict of str to float
         How far the nuisance parameters lie off what the fit knew of them, in standard deviations, where anything was
         known.
@@ -84,7 +84,7 @@ class Fit:
     chi_square: float
     parts: tuple[float, ...]
     free: int
-    elsewhere: frozenset[tuple[str, str]] = frozenset()
+    elsewhere: dict[str, list[str]] = field(default_factory=dict)
     pulled: dict[str, float] = field(default_factory=dict)
     linearisation: Linearisation = BASE
     corrected: float = 0.0
@@ -593,7 +593,7 @@ class Problem:
             chi_square=total,
             parts=tuple(float((w * r**2).sum()) for w, r in zip(self.weights, residuals, strict=True)),
             free=count + self.patterned,
-            elsewhere=frozenset((name, key) for name in self.whole for key in self.model.fixed.get(name, {})),
+            elsewhere={name: list(self.model.fixed[name]) for name in self.whole if name in self.model.fixed},
             pulled={one.name: float(one.off(value)) for one, value in known if np.isfinite(one.sd)},
             linearisation=self.linearisation,
             corrected=float((self.weights[0] * corrected).sum()),

@@ -60,7 +60,7 @@ def of_both_halves(fitter: Fitter, problem: Problem, fit: Fit) -> tuple[list[np.
 def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarray:
     """Directions, the sum of whose outer products is the numbers' covariance, shape (directions, numbers)."""
     elsewhere = np.zeros(len(problem.start), bool)
-    elsewhere[: len(problem.unknowns)] = [(one.effect, one.name) in fit.elsewhere for one in problem.unknowns]
+    elsewhere[: len(problem.unknowns)] = [one.name in fit.elsewhere.get(one.effect, ()) for one in problem.unknowns]
     inside = Known.of(information[np.ix_(~elsewhere, ~elsewhere)]).root.T
     fitted, found = np.zeros((len(inside), len(elsewhere))), np.zeros((int(elsewhere.sum()), len(elsewhere)))
     fitted[:, ~elsewhere] = inside
