@@ -1,5 +1,7 @@
 """What happens to readings after the detection, against its equations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,17 @@ def test_dark_signal_is_added_to_both_and_drifts(taken):
     added = (found.readings - taken.readings).mean(axis=(0, 2, 3))
     assert added == pytest.approx(12 + 6 * (np.arange(5) + 0.5 - 2.5) * 2 / 5, rel=1e-3)
     assert found.air == pytest.approx(1012.0)
+
+
+def test_the_monitor_corrects_the_tube_current_after_the_detector_has_read(taken):
+    """A dark signal does not follow the current, so that it is divided by it; gains of the signal are not."""
+    current = np.array([0.5, 1.0, 1.5, 1.0, 2.0])
+    found = read(replace(taken, current=current), dark_photons=0.2)
+    added = (found.readings - taken.readings).mean(axis=(0, 2, 3))
+    assert added == pytest.approx(12 / current, rel=1e-3)
+    lossy = read(replace(taken, current=current), saturation_per_photon=0.1 * 60 / 1000)
+    reads = taken.readings * current[:, None, None]
+    assert lossy.readings == pytest.approx(reads * (1 - reads / 10000) / current[:, None, None], rel=1e-5)
 
 
 def test_saturation_takes_most_where_most_arrives(taken):

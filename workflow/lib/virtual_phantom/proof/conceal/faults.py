@@ -35,7 +35,7 @@ def faulty(taken: Acquired, scan: Scan, random: np.random.Generator) -> Acquired
         readings = readings.copy()
         for view in chosen(scan.views, many, settings["lost_seed"]):
             readings[:, view] = readings[:, view - 1]
-    return Acquired(readings.astype(np.float32), air.astype(np.float32))
+    return Acquired(readings.astype(np.float32), air.astype(np.float32), current=taken.current)
 
 
 def chosen(views: int, share: float, seed: int) -> np.ndarray:

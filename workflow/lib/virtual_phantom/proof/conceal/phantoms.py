@@ -17,8 +17,8 @@ LEAST_FRACTION = 1e-4  # below it a voxel is air, which is not scanned
 FINER = 2  # voxels of the scanned phantom over those that the diagnosis is given
 VOXELS_PER_PIXEL = 3  # that the diagnosis is given, at the isocentre
 REACH = 1.3  # of the beam's height at the isocentre: what its cone sees of the phantom's near and far side
-# Beyond it, mm: what rows that lie up to 8 mm off see of the far side. Where rays leave through the ends, two simulators
-# differ by how they end an object, which no effect is.
+# Beyond it, mm: what rows that lie up to 8 mm off see of the far side. Where rays leave through the ends, two
+# simulators differ by how they end an object, which no effect is.
 BEYOND_MM = 6.0
 
 
@@ -44,7 +44,9 @@ def build(one: Object, layout_file: str | Path, columns: int, rows: int, seed: S
     """
     pixel = one.pixel_mm(columns)
     voxel = pixel / VOXELS_PER_PIXEL
-    slices, seen = (int(np.ceil(height / voxel / 2)) * 2 for height in (one.least_mm, rows * pixel * REACH + 2 * BEYOND_MM))
+    slices, seen = (
+        int(np.ceil(height / voxel / 2)) * 2 for height in (one.least_mm, rows * pixel * REACH + 2 * BEYOND_MM)
+    )
     across = (int(np.ceil(extent / voxel / 2)) * 2 for extent in one.extent_mm)
     grid = Grid((max(slices, seen), *across), (voxel,) * 3)
     whole = synthetic.build(layout.read_layout(layout_file), grid, FINER, seed)

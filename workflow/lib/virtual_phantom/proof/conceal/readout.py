@@ -35,6 +35,9 @@ def read_out(
     Acquired
     """
     readings, air = taken.readings, taken.air
+    # The detector reads what the tube gave; the monitor corrects that afterwards.
+    current = 1.0 if taken.current is None else taken.current[:, None, None]
+    readings = readings * current
     if share := settings.get("glare_share", 0.0):
         spread = glare(settings["glare_range_mm"], pitch_mm)
         readings, air = ((1 - share) * one + share * wide(one, spread) for one in (readings, air))
@@ -52,7 +55,7 @@ def read_out(
         time = (np.arange(views) + 0.5 - views / 2) * rotation_s / views
         readings = readings + level + drift * time[:, None, None]
         air = air + level
-    return Acquired(readings.astype(np.float32), air.astype(np.float32))
+    return Acquired((readings / current).astype(np.float32), air.astype(np.float32))
 
 
 def glare(range_mm: float, pitch_mm: tuple[float, float]) -> np.ndarray:

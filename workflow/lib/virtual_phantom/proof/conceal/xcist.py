@@ -99,11 +99,14 @@ class Acquired:
     air : ndarray of float32, shape (rows, columns)
     quanta : ndarray, shape (rows, columns), or None
         Noise-equivalent quanta in air, per view; None where nobody asked.
+    current : ndarray, shape (views,), or None
+        Tube current over its mean, which the readings are divided by; None if it is the same in all views.
     """
 
     readings: np.ndarray
     air: np.ndarray
     quanta: np.ndarray | None = None
+    current: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -271,6 +274,8 @@ def simulate(scan: Scan, materials: Materials | Surfaces, repeats: int, seed: St
 
 
 def _simulate(scan, materials, repeats, seed):
+    from .hooks.flux import tube_current
+
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)  # the C library tells of every allocation; this process is its own
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stderr(io.StringIO()):
@@ -288,7 +293,8 @@ def _simulate(scan, materials, repeats, seed):
         _seed(cfg, seed.spawn(1)[0])
         cfg.sim.thisScanType = [0, 0, 1, 0]
         _one_scan(cfg)
-    return Acquired(np.stack(cfg.hooks.views, axis=1), air, quanta)
+        current = tube_current(cfg, np.arange(scan.views)) if any(cfg.hooks.modulation) else None
+    return Acquired(np.stack(cfg.hooks.views, axis=1), air, quanta, current)
 
 
 def central(values: np.ndarray, scan: Scan) -> float:

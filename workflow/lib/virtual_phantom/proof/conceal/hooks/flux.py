@@ -11,8 +11,8 @@ def flux(cfg):
     """XCIST's flux, times the heel and the tube current.
 
     The heel: electrons stop at a depth d in the tungsten, whose angle is t; a ray at the cone angle a then passes d /
-    sin(t + a) of it [1]_, relative to the central ray. The current: 1 + c cos 2b + s sin 2b at the gantry's angle b, in
-    the scan of the object: a monitor corrects that in the mean.
+    sin(t + a) of it [1]_, relative to the central ray. The current is modulated in the scan of the object: a monitor
+    corrects that in the mean.
 
     Parameters
     ----------
@@ -38,10 +38,15 @@ def flux(cfg):
         open_ = open_.reshape(-1, hooks.cells_divided).mean(axis=1)
         hooks.open = np.repeat(open_, cfg.scanner.detectorRowCount)[:, None]  # cells: column by column
         cfg.detFlux = np.single(cfg.detFlux * hooks.open)
-    cosine, sine = hooks.modulation
-    if cfg.sim.isPhantomScan and (cosine or sine):
-        turned = cfg.viewId / cfg.protocol.viewsPerRotation
-        angle = np.deg2rad(cfg.protocol.startAngle) + 2 * np.pi * cfg.protocol.rotationDirection * turned
-        hooks.current = 1 + cosine * np.cos(2 * angle) + sine * np.sin(2 * angle)
+    if cfg.sim.isPhantomScan and any(hooks.modulation):
+        hooks.current = tube_current(cfg, cfg.viewId)
         cfg.detFlux = np.single(cfg.detFlux * hooks.current)
     return cfg
+
+
+def tube_current(cfg, view):
+    """The current of a view, or of several, over its mean: 1 + c cos 2b + s sin 2b at the gantry's angle b."""
+    cosine, sine = cfg.hooks.modulation
+    turned = view / cfg.protocol.viewsPerRotation
+    angle = np.deg2rad(cfg.protocol.startAngle) + 2 * np.pi * cfg.protocol.rotationDirection * turned
+    return 1 + cosine * np.cos(2 * angle) + sine * np.sin(2 * angle)
