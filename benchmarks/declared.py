@@ -51,6 +51,12 @@ def stated(comparable: dict, random) -> dict[str, dict[str, float]]:
     }
 
 
+def of_catalogue(name: str, strength: str, random) -> dict:
+    """An effect of that strength, as a case's truth has it."""
+    settings, comparable = CATALOGUE[name].draw(strength, random)
+    return {"name": str(name), "strength": strength, "settings": settings, "comparable": comparable}
+
+
 def drawn(number: int, draws: int, seed: int) -> tuple[dict, dict]:
     """A case's truth, and what is declared; from number `draws` on nothing is concealed."""
     random = generator(branch(seed, TRUTH, number))
@@ -58,14 +64,11 @@ def drawn(number: int, draws: int, seed: int) -> tuple[dict, dict]:
     concealed = KNOWN[order[number % len(KNOWN)]] if number < draws else None
     effects, baseline = [], {}
     if concealed:
-        strength = str(random.choice(["medium", "strong"]))
-        settings, comparable = CATALOGUE[concealed].draw(strength, random)
-        effects.append({"name": concealed, "strength": strength, "settings": settings, "comparable": comparable})
+        effects.append(of_catalogue(concealed, str(random.choice(["medium", "strong"])), random))
     others = [name for name in statable() if name != concealed]
     for name in random.choice(others, DECLARED, replace=False):
-        settings, comparable = CATALOGUE[name].draw("medium", random)
-        effects.append({"name": str(name), "strength": "medium", "settings": settings, "comparable": comparable})
-        baseline[str(name)] = stated(comparable, random)
+        effects.append(of_catalogue(name, "medium", random))
+        baseline[str(name)] = stated(effects[-1]["comparable"], random)
     truth = {"case": f"case_{number:02d}", "number": number, "phantom": PHANTOMS[number % 2], "effects": effects}
     return truth | {"concealed": concealed}, baseline
 

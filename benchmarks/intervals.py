@@ -70,10 +70,14 @@ def held(rows, error):
     return [float(np.mean(off <= stats.norm.ppf(0.5 + level / 2) * size)) for level in LEVELS]
 
 
+def shares(rows):
+    """What intervals of every level hold, in words: for noise alone, and with inexact models counted."""
+    return "  ".join("/".join(f"{100 * one:3.0f}" for one in held(rows, error)) for error in ("noise", "whole"))
+
+
 def line(words, rows):
     wider = np.median([row["whole"] / row["noise"] for row in rows if row["noise"]] or [np.nan])
-    shares = "  ".join("/".join(f"{100 * one:3.0f}" for one in held(rows, error)) for error in ("noise", "whole"))
-    print(f"{words:24} {len(rows):4}  {shares}  {wider:6.2f}")
+    print(f"{words:24} {len(rows):4}  {shares(rows)}  {wider:6.2f}")
 
 
 def counted(cases):

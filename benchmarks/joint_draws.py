@@ -14,8 +14,8 @@ from pathlib import Path
 
 import lacking
 import numpy as np
-from declared import statable
-from intervals import LEVELS, held
+from declared import of_catalogue, statable
+from intervals import LEVELS, held, shares
 
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.candidates import OF_ONE_SCAN
@@ -23,7 +23,6 @@ from virtual_phantom.diagnosis.core.asked import Asked
 from virtual_phantom.diagnosis.core.inexact import errors_of_recordings
 from virtual_phantom.diagnosis.core.joint import JointFitter
 from virtual_phantom.diagnosis.ready import ready
-from virtual_phantom.proof.conceal.catalogue import CATALOGUE
 from virtual_phantom.proof.conceal.objects import OBJECTS
 
 EFFECTS = 3
@@ -33,12 +32,8 @@ WAYS = ("both", *OBJECTS)
 def drawn(number, seed):
     """Effects of a scanner, as a case of the proof has them."""
     random = generator(branch(seed, number))
-    effects = []
     shared = [name for name in statable() if name not in OF_ONE_SCAN]
-    for name in random.choice(shared, EFFECTS, replace=False):
-        settings, comparable = CATALOGUE[name].draw("medium", random)
-        effects.append({"name": str(name), "strength": "medium", "settings": settings, "comparable": comparable})
-    return effects
+    return [of_catalogue(name, "medium", random) for name in random.choice(shared, EFFECTS, replace=False)]
 
 
 def scanned(folder, number, effects, config, seed):
@@ -90,8 +85,7 @@ def counted(draws):
     widths = {way: np.array([row["whole"] for draw in draws for row in draw[way]]) for way in WAYS}
     for way in WAYS:
         rows = [row for draw in draws for row in draw[way]]
-        shares = "  ".join("/".join(f"{100 * one:3.0f}" for one in held(rows, error)) for error in ("noise", "whole"))
-        print(f"{way:12} {len(rows):4}  {shares}  {np.median(widths[way] / widths['both']):6.2f}")
+        print(f"{way:12} {len(rows):4}  {shares(rows)}  {np.median(widths[way] / widths['both']):6.2f}")
     every = [row for draw in draws for row in draw["both"]]
     for effect in sorted({row["effect"] for row in every}):
         rows = [row for row in every if row["effect"] == effect]
