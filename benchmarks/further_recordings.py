@@ -5,7 +5,7 @@
 One effect of a group whose effects look alike is in a scan of a disc of water. What the choice among the group leaves
 ambiguous is ranked against as `snakemake next_measurement` does, the scan that is ranked first and the one ranked last
 are made, and both scans together choose one effect of the ambiguous ones, by the log score of data that were not
-fitted. All by the library's own chain, with three times as many rays per pixel and direction as the model has. Dark
+fitted. Of afterglow and rotation during a view the disc lies off the axis: centred, it does not show a rotation. All by the library's own chain, with three times as many rays per pixel and direction as the model has. Dark
 frames, which are no scan, are left out.
 """
 
@@ -27,9 +27,10 @@ from virtual_phantom.diagnosis.projections.numerical import model_and_floor
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scene import DiscScene, Pose
+from virtual_phantom.physics.shapes import ShapesScene, cylinder
 
 SAMPLES, FINER = 2, 3
-DISC_MM = 160.0
+DISC_MM, OFF_AXIS_MM = 160.0, 45.0
 GEOMETRY = circular(
     views=60,
     source_to_isocentre_mm=570.0,
@@ -73,6 +74,13 @@ def drawn(name, random, air):
     }[name]()
 
 
+def scanned(group):
+    """What the first scan of a group is of."""
+    if group != "turn":
+        return DiscScene(DISC_MM, "water")
+    return ShapesScene([cylinder("water", (OFF_AXIS_MM, 0.0, 0.0), DISC_MM / 2)])
+
+
 def made_ready(scan, like, physics, random):
     """A scan of that physics, prepared for fits; the object lies a little beside its place."""
     stated = scan.chain(like)
@@ -106,7 +114,7 @@ def one(group, draw):
     began, effects = time.perf_counter(), GROUPS[group]
     random = np.random.default_rng(np.random.SeedSequence(20261125, spawn_key=(list(GROUPS).index(group), draw)))
     truth = effects[draw % len(effects)]
-    like = Chain(DiscScene(DISC_MM, "water"), GEOMETRY, draws.PHOTONS, SAMPLES)
+    like = Chain(scanned(group), GEOMETRY, draws.PHOTONS, SAMPLES)
     physics = {truth: drawn(truth, random, like.reads_in_air)}
     first = Scan("first", "", like.scene, GEOMETRY)
     prepared = made_ready(first, like, physics, random)
