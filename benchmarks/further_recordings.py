@@ -5,8 +5,9 @@
 One effect of a group whose effects look alike is in a scan of a disc of water. What the choice among the group leaves
 ambiguous is ranked against as `snakemake next_measurement` does, the scan that is ranked first and the one ranked last
 are made, and both scans together choose one effect of the ambiguous ones, by the log score of data that were not
-fitted. Of afterglow and rotation during a view the disc lies off the axis: centred, it does not show a rotation. All by the library's own chain, with three times as many rays per pixel and direction as the model has. Dark
-frames, which are no scan, are left out.
+fitted. Of afterglow and rotation during a view the disc lies off the axis: centred, it does not show a rotation. All by
+the library's own chain, with three times as many rays per pixel and direction as the model has. Dark frames, which are
+no scan, are left out.
 """
 
 import argparse
