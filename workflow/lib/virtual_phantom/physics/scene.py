@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,9 @@ from .materials import Segmentation, attenuation_per_mm, energy_of
 from .rays import Rays, Voxels
 
 DISC_ENERGY_KEV = 60.0  # of the monochromatic beam where none is stated: about the mean of a body scan at 120 kV
+# Of what goes on beyond a volume: amount in a voxel of the last slice from which on the object is cut there (air of a
+# real scan is not empty), and slices.
+LEAST_CUT, MOST_BEYOND = 0.25, 32
 
 
 class VoxelScene:
@@ -43,6 +47,7 @@ class VoxelScene:
         self._centre = middle[::-1]
         self._fractions = fractions[:, *box]
         self._voxels = None
+        self._at_ends = {-1: bool(low[0] == 0), 1: bool(high[0] == grid.shape[0])}
 
     @classmethod
     def of(cls, phantom: Volume, segmentation: Segmentation, mu_water_per_mm: float, threads: int = 1) -> VoxelScene:
@@ -117,6 +122,41 @@ class VoxelScene:
     def whole_voxels(self) -> bool:
         """As Voxels.whole."""
         return self._traceable.whole
+
+    @property
+    def ends_mm(self) -> tuple[float, float]:
+        """The least and the largest z of its matter, mm."""
+        half = self.grid.extent_mm[0] / 2
+        return float(self._centre[2] - half), float(self._centre[2] + half)
+
+    def beyond(self, end: int, height_mm: float) -> VoxelScene | None:
+        """What there would be beyond an end of the volume, if the object went on like its last slice.
+
+        Parameters
+        ----------
+        end : int
+            -1: below the volume; 1: above it.
+        height_mm : float
+            How far it goes on.
+
+        Returns
+        -------
+        VoxelScene or None
+            None where the object ends within the volume.
+        """
+        last = self._fractions[:, 0 if end < 0 else -1]
+        if not self._at_ends[end] or last.sum(axis=0).max() < LEAST_CUT:
+            return None
+        step = self.grid.spacing[0]
+        count = math.ceil(height_mm / step)
+        if count > MOST_BEYOND:
+            count, step = MOST_BEYOND, height_mm / MOST_BEYOND
+        found = copy.copy(self)
+        found._voxels, found._fractions = None, np.repeat(last[:, None], count, axis=1)
+        found.grid = replace(self.grid, shape=found._fractions.shape[1:], spacing=(step, *self.grid.spacing[1:]))
+        place = self.ends_mm[0 if end < 0 else 1] + end * count * step / 2
+        found._centre = np.array([*self._centre[:2], place])
+        return found
 
     def _sized(self, size: float) -> Grid:
         return self.grid if size == 1 else replace(self.grid, spacing=tuple(size * s for s in self.grid.spacing))

@@ -26,6 +26,7 @@ from ..core.uncertainty import left_by_numbers
 from ..extent import rays_of
 from . import piece
 from .caveats import lost_rays
+from .ends import beyond
 from .kinds import kinds
 from .locate import excess_at_edges, locate
 from .model import ScansModel
@@ -172,7 +173,8 @@ class PreparedScans(Prepared):
 
     def caveats(self) -> list[str]:
         """As Prepared.caveats."""
-        return lost_rays(self.usable)
+        chain = self.fitter.model.chain
+        return lost_rays(self.usable) + beyond(chain.scene, chain.geometry).words
 
 
 def split(taken: Scans, further: Scans | None) -> tuple[Scans, Scans, str]:

@@ -1,0 +1,48 @@
+"""Rays that leave a volume where it cuts the object."""
+
+import numpy as np
+import pytest
+
+from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.diagnosis.projections.ends import LEAST_MISSING, beyond
+from virtual_phantom.physics.posed import PosedScene
+from virtual_phantom.physics.scene import DiscScene, VoxelScene
+
+GEOMETRY = circular(
+    views=24,
+    source_to_isocentre_mm=500.0,
+    source_to_detector_mm=900.0,
+    columns=32,
+    rows=8,
+    column_pitch_mm=8.0,
+    row_pitch_mm=8.0,
+)
+
+
+def cylinder(slices, air=0, amount=1.0, noise=0.0):
+    """Water of 100 mm in voxels of 2 mm, `air` slices beyond either end."""
+    y, x = np.mgrid[:60, :60] - 29.5
+    volume = np.full((1, slices + 2 * air, 60, 60), noise, np.float32)
+    volume[0, air : air + slices, np.hypot(y, x) < 25] = amount
+    return VoxelScene(volume, Grid(volume.shape[1:], (2.0, 2.0, 2.0)), ("water",), 60.0)
+
+
+def test_what_is_missing_is_what_a_longer_volume_has_more():
+    cut, whole = cylinder(14), cylinder(60)
+    found = beyond(PosedScene(cut), GEOMETRY)
+    missing = cut.attenuation_per_mm[0] * (whole.path_lengths(GEOMETRY) - cut.path_lengths(GEOMETRY))[0]
+    assert found.share == pytest.approx(np.mean(missing > LEAST_MISSING), abs=0.01)
+    assert found.most == pytest.approx(missing.max(), rel=0.01)
+    assert "3.8 mm longer on each side" in found.words[0]
+    # As long as is said, nothing is missing any more.
+    assert not beyond(cylinder(14 + 2 * int(np.ceil(found.height_mm / 2))), GEOMETRY).words
+
+
+@pytest.mark.parametrize("scene", [cylinder(60), DiscScene(100.0, "water")], ids=["long", "disc"])
+def test_an_object_longer_than_the_beam_lacks_nothing(scene):
+    assert not beyond(scene, GEOMETRY).words
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_an_object_that_ends_within_its_volume_is_not_cut(noise):
+    assert not beyond(cylinder(14, air=1, noise=noise), GEOMETRY).words
