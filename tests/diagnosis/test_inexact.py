@@ -6,7 +6,7 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.core import inexact
-from virtual_phantom.diagnosis.core.inexact import errors_with_models, shapes
+from virtual_phantom.diagnosis.core.inexact import errors_with_models, harmonics, shapes
 from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
@@ -32,15 +32,15 @@ def chain():
     return Chain(DiscScene(160.0, "water"), GEOMETRY, PHOTONS)
 
 
-def fitted(chain, seed, added=0.0):
-    """The fitter of four repeats, to whose lines something is added, and fits without and with a dark signal."""
-    state = chain.state(TRUE)
+def fitted(chain, seed, added=0.0, true=TRUE):
+    """The fitter of four repeats, to whose lines something is added, and fits without and with the one true effect."""
+    state = chain.state(true)
     lines = (noisy_lines(state, 4, np.random.default_rng(seed)) + added).astype(np.float32)
     white = state.measured_air.mean(axis=0) * state.photons
     scans = observed.Scans(lines, white, np.ones(lines.shape[1:], bool))
     fitter = prepared.prepare(scans, None, chain, nominal_photons=PHOTONS).fitter
     baseline = trial(fitter, ())
-    return fitter, baseline.fit, trial(fitter, ("dark_signal",), baseline).fit
+    return fitter, baseline.fit, trial(fitter, tuple(true), baseline).fit
 
 
 def level(errors):
@@ -83,8 +83,35 @@ def test_of_data_that_are_off_as_models_may_be_intervals_are_right(chain):
     assert np.sqrt(np.mean(np.square(of_noise))) > 2  # what intervals of noise alone miss
 
 
+def test_a_kernel_of_another_form_is_off_by_what_half_its_width_shifts(chain):
+    """Glare of which as much again is half as wide: the numbers move by what is counted for it."""
+    glare = {"veiling_glare": {"share": 0.03, "width_mm": 60.0}}
+    narrower = {"veiling_glare": {"share": 0.03, "width_mm": 30.0}}
+    wide, narrow = (chain.state(one).line_integrals() for one in (glare, narrower))
+    lines = chain.state({}).line_integrals()
+    fitter, without, fit = fitted(chain, 4, 0.0, glare)
+    exact = {"default": 0.0, "numerical": 0.0}
+    errors = errors_with_models(fitter, fit, {"veiling_glare": without}, exact).physics["veiling_glare"]
+    small = 0.1  # of it: where the fit is straight
+    _, _, moved = fitted(chain, 4, small * (narrow - wide), glare)
+    assert np.abs(narrow - wide).max() > 0.2 * np.abs(wide - lines).max()
+    for key, error in errors.items():
+        shift = (moved.physics["veiling_glare"][key] - fit.physics["veiling_glare"][key]) / small
+        assert np.sqrt(error**2 - fit.errors["veiling_glare"][key] ** 2) == pytest.approx(abs(shift), rel=0.2)
+
+
 def test_shapes_are_of_one_size_along_whatever_axes_there_are():
     for shape in ((7, 4, 9), (7, 1, 9), (1, 1, 1)):
         found = shapes(np.random.default_rng(1).normal(size=shape))
         assert all(one.shape == shape and np.mean(one**2) == pytest.approx(1) for one in found.values())
         assert len(found) == 1 + sum(length > 1 for length in shape) + (2 + (shape[2] > 2)) * (max(shape) > 1)
+
+
+def test_harmonics_of_a_turn_are_waves_of_one_size():
+    turned = 2 * np.pi * np.arange(24) / 24
+    found = harmonics(turned, (24, 2, 3))
+    waves = np.array([one[:, 0, 0] for one in found.values()])
+    assert len(found) == 4 and all(one.shape == (24, 2, 3) for one in found.values())
+    np.testing.assert_allclose(waves @ waves.T / 24, np.eye(4), atol=1e-12)
+    assert np.abs(waves.sum(axis=1)).max() < 1e-12
+    assert harmonics(None, (24, 2, 3)) == {}

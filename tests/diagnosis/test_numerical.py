@@ -7,7 +7,9 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.diagnosis.core import inexact
 from virtual_phantom.diagnosis.core.attribute import choose
+from virtual_phantom.diagnosis.core.inexact import harmonics
 from virtual_phantom.diagnosis.core.linearisation import BASE, NOMINAL, LinearisationPoint
 from virtual_phantom.diagnosis.core.pattern import estimate
 from virtual_phantom.diagnosis.core.trial import trial
@@ -78,6 +80,31 @@ def test_voxels_twice_as_large_as_those_scanned_are_a_match(known):
     assert found["verdict"] == "match", found["sentence"]
     # Richardson: halving again would change a third of what halving changed; the scanned voxels are half the way.
     assert 0.1 < found["alignment"]["voxels"]["value"] < 0.4
+
+
+@pytest.mark.parametrize("name", ["rays", "voxels"])
+def test_uneven_errors_of_steps_shift_numbers_by_what_is_counted(known, monkeypatch, name):
+    """Data are off by the error of a step that goes with the direction: numbers move as their errors say."""
+    given = prepared_from(known, Chain(known[1], GEOMETRY, PHOTONS, samples=FINELY).state({}))
+    fitter = given.fitter
+    fit = trial(fitter, ()).fit
+    share = 0.5
+    whole = harmonics(fitter.model.turned_rad, fitter.data.mean.shape)
+    steps = fitter.model.errors_of_steps(fit.linearisation)
+    monkeypatch.setattr(type(fitter.model), "errors_of_steps", lambda *_: {name: steps[name]})
+    monkeypatch.setattr(inexact, "shapes", lambda mean: {})
+    monkeypatch.setattr(inexact, "harmonics", lambda *_: {"sin 2": whole["sin 2"]})
+    counted = inexact.errors_with_models(fitter, fit, {}, {"default": 0.0, "numerical": share}).nuisance
+    monkeypatch.undo()
+    other = fitter.of(fitter.model)
+    other.data = replace(fitter.data, mean=fitter.data.mean + share * steps[name] * whole["sin 2"])
+    moved = trial(other, ()).fit
+    shifts = {key: moved.nuisance[key] - value for key, value in fit.nuisance.items()}
+    clear = [key for key, shift in shifts.items() if abs(shift) > 0.3 * fit.nuisance_errors[key]]
+    assert clear
+    for key in clear:
+        by_steps = np.sqrt(counted[key] ** 2 - fit.nuisance_errors[key] ** 2)
+        assert by_steps == pytest.approx(abs(shifts[key]), rel=0.2), key
 
 
 def offset(pixels):

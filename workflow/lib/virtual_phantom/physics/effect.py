@@ -99,6 +99,8 @@ class Parameter:
         Of the scanner's design: a fit takes it at its typical value.
     belongs_to : {"scanner", "protocol", "scan"}
         Which recordings have it in common.
+    kernel : bool
+        The width of a kernel or source whose form is assumed: that of a real one may be another.
     """
 
     name: str
@@ -113,6 +115,7 @@ class Parameter:
     reach: Reach | None = None
     stated: bool = False
     belongs_to: str = OF_SCANNER
+    kernel: bool = False
 
     def number(self, value: float) -> float:
         """What fits vary, of a value."""

@@ -182,6 +182,25 @@ class Model(ABC):
         """
         return 0.0
 
+    def errors_of_steps(self, linearisation: Linearisation = BASE) -> dict[str, np.ndarray]:
+        """What twice finer steps of the simulator change of the mean.
+
+        Parameters
+        ----------
+        linearisation : Linearisation, optional
+
+        Returns
+        -------
+        dict of str to ndarray
+            {name of a number of the alignment: change per unit of it}; empty where there is none.
+        """
+        return {}
+
+    @property
+    def turned_rad(self) -> np.ndarray | None:
+        """How far the source has turned in every view, shape (views,); None of images."""
+        return None
+
     def strayed(
         self,
         errors: LinearisationPoint,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import sqrt
 
 from scipy import stats
@@ -17,16 +18,21 @@ from .steps import interval
 LEAST_TOLD = 0.1
 
 
-def statements(fit: Fit, model: Model) -> dict[str, dict[str, dict]]:
+def statements(
+    fit: Fit, model: Model, errors: Mapping[str, Mapping[str, float]] | None = None
+) -> dict[str, dict[str, dict]]:
     """How what was declared fared in a fit.
 
     A parameter is pulled by the difference of the fitted from the stated value over the root of the difference of
-    their variances, which is standard normal where the statement holds [1]_.
+    their variances, which is standard normal where the statement holds [1]_. What inexact models may shift the fitted
+    value by adds to that.
 
     Parameters
     ----------
     fit : Fit
     model : Model
+    errors : mapping of str to mapping of str to float, optional
+        Standard errors with inexact models counted, as `inexact.Errors` has them; None: those of the fit.
 
     Returns
     -------
@@ -45,17 +51,18 @@ def statements(fit: Fit, model: Model) -> dict[str, dict[str, dict]]:
         found[name] = {}
         for key, stated in parameters.items():
             value, error = fit.physics[name][key], fit.errors[name].get(key, 0.0)
+            whole = error if errors is None else max(error, errors[name].get(key, error))
             pull = 0.0
             if stated.sd > 0:
                 # As much as the data told beyond the statement; hardly anything where they told nothing.
                 told = max(stated.sd**2 - error**2, (stated.sd * LEAST_TOLD) ** 2)
-                pull = (value - stated.value) / sqrt(told)
+                pull = (value - stated.value) / sqrt(told + whole**2 - error**2)
             p = float(bonferroni(2 * stats.norm.sf(abs(pull)), max(tests, 1)))
             found[name][key] = {
                 "stated": stated.value,
                 "sd": stated.sd,
                 "value": value,
-                "ci95": interval(value, error),
+                "ci95": interval(value, whole),
                 "unit": units[key],
                 "pull": pull,
                 "off": p < ALPHA,

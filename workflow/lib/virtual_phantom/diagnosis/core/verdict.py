@@ -100,7 +100,7 @@ def diagnose(
         "held_out": metrics_of(prepared, choice, held_out=True),
     }
     doubted = doubts(choice, fitter.model, metrics["held_out"])
-    known = statements(choice.chosen.fit, fitter.model)
+    known = statements(choice.chosen.fit, fitter.model, errors.physics)
     beside = {name: kinds(fit) for name, fit in choice.without.items()}
     outside = better(choice, beside, max(AS_GOOD, choice.blur))
     off = any(one["off"] for parameters in known.values() for one in parameters.values())

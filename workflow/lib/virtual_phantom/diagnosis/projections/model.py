@@ -91,7 +91,17 @@ class ScansModel(Model):
         """As Model.distortion."""
         if self.numerical is None:
             return 0.0
-        return sum(nuisance[name] * change for name, change in self.numerical.at(linearisation.errors).items())
+        return sum(nuisance[name] * change for name, change in self.errors_of_steps(linearisation).items())
+
+    def errors_of_steps(self, linearisation: Linearisation = BASE) -> dict[str, np.ndarray]:
+        """As Model.errors_of_steps."""
+        return {} if self.numerical is None else self.numerical.at(linearisation.errors)
+
+    @property
+    def turned_rad(self) -> np.ndarray:
+        """As Model.turned_rad."""
+        source = self.chain.geometry.by_vectors().source_mm
+        return np.arctan2(source[:, 1], source[:, 0])
 
     def strayed(
         self,

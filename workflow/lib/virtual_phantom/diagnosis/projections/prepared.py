@@ -100,8 +100,7 @@ class PreparedScans(Prepared):
         """As Prepared.kinds."""
         model = self.fitter.model
         lines = self.fitter.predicted(fit).mean
-        source = model.chain.geometry.by_vectors().source_mm
-        return kinds(lines, np.arctan2(source[:, 1], source[:, 0]), self.usable, self.held != BY_VIEW)
+        return kinds(lines, model.turned_rad, self.usable, self.held != BY_VIEW)
 
     def piece(self, fit: Fit) -> PieceOfObject | None:
         """As Prepared.piece."""

@@ -44,7 +44,17 @@ EFFECT = Effect(
     "magnification, glare's does not",
     parameters=(
         Parameter("share", "1", "share of the radiation that comes from beside the spot", 0.0, 0.3, 0.02, 0.05),
-        Parameter("width_mm", "mm", "how far it reaches along the columns, in all", 5.0, 100.0, 40.0, 40.0, None),
+        Parameter(
+            "width_mm",
+            "mm",
+            "how far it reaches along the columns, in all",
+            5.0,
+            100.0,
+            40.0,
+            40.0,
+            None,
+            kernel=True,
+        ),
         Parameter(
             "collimator_mm",
             "mm",

@@ -51,7 +51,7 @@ EFFECT = Effect(
             0.05,
             belongs_to=OF_PROTOCOL,  # of its collimation, and of the energies
         ),
-        Parameter("width_mm", "mm", "width of the kernel at the detector", 10.0, 200.0, 60.0, 60.0, None),
+        Parameter("width_mm", "mm", "width of the kernel at the detector", 10.0, 200.0, 60.0, 60.0, None, kernel=True),
     ),
     apply=apply,
 )

@@ -29,7 +29,7 @@ EFFECT = Effect(
     settled_by="a lead disc in the beam: signal behind it that grows with the open field around it",
     parameters=(
         Parameter("share", "1", "share of the signal that spreads", 0.0, 0.3, 0.02, 0.03),
-        Parameter("width_mm", "mm", "width of the spread at the detector", 5.0, 200.0, 40.0, 40.0, None),
+        Parameter("width_mm", "mm", "width of the spread at the detector", 5.0, 200.0, 40.0, 40.0, None, kernel=True),
     ),
     apply=apply,
 )
