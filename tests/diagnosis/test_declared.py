@@ -11,6 +11,8 @@ from virtual_phantom.diagnosis.core.attribute import choose
 from virtual_phantom.diagnosis.core.declared import declared
 from virtual_phantom.diagnosis.core.fit import Problem
 from virtual_phantom.diagnosis.core.inexact import distortions_of_declared
+from virtual_phantom.diagnosis.core.joint import JointFitter
+from virtual_phantom.diagnosis.core.joint_choice import choose_jointly
 from virtual_phantom.diagnosis.core.screening import screened
 from virtual_phantom.diagnosis.core.templates import data_changes
 from virtual_phantom.diagnosis.core.trial import trial
@@ -162,6 +164,15 @@ def test_what_errors_of_declared_models_may_make_up_is_not_named(scene, errors_o
     # What is significant if models are exact is told all the same.
     gains = screened(fitter, aligned.fit, TRIED, accuracy=TRUSTED)
     assert set(exact.chosen.fit.effects) & {name for name, one in gains.items() if one.gain > 10 * one.sure.gain}
+
+
+def test_of_several_recordings_errors_of_declared_models_are_no_evidence_either(scene, errors_of_scatter):
+    """The same errors in both, as of one scanner: taken for exact, something is named that is not there."""
+    added = errors_of_scatter @ np.random.default_rng(103).normal(size=errors_of_scatter.shape[-1])
+    together = JointFitter({str(seed): scanned_strongly(scene, {}, seed, added) for seed in (103, 203)})
+    exact = choose_jointly(together, TRIED[:2], TRUSTED | {"default": 0.0})
+    assert exact.chosen.effects
+    assert choose_jointly(together, TRIED[:2], TRUSTED).chosen.effects == ()
 
 
 def test_what_is_there_stands_out_of_errors_of_declared_models_alone(scene, errors_of_scatter):

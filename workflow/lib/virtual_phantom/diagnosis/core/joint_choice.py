@@ -11,9 +11,10 @@ from ...base.errors import InputError
 from ...io.schema import defaults_of
 from ...physics.effect import offered
 from ...statistics.multiplicity import bonferroni
-from .attribute import ALPHA, LEAST_GAIN
+from .attribute import ALPHA, LEAST_GAIN, SCREEN
 from .fit import Fit
 from .joint import JointFit, JointFitter
+from .screening import screened
 
 TRIED = 3  # best effects of the fitted data that are held against recordings left out; a choice that bounds the time
 MOST_FOLDS = 12  # times that recordings are left out; a choice that bounds the time
@@ -108,7 +109,7 @@ def choose_jointly(
 
     As many as the data carry. An effect must gain more over all recordings left out than the models' own inexactness
     may set apart, make no more than half of them worse, and be no chance on the data fitted; those that later ones made
-    needless are dropped.
+    needless are dropped. What errors of declared physics may make up is no evidence.
 
     Parameters
     ----------
@@ -142,7 +143,9 @@ def choose_jointly(
 
     left = list(candidates)
     while now := offered(left, together.whole(current.effects)):
-        tried = [together.fit((*current.effects, name), current) for name in now]
+        tried = [together.fit((*current.effects, name), current) for name in _sure(together, current, now, accuracy)]
+        if not tried:
+            break
         tried.sort(key=lambda one: one.chi_square)
         here = judge.scores(current.effects, current)
         best = max(tried[:TRIED], key=lambda one: _gain(judge.scores(one.effects, one), here))
@@ -170,6 +173,38 @@ def choose_jointly(
 
 def _gain(there: Mapping[str, float], here: Mapping[str, float]) -> float:
     return sum(there[name] - here[name] for name in there)
+
+
+def _sure(together: JointFitter, current: JointFit, names: Sequence[str], accuracy: Mapping[str, float]) -> list[str]:
+    """Effects whose matched filters show more than errors of declared physics may make up; all where none is declared.
+
+    Each recording has errors of its own here, which allows them more than one model does.
+
+    Parameters
+    ----------
+    together : JointFitter
+    current : JointFit
+    names : sequence of str
+        Of effects.
+    accuracy : mapping of str to float
+        As core.attribute.choose takes it.
+
+    Returns
+    -------
+    list of str
+    """
+    if not any(one.model.declared for one in together.fitters.values()):
+        return list(names)
+    scans = [(one, screened(one, current.fits[key], names, accuracy=accuracy)) for key, one in together.fitters.items()]
+
+    def sure(name: str) -> bool:
+        found = [filters[name] for _, filters in scans]
+        gain = sum(one.sure.gain for one in found)
+        numbers = sum(max(1, len(one.model.unknowns((name,)))) for one, _ in scans)
+        chance = float(bonferroni(stats.chi2.sf(gain, numbers), len(names)))
+        return any(one.blind for one in found) or (gain > LEAST_GAIN and chance < SCREEN)
+
+    return [name for name in names if sure(name)]
 
 
 def _chance(best: JointFit, current: JointFit, candidates: int) -> float:
