@@ -91,13 +91,17 @@ class Chain:
     def _of(self, scene: VoxelScene, geometry: ScanGeometry, samples: int) -> Chain:
         return Chain(scene, geometry, self.photons, samples, self.illumination, self.sensor, self.readout)
 
-    def near(self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, **extra) -> Chain:
+    def near(
+        self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, reach: float = 1.0, **extra
+    ) -> Chain:
         """The same, whose rays follow to first order those that given settings send, where they lie near enough.
 
         Parameters
         ----------
         physics, pose, **extra
             As `state` takes them.
+        reach : float, optional
+            As PosedScene.near takes it.
 
         Returns
         -------
@@ -106,7 +110,7 @@ class Chain:
         """
         if not isinstance(self.scene, PosedScene):
             return self
-        return self._of(self.scene.near(self._scans(physics, pose, extra)), self.geometry, self.samples)
+        return self._of(self.scene.near(self._scans(physics, pose, extra), reach), self.geometry, self.samples)
 
     def follows(self, physics: Mapping[str, Mapping[str, float]], pose: Pose = IN_PLACE, **extra) -> bool:
         """Whether all rays that given settings send lie near enough to those that they may follow.

@@ -95,9 +95,9 @@ class PosedScene:
         key = geometry.key, pose, None if motion_mm is None else motion_mm.tobytes()
         return self._kept.get(key, lambda: Traced(self.scene, geometry, pose, motion_mm))
 
-    def near(self, scans: Sequence[Scan]) -> NearScene:
-        """The scene whose scans follow the nearest of these, where it is near enough."""
-        return NearScene(self, [self.traced(*scan) for scan in scans])
+    def near(self, scans: Sequence[Scan], reach: float = 1.0) -> NearScene:
+        """The scene whose scans follow the nearest of these, where it is near enough: `reach` times as far as usual."""
+        return NearScene(self, [self.traced(*scan) for scan in scans], reach)
 
     def _most(self, geometry: ScanGeometry | Divided) -> int:
         """How many scans are kept, each of as many rays as are asked for at once."""
@@ -116,10 +116,13 @@ class NearScene:
         Which traces the others.
     given : sequence of Traced
         Those that may be followed.
+    reach : float, optional
+        Times as far as usual that they may be followed.
     """
 
-    def __init__(self, scene: PosedScene, given: Sequence[Traced]):
+    def __init__(self, scene: PosedScene, given: Sequence[Traced], reach: float = 1.0):
         self._scene, self._given = scene, tuple(given)
+        self._allowed_mm = reach * scene.allowed_mm
         self.materials, self.energy_kev, self.threads = scene.materials, scene.energy_kev, scene.threads
         self.attenuation_per_mm = scene.attenuation_per_mm
 
@@ -143,4 +146,4 @@ class NearScene:
         same = [one for one in self._given if one.shape == geometry.shape]
         displaced = [float(np.abs(edge_mm - one.edge_mm).sum(axis=0).max()) for one in same]
         least = min(displaced, default=np.inf)
-        return (same[displaced.index(least)], least) if least <= self._scene.allowed_mm else (None, least)
+        return (same[displaced.index(least)], least) if least <= self._allowed_mm else (None, least)

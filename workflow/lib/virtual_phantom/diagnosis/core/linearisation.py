@@ -55,10 +55,13 @@ class Linearisation:
         Where the errors of the model's own steps, and the noise of images, are computed.
     rays : LinearisationPoint
         Whose rays others follow to first order.
+    reach : float
+        Times as far as usual that they do.
     """
 
     errors: LinearisationPoint = NOMINAL
     rays: LinearisationPoint = NOMINAL
+    reach: float = 1.0
 
 
 BASE = Linearisation()

@@ -22,7 +22,7 @@ from .unknown import Unknown
 
 DENSITY_SD = 0.02  # of the scale where a spectrum gives absolute attenuation: density of the material
 TUBE_KVP_SD = 1.0  # kV: generators keep their voltage to about 1 %
-NEAR_KEPT = 4  # chains whose rays follow those of a linearisation point
+NEAR_KEPT = 8  # chains whose rays follow those of a linearisation point
 STARTS = (0.02, 0.1, 0.5)  # shares of a range where fits of a number may begin whose start may be no good
 
 
@@ -231,11 +231,11 @@ class Model(ABC):
         """Whether all rays of a prediction are near enough to those of a linearisation to follow them, or none can."""
         return self.near(rays).follows(before_images(physics), pose_of(nuisance), anode=self.anode)
 
-    def near(self, rays: LinearisationPoint) -> Chain:
-        """The chain whose rays follow those of a linearisation."""
+    def near(self, rays: LinearisationPoint, reach: float = 1.0) -> Chain:
+        """The chain whose rays follow those of a linearisation, as far as its reach."""
         return self._near.get(
-            rays.key,
-            lambda: self.chain.near(rays.physics, pose_of(rays.nuisance), anode=self.anode),
+            (rays.key, reach),
+            lambda: self.chain.near(rays.physics, pose_of(rays.nuisance), reach, anode=self.anode),
         )
 
     @abstractmethod

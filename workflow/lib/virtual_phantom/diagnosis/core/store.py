@@ -85,7 +85,7 @@ def read_trial(path: str | Path) -> tuple[Trial, str]:
         fit = content["fit"]
         fit["effects"], fit["parts"] = tuple(fit["effects"]), tuple(fit["parts"])
         fit["linearisation"] = Linearisation(
-            **{about: LinearisationPoint(**point) for about, point in fit["linearisation"].items()}
+            *(LinearisationPoint(**fit["linearisation"][about]) for about in ("errors", "rays"))
         )
         for name in PATTERNS:
             fit[name] = None if fit[name] is None else np.array(fit[name])

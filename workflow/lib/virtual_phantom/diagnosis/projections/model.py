@@ -124,7 +124,7 @@ class ScansModel(Model):
     ) -> ScansPrediction:
         """As Model.predict."""
         photons = float(np.exp(nuisance["log_photons"]))
-        chain = self.near(linearisation.rays)
+        chain = self.near(linearisation.rays, linearisation.reach)
         physics, pose, added = before_images(physics), pose_of(nuisance), self._added(nuisance)
         state = chain.state(physics, pose, photons=photons, anode=self.anode, added=added)
         # The logarithm of noisy counts lies above that of their mean.
