@@ -268,3 +268,35 @@ def test_what_moves_no_rays_is_not_set_off():
     # Nor what was fitted before: it has found its place.
     fit = fitter.fit(("detector_row_offset",))
     assert Problem(fitter, ("detector_row_offset",), fit).farther(fit) == []
+
+
+VALLEY = {"source_distance": {"isocentre_mm": -6.0, "detector_mm": 2.0}}
+
+
+def test_slopes_hold_along_the_valley_in_which_what_moves_rays_trades():
+    """Size, scale and distances change the data together by a tenth of what each does alone."""
+    fitter = fitted_to(VALLEY)
+    fit = fitter.fit(("source_distance",))
+    problem = Problem(fitter, fit.effects, fit)
+    problem.follow(problem.start)
+    here = problem.residuals(problem.start, None)
+    jacobian = problem.jacobian(problem.start, here, None)
+    information, _ = problem.normal(jacobian, problem.start, here)
+    along = np.linalg.inv(information)[0]
+    along /= np.sqrt(along[0])  # one standard error of the first number, all others following
+    moved = problem.residuals(problem.start + along, None)
+    promised = jacobian[0].T @ (along / problem.steps)
+    root = np.sqrt(fitter.weights[0])
+    off = np.linalg.norm((here[0] - moved[0] - promised) * root)
+    assert off < 0.2 * np.linalg.norm(promised * root)
+
+
+def test_a_fit_in_a_valley_ends_where_one_from_the_truth_does():
+    fitter = fitted_to(VALLEY)
+    fit = fitter.fit(("source_distance",))
+    there = fitter.fit(("source_distance",), replace(fit, physics=VALLEY))
+    assert fit.chi_square == pytest.approx(there.chi_square, abs=0.1)
+    for key, value in fit.physics["source_distance"].items():
+        error = fit.errors["source_distance"][key]
+        assert abs(value - there.physics["source_distance"][key]) < 0.3 * error
+        assert abs(value - VALLEY["source_distance"][key]) < 3 * error

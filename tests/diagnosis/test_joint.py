@@ -10,6 +10,7 @@ from simulated_scans import noisy_lines
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.core import inexact
+from virtual_phantom.diagnosis.core.declared import declared
 from virtual_phantom.diagnosis.core.inexact import errors_of_recordings, errors_with_models
 from virtual_phantom.diagnosis.core.joint import JointFitter
 from virtual_phantom.diagnosis.core.joint_choice import MOST_FOLDS, choose_jointly, left_together
@@ -36,13 +37,13 @@ SCATTER = {"scatter": {"amount": 0.03, "width_mm": 60.0}}
 DISCS = {"large": (160.0, (0.4, -0.3)), "middle": (120.0, (-0.5, 0.2)), "small": (70.0, (0.1, 0.6))}
 
 
-def made_ready(name, physics, seed=1):
+def made_ready(name, physics, seed=1, stated=None):
     diameter, (x, y) = DISCS[name]
     chain = Chain(DiscScene(diameter, "water"), GEOMETRY, PHOTONS)
     state = chain.state(physics, Pose(x_mm=x, y_mm=y))
     lines = noisy_lines(state, 4, np.random.default_rng(np.random.SeedSequence((seed, int(diameter)))))
     taken = observed.Scans(lines.astype(np.float32), None, np.ones(lines.shape[1:], bool))
-    return prepare(taken, None, chain)
+    return prepare(taken, None, chain, declared=declared(stated or {}, "bench"))
 
 
 def fitter(name, physics, seed=1):
@@ -205,6 +206,33 @@ def test_a_scanner_that_lacks_nothing_is_a_match():
     assert found["verdict"] == "match" and found["sentence"] == "bench: 3 recordings and the simulation agree."
     validate(found, schema_of_kind(SCANNER), "scanner.json")
     page(found)
+
+
+def test_statements_on_a_scanner_that_are_not_so_are_told():
+    """Of three discs with the same scatter, declared right and declared far too weak."""
+    accuracy = defaults_of("diagnosis", "model_accuracy")
+
+    def told(amount, protocols=None):
+        stated = {"scatter": {"amount": {"value": amount, "sd": 0.002}, "width_mm": {"value": 60.0, "sd": 1.0}}}
+        made = {name: made_ready(name, SCATTER, 9, stated) for name in DISCS}
+        content = explain_scanner("bench", made, ("veiling_glare",), accuracy, protocols).content
+        validate(content, schema_of_kind(SCANNER), "scanner.json")
+        return content
+
+    right = told(0.03)
+    assert right["verdict"] == "match" and not right["declared"]["scatter"]["amount"]["off"]
+    assert not right["declared_of_protocols"] and "Declared otherwise" not in right["sentence"]
+    wrong = told(0.015, {"narrow": ["small"]})
+    assert set(wrong["declared"]["scatter"]) == {"width_mm"}
+    assert {name: set(one["scatter"]) for name, one in wrong["declared_of_protocols"].items()} == {
+        "voltage not stated": {"amount"},
+        "narrow": {"amount"},
+    }
+    amount = wrong["declared_of_protocols"]["narrow"]["scatter"]["amount"]
+    assert amount["off"] and amount["pull"] > 5 and 0.015 < amount["value"] < 0.032
+    assert wrong["verdict"].startswith("mismatch") and not wrong["effects"]
+    assert "Declared otherwise than found: amount of scatter" in wrong["sentence"]
+    assert "protocol narrow" in page(wrong) and "0.015 ± 0.002" in page(wrong)
 
 
 OWN_DRIFTS = {"large": 3e3, "middle": 0.0, "small": -2e3}  # photons per second

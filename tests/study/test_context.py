@@ -207,6 +207,44 @@ def test_what_a_diagnosed_object_is_drawn_in_is_an_input_of_its_jobs(tmp_path, m
     assert len(together["shapes"]) == 1 and "phantom" not in together
 
 
+def test_recordings_of_a_scanner_declare_the_same_of_it(tmp_path):
+    """What is declared once is known of all; what is declared here and not there is refused, and so is what differs."""
+
+    def stated(amount, **more):
+        return {"scatter": {"amount": {"value": amount, "sd": 0.01}, "width_mm": {"value": 60, "sd": 5}}} | more
+
+    folders = {name: recorded(tmp_path, name, "projections", scan=SCAN) for name in ("one", "two")}
+
+    def bench(own=None, baseline=None, **scanner):
+        one = {"disc": {"diameter_mm": 70, "material": "pmma"}}
+        recordings = {name: one | ({"baseline": own[name]} if own and name in own else {}) for name in folders}
+        scanner = {"recordings": [*folders], "baseline": baseline or {}, **scanner}
+        return context_of(
+            recordings=folders, diagnosis={"recordings": recordings, "scanners": {"bench": scanner}}
+        ).diagnosis
+
+    found = bench(baseline=stated(0.1))
+    assert "scatter" not in found.shared("bench") and "scatter" in found.candidates["one"]
+    known = {name: one["settings"]["baseline"] for name, one in found.models("bench").items()}
+    assert known == dict.fromkeys(("one", "two"), stated(0.1)) and "scatter" in found.in_fits("one")
+    assert "baseline" not in found.settings["one"] or not found.settings["one"]["baseline"]
+    # Of its protocol, and so another one in each.
+    apart = bench({"one": stated(0.1), "two": stated(0.2)})
+    assert apart.models("bench")["two"]["settings"]["baseline"]["scatter"]["amount"]["value"] == 0.2
+    spot = {"focal_spot": {"width_mm": {"value": 1, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
+    wider = {"focal_spot": {"width_mm": {"value": 2, "sd": 0.1}, "length_mm": {"value": 1, "sd": 0.1}}}
+    for own, words in (
+        ({"one": spot}, "bench: of its recordings one declares focal_spot, and not all do; declare it under diagnosis"),
+        ({"one": spot, "two": wider}, "bench: one and two declare width_mm of focal_spot otherwise"),
+    ):
+        with pytest.raises(InputError, match=words):
+            bench(own)
+    with pytest.raises(InputError, match="bench.effects: scatter is declared under baseline; take it out"):
+        bench(baseline=stated(0.1), effects=["scatter"])
+    with pytest.raises(InputError, match="bench.baseline.scatter: nothing is stated of width_mm"):
+        bench(baseline={"scatter": {"amount": {"value": 0.1, "sd": 0.01}}})
+
+
 def test_a_large_scan_asks_for_memory_by_what_is_fitted_of_it(tmp_path):
     """A clinical turn took 6.1 GB with two processes (docs/speed.md); all of its views would take ten times that."""
     scan = SCAN | {"views": 984, "views_per_rotation": 984, "rows": 64, "columns": 888}

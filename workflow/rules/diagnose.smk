@@ -76,10 +76,7 @@ rule diagnose_scanner:
         ),
         runtime=600,
     params:
-        models=lambda wildcards: {
-            name: context.diagnosis.model(name)
-            for name in context.diagnosis.scanners[wildcards.scanner]["recordings"]
-        },
+        models=lambda wildcards: context.diagnosis.models(wildcards.scanner),
         effects=lambda wildcards: context.diagnosis.shared(wildcards.scanner),
         accuracy=context.diagnosis.accuracy,
         protocols=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][

@@ -51,10 +51,7 @@ use rule next_of_recording as next_of_scanner with:
         runtime=300,
     params:
         what=lambda wildcards: wildcards.scanner,
-        models=lambda wildcards: {
-            name: context.diagnosis.model(name)
-            for name in context.diagnosis.scanners[wildcards.scanner]["recordings"]
-        },
+        models=lambda wildcards: context.diagnosis.models(wildcards.scanner),
         effects=lambda wildcards: context.diagnosis.shared(wildcards.scanner),
         protocols=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
             "protocols"

@@ -13,10 +13,12 @@ from ..physics.effect import OF_PROTOCOL, OF_SCANNER, load
 from ..statistics.multiplicity import bonferroni
 from .core.fit import Fit
 from .core.inexact import errors_of_recordings
-from .core.joint import NOT_OF_SCAN, JointFitter, those
+from .core.joint import NOT_OF_SCAN, JointFit, JointFitter, those
 from .core.joint_choice import JointChoice, choose_jointly
 from .core.locate import ALPHA, aligned
 from .core.prepared import Prepared
+from .core.pulls import statements
+from .core.sentence import misstated
 from .core.steps import interval
 from .core.verdict import VERDICTS, excess_rms_removed
 
@@ -99,7 +101,13 @@ def explain_scanner(
     together = JointFitter({key: one.fitter for key, one in prepared.items()}, protocols_of(prepared, protocols))
     choice = choose_jointly(together, candidates, accuracy, objects)
     chosen = choice.chosen
-    errors = errors_of_recordings(together, chosen, choice.without, accuracy) if chosen.effects else {}
+    errors: Mapping[str, Mapping] = {}
+    if together.whole(chosen.effects):
+        errors = errors_of_recordings(together, chosen, choice.without, accuracy)
+    known, of_protocols = _declared(together, chosen, errors)
+    off = any(
+        one["off"] for every in (known, *of_protocols.values()) for keys in every.values() for one in keys.values()
+    )
     recordings = {
         key: {"protocol": together.protocols[key]} | _recording(one, choice, key) for key, one in prepared.items()
     }
@@ -107,8 +115,10 @@ def explain_scanner(
     left = [key for key, one in recordings.items() if one["unexplained"]]
     content = {
         "scanner": name,
-        "verdict": VERDICTS[(2 if left else 1) if chosen.effects else (3 if left else 0)],
+        "verdict": VERDICTS[(2 if left else 1) if chosen.effects or off else (3 if left else 0)],
         "effects": [_effect(effect, choice, together.protocols, errors) for effect in chosen.effects],
+        "declared": known,
+        "declared_of_protocols": of_protocols,
         "recordings": recordings,
         "excess_rms_removed": {"median": float(np.median(removed)), "worst": float(np.min(removed))}
         if removed and chosen.effects
@@ -133,6 +143,10 @@ def sentence(content: Mapping) -> str:
     count = len(content["recordings"])
     left = [name for name, one in content["recordings"].items() if one["unexplained"]]
     rest = f" Places that differ are left on {', '.join(left)}." if left else ""
+    of_protocols = (
+        misstated({"declared": one}, f" of protocol {key}") for key, one in content["declared_of_protocols"].items()
+    )
+    rest = misstated(content) + "".join(of_protocols) + rest
     if not content["effects"]:
         what = "differ, and no effect that they share explains it" if left else "agree"
         return f"{content['scanner']}: {count} recordings and the simulation {what}.{rest}"
@@ -146,6 +160,24 @@ def sentence(content: Mapping) -> str:
             "noise of a recording."
         )
     return f"{content['scanner']}: {count} recordings share what the simulation lacks: {names}.{share}{rest}"
+
+
+def _declared(
+    together: JointFitter, chosen: JointFit, errors: Mapping[str, Mapping]
+) -> tuple[dict[str, dict], dict[str, dict]]:
+    """How statements on the scanner fared, and by protocol those on what is its own, where there are several."""
+    firsts: dict[str, str] = {}
+    for recording, protocol in together.protocols.items():
+        firsts.setdefault(protocol, recording)
+
+    def of(recording: str, owners: Sequence[str]) -> dict[str, dict]:
+        known = statements(chosen.fits[recording], together.fitters[recording].model, errors.get(recording))
+        found = {name: those(owners, name, parameters) for name, parameters in known.items()}
+        return {name: parameters for name, parameters in found.items() if parameters}
+
+    several = len(firsts) > 1
+    known = of(next(iter(together.fitters)), (OF_SCANNER,) if several else NOT_OF_SCAN)
+    return known, {key: of(one, (OF_PROTOCOL,)) for key, one in firsts.items()} if several else {}
 
 
 def _effect(name: str, choice: JointChoice, protocols: Mapping[str, str], errors: Mapping[str, Mapping]) -> dict:

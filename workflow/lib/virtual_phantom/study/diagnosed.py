@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 from ..base.errors import InputError
 from ..diagnosis.candidates import OF_ONE_SCAN, candidates, check_accuracy, check_kinds, shown_by
+from ..diagnosis.core.declared import declared
 from ..diagnosis.extent import fitted, is_shapes
-from ..physics.effect import image_effects, require
+from ..physics.effect import OF_SCANNER, image_effects, load, require
 from ..physics.object_files import path_of
 from ..recordings.scan import missing_for_geometry
 from .costs import diagnoses
@@ -136,6 +137,12 @@ class Diagnosis:
         ]
         names += [
             effect
+            for one in self.scanners.values()
+            if set(one["recordings"]) & set(recordings)
+            for effect in one["baseline"]
+        ]
+        names += [
+            effect
             for name in recordings
             if "baseline_from" in self.settings[name]
             for effect in self.in_fits(self.settings[name]["baseline_from"])
@@ -156,21 +163,89 @@ class Diagnosis:
         Raises
         ------
         InputError
-            For one that a recording does not show, or that belongs to one scan.
+            For one that a recording does not show, that belongs to one scan, or that is declared; and where recordings
+            do not declare the same of their scanner.
         """
         recordings, asked = self.scanners[scanner]["recordings"], self.scanners[scanner].get("effects")
         where = f"diagnosis.scanners.{scanner}.effects"
+        known = self._declared_alike(scanner)
         shown = [self.candidates[name] for name in recordings]
-        common = [name for name in shown[0] if all(name in one for one in shown) and name not in OF_ONE_SCAN]
+        common = [
+            name
+            for name in shown[0]
+            if all(name in one for one in shown) and name not in OF_ONE_SCAN and name not in known
+        ]
         for name in asked or []:
             require(name, where)
             if name in OF_ONE_SCAN:
                 raise InputError(f"{where}: {name} is one scan's alone; take it out")
+            if name in known:
+                raise InputError(f"{where}: {name} is declared under baseline; take it out")
             if name not in common:
                 raise InputError(
                     f"{where}: {name} is not tried on every recording; add it to their effects, or take it out"
                 )
         return list(asked or common)
+
+    def _declared_alike(self, scanner: str) -> dict[str, dict]:
+        """What all recordings of a scanner declare of it.
+
+        Parameters
+        ----------
+        scanner : str
+
+        Returns
+        -------
+        dict of str to dict
+            {effect: {parameter: {value, sd}}}, as the first recording has it.
+
+        Raises
+        ------
+        InputError
+            Where another one declares other effects, or otherwise what is not its protocol's.
+        """
+        where = f"diagnosis.scanners.{scanner}"
+        first, *others = self.scanners[scanner]["recordings"]
+        declared(self.scanners[scanner]["baseline"], f"{where}.baseline")
+        known = self._baseline(scanner, first)
+        for name in others:
+            here = self._baseline(scanner, name)
+            if odd := sorted(set(known) ^ set(here)):
+                one = next(key for key in (first, name) if odd[0] in self._baseline(scanner, key))
+                raise InputError(
+                    f"{where}: of its recordings {one} declares {odd[0]}, and not all do; declare it under "
+                    f"{where}.baseline"
+                )
+            for effect in known:
+                for parameter in load(effect).parameters:
+                    apart = known[effect].get(parameter.name) != here[effect].get(parameter.name)
+                    if apart and parameter.belongs_to == OF_SCANNER:
+                        raise InputError(
+                            f"{where}: {first} and {name} declare {parameter.name} of {effect} otherwise, which is one "
+                            f"number of the scanner; declare it once, under {where}.baseline"
+                        )
+        return known
+
+    def _baseline(self, scanner: str, recording: str) -> dict[str, dict]:
+        return self.scanners[scanner]["baseline"] | self.settings[recording].get("baseline", {})
+
+    def models(self, scanner: str) -> dict[str, dict]:
+        """{recording: as `model`, with what is declared of its scanner}.
+
+        Parameters
+        ----------
+        scanner : str
+
+        Returns
+        -------
+        dict of str to dict
+        """
+        found = {}
+        for name in self.scanners[scanner]["recordings"]:
+            model = self.model(name)
+            known = {"baseline": self._baseline(scanner, name)}
+            found[name] = model | {"settings": model["settings"] | known}
+        return found
 
     @property
     def comparisons(self) -> list[str]:

@@ -98,10 +98,10 @@ def put_right(content: Mapping) -> str:
     return f" The object was mended first, where what differed {enumerated([one['what'] for one in found['pieces']])}."
 
 
-def misstated(content: Mapping) -> str:
-    """What was declared and is not so."""
+def misstated(content: Mapping, of: str = "") -> str:
+    """What was declared and is not so; `of` is said behind each name."""
     found = [
-        f"{label(key)} of {label(name)} is {one['value']:.3g} ({one['ci95'][0]:.3g} to {one['ci95'][1]:.3g}) "
+        f"{label(key)} of {label(name)}{of} is {one['value']:.3g} ({one['ci95'][0]:.3g} to {one['ci95'][1]:.3g}) "
         f"{one['unit']}, not {one['stated']:g} ± {one['sd']:g}"
         for name, parameters in content.get("declared", {}).items()
         for key, one in parameters.items()
