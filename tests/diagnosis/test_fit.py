@@ -21,7 +21,7 @@ from virtual_phantom.diagnosis.core.uncertainty import of_both_halves
 from virtual_phantom.diagnosis.core.unknown import Unknown
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.effect import load
+from virtual_phantom.physics.effect import LOGARITHM, load
 from virtual_phantom.physics.materials import Segmentation
 from virtual_phantom.physics.posed import PosedScene
 from virtual_phantom.physics.scene import VoxelScene
@@ -300,3 +300,10 @@ def test_a_fit_in_a_valley_ends_where_one_from_the_truth_does():
         error = fit.errors["source_distance"][key]
         assert abs(value - there.physics["source_distance"][key]) < 0.3 * error
         assert abs(value - VALLEY["source_distance"][key]) < 3 * error
+
+
+@pytest.mark.parametrize("power", [1, 2, LOGARITHM])
+@pytest.mark.parametrize("number, error", [(1.5, 0.2), (1.5, 0.7), (0.0, 0.4)])
+def test_errors_of_values_go_back_to_those_of_numbers(power, number, error):
+    one = Unknown("effect", "name", -9.0, 9.0, (0.0,), None, 0.0, 1.0, power)
+    assert one.number_error(one.value(number), one.value_error(number, error)) == pytest.approx(error)

@@ -24,8 +24,8 @@ def statements(
     """How what was declared fared in a fit.
 
     A parameter is pulled by the difference of the fitted from the stated value over the root of the difference of
-    their variances, which is standard normal where the statement holds [1]_. What inexact models may shift the fitted
-    value by adds to that.
+    their variances, which is standard normal where the statement holds [1]_: of the number that fits vary. What inexact
+    models may shift it by adds to that.
 
     Parameters
     ----------
@@ -44,6 +44,7 @@ def statements(
     ----------
     .. [1] L. Demortier and L. Lyons, Everything you always wanted to know about pulls, CDF note 5776, 2002.
     """
+    numbers = {(one.effect, one.name): one for one in model.unknowns(tuple(model.declared))}
     tests = sum(one.sd > 0 for parameters in model.declared.values() for one in parameters.values())
     found: dict[str, dict[str, dict]] = {}
     for name, parameters in model.declared.items():
@@ -53,10 +54,11 @@ def statements(
             value, error = fit.physics[name][key], fit.errors[name].get(key, 0.0)
             whole = error if errors is None else max(error, errors[name].get(key, error))
             pull = 0.0
-            if stated.sd > 0:
+            if (number := numbers.get((name, key))) is not None:
+                of_noise, of_all = (number.number_error(value, one) for one in (error, whole))
                 # As much as the data told beyond the statement; hardly anything where they told nothing.
-                told = max(stated.sd**2 - error**2, (stated.sd * LEAST_TOLD) ** 2)
-                pull = (value - stated.value) / sqrt(told + whole**2 - error**2)
+                told = max(number.sd**2 - of_noise**2, (number.sd * LEAST_TOLD) ** 2)
+                pull = (number.of(value) - number.expected) / sqrt(told + of_all**2 - of_noise**2)
             p = float(bonferroni(2 * stats.norm.sf(abs(pull)), max(tests, 1)))
             found[name][key] = {
                 "stated": stated.value,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...physics.effect import LOGARITHM
-from .steps import NORMAL_95
+from .steps import NORMAL_95, ROUNDING
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,23 @@ class Unknown:
         else:
             ends = [self.value(max(0.0, number + side * NORMAL_95 * error)) for side in (-1, 1)]
         return max(abs(end - self.value(number)) for end in ends) / NORMAL_95
+
+    def number_error(self, value: float, error: float) -> float:
+        """Standard error of the number, of which `value_error` makes that of a value; the least where ends were cut.
+
+        Parameters
+        ----------
+        value, error : float
+
+        Returns
+        -------
+        float
+        """
+        if self.power == 1 or not np.isfinite(error):
+            return error
+        reach = NORMAL_95 * error
+        other = value - reach if self.power != LOGARITHM and value >= (1 - ROUNDING) * reach else value + reach
+        return abs(self.of(other) - self.of(value)) / NORMAL_95
 
     @property
     def start(self) -> float:
