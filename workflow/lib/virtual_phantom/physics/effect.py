@@ -13,14 +13,15 @@ from pathlib import Path
 from ..base.errors import InputError, meant
 from . import effects
 
-GEOMETRY = "geometry"  # the stage of what moves rays
+# Stages of what moves rays, the object, and where rays begin.
+GEOMETRY, MOTION, FOCAL_SPOT = MOVING = ("geometry", "motion", "focal_spot")
 # In the order in which they act.
 STAGES = (
     GEOMETRY,
-    "motion",
+    MOTION,
     "spectrum",
     "fluence",
-    "focal_spot",
+    FOCAL_SPOT,
     "scatter",
     "crosstalk",
     "noise",
@@ -190,6 +191,15 @@ class Effect:
     pattern: bool = False
     rank: int = 0
     beside: str | None = None
+
+    @property
+    def kinematic(self) -> bool:
+        """Whether it only moves rays or the object: where these are is no model that could be inexact."""
+        return self.stage in (GEOMETRY, MOTION) or all(map(self.moves, self.parameters))
+
+    def moves(self, parameter: Parameter) -> bool:
+        """Whether a parameter displaces rays or the object, to first order: the width of a blur does not."""
+        return self.stage in MOVING and parameter.power == 1 and parameter.unit != "1" and not parameter.kernel
 
     def values(self, given: Mapping[str, float], source: str = "physics") -> dict[str, float]:
         """All parameters: those given, the others at their typical value.

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from ...base.recent import Kept
-from ...physics.effect import GEOMETRY, load
+from ...physics.effect import FOCAL_SPOT, GEOMETRY, MOTION, load
 from . import pattern as patterns
 from .alignment import POSES, SURE, Nuisance
 from .linearisation import BASE, Linearisation, LinearisationPoint
@@ -35,7 +35,7 @@ STALLED, FARTHER = 8.0, (-0.5, -0.1, 0.1, 0.5)
 STEP, ALIGNMENT_STEP = 2e-3, 4e-3
 # The same by stage, of what moves rays or the object, which trades against size, scale and place to one part in ten. By
 # slopes over eight times these steps, 3 to 5 % off, fits of source distances ended 3 to 24 above the least chi-square.
-MOVING_STEPS = {GEOMETRY: 2.5e-4, "motion": 2.5e-4, "focal_spot": 2e-3}
+MOVING_STEPS = {GEOMETRY: 2.5e-4, MOTION: 2.5e-4, FOCAL_SPOT: 2e-3}
 # Times as far as usual that rays follow others for these slopes and those of the alignment: all are of the same rays. A
 # blur has no slope of first order, so that its rays are followed no farther than usual.
 SLOPE_REACH = 2.0
@@ -631,8 +631,7 @@ class Problem:
 def _moves(one: Unknown) -> bool:
     """Whether a number displaces rays or the object, to first order."""
     effect = load(one.effect)
-    parameter = next(parameter for parameter in effect.parameters if parameter.name == one.name)
-    return effect.stage in MOVING_STEPS and one.power == 1 and parameter.unit != "1" and not parameter.kernel
+    return any(effect.moves(parameter) for parameter in effect.parameters if parameter.name == one.name)
 
 
 def alignment_step(one: Nuisance) -> float:

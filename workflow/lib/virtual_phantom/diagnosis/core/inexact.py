@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...physics.effect import GEOMETRY, load
+from ...physics.effect import load
 from .fit import Fit, Fitter, Problem
 from .joint import JointFit, JointFitter, JointProblem
 from .steps import Known, standard_errors
@@ -29,8 +29,8 @@ NUMERICAL = (
     "numerical"  # of model_accuracy: by how much corrections for finite steps are uneven, over a twice finer one
 )
 # Of a kernel whose form is assumed: it may be a mixture of widths. As much again as was found, half as wide, is one
-# standard deviation: so it is in twelve scans of off-focal radiation (benchmarks/intervals.py, seeds 71 and 72), whose
-# share is found 0.4 to 0.98 times too small.
+# standard deviation: of six scans of off-focal radiation (benchmarks/intervals.py, seeds 71 and 72), of which 41 to 74 %
+# were found, shares are off by 1.1 of it, root mean square.
 MIXED, NARROWER = 1.0, 0.5
 HARMONICS = (2, 4)  # of a turn: an object is seen alike from opposite sides, a square grid from four
 
@@ -128,8 +128,8 @@ def errors_of_recordings(
 def distortions_of_declared(fitter: Fitter, fit: Fit, columns: np.ndarray, accuracy: Mapping[str, float]) -> np.ndarray:
     """Changes of the whitened data that inexact models of declared physics may make.
 
-    An effect explains what it changes less what the alignment would take up without it, to first order. Where rays run
-    is no model, so that declared geometry has no such error.
+    An effect explains what it changes less what the alignment would take up without it, to first order. Where rays and
+    the object are is no model, so that what is declared of it has no such error.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def distortions_of_declared(fitter: Fitter, fit: Fit, columns: np.ndarray, accur
     found = []
     for name in fitter.model.declared:
         share = accuracy.get(name, accuracy["default"])
-        if not share or load(name).stage == GEOMETRY:
+        if not share or load(name).kinematic:
             continue
         other = fitter.of(fitter.model.undeclared(name))
         physics = {key: values for key, values in fit.physics.items() if key != name}
@@ -284,7 +284,7 @@ def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy:
     data, here = fitter.data, fitter.predicted(fit)
     after, spread = data.residuals(here), shapes(here.mean)
     for name, fitted in without.items():
-        if load(name).pattern:  # no number has a model then
+        if load(name).pattern or load(name).kinematic:  # their numbers have no model
             continue
         share, there = accuracy.get(name, accuracy["default"]), fitter.predicted(fitted)
         rest = [share * (one - other) for one, other in zip(data.residuals(there), after, strict=True)][1:]
