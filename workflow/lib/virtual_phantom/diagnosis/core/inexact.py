@@ -29,8 +29,8 @@ NUMERICAL = (
     "numerical"  # of model_accuracy: by how much corrections for finite steps are uneven, over a twice finer one
 )
 # Of a kernel whose form is assumed: it may be a mixture of widths. As much again as was found, half as wide, is one
-# standard deviation: in six scans of off-focal radiation (benchmarks/intervals.py, seeds 71 and 72) 41 to 74 % of it were
-# found, which is off by 1.1 of that, root mean square.
+# standard deviation: in six scans of off-focal radiation (benchmarks/intervals.py, seeds 71 and 72) 41 to 74 % of it
+# were found, which is off by 1.1 of that, root mean square.
 MIXED, NARROWER = 1.0, 0.5
 HARMONICS = (2, 4)  # of a turn: an object is seen alike from opposite sides, a square grid from four
 
