@@ -234,6 +234,27 @@ def test_numbers_that_the_recording_does_not_tell_are_not_what_is_asked():
     assert gains[0] == pytest.approx(gains[1], rel=1e-6) and 0.2 < gains[0] < 0.5 * np.log(2) * 1.05
 
 
+def test_recordings_of_several_protocols_share_what_is_the_scanners_alone():
+    """Amount of scatter is a protocol's, its width the scanner's, the drift of a dark signal a scan's."""
+    prepared = made_ready({"scatter": {"amount": 0.05, "width_mm": 60.0}})
+    effects = ("scatter", "dark_signal")
+    model, fit = prepared.fitter.model, prepared.fitter.fit(effects)
+    again = possible({"disc": prepared}, SECTION)[0]
+    conditions = conditions_of(prepared)
+
+    def numbers(name, protocol=""):
+        told_of = replace(again, name=name).tells(model, effects, fit, conditions, (), protocol=protocol)
+        return {key for key in told_of.keys if "alignment" not in key}
+
+    drift = "drift_units_per_s"
+    shared = {("scatter", "amount"), ("scatter", "width_mm"), ("dark_signal", "level_units")}
+    assert numbers("a") & numbers("b") == shared and ("a", "dark_signal", drift) in numbers("a")
+    assert numbers("a", "low") & numbers("b", "low") == shared - {("scatter", "amount")} | {
+        ("protocol low", "scatter", "amount")
+    }
+    assert numbers("a", "low") & numbers("b", "high") == shared - {("scatter", "amount")}
+
+
 def test_where_nothing_is_in_the_beam_a_displacement_changes_nothing():
     """The step of other numbers is then not as small as that."""
     prepared = made_ready({OFFSET: {"columns_px": 0.15}})

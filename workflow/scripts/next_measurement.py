@@ -28,6 +28,7 @@ with job(snakemake) as log:
         effects = [name for name in params.effects if name not in known]
         prepared = {name: one[1] for name, one in made.items()}
         alike = alikeness(prepared, {name: one.fitter.fit(()) for name, one in prepared.items()}, effects)
+        protocols = None
         if len(prepared) == 1:
             chosen, ambiguities = refitted(*prepared.values(), *prepared, found_in(diagnosis))
         else:
@@ -35,7 +36,7 @@ with job(snakemake) as log:
             chosen, ambiguities = refitted_jointly(prepared, named, effects, alike, protocols)
         first = next(iter(prepared))
         settings = models[first]["settings"]
-        found = rank(prepared, chosen, ambiguities, possible(prepared, settings))
+        found = rank(prepared, chosen, ambiguities, possible(prepared, settings), protocols)
         rows = table(found)
         write_text(rows.to_csv(index=False), folder / "ranking.csv")
         write_text(alike_table(alike).to_csv(index=False), folder / "alike.csv")

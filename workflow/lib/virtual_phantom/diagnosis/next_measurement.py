@@ -97,6 +97,7 @@ def rank(
     chosen: Fits,
     ambiguities: Sequence[Ambiguity],
     measurements: Sequence[Scan | DarkFrames],
+    protocols: Mapping[str, str] | None = None,
 ) -> Next:
     """Rank further recordings by the information that they are expected to give of ambiguous effects.
 
@@ -111,24 +112,27 @@ def rank(
         By recording.
     ambiguities : sequence of Ambiguity
     measurements : sequence of Scan or DarkFrames
+    protocols : mapping of str to str, optional
+        Of every recording; further ones are of the first one's. None: there is one alone.
 
     Returns
     -------
     Next
     """
+    protocols = dict.fromkeys(prepared, "") if protocols is None or len(set(protocols.values())) < 2 else protocols
     names = dict.fromkeys(name for one in ambiguities for name in one.fits)
     group = tuple(names) or next(iter(chosen.values())).effects
     explanations: dict[str, Fits] = {"": _all_at_once(prepared, chosen, ambiguities)}
     for number, one in enumerate(ambiguities):
         explanations |= {f"{number} {name}": fits for name, fits in one.fits.items()}
-    there = _told_of(prepared, explanations, chosen)
+    there = _told_of(prepared, explanations, chosen, protocols)
     untold = {label: _untold(parts) for label, parts in there.items()}
     if any(untold.values()):
         explanations = {
             label: {name: _without(prepared[name], fit, untold[label]) for name, fit in fits.items()}
             for label, fits in explanations.items()
         }
-        there = _told_of(prepared, explanations, chosen)
+        there = _told_of(prepared, explanations, chosen, protocols)
     keys = [key for key in _keys(there[""], group) if key[-2:] not in untold[""]]
     first = next(iter(prepared))
     model, conditions = prepared[first].fitter.model, conditions_of(prepared[first])
@@ -149,7 +153,14 @@ def rank(
         for label, fits in explanations.items():
             fit = fits[first]
             made_of = measurement.tells(
-                model, fit.effects, fit, conditions, OF_ONE_SCAN, beside=beside, weighed=chosen[first]
+                model,
+                fit.effects,
+                fit,
+                conditions,
+                OF_ONE_SCAN,
+                beside=beside,
+                weighed=chosen[first],
+                protocol=protocols[first],
             )
             beside = beside or made_of
             parts[label] = [*there[label], made_of]
@@ -158,13 +169,18 @@ def rank(
     return Next(list(ambiguities), made(None, there), ranked)
 
 
-def _told_of(prepared, explanations: Mapping[str, Fits], chosen: Fits) -> dict[str, list[Told]]:
+def _told_of(
+    prepared, explanations: Mapping[str, Fits], chosen: Fits, protocols: Mapping[str, str]
+) -> dict[str, list[Told]]:
     """What the recordings that there are tell, by explanation."""
     there: dict[str, list[Told]] = {}
     for label, fits in explanations.items():
         beside = there.get("", [None] * len(fits))
         parts = zip(fits.items(), beside, strict=True)
-        there[label] = [_as_it_is(prepared[name], name, fit, told_of, chosen[name]) for (name, fit), told_of in parts]
+        there[label] = [
+            _as_it_is(prepared[name], name, fit, told_of, chosen[name], protocols[name])
+            for (name, fit), told_of in parts
+        ]
     return there
 
 
@@ -202,12 +218,12 @@ def _without(prepared: PreparedScans, fit: Fit, untold: Collection[Pair]) -> Fit
     return replace(fit, physics=physics)
 
 
-def _as_it_is(prepared: PreparedScans, name: str, fit: Fit, beside: Told | None, weighed: Fit) -> Told:
+def _as_it_is(prepared: PreparedScans, name: str, fit: Fit, beside: Told | None, weighed: Fit, protocol: str) -> Told:
     """What a recording tells that there is, reckoned as that of a further one is."""
     model = prepared.fitter.model
     scan = Scan(name, "", model.chain.scene, model.chain.geometry)
     conditions = conditions_of(prepared)
-    return scan.tells(model, fit.effects, fit, conditions, OF_ONE_SCAN, again=True, beside=beside, weighed=weighed)
+    return scan.tells(model, fit.effects, fit, conditions, OF_ONE_SCAN, True, beside, weighed, protocol)
 
 
 def conditions_of(prepared: PreparedScans) -> Conditions:

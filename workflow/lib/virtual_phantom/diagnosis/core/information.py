@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
+from ...physics.effect import OF_PROTOCOL, OF_SCAN, load
 from .fit import Problem
 from .templates import whitened
 
@@ -63,7 +64,7 @@ class Told:
         )
 
 
-def told(problem: Problem, name: str, own: Collection[str] = ()) -> Told:
+def told(problem: Problem, name: str, own: Collection[str] = (), protocol: str = "") -> Told:
     """What a measurement tells of the numbers of one choice of effects, where they begin.
 
     Parameters
@@ -72,7 +73,10 @@ def told(problem: Problem, name: str, own: Collection[str] = ()) -> Told:
     name : str
         Of the measurement.
     own : collection of str, optional
-        Effects that each measurement has for itself.
+        Effects that each measurement has for itself, as it has parameters of one scan.
+    protocol : str, optional
+        Of the measurement; those of other protocols have other numbers of what belongs to a protocol. Empty: there is
+        one protocol alone.
 
     Returns
     -------
@@ -81,13 +85,26 @@ def told(problem: Problem, name: str, own: Collection[str] = ()) -> Told:
     problem.follow(problem.start)
     predicted = -whitened(problem.residuals(problem.start, None), problem.weights)
     room = np.stack([problem.low - problem.start, problem.high - problem.start], axis=1)
-    return Told(keys_of(problem, name, own), changes(problem), predicted, problem.knowledge, room, problem.steps)
+    return Told(
+        keys_of(problem, name, own, protocol), changes(problem), predicted, problem.knowledge, room, problem.steps
+    )
 
 
-def keys_of(problem: Problem, name: str, own: Collection[str] = ()) -> tuple[Key, ...]:
+def keys_of(problem: Problem, name: str, own: Collection[str] = (), protocol: str = "") -> tuple[Key, ...]:
     """The keys of a measurement's numbers, as `told` takes it."""
-    keys = [(name, one.effect, one.name) if one.effect in own else (one.effect, one.name) for one in problem.unknowns]
-    return (*keys, *((name, "alignment", one.name) for one in problem.aligned))
+
+    def key(effect: str, parameter: str) -> Key:
+        (belongs_to,) = (one.belongs_to for one in load(effect).parameters if one.name == parameter)
+        if effect in own or belongs_to == OF_SCAN:
+            return name, effect, parameter
+        if belongs_to == OF_PROTOCOL and protocol:
+            return f"protocol {protocol}", effect, parameter
+        return effect, parameter
+
+    return (
+        *(key(one.effect, one.name) for one in problem.unknowns),
+        *((name, "alignment", one.name) for one in problem.aligned),
+    )
 
 
 def changes(problem: Problem) -> np.ndarray:

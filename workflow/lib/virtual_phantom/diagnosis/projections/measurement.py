@@ -116,6 +116,7 @@ class Scan:
         again: bool = False,
         beside: Told | None = None,
         weighed: Fit | None = None,
+        protocol: str = "",
     ) -> Told:
         """What it is expected to tell of the numbers of one explanation.
 
@@ -135,19 +136,21 @@ class Scan:
             Of another explanation, whose steps of derivatives are taken where it has the same numbers.
         weighed : Fit, optional
             Whose noise weighs the data: to be compared, explanations need the same; None: `fit`.
+        protocol : str, optional
+            As `information.told` takes it.
 
         Returns
         -------
         Told
         """
         problem = self.problem(model, effects, fit, conditions, () if again else own, again, weighed)
-        keys = keys_of(problem, self.name, own)
+        keys = keys_of(problem, self.name, own, protocol)
         known = {} if beside is None else dict(zip(beside.keys, beside.steps, strict=True))
         if set(keys) <= set(known):
             problem.steps = np.array([known[key] for key in keys])
         else:
             problem.steps = self._steps(problem)
-        return told(problem, self.name, own)
+        return told(problem, self.name, own, protocol)
 
     def problem(
         self,
@@ -255,6 +258,7 @@ class DarkFrames:
         again: bool = False,
         beside: Told | None = None,
         weighed: Fit | None = None,
+        protocol: str = "",
     ) -> Told:
         """As Scan.tells: a dark signal, its drift, and the variance of the electronics."""
         unknowns = model.unknowns(model.whole(effects))
