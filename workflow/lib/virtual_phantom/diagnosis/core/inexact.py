@@ -25,9 +25,7 @@ from .steps import Known, standard_errors
 from .templates import data_changes, whitened, with_knowledge
 
 Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shape), and (data,)
-NUMERICAL = (
-    "numerical"  # of model_accuracy: by how much corrections for finite steps are uneven, over a twice finer one
-)
+NUMERICAL = "numerical"  # of model_accuracy: how uneven corrections are, over what a twice finer step changes
 # Of a kernel whose form is assumed: it may be a mixture of widths. As much again as was found, half as wide, is one
 # standard deviation: in six scans of off-focal radiation (benchmarks/intervals.py, seeds 71 and 72) 41 to 74 % of it
 # were found, which is off by 1.1 of that, root mean square.
