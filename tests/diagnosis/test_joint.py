@@ -103,7 +103,7 @@ def test_of_one_recording_inexact_models_count_as_there(fitters):
 def test_more_recordings_do_not_make_a_models_error_less(fitters, joint, monkeypatch):
     """One tenth too weak as a whole: the amount is off by a tenth, of three discs as of one."""
     monkeypatch.setattr(inexact, "shapes", lambda mean: {0: np.ones(mean.shape)})
-    monkeypatch.setattr(inexact, "MIXED", 0.0)
+    monkeypatch.setattr(inexact, "MIXED", {"scatter": 0.0})
     without = JointFitter(fitters).fit(())
     accuracy = INEXACT | {"numerical": 0.0}
     errors = errors_of_recordings(JointFitter(fitters), joint, {"scatter": without}, accuracy)["large"]["scatter"]

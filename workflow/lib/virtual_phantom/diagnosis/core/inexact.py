@@ -26,10 +26,10 @@ from .templates import data_changes, whitened, with_knowledge
 
 Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shape), and (data,)
 NUMERICAL = "numerical"  # of model_accuracy: how uneven corrections are, over what a twice finer step changes
-# Of a kernel whose form is assumed: it may be a mixture of widths. As much again as was found, half as wide, is one
-# standard deviation: in six scans of off-focal radiation (benchmarks/intervals.py, seeds 71 and 72) 41 to 74 % of it
-# were found, which is off by 1.1 of that, root mean square.
-MIXED, NARROWER = 1.0, 0.5
+# Of a kernel whose form is assumed: a share of it may be narrower by the second, one standard deviation of which is the
+# model's inexactness, but for these. In six scans of off-focal radiation (benchmarks/intervals.py, seeds 71 and 72) 41
+# to 74 % of it were found, which is off by 1.1 of as much again as was found, half as wide, root mean square.
+MIXED, NARROWER = {"off_focal_radiation": 1.0}, 0.5
 HARMONICS = (2, 4)  # of a turn: an object is seen alike from opposite sides, a square grid from four
 
 
@@ -291,13 +291,14 @@ def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy:
             yield (name, number), _whole(fitter, change * shape, rest)
             rest = [np.zeros_like(one) for one in rest]
     for name in fit.effects:
+        share = MIXED.get(name, accuracy.get(name, accuracy["default"]))
         for parameter in load(name).parameters:
-            if parameter.kernel and name in without:
+            if parameter.kernel and share and name in without:
                 narrower = {parameter.name: NARROWER * fit.physics[name][parameter.name]}
                 physics = fit.physics | {name: fit.physics[name] | narrower}
                 there = fitter.model.predict(physics, fit.nuisance, data, fit.linearisation)
                 parts = [one - other for one, other in zip(data.residuals(there), after, strict=True)]
-                yield (name, parameter.name), MIXED * whitened(parts, fitter.weights)
+                yield (name, parameter.name), share * whitened(parts, fitter.weights)
 
 
 def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:
