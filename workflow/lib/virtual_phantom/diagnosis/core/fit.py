@@ -17,7 +17,6 @@ from .model import Model
 from .observed import Observed
 from .prediction import Prediction
 from .steps import bounded_step, standard_errors, updated
-from .unknown import Unknown
 
 # Of a fit, so that it ends. Nearly all settle within 25; along a narrow valley, as of a detector that is a row off its
 # place beside an object that may be displaced, 40 are wanted.
@@ -271,14 +270,13 @@ class Problem:
         self.centre = np.array([one.expected for one in (*self.unknowns, *aligned)])
         width = np.array([one.sd for one in (*self.unknowns, *aligned)])
         self.knowledge = np.where(np.isfinite(width), 1 / width**2, 0)
-        moving = [_moves(one) for one in self.unknowns]
         spans = [
-            (MOVING_STEPS[load(one.effect).stage] if moves else STEP) * (one.high - one.low)
-            for moves, one in zip(moving, self.unknowns, strict=True)
+            (MOVING_STEPS[load(one.effect).stage] if one.moves else STEP) * (one.high - one.low)
+            for one in self.unknowns
         ]
         spans += [alignment_step(one) for one in aligned]
         self.steps = np.array(spans)
-        self.moving = [*moving, *(one.name in POSES for one in aligned)]
+        self.moving = [one.moves for one in self.unknowns] + [one.name in POSES for one in aligned]
 
     def best_start(self) -> np.ndarray:
         """Where to begin.
@@ -626,12 +624,6 @@ class Problem:
             pattern=pattern,
             pattern_variance=self.found.variance if self.patterned else None,
         )
-
-
-def _moves(one: Unknown) -> bool:
-    """Whether a number displaces rays or the object, to first order."""
-    effect = load(one.effect)
-    return any(effect.moves(parameter) for parameter in effect.parameters if parameter.name == one.name)
 
 
 def alignment_step(one: Nuisance) -> float:

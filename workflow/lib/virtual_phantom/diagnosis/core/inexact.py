@@ -290,10 +290,9 @@ def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy:
         for number, shape in spread.items():  # what else is known of the data changes with the even one
             yield (name, number), _whole(fitter, change * shape, rest)
             rest = [np.zeros_like(one) for one in rest]
-    for name in fit.effects:
-        share = MIXED.get(name, accuracy.get(name, accuracy["default"]))
-        for parameter in load(name).parameters:
-            if parameter.kernel and share and name in without:
+        share = MIXED.get(name, share)
+        for parameter in load(name).parameters if share else ():
+            if parameter.kernel:
                 narrower = {parameter.name: NARROWER * fit.physics[name][parameter.name]}
                 physics = fit.physics | {name: fit.physics[name] | narrower}
                 there = fitter.model.predict(physics, fit.nuisance, data, fit.linearisation)

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from ...physics.effect import OF_PROTOCOL, OF_SCAN, load
 from .fit import Problem
 from .templates import whitened
 
@@ -92,19 +91,10 @@ def told(problem: Problem, name: str, own: Collection[str] = (), protocol: str =
 
 def keys_of(problem: Problem, name: str, own: Collection[str] = (), protocol: str = "") -> tuple[Key, ...]:
     """The keys of a measurement's numbers, as `told` takes it."""
-
-    def key(effect: str, parameter: str) -> Key:
-        (belongs_to,) = (one.belongs_to for one in load(effect).parameters if one.name == parameter)
-        if effect in own or belongs_to == OF_SCAN:
-            return name, effect, parameter
-        if belongs_to == OF_PROTOCOL and protocol:
-            return f"protocol {protocol}", effect, parameter
-        return effect, parameter
-
-    return (
-        *(key(one.effect, one.name) for one in problem.unknowns),
-        *((name, "alignment", one.name) for one in problem.aligned),
-    )
+    owners = [name if one.effect in own else one.owner(name, protocol) for one in problem.unknowns]
+    numbers = ((one.effect, one.name) for one in problem.unknowns)
+    keys = [(owner, *number) if owner else number for owner, number in zip(owners, numbers, strict=True)]
+    return (*keys, *((name, "alignment", one.name) for one in problem.aligned))
 
 
 def changes(problem: Problem) -> np.ndarray:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.errors import InputError
-from ...physics.effect import OF_PROTOCOL, OF_SCAN, OF_SCANNER, load, of_one_scan
+from ...physics.effect import OF_PROTOCOL, OF_SCANNER, load, of_one_scan
 from .fit import (
     AS_EXPECTED,
     CONVERGED,
@@ -344,9 +344,7 @@ def those(owners: Collection[str], name: str, values: Mapping[str, float]) -> di
 
 def _owned(problem: Problem, name: str, protocol: str) -> Iterator[tuple[str, str, str]]:
     """Of every number of a recording, what it is and whose: two that are alike in that are one."""
-    owners = {OF_SCANNER: "", OF_PROTOCOL: f"protocol {protocol}", OF_SCAN: f"scan {name}"}
     for one in problem.unknowns:
-        parameter = next(other for other in load(one.effect).parameters if other.name == one.name)
-        yield one.effect, one.name, owners[parameter.belongs_to]
+        yield one.effect, one.name, one.owner(name, protocol)
     for nuisance in problem.aligned:
-        yield "alignment", nuisance.name, owners[OF_SCAN]
+        yield "alignment", nuisance.name, name

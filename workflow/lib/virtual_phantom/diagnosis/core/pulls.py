@@ -45,7 +45,6 @@ def statements(
     .. [1] L. Demortier and L. Lyons, Everything you always wanted to know about pulls, CDF note 5776, 2002.
     """
     numbers = {(one.effect, one.name): one for one in model.unknowns(tuple(model.declared))}
-    tests = sum(one.sd > 0 for parameters in model.declared.values() for one in parameters.values())
     found: dict[str, dict[str, dict]] = {}
     for name, parameters in model.declared.items():
         units = {one.name: one.unit for one in load(name).parameters}
@@ -59,7 +58,7 @@ def statements(
                 # As much as the data told beyond the statement; hardly anything where they told nothing.
                 told = max(number.sd**2 - of_noise**2, (number.sd * LEAST_TOLD) ** 2)
                 pull = (number.of(value) - number.expected) / sqrt(told + of_all**2 - of_noise**2)
-            p = float(bonferroni(2 * stats.norm.sf(abs(pull)), max(tests, 1)))
+            p = float(bonferroni(2 * stats.norm.sf(abs(pull)), max(len(numbers), 1)))
             found[name][key] = {
                 "stated": stated.value,
                 "sd": stated.sd,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...physics.effect import LOGARITHM
+from ...physics.effect import LOGARITHM, OF_PROTOCOL, OF_SCAN, Parameter, load
 from .steps import NORMAL_95, ROUNDING
 
 
@@ -86,6 +86,34 @@ class Unknown:
         reach = NORMAL_95 * error
         other = value - reach if self.power != LOGARITHM and value >= (1 - ROUNDING) * reach else value + reach
         return abs(self.of(other) - self.of(value)) / NORMAL_95
+
+    @property
+    def parameter(self) -> Parameter:
+        """Of which it is the number."""
+        return next(one for one in load(self.effect).parameters if one.name == self.name)
+
+    @property
+    def moves(self) -> bool:
+        """Whether it displaces rays or the object, to first order."""
+        return load(self.effect).moves(self.parameter)
+
+    def owner(self, recording: str, protocol: str) -> str:
+        """Whose it is.
+
+        Parameters
+        ----------
+        recording, protocol : str
+            Where it is fitted; no protocol (empty): there is one alone.
+
+        Returns
+        -------
+        str
+            Empty: the scanner's; else the protocol or the recording.
+        """
+        belongs_to = self.parameter.belongs_to
+        if belongs_to == OF_SCAN:
+            return recording
+        return f"protocol {protocol}" if belongs_to == OF_PROTOCOL and protocol else ""
 
     @property
     def start(self) -> float:

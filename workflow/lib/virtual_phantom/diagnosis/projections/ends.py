@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.geometry import OrbitGeometry, ScanGeometry
+from ...base.geometry import ScanGeometry
 from ...physics.scene import VoxelScene
 
 MOST_VIEWS = 24  # that are looked at: rays pass the ends in many
@@ -60,9 +60,7 @@ def beyond(scene: object, geometry: ScanGeometry) -> Beyond:
     scene = getattr(scene, "scene", scene)  # that of PosedScene
     if not isinstance(scene, VoxelScene):
         return Beyond(0.0, 0.0, 0.0)
-    step = max(1, geometry.views // MOST_VIEWS)
-    if isinstance(geometry, OrbitGeometry):
-        geometry = geometry.every(step)
+    geometry = geometry.every(max(1, geometry.views // MOST_VIEWS))
     missing, height_mm = np.zeros(geometry.shape), 0.0
     for end, passed_mm in zip((-1, 1), _passed_mm(scene, geometry), strict=True):
         more = scene.beyond(end, passed_mm) if passed_mm > 0 else None
