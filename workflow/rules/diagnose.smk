@@ -82,6 +82,9 @@ rule diagnose_scanner:
         protocols=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
             "protocols"
         ],
+        judged_on=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
+            "judged_on"
+        ],
     script:
         "../scripts/diagnose_scanner.py"
 

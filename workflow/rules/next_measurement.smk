@@ -51,7 +51,9 @@ use rule next_of_recording as next_of_scanner with:
         runtime=300,
     params:
         what=lambda wildcards: wildcards.scanner,
-        models=lambda wildcards: context.diagnosis.models(wildcards.scanner),
+        models=lambda wildcards: context.diagnosis.models(
+            wildcards.scanner, judged=False
+        ),
         effects=lambda wildcards: context.diagnosis.shared(wildcards.scanner),
         protocols=lambda wildcards: context.diagnosis.scanners[wildcards.scanner][
             "protocols"

@@ -28,12 +28,13 @@ with job(snakemake) as log:
         params.accuracy,
         params.protocols,
         {name: scanned_in(model["settings"]) for name, model in params.models.items()},
+        params.judged_on,
     )
     fit = found.choice.chosen
-    first = next(iter(prepared.values())).fitter.model
-    physics = first.of_study(fit.physics, next(iter(fit.fits.values())).nuisance)
+    first = next(iter(fit.fits))
+    physics = prepared[first].fitter.model.of_study(fit.physics, fit.fits[first].nuisance)
     text = f"# {found.content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
-    if protocol := next(iter(found.content["recordings"].values()))["protocol"]:
+    if protocol := found.content["recordings"][first]["protocol"]:
         text += f"# What recordings of one protocol have in common is as in protocol {protocol}.\n"
     overlay = {"physics": physics, "noise": {"model": "physical"}}
     write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)

@@ -4,23 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-import numpy as np
-
-from ..base.words import label
-from ..physics.effect import OF_PROTOCOL, OF_SCANNER, load
-from ..statistics.multiplicity import bonferroni
+from .core.consistency import Alone, alone
 from .core.fit import Fit
-from .core.inexact import errors_of_recordings
-from .core.joint import NOT_OF_SCAN, JointFit, JointFitter, those
+from .core.inexact import errors_of_pulled, pulled_of_recordings
+from .core.joint import JointFit, JointFitter
 from .core.joint_choice import JointChoice, choose_jointly
-from .core.locate import ALPHA, aligned
 from .core.prepared import Prepared
-from .core.pulls import statements
-from .core.sentence import misstated
-from .core.steps import interval
-from .core.verdict import VERDICTS, excess_rms_removed
+from .core.verdict import VERDICTS
+from .scanner_content import alone_content, declared_content, effect_content, recording_content, removed, sentence
 
 
 @dataclass(frozen=True)
@@ -53,7 +46,12 @@ def protocols_of(prepared: Mapping[str, Prepared], stated: Mapping[str, Sequence
     dict of str to str
         {recording: protocol}; all "" where there is but one.
     """
-    found = {recording: protocol for protocol, recordings in (stated or {}).items() for recording in recordings}
+    found = {
+        recording: protocol
+        for protocol, recordings in (stated or {}).items()
+        for recording in recordings
+        if recording in prepared
+    }
     for name, one in prepared.items():
         kvp = one.fitter.model.tube_kvp
         found.setdefault(name, "voltage not stated" if kvp is None else f"{kvp:g} kV")
@@ -72,6 +70,7 @@ def explain_scanner(
     accuracy: Mapping[str, float],
     protocols: Mapping[str, Sequence[str]] | None = None,
     objects: Mapping[str, str] | None = None,
+    judged_on: Sequence[str] = (),
 ) -> ScannerDiagnosis:
     """Choose the effects that explain recordings together, and judge them on each by the physics of the others.
 
@@ -88,6 +87,8 @@ def explain_scanner(
         As protocols_of takes them.
     objects : mapping of str to str, optional
         What each recording is of: those of one object are left out together.
+    judged_on : sequence of str, optional
+        Recordings by which no effect is chosen, and to which no physics is fitted.
 
     Returns
     -------
@@ -98,162 +99,67 @@ def explain_scanner(
     InputError
         As choose_jointly.
     """
-    together = JointFitter({key: one.fitter for key, one in prepared.items()}, protocols_of(prepared, protocols))
+    every = JointFitter({key: one.fitter for key, one in prepared.items()}, protocols_of(prepared, protocols))
+    together = every.without(judged_on)
     choice = choose_jointly(together, candidates, accuracy, objects)
-    chosen = choice.chosen
+    judged, chosen = _Judged.of(every, choice, judged_on), choice.chosen
     errors: Mapping[str, Mapping] = {}
+    apart: Mapping[str, Alone] = {}
     if together.whole(chosen.effects):
-        errors = errors_of_recordings(together, chosen, choice.without, accuracy)
-    known, of_protocols = _declared(together, chosen, errors)
-    off = any(
-        one["off"] for every in (known, *of_protocols.values()) for keys in every.values() for one in keys.values()
-    )
+        scans = pulled_of_recordings(every, judged.chosen, judged.without, accuracy)
+        errors = errors_of_pulled({key: scans[key] for key in together.fitters})
+        apart = alone(every, chosen, scans, judged_on)
+    known, of_protocols = declared_content(together, chosen, errors)
+    off = any(one["off"] for each in (known, *of_protocols.values()) for keys in each.values() for one in keys.values())
+    before, after = choice.before | judged.before, choice.left_out | judged.after
     recordings = {
-        key: {"protocol": together.protocols[key]} | _recording(one, choice, key) for key, one in prepared.items()
+        key: {"judged": key in judged_on, "protocol": every.protocols[key]}
+        | recording_content(one, before[key], after[key], len(prepared))
+        | alone_content(apart.get(key))
+        for key, one in prepared.items()
     }
-    removed = [one["excess_rms_removed"] for one in recordings.values() if one["excess_rms_removed"] is not None]
-    left = [key for key, one in recordings.items() if one["unexplained"]]
+    left = any(one["unexplained"] or (one["agreement"] or {}).get("disagrees") for one in recordings.values())
     content = {
         "scanner": name,
         "verdict": VERDICTS[(2 if left else 1) if chosen.effects or off else (3 if left else 0)],
-        "effects": [_effect(effect, choice, together.protocols, errors) for effect in chosen.effects],
+        "effects": [effect_content(effect, choice, together.protocols, errors) for effect in chosen.effects],
         "declared": known,
         "declared_of_protocols": of_protocols,
         "recordings": recordings,
-        "excess_rms_removed": {"median": float(np.median(removed)), "worst": float(np.min(removed))}
-        if removed and chosen.effects
-        else None,
+        "excess_rms_removed": removed(recordings, judged=False) if chosen.effects else None,
+        "excess_rms_removed_judged": removed(recordings, judged=True) if chosen.effects else None,
         "effects_tried": list(candidates),
     }
     return ScannerDiagnosis(choice, content | {"sentence": sentence(content)})
 
 
-def sentence(content: Mapping) -> str:
-    """The verdict in words.
+@dataclass(frozen=True)
+class _Judged:
+    """Recordings that were not fitted, by the physics of those that were.
 
-    Parameters
+    Attributes
     ----------
-    content : mapping
-        What scanner.json holds, but for the sentence itself.
-
-    Returns
-    -------
-    str
+    before, after : dict of str to Fit
+        By recording, without the chosen effects and with them.
+    chosen : JointFit
+        Of those that were fitted, with these beside them.
+    without : dict of str to JointFit
+        {effect: the same without it}.
     """
-    count = len(content["recordings"])
-    left = [name for name, one in content["recordings"].items() if one["unexplained"]]
-    rest = f" Places that differ are left on {', '.join(left)}." if left else ""
-    of_protocols = (
-        misstated({"declared": one}, f" of protocol {key}") for key, one in content["declared_of_protocols"].items()
-    )
-    rest = misstated(content) + "".join(of_protocols) + rest
-    if not content["effects"]:
-        what = "differ, and no effect that they share explains it" if left else "agree"
-        return f"{content['scanner']}: {count} recordings and the simulation {what}.{rest}"
-    names = " and ".join(label(one["name"]) for one in content["effects"])
-    removed = content["excess_rms_removed"]
-    share = ""
-    if removed is not None:
-        median, worst = (round(100 * removed[key]) for key in ("median", "worst"))
-        share = (
-            f" Fitted to the others, it removes {median} % (median; at worst {worst} %) of the root mean square beyond "
-            "noise of a recording."
-        )
-    return f"{content['scanner']}: {count} recordings share what the simulation lacks: {names}.{share}{rest}"
 
+    before: dict[str, Fit]
+    after: dict[str, Fit]
+    chosen: JointFit
+    without: dict[str, JointFit]
 
-def _declared(
-    together: JointFitter, chosen: JointFit, errors: Mapping[str, Mapping]
-) -> tuple[dict[str, dict], dict[str, dict]]:
-    """How statements on the scanner fared, and by protocol those on what is its own, where there are several."""
-    firsts: dict[str, str] = {}
-    for recording, protocol in together.protocols.items():
-        firsts.setdefault(protocol, recording)
+    @classmethod
+    def of(cls, every: JointFitter, choice: JointChoice, names: Sequence[str]) -> _Judged:
+        """Hold recordings against what was chosen by the others."""
+        before = every.held(choice.baseline, {name: every.fitters[name].fit(()) for name in names})
 
-    def of(recording: str, owners: Sequence[str]) -> dict[str, dict]:
-        known = statements(chosen.fits[recording], together.fitters[recording].model, errors.get(recording))
-        found = {name: those(owners, name, parameters) for name, parameters in known.items()}
-        return {name: parameters for name, parameters in found.items() if parameters}
+        def beside(fit: JointFit) -> JointFit:
+            return replace(fit, fits=fit.fits | every.held(fit, before))
 
-    several = len(firsts) > 1
-    known = of(next(iter(together.fitters)), (OF_SCANNER,) if several else NOT_OF_SCAN)
-    return known, {key: of(one, (OF_PROTOCOL,)) for key, one in firsts.items()} if several else {}
-
-
-def _effect(name: str, choice: JointChoice, protocols: Mapping[str, str], errors: Mapping[str, Mapping]) -> dict:
-    """What is said of an effect, with its standard errors, inexact models included, by recording."""
-    effect = load(name)
-    members: dict[str, list[str]] = {}
-    for recording, protocol in protocols.items():
-        members.setdefault(protocol, []).append(recording)
-    several = len(members) > 1
-    parameters = _parameters(name, (OF_SCANNER,) if several else NOT_OF_SCAN, list(protocols), choice, errors)
-    own = {
-        protocol: _parameters(name, (OF_PROTOCOL,), recordings, choice, errors)
-        for protocol, recordings in members.items()
-        if several
-    }
-    return {
-        "name": name,
-        "physics": effect.physics,
-        "parameters": parameters,
-        "protocols": own if all(own.values()) else {},
-        "evidence": {"left_out_gain": choice.gains[name], "p": choice.p[name]},
-    }
-
-
-def _parameters(
-    name: str, owners: Sequence[str], recordings: Sequence[str], choice: JointChoice, errors: Mapping[str, Mapping]
-) -> dict:
-    """Parameters of an effect that recordings have in common: values, intervals, and what the others say of each."""
-    stated, fit = {one.name: one for one in load(name).parameters}, choice.chosen.fits[recordings[0]]
-    parameters = {}
-    for key, value in those(owners, name, fit.physics[name]).items():
-        low, high = stated[key].low, stated[key].high
-        without = {one: choice.left_out[one] for one in recordings}
-        parameters[key] = {
-            "value": value,
-            "ci95": interval(value, errors[recordings[0]][name].get(key, 0.0), low, high),
-            "ci95_noise": interval(value, fit.errors[name].get(key, 0.0), low, high),
-            "unit": stated[key].unit,
-            "without": {
-                one: other.physics[name][key] for one, other in without.items() if key in other.elsewhere.get(name, ())
-            },
-        }
-    return parameters
-
-
-def _recording(prepared: Prepared, choice: JointChoice, name: str) -> dict:
-    """What the physics of the other recordings makes of one, on its data held out."""
-    fit, before = choice.left_out[name], choice.baseline.fits[name]
-    rms = {
-        key: float(np.sqrt((prepared.difference(one, held_out=True) ** 2).mean()))
-        for key, one in (("before", before), ("after", fit))
-    }
-    data = prepared.held_out
-    rms["floor"] = float(np.sqrt((prepared.variance[data.usable] / data.n).mean()))
-    fitted, held = prepared.halves(fit)
-    places = prepared.domains(held, fit, fitted, aligned(fit, prepared.fitter.model.distortions))
-    # Over all recordings together: of many, one would stand out by chance.
-    left = [one for one in places if bonferroni(one.p, len(choice.left_out)) < ALPHA]
-    return {
-        f"rms_{prepared.look.unit}": rms,
-        "excess_rms_removed": excess_rms_removed(**rms),
-        "log_score": choice.scores[name],
-        "unexplained": [{"domain": one.domain, "where": one.where, "z": one.z} for one in left],
-        "alignment": fit.nuisance,
-        "own": _own(fit),
-    }
-
-
-def _own(fit: Fit) -> dict:
-    """Parameters that other recordings say nothing of, as {effect: {parameter: value}}."""
-    own = {
-        name: {
-            one.name: fit.physics[name][one.name]
-            for one in load(name).parameters
-            if one.belongs_to != OF_SCANNER and one.name not in fit.elsewhere.get(name, ())
-        }
-        for name in fit.effects
-    }
-    return {name: values for name, values in own.items() if values}
+        chosen = beside(choice.chosen)
+        without = {effect: beside(fit) for effect, fit in choice.without.items()}
+        return cls(before, {name: chosen.fits[name] for name in names}, chosen, without)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from datetime import date
 
 from .. import __version__
@@ -24,9 +25,13 @@ def page(content: dict) -> str:
     removed = picture(figures.draw_recordings(content["recordings"]))
     colour = COLOURS.get(content["verdict"], OTHER_COLOUR)
     filters = {"number": number, "within": within}
-    every = (
-        (effect, key) for one in content["recordings"].values() for effect, keys in one["own"].items() for key in keys
-    )
-    shown = {"own": list(dict.fromkeys(every))}
+    shown = {kind: _parameters(content["recordings"].values(), kind) for kind in ("alone", "own")}
     shown |= {"removed": removed, "colour": colour, "version": __version__, "date": date.today().isoformat()}
     return render("scanner", filters, d=content | {"recording": content["scanner"]}, **shown)
+
+
+def _parameters(recordings: Iterable[Mapping], kind: str) -> list[tuple[str, str]]:
+    """Every (effect, parameter) that recordings have of this kind."""
+    return list(
+        dict.fromkeys((effect, key) for one in recordings for effect, keys in one[kind].items() for key in keys)
+    )

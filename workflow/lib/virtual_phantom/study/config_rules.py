@@ -323,7 +323,15 @@ class Rules:
                 for key in ("physics_from", "baseline_from"):
                     if other := diagnosed.get(recording, {}).get(key):
                         yield f"config: {where} names '{recording}', which has its {key} {other}; take that out"
+            yield from self._judged_of_scanner(name, scanner)
             yield from self._protocols_of_scanner(name, scanner)
+
+    def _judged_of_scanner(self, name: str, scanner: dict) -> Iterator[str]:
+        where = f"diagnosis.scanners.{name}.judged_on"
+        for recording in scanner["judged_on"]:
+            yield from self._known(recording, scanner["recordings"], where)
+        if len(set(scanner["recordings"]) - set(scanner["judged_on"])) < 2:
+            yield f"config: {where} leaves fewer than two recordings to choose by; take some out of it"
 
     def _protocols_of_scanner(self, name: str, scanner: dict) -> Iterator[str]:
         where, seen = f"diagnosis.scanners.{name}.protocols", {}

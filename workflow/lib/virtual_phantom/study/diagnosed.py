@@ -229,12 +229,14 @@ class Diagnosis:
     def _baseline(self, scanner: str, recording: str) -> dict[str, dict]:
         return self.scanners[scanner]["baseline"] | self.settings[recording].get("baseline", {})
 
-    def models(self, scanner: str) -> dict[str, dict]:
+    def models(self, scanner: str, judged: bool = True) -> dict[str, dict]:
         """{recording: as `model`, with what is declared of its scanner}.
 
         Parameters
         ----------
         scanner : str
+        judged : bool, optional
+            Also of those that only judge.
 
         Returns
         -------
@@ -242,6 +244,8 @@ class Diagnosis:
         """
         found = {}
         for name in self.scanners[scanner]["recordings"]:
+            if name in self.scanners[scanner]["judged_on"] and not judged:
+                continue
             model = self.model(name)
             known = {"baseline": self._baseline(scanner, name)}
             found[name] = model | {"settings": model["settings"] | known}

@@ -13,8 +13,9 @@ References
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from ...physics.effect import load
 from .fit import Fit, Fitter, Problem
 from .joint import JointFit, JointFitter, JointProblem
 from .steps import Known, standard_errors
-from .templates import data_changes, whitened, with_knowledge
+from .templates import data_changes, whitened
 
 Distortions = Iterator[tuple[tuple[str, int | str], np.ndarray]]  # (model, shape), and (data,)
 NUMERICAL = "numerical"  # of model_accuracy: how uneven corrections are, over what a twice finer step changes
@@ -73,7 +74,7 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
     if all(next(one, None) is None for one in found):  # of images, derivatives take minutes
         return Errors({name: dict(one) for name, one in fit.errors.items()}, dict(fit.nuisance_errors))
     problem = Problem(fitter, fit.effects, fit)
-    numbers = _numbers([_Pulled.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
+    numbers = _numbers([Pulled.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
     names = [one.name for one in problem.aligned]
     return Errors(
         _named(problem, fit.errors, numbers),
@@ -103,23 +104,52 @@ def errors_of_recordings(
     dict of str to dict of str to dict of str to float
         {recording: as Fit.errors}.
     """
+    return errors_of_pulled(pulled_of_recordings(together, fit, without, accuracy))
+
+
+def errors_of_pulled(scans: Mapping[str, Pulled]) -> dict[str, dict[str, dict[str, float]]]:
+    """Standard errors of effects' parameters that are fitted to these recordings together, inexact models included.
+
+    Parameters
+    ----------
+    scans : mapping of str to Pulled
+        By recording.
+
+    Returns
+    -------
+    dict of str to dict of str to dict of str to float
+        {recording: as Fit.errors}.
+    """
+    numbers = _numbers(list(scans.values()))
+    return {name: _named(one.problem, one.fit.errors, numbers[one.places]) for name, one in scans.items()}
+
+
+def pulled_of_recordings(
+    together: JointFitter, fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
+) -> dict[str, Pulled]:
+    """What each recording knows of the numbers of all, and how inexact models pull them.
+
+    Parameters
+    ----------
+    together, fit, without, accuracy
+        As errors_of_recordings takes them.
+
+    Returns
+    -------
+    dict of str to Pulled
+        By recording.
+    """
     problems = {name: Problem(fitter, fit.effects, fit.fits[name]) for name, fitter in together.fitters.items()}
-    problem = JointProblem(problems, together.protocols)
-    numbers = _numbers(
-        [
-            _Pulled.of(
-                one,
-                fit.fits[name],
-                {key: other.fits[name] for key, other in without.items()},
-                accuracy,
-                problem.places[name],
-            )
-            for name, one in problem.problems.items()
-        ]
-    )
+    places = JointProblem({name: copy.copy(one) for name, one in problems.items()}, together.protocols).places
     return {
-        name: _named(one, fit.fits[name].errors, numbers[problem.places[name]])
-        for name, one in problem.problems.items()
+        name: Pulled.of(
+            one,
+            fit.fits[name],
+            {key: other.fits[name] for key, other in without.items()},
+            accuracy,
+            places[name],
+        )
+        for name, one in problems.items()
     }
 
 
@@ -215,51 +245,66 @@ def harmonics(turned_rad: np.ndarray | None, shape: tuple[int, int, int]) -> dic
 
 
 @dataclass(frozen=True)
-class _Pulled:
+class Pulled:
     """What one recording knows of the numbers, and how distortions of its data pull them.
 
     Attributes
     ----------
+    problem : Problem
+    fit : Fit
+        Where it was looked at.
     places : ndarray of int, shape (numbers,)
-        Of its numbers among all.
+        Of its numbers among those of all recordings.
     information : ndarray, shape (numbers, numbers)
+        By its data.
+    knowledge : ndarray, shape (numbers,)
+        Information beside the data; of a number that recordings share, the same in each of them.
     pulls : dict of (str, int or str) to ndarray, shape (numbers,)
         {(model, shape): J'd}.
     own : list of ndarray, shape (numbers,)
         J'd of those that no other recording has.
     """
 
+    problem: Problem
+    fit: Fit
     places: np.ndarray
     information: np.ndarray
+    knowledge: np.ndarray
     pulls: dict[tuple[str, int | str], np.ndarray]
     own: list[np.ndarray]
 
     @classmethod
     def of(
         cls, problem: Problem, fit: Fit, without: Mapping[str, Fit], accuracy: Mapping[str, float], places: np.ndarray
-    ) -> _Pulled:
+    ) -> Pulled:
         """Of a problem that begins where the fit ended."""
         changes = data_changes(problem, fit.pattern)
-        columns = with_knowledge(changes, problem)
         fitter = problem.fitter
         pulls = {key: changes.T @ one for key, one in _distortions(fitter, fit, without, accuracy)}
         own = [changes.T @ one for _, one in _of_steps(fitter, fit, accuracy)]
-        return cls(places, columns.T @ columns, pulls, own)
+        return cls(problem, fit, places, changes.T @ changes, problem.knowledge, pulls, own)
+
+    @property
+    def alone(self) -> Pulled:
+        """The same where it is the only recording."""
+        return replace(self, places=np.arange(len(self.places)))
 
 
-def _numbers(scans: Sequence[_Pulled]) -> np.ndarray:
+def _numbers(scans: Sequence[Pulled]) -> np.ndarray:
     """Standard errors of all numbers of several recordings, shape (numbers,)."""
     count = 1 + max(int(one.places.max()) for one in scans)
-    information = np.zeros((count, count))
+    information, knowledge = np.zeros((count, count)), np.zeros(count)
     pulls: dict[tuple[str, int | str], np.ndarray] = {}
     own: list[np.ndarray] = []
     for one in scans:
         information[np.ix_(one.places, one.places)] += one.information
+        knowledge[one.places] = one.knowledge  # what is known of a number is known once
         for key, pull in one.pulls.items():
             pulls.setdefault(key, np.zeros(count))[one.places] += pull
         for pull in one.own:
             own.append(np.zeros(count))
             own[-1][one.places] = pull
+    information += np.diag(knowledge)
     root, squares = Known.of(information).root, standard_errors(information) ** 2
     for pull in (*pulls.values(), *own):
         squares = squares + (root @ (root.T @ pull)) ** 2

@@ -131,7 +131,7 @@ class JointFitter:
         """Recordings held against physics that was fitted to the others.
 
         Of each only its alignment is fitted, and parameters of one scan; those of its protocol too, where none of the
-        others is of it.
+        others is of it. What is declared of the scanner is as the others have it, too.
 
         Parameters
         ----------
@@ -146,24 +146,45 @@ class JointFitter:
         dict of str to Fit
             By recording.
         """
-        if not effects:
+        if not self.whole(effects):
             return {name: given.fits[name] if not given.effects else self.fitters[name].fit(()) for name in names}
-        rest = self.without(names)
-        others = rest.fit(effects, given)
-        return {name: self._held(name, effects, given.fits[name], rest, others) for name in names}
+        others = self.without(names).fit(effects, given)
+        return self.held(others, {name: given.fits[name] for name in names})
 
-    def _held(self, name: str, effects: tuple[str, ...], begun: Fit, rest: JointFitter, others: JointFit) -> Fit:
+    def held(self, others: JointFit, begun: Mapping[str, Fit]) -> dict[str, Fit]:
+        """Recordings held against physics that was fitted to others, as `left_out`.
+
+        Parameters
+        ----------
+        others : JointFit
+            Of recordings of this fitter that are not among `begun`.
+        begun : mapping of str to Fit
+            By recording, where to begin.
+
+        Returns
+        -------
+        dict of str to Fit
+            By recording.
+        """
+        rest = self.without([name for name in self.fitters if name not in others.fits])
+        return {name: self._held(name, one, rest, others) for name, one in begun.items()}
+
+    def _held(self, name: str, begun: Fit, rest: JointFitter, others: JointFit) -> Fit:
         """One recording held against a fit of others."""
-        fitter = self.fitters[name]
+        fitter, effects = self.fitters[name], others.effects
         alike = [other for other in rest.fitters if rest.protocols[other] == self.protocols[name]]
         known = NOT_OF_SCAN if alike else (OF_SCANNER,)
         one = others.fits[(alike or list(rest.fitters))[0]]
         held = fitter.of(copy.copy(fitter.model))
-        held.model.fixed = {effect: those(known, effect, one.physics[effect]) for effect in effects}
-        start = {effect: begun.physics[effect] | held.model.fixed[effect] for effect in effects}
-        fit = held.fit(effects, replace(begun, effects=effects, physics=others.physics | start))
-        errors = {effect: fit.errors[effect] | those(known, effect, one.errors[effect]) for effect in effects}
-        return replace(fit, errors=fit.errors | errors)
+        whole = self.whole(effects)
+        held.model.fixed = {effect: those(known, effect, one.physics[effect]) for effect in whole}
+        physics = {
+            effect: others.physics[effect] | begun.physics.get(effect, {}) | held.model.fixed[effect]
+            for effect in whole
+        }
+        fit = held.fit(effects, replace(begun, effects=effects, physics=physics))
+        errors = {effect: fit.errors[effect] | those(known, effect, one.errors[effect]) for effect in whole}
+        return replace(fit, errors=errors)
 
     def _protocol(self, name: str, effects: tuple[str, ...]) -> str:
         """Of a recording, where one of these effects has parameters of a protocol."""

@@ -29,8 +29,9 @@ class JointChoice:
     ----------
     baseline, chosen : JointFit
         The alignments alone, and with the effects; fitted to all recordings.
-    left_out : dict of str to Fit
-        By recording, with the physics of those that were not left out with it, and its own alignment.
+    before, left_out : dict of str to Fit
+        By recording, its own alignment with what those that were not left out with it say is declared, and with all of
+        their physics.
     scores : dict of str to dict of str to float
         By recording, log score on its data held out: "before", and "after" with the physics of the others.
     gains : dict of str to float
@@ -43,6 +44,7 @@ class JointChoice:
 
     baseline: JointFit
     chosen: JointFit
+    before: dict[str, Fit]
     left_out: dict[str, Fit]
     scores: dict[str, dict[str, float]]
     gains: dict[str, float]
@@ -56,7 +58,8 @@ class _Judge:
     def __init__(self, together: JointFitter, baseline: JointFit, left_together: Sequence[Collection[str]]):
         self.together, self.left_together = together, left_together
         self._fits: dict[tuple[str, ...], dict[str, Fit]] = {}
-        self.none = {name: one.score(baseline.fits[name]) for name, one in together.fitters.items()}
+        self.before = self.fits((), baseline)
+        self.none = {name: one.score(self.before[name]) for name, one in together.fitters.items()}
 
     def fits(self, effects: tuple[str, ...], given: JointFit) -> dict[str, Fit]:
         key = tuple(sorted(effects))
@@ -166,9 +169,10 @@ def choose_jointly(
         for name in current.effects
     }
     lost = {name: _gain(after, judge.scores(rest.effects, rest)) for name, rest in without.items()}
-    fits = judge.fits(current.effects, current) if current.effects else baseline.fits
+    fits = judge.fits(current.effects, current)
     scores = {name: {"before": judge.none[name], "after": after[name]} for name in after}
-    return JointChoice(baseline, current, fits, scores, lost, {name: p[name] for name in current.effects}, without)
+    chances = {name: p[name] for name in current.effects}
+    return JointChoice(baseline, current, judge.before, fits, scores, lost, chances, without)
 
 
 def _gain(there: Mapping[str, float], here: Mapping[str, float]) -> float:

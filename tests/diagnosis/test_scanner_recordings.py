@@ -1,0 +1,116 @@
+"""Recordings of a scanner: those that disagree with the others, and those that only judge."""
+
+import numpy as np
+import pytest
+from scipy import stats
+from test_joint import DISCS, SCATTER, made_ready
+
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.diagnosis.core.consistency import alone
+from virtual_phantom.diagnosis.core.inexact import pulled_of_recordings
+from virtual_phantom.diagnosis.core.joint import JointFitter
+from virtual_phantom.diagnosis.scanner import explain_scanner
+from virtual_phantom.io.documents import SCANNER, schema_of_kind
+from virtual_phantom.io.schema import defaults_of, validate
+from virtual_phantom.report.scanner import page
+
+ACCURACY = defaults_of("diagnosis", "model_accuracy")
+EXACT = {"default": 0.0, "numerical": 0.0}
+
+
+def differences(amounts, seed, accuracy):
+    """Of discs with these amounts of scatter, each beside the others."""
+    fitters = {
+        name: made_ready(name, {"scatter": {"amount": amount, "width_mm": 60.0}}, seed).fitter
+        for name, amount in amounts.items()
+    }
+    together = JointFitter(fitters)
+    before, chosen = together.fit(()), together.fit(("scatter",))
+    scans = pulled_of_recordings(together, chosen, {"scatter": before}, accuracy)
+    return {name: one.difference for name, one in alone(together, chosen, scans).items()}
+
+
+def test_recordings_of_one_scanner_agree():
+    """Of amount and width, of which two recordings each are apart by noise: as chi-square of two numbers."""
+    found = [differences({"large": 0.03, "small": 0.03}, seed, EXACT)["large"] for seed in range(60, 84)]
+    assert {one.numbers for one in found} == {2} and not any(one.disagrees for one in found)
+    assert stats.kstest([one.chi_square for one in found], stats.chi2(2).cdf).pvalue > 0.01
+
+
+def test_two_recordings_differ_as_much_as_their_common_fit_loses():
+    fitters = {name: made_ready(name, SCATTER, 61).fitter for name in ("large", "small")}
+    together = JointFitter(fitters)
+    chosen = together.fit(("scatter",))
+    found = alone(together, chosen, pulled_of_recordings(together, chosen, {}, EXACT))
+    lost = chosen.chi_square - sum(one.fit.chi_square for one in found.values())
+    for one in found.values():
+        assert one.difference.chi_square == pytest.approx(lost, rel=0.25, abs=0.3)
+
+
+def test_the_recording_of_another_setting_is_named_and_the_rest_is_not():
+    found = differences({"large": 0.03, "middle": 0.04, "small": 0.03}, 20, ACCURACY)
+    assert {name: one.disagrees for name, one in found.items()} == {"large": False, "middle": True, "small": False}
+    assert found["middle"].against == ("large", "small")
+    assert found["large"].against == ("small",)  # that which disagrees tells nothing of the rest
+
+
+def test_of_two_that_disagree_neither_is_right():
+    assert all(one.disagrees for one in differences({"large": 0.03, "middle": 0.04}, 20, ACCURACY).values())
+
+
+def test_what_inexact_models_may_make_up_sets_no_recording_apart():
+    apart = {"large": 0.03, "middle": 0.034}
+    exact, inexact = (
+        differences(apart, 21, accuracy)["middle"] for accuracy in (EXACT, {"default": 0.5, "numerical": 0.0})
+    )
+    assert exact.disagrees and not inexact.disagrees and inexact.chi_square < 0.5 * exact.chi_square
+
+
+def test_recordings_that_only_judge_have_no_part_in_choice_and_fit():
+    made = {name: made_ready(name, SCATTER) for name in DISCS}
+    two = {name: made[name] for name in ("large", "middle")}
+    effects = ("scatter", "veiling_glare")
+    plain = explain_scanner("bench", two, effects, ACCURACY).content
+    found = explain_scanner("bench", made, effects, ACCURACY, judged_on=["small"]).content
+    validate(found, schema_of_kind(SCANNER), "scanner.json")
+    assert [name for name, one in found["recordings"].items() if one["judged"]] == ["small"]
+    (ours,), (theirs,) = found["effects"], plain["effects"]
+    assert ours["name"] == theirs["name"] == "scatter" and ours["evidence"] == theirs["evidence"]
+    for key, one in ours["parameters"].items():
+        assert one["value"] == theirs["parameters"][key]["value"] and set(one["without"]) == set(two)
+        assert one["ci95"] == pytest.approx(theirs["parameters"][key]["ci95"])
+    assert found["excess_rms_removed"] == plain["excess_rms_removed"]
+    judged = found["excess_rms_removed_judged"]
+    assert plain["excess_rms_removed_judged"] is None and judged["median"] == judged["worst"] > 0.8
+    assert found["recordings"]["small"]["own"] == {} and not found["recordings"]["small"]["agreement"]["disagrees"]
+    assert "2 recordings share" in found["sentence"] and "On small, which had no part in that" in found["sentence"]
+    assert "(judges only)" in page(found) and "(judges only)" not in page(plain)
+
+
+def test_a_judge_of_another_setting_is_told():
+    strong = {"scatter": {"amount": 0.05, "width_mm": 60.0}}
+    made = {name: made_ready(name, strong if name == "small" else SCATTER) for name in DISCS}
+    found = explain_scanner("bench", made, ("scatter",), ACCURACY, judged_on=["small"]).content
+    assert found["recordings"]["small"]["agreement"]["disagrees"] and found["verdict"] == "mismatch partly explained"
+    assert "small disagrees with large, middle: another day, another setting?" in found["sentence"]
+    assert "<strong>disagrees</strong>" in page(found)
+    amount = found["recordings"]["small"]["alone"]["scatter"]["amount"]
+    assert amount["ci95"][0] < 0.05 < amount["ci95"][1]
+
+
+def test_what_is_declared_is_held_as_the_others_have_it():
+    """A recording left out has no say in numbers of the scanner that are stated within errors."""
+    stated = {"scatter": {"amount": {"value": 0.02, "sd": 0.01}, "width_mm": {"value": 60.0, "sd": 1.0}}}
+    together = JointFitter({name: made_ready(name, SCATTER, 9, stated).fitter for name in DISCS})
+    both = together.fit(())
+    left = together.left_out(["small"], (), both)["small"]
+    others = together.without(["small"]).fit((), both)
+    assert left.free == 0 and left.physics["scatter"] == pytest.approx(others.physics["scatter"], rel=1e-3)
+    assert left.errors["scatter"] == pytest.approx(others.errors["scatter"], rel=0.01)
+    assert np.isfinite(left.chi_square)
+
+
+def test_one_recording_beside_those_that_judge_is_too_few():
+    made = {name: made_ready(name, SCATTER) for name in ("large", "small")}
+    with pytest.raises(InputError, match="needs two recordings"):
+        explain_scanner("bench", made, ("scatter",), ACCURACY, judged_on=["small"])

@@ -1,0 +1,238 @@
+"""What each recording of a scanner says alone, and which of them disagree with the others.
+
+Numbers that recordings share are fitted to each alone. One disagrees if its numbers differ from the others' by more
+than noise and inexact models make up [1]_. A model that is inexact alike in all recordings sets none apart. Where a
+recording's own fit leaves more than noise, its errors are wider by the root of chi-square per ray [2]_. The one that
+disagrees most is set aside, and the rest are asked again.
+
+References
+----------
+.. [1] M. Maltoni and T. Schwetz, Phys. Rev. D 68, 033020, 2003.
+.. [2] R. T. Birge, Phys. Rev. 40, 207, 1932.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+from ...statistics.multiplicity import bonferroni
+from .fit import Fit
+from .inexact import Pulled, errors_of_pulled
+from .joint import JointFit, JointFitter
+from .locate import ALPHA
+from .steps import Known
+
+
+@dataclass(frozen=True)
+class Difference:
+    """By how much one recording's numbers differ from those of others.
+
+    Attributes
+    ----------
+    against : tuple of str
+        The others.
+    chi_square : float
+        Over what noise and inexact models make up.
+    numbers : int
+        How many numbers both know.
+    p : float
+        Chance of such a difference, over all recordings that are compared.
+    """
+
+    against: tuple[str, ...]
+    chi_square: float
+    numbers: int
+    p: float
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether that is no chance."""
+        return self.p < ALPHA
+
+
+@dataclass(frozen=True)
+class Alone:
+    """One recording by itself, beside those that it is compared with.
+
+    Attributes
+    ----------
+    fit : Fit
+        Of all effects to this recording alone.
+    errors : dict of str to dict of str to float
+        Of its parameters, inexact models counted, as Fit.errors.
+    difference : Difference
+    """
+
+    fit: Fit
+    errors: dict[str, dict[str, float]]
+    difference: Difference
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """What one recording alone knows of the numbers that recordings share.
+
+    Its alignment, and what only it has, are fitted beside them.
+
+    Attributes
+    ----------
+    values : ndarray, shape (shared,)
+        0 where it does not know one.
+    information : ndarray, shape (shared, shared)
+    pulls : dict of (str, int or str) to ndarray, shape (shared,)
+        As Pulled.pulls.
+    own : list of ndarray, shape (shared,)
+        As Pulled.own.
+    excess : float
+        Chi-square per ray of its own fit, 1 at least, by which information and pulls are divided.
+    """
+
+    values: np.ndarray
+    information: np.ndarray
+    pulls: dict[tuple[str, int | str], np.ndarray]
+    own: list[np.ndarray]
+    excess: float
+
+
+def alone(
+    together: JointFitter, chosen: JointFit, scans: Mapping[str, Pulled], judged: Collection[str] = ()
+) -> dict[str, Alone]:
+    """Fit each recording alone, and compare it with the others.
+
+    Parameters
+    ----------
+    together : JointFitter
+        Of all recordings.
+    chosen : JointFit
+        Of those that are not judged.
+    scans : mapping of str to Pulled
+        Of all recordings, from pulled_of_recordings.
+    judged : collection of str, optional
+        Recordings that no other one is compared with.
+
+    Returns
+    -------
+    dict of str to Alone
+        By recording; empty where they share no number.
+    """
+    shared = np.flatnonzero(np.bincount(np.concatenate([one.places for one in scans.values()])) > 1)
+    if not len(shared):
+        return {}
+    fits = {name: together.fitters[name].fit(one.fit.effects, one.fit) for name, one in scans.items()}
+    compared = _Compared(together, chosen, scans, fits, shared).sifted([name for name in scans if name not in judged])
+    errors = {name: errors_of_pulled({name: one.alone})[name] for name, one in scans.items()}
+    return {name: Alone(fit, errors[name], compared[name]) for name, fit in fits.items()}
+
+
+class _Compared:
+    """Comparisons of recordings with others, by slopes first; only what these find is fitted together."""
+
+    def __init__(
+        self,
+        together: JointFitter,
+        chosen: JointFit,
+        scans: Mapping[str, Pulled],
+        fits: Mapping[str, Fit],
+        shared: np.ndarray,
+    ):
+        self.together, self.fits = together, fits
+        self.given = replace(chosen, fits={name: one.fit for name, one in scans.items()})
+        self.known = {name: _shared(one, fits[name], shared) for name, one in scans.items()}
+        self._totals = {frozenset(chosen.fits): chosen.chi_square}
+
+    def sifted(self, rest: list[str]) -> dict[str, Difference]:
+        """Of every recording, its difference from those of `rest` that agree with each other."""
+        found: dict[str, Difference] = {}
+        apart = [name for name in self.known if name not in rest]
+        while True:
+            now = {name: self.by_slopes(name, rest) for name in (*rest, *apart)}
+            worst = None
+            for name in sorted(rest, key=lambda one: now[one].p):
+                if now[name].disagrees:
+                    now[name] = self.fitted(name, now[name])
+                if now[name].disagrees:
+                    worst = name
+                    break
+            found |= now
+            if worst is None or len(rest) < 3:
+                break
+            rest = [name for name in rest if name != worst]
+        return {name: self.fitted(name, one) if one.disagrees else one for name, one in found.items()}
+
+    def by_slopes(self, name: str, rest: Sequence[str]) -> Difference:
+        """A recording's numbers less those of others, over what their errors and inexact models make up."""
+        one, others = self.known[name], [other for other in rest if other != name]
+        information = sum(self.known[other].information for other in others)
+        weight = one.information - one.information @ _inverse(one.information + information) @ one.information
+        weight = (weight + weight.T) / 2
+        inverse, inverses, none = _inverse(one.information), _inverse(information), np.zeros(len(weight))
+        known = [self.known[other] for other in others]
+        difference = one.values - inverses @ sum(other.information @ other.values for other in known)
+        apart = weight @ difference
+        square = float(difference @ apart)
+        shifts = [
+            inverse @ one.pulls.get(key, none) - inverses @ sum(other.pulls.get(key, none) for other in known)
+            for key in dict.fromkeys(key for each in (one, *known) for key in each.pulls)
+        ]
+        shifts += [inverse @ pull for pull in one.own]
+        shifts += [inverses @ pull for other in known for pull in other.own]
+        if shifts:
+            columns = np.stack(shifts, axis=1)
+            seen = columns.T @ apart
+            square -= float(seen @ np.linalg.solve(np.eye(len(seen)) + columns.T @ weight @ columns, seen))
+        return self._difference(others, square, len(Known.of(weight).values) if weight.any() else 0)
+
+    def fitted(self, name: str, found: Difference) -> Difference:
+        """The same where slopes say too much: no more than a fit of all together loses."""
+        lost = self._total([name, *found.against]) - self._total(found.against) - self._total([name])
+        return self._difference(found.against, min(found.chi_square, lost / self.known[name].excess), found.numbers)
+
+    def _difference(self, others: Sequence[str], square: float, numbers: int) -> Difference:
+        square = max(0.0, square)
+        p = float(bonferroni(stats.chi2.sf(square, numbers), len(self.known))) if numbers else 1.0
+        return Difference(tuple(others), square, numbers, p)
+
+    def _total(self, names: Collection[str]) -> float:
+        """Chi-square of some recordings, fitted together."""
+        key = frozenset(names)
+        if len(key) == 1:
+            return self.fits[next(iter(key))].chi_square
+        if key not in self._totals:
+            others = self.together.without([name for name in self.together.fitters if name not in key])
+            self._totals[key] = others.fit(self.given.effects, self.given).chi_square
+        return self._totals[key]
+
+
+def _shared(scan: Pulled, fit: Fit, shared: np.ndarray) -> _Shared:
+    """What a recording's own fit says of shared numbers, all else of it fitted."""
+    size, excess = len(shared), max(1.0, fit.chi_square / scan.problem.count)
+    whole = scan.information + np.diag(scan.knowledge)
+    inside = np.isin(scan.places, shared)
+    here, own = np.flatnonzero(inside), np.flatnonzero(~inside)
+    there = np.searchsorted(shared, scan.places[here])
+    taken = whole[np.ix_(here, own)] @ _inverse(whole[np.ix_(own, own)])
+
+    def marginal(pull: np.ndarray) -> np.ndarray:
+        found = np.zeros(size)
+        found[there] = (pull[here] - taken @ pull[own]) / excess
+        return found
+
+    information, values = np.zeros((size, size)), np.zeros(size)
+    information[np.ix_(there, there)] = (whole[np.ix_(here, here)] - taken @ whole[np.ix_(own, here)]) / excess
+    for index, place in zip(here, there, strict=True):
+        one = scan.problem.unknowns[index]
+        values[place] = one.of(fit.physics[one.effect][one.name])
+    pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}
+    return _Shared(values, information, pulls, [marginal(pull) for pull in scan.own], excess)
+
+
+def _inverse(information: np.ndarray) -> np.ndarray:
+    """Covariance, of what is known."""
+    if not information.any():
+        return np.zeros_like(information)
+    root = Known.of(information).root
+    return root @ root.T
