@@ -5,6 +5,9 @@
 Scans by the proof's simulator as lacking.py has them: of every draw one of the quality-assurance phantom and one of the
 abdomen, with three effects of medium strength whose every number is known, none of one scan alone. The right effects
 are fitted, nothing is chosen. Draws that the file has already are not done again.
+
+Whether the two recordings are said to disagree is told, too; and again with another abdomen, for whose scan the first
+effect has been drawn anew, as on another day.
 """
 
 import argparse
@@ -20,33 +23,33 @@ from intervals import LEVELS, held, shares
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.candidates import OF_ONE_SCAN
 from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.core.inexact import errors_of_recordings
+from virtual_phantom.diagnosis.core.consistency import alone
+from virtual_phantom.diagnosis.core.inexact import errors_of_pulled, pulled_of_recordings
 from virtual_phantom.diagnosis.core.joint import JointFitter
+from virtual_phantom.diagnosis.core.locate import ALPHA
 from virtual_phantom.diagnosis.ready import ready
 from virtual_phantom.proof.conceal.objects import OBJECTS
 
 EFFECTS = 3
+FURTHER = 10_000  # number of the first recording of another day: no other one has its noise
 WAYS = ("both", *OBJECTS)
 
 
 def drawn(number, seed):
-    """Effects of a scanner, as a case of the proof has them."""
+    """Effects of a scanner, as a case of the proof has them, and of another day."""
     random = generator(branch(seed, number))
     shared = [name for name in statable() if name not in OF_ONE_SCAN]
-    return [of_catalogue(name, "medium", random) for name in random.choice(shared, EFFECTS, replace=False)]
+    effects = [of_catalogue(name, "medium", random) for name in random.choice(shared, EFFECTS, replace=False)]
+    return effects, [of_catalogue(effects[0]["name"], "medium", random), *effects[1:]]
 
 
-def scanned(folder, number, effects, config, seed):
-    """Both recordings, made ready."""
-    made = {}
-    for place, phantom in enumerate(OBJECTS):
-        inside = folder / phantom
-        inside.mkdir()
-        case = {"case": f"case_{number:02d}", "number": len(OBJECTS) * number + place}  # noise of its own
-        truth = case | {"phantom": phantom, "effects": effects}
-        model = lacking.recorded(inside, truth, config, seed)
-        made[phantom] = ready(Asked.of(model, str(inside / "image.nii.gz"), 1))[1]
-    return made
+def scanned(folder, number, phantom, effects, config, seed):
+    """A recording, made ready."""
+    inside = folder / f"{number}_{phantom}"
+    inside.mkdir()
+    truth = {"case": f"case_{number:02d}", "number": number, "phantom": phantom, "effects": effects}
+    model = lacking.recorded(inside, truth, config, seed)
+    return ready(Asked.of(model, str(inside / "image.nii.gz"), 1))[1]
 
 
 def fitted(made, effects, accuracy):
@@ -63,9 +66,9 @@ def fitted(made, effects, accuracy):
         made = again
         together, found = fit()
     without = {name: together.fit(tuple(one for one in names if one != name), found) for name in names}
-    errors = errors_of_recordings(together, found, without, accuracy)
-    first = next(iter(made))
-    return [
+    scans = pulled_of_recordings(together, found, without, accuracy)
+    errors, first = errors_of_pulled(scans), next(iter(made))
+    rows = [
         {
             "effect": one["name"],
             "name": key,
@@ -78,9 +81,14 @@ def fitted(made, effects, accuracy):
         for key, truth in one["comparable"].items()
         if key in errors[first][one["name"]]
     ]
+    apart = [one.difference for one in alone(together, found, scans).values()]
+    return rows, [{"chi_square": one.chi_square, "numbers": one.numbers, "p": one.p} for one in apart]
 
 
 def counted(draws):
+    for way, said in (("apart", "recordings of one scanner"), ("apart_other", "with one effect drawn anew in one")):
+        found = sum(any(one["p"] < ALPHA for one in draw[way]) for draw in draws)
+        print(f"{said}: {found} of {len(draws)} pairs are said to disagree")
     print(f"{'fitted to':12} {'n':>4}  noise 50/80/95  whole 50/80/95  width over that of both (median)")
     widths = {way: np.array([row["whole"] for draw in draws for row in draw[way]]) for way in WAYS}
     for way in WAYS:
@@ -102,15 +110,21 @@ def main():
     config = lacking.default_config()
     accuracy = config["diagnosis"]["model_accuracy"]
     draws = lacking.rows_of(options.out)
-    done = {draw["number"] for draw in draws}
+    done, second = {draw["number"] for draw in draws}, list(OBJECTS)[-1]
     for number in range(options.draws):
         if number in done:
             continue
-        began, effects = time.process_time(), drawn(number, options.seed)
+        began, (effects, other_day) = time.process_time(), drawn(number, options.seed)
         with tempfile.TemporaryDirectory() as folder:
-            made = scanned(Path(folder), number, effects, config, options.seed)
-            one = {"number": number, "both": fitted(made, effects, accuracy)}
-            one |= {phantom: fitted({phantom: recording}, effects, accuracy) for phantom, recording in made.items()}
+            made = {
+                phantom: scanned(Path(folder), len(OBJECTS) * number + place, phantom, effects, config, options.seed)
+                for place, phantom in enumerate(OBJECTS)
+            }
+            other = scanned(Path(folder), FURTHER + number, second, other_day, config, options.seed)
+            one = {"number": number}
+            one["both"], one["apart"] = fitted(made, effects, accuracy)
+            one |= {phantom: fitted({phantom: scan}, effects, accuracy)[0] for phantom, scan in made.items()}
+            _, one["apart_other"] = fitted(made | {second: other}, other_day, accuracy)
         draws.append(one)
         lacking.append(options.out, one)
         said = (
