@@ -461,6 +461,17 @@ def test_protocols_of_a_scanner_are_of_its_recordings_and_each_of_one():
     refuse(config, "diagnosis.scanners.s.protocols.high names 'c', which is not there; known: a, b")
 
 
+def test_recordings_that_judge_a_scanner_are_its_own_and_leave_two_to_choose_by():
+    config = changed("recordings", {name: f"recordings/{name}" for name in "abcd"})
+    scanner = {"recordings": ["a", "b", "c"], "judged_on": ["c"]}
+    config["diagnosis"] = {"recordings": {name: {} for name in "abcd"}, "scanners": {"s": scanner}}
+    complete(config)
+    scanner["judged_on"] = ["d"]
+    refuse(config, "diagnosis.scanners.s.judged_on names 'd', which is not there; known: a, b, c")
+    scanner["judged_on"] = ["b", "c"]
+    refuse(config, "diagnosis.scanners.s.judged_on leaves fewer than two recordings to choose by; take some out of it")
+
+
 def test_effects_of_images_are_not_for_images_in_boxes():
     voxels = {"spacing_mm": [1.0, 0.7, 0.7], "thickness_mm": 2.0}
     config = changed("protocols.boxed", {"algorithm": "fbp", "projections": 200, "voxels": voxels})

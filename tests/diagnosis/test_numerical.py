@@ -169,6 +169,23 @@ def test_without_a_second_voxel_size_they_are_taken_for_a_mismatch(known):
     assert judged(known, coarse=False)["verdict"] == "unexplained"
 
 
+@pytest.mark.parametrize(("rows", "columns", "orders"), [(1, 64, 4), (2, 64, 5), (3, 64, 5), (4, 64, 5), (5, 64, 6)])
+def test_what_outermost_pixels_lose_does_not_shape_a_white_field(rows, columns, orders):
+    """Of a signal that they share with neighbours that they lack, some detectors lose that part, and others do not."""
+    across, along = np.meshgrid(
+        np.linspace(-1, 1, rows) if rows > 1 else [0.0], np.linspace(-1, 1, columns), indexing="ij"
+    )
+    white = 1e4 * np.exp(0.02 * along - 0.01 * along**2 + 0.01 * across)
+    lost = white.copy()
+    lost[:, [0, -1]] *= 0.95
+    if rows > 3:
+        lost[[0, -1]] *= 0.95
+    shape = observed.white_shape(lost)
+    assert len(shape) == orders and shape == pytest.approx(observed.white_shape(white), abs=1e-12)
+    assert shape[:4] == pytest.approx([0.02, -0.02 / 3, 0, 0], abs=1e-12)
+    assert shape[4:] == pytest.approx([0.01, 0][: orders - 4], abs=1e-12)
+
+
 def test_a_solid_angle_that_nobody_told_of_shows_in_the_white_field(known):
     found = judged(known, told="even")
     assert "white field" in [place["domain"] for place in found["unexplained"]]

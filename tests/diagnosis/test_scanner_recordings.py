@@ -98,6 +98,13 @@ def test_a_judge_of_another_setting_is_told():
     assert amount["ci95"][0] < 0.05 < amount["ci95"][1]
 
 
+def test_of_recordings_that_mostly_disagree_none_is_the_odd_one_out():
+    amounts = {"large": 0.03, "small": 0.05}
+    made = {name: made_ready(name, {"scatter": {"amount": one, "width_mm": 60.0}}) for name, one in amounts.items()}
+    found = explain_scanner("bench", made, ("scatter",), ACCURACY).content
+    assert "they disagree with each other" in found["sentence"] and "another day" not in found["sentence"]
+
+
 def test_what_is_declared_is_held_as_the_others_have_it():
     """A recording left out has no say in numbers of the scanner that are stated within errors."""
     stated = {"scatter": {"amount": {"value": 0.02, "sd": 0.01}, "width_mm": {"value": 60.0, "sd": 1.0}}}

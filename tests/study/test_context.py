@@ -213,12 +213,12 @@ def test_recordings_of_a_scanner_declare_the_same_of_it(tmp_path):
     def stated(amount, **more):
         return {"scatter": {"amount": {"value": amount, "sd": 0.01}, "width_mm": {"value": 60, "sd": 5}}} | more
 
-    folders = {name: recorded(tmp_path, name, "projections", scan=SCAN) for name in ("one", "two")}
+    folders = {name: recorded(tmp_path, name, "projections", scan=SCAN) for name in ("one", "two", "three")}
 
     def bench(own=None, baseline=None, **scanner):
         one = {"disc": {"diameter_mm": 70, "material": "pmma"}}
         recordings = {name: one | ({"baseline": own[name]} if own and name in own else {}) for name in folders}
-        scanner = {"recordings": [*folders], "baseline": baseline or {}, **scanner}
+        scanner = {"recordings": ["one", "two"], "baseline": baseline or {}, **scanner}
         return context_of(
             recordings=folders, diagnosis={"recordings": recordings, "scanners": {"bench": scanner}}
         ).diagnosis
@@ -227,6 +227,9 @@ def test_recordings_of_a_scanner_declare_the_same_of_it(tmp_path):
     assert "scatter" not in found.shared("bench") and "scatter" in found.candidates["one"]
     known = {name: one["settings"]["baseline"] for name, one in found.models("bench").items()}
     assert known == dict.fromkeys(("one", "two"), stated(0.1)) and "scatter" in found.in_fits("one")
+    judged = bench(recordings=["one", "two", "three"], judged_on=["three"])
+    assert [*judged.models("bench")] == ["one", "two", "three"]
+    assert [*judged.models("bench", judged=False)] == ["one", "two"]
     assert "baseline" not in found.settings["one"] or not found.settings["one"]["baseline"]
     # Of its protocol, and so another one in each.
     apart = bench({"one": stated(0.1), "two": stated(0.2)})

@@ -68,8 +68,8 @@ def _apart(recordings: Mapping[str, Mapping]) -> str:
     names = [name for name, one in recordings.items() if one["agreement"] and one["agreement"]["disagrees"]]
     if not names:
         return ""
-    if len(names) == len(recordings):
-        return " No two of them agree on what they share, beyond noise and inexact models."
+    if 2 * len(names) > len(recordings):  # none of them is the odd one out
+        return " By more than noise and inexact models make up, they disagree with each other on what they share."
     others = [name for name in recordings if name not in names]
     return (
         f" On what they share, {', '.join(names)} disagree{'s' if len(names) == 1 else ''} with {', '.join(others)}: "

@@ -32,6 +32,7 @@ OF_MEAN, OF_MEDIAN = 2.0, 5.443  # relative variance of n squares' mean, and of 
 ENOUGH_FOR_MEDIAN = 500  # rays of a block: the median varies 1.65 times as much as the mean, here by 10 %
 PLATEAU = 0.001  # share of rays that may have one value by chance; integer counts in air repeat
 WHITE_COLUMNS, WHITE_ROWS = 4, 2  # highest orders of the white field's shape
+FEW_PIXELS = 3  # along an axis, so that a white field's outermost ones are all that tell its bend
 WHITE_TOLERANCE = 0.005  # by which pixels' sensitivities may shape a white field smoothly
 
 
@@ -296,7 +297,8 @@ def _fewer(correlations: Correlations, blocks: Blocks) -> tuple[float, np.ndarra
 def white_shape(white: np.ndarray) -> np.ndarray:
     """Coefficients of the logarithm of a white field in Legendre polynomials of columns, then of rows.
 
-    The constant and pixels without signal are left out.
+    The constant and pixels without signal are left out. So are the outermost columns and rows: what they share with
+    neighbours that they lack is lost, or is not, as a detector is built. Of three or fewer there is only the slope.
 
     Parameters
     ----------
@@ -307,15 +309,27 @@ def white_shape(white: np.ndarray) -> np.ndarray:
     ndarray, shape (coefficients,)
     """
     good = white > 0
+    for axis, length in enumerate(white.shape):
+        if length > FEW_PIXELS:
+            good &= _inner(length)[:, None] if axis == 0 else _inner(length)
     matrix = _shapes(*white.shape)[:, good].T
     return np.linalg.lstsq(matrix, np.log(white[good]), rcond=None)[0][1:]
+
+
+def _inner(length: int) -> np.ndarray:
+    return np.isin(np.arange(length), [0, length - 1], invert=True)
+
+
+def _most(highest: int, length: int) -> int:
+    """The highest order that so many pixels show."""
+    return min(highest, length - 3) if length > FEW_PIXELS else min(1, length - 1)
 
 
 @cache
 def _shapes(rows: int, columns: int) -> np.ndarray:
     """The constant, then the polynomials of columns and of rows, shape (polynomials, rows, columns)."""
-    terms = [(0, order) for order in range(1, min(WHITE_COLUMNS, columns - 1) + 1)]
-    terms += [(order, 0) for order in range(1, min(WHITE_ROWS, rows - 1) + 1)]
+    terms = [(0, order) for order in range(1, _most(WHITE_COLUMNS, columns) + 1)]
+    terms += [(order, 0) for order in range(1, _most(WHITE_ROWS, rows) + 1)]
 
     def polynomial(length, order):
         position = np.linspace(-1, 1, length) if length > 1 else np.zeros(1)
