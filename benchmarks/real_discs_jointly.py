@@ -1,11 +1,12 @@
 """Real discs of one bench together: what they share, each judged by the physics of the others, and what is left.
 
-    python benchmarks/real_discs_jointly.py recordings --view-step 48
+    python benchmarks/real_discs_jointly.py recordings --view-step 45
+    python benchmarks/real_discs_jointly.py recordings --view-step 45 --judged-on 01b 01c 02b 02c 03b 03c
 
 `recordings` holds sinograms of the Helsinki Tomography Challenge 2022, each imported as docs/htc2022.md says. Prints
-tables in Markdown: every disc before, and with the physics of all others; the shared numbers of two disjoint halves of
-the discs; and what is left where lines are smooth: of it the constants of columns, and how alike these are from disc to
-disc.
+tables in Markdown: every disc before, and with the physics of all others, and whether it agrees with theirs; the shared
+numbers of two disjoint halves of the discs; and what is left where lines are smooth: of it the constants of columns,
+and how alike these are from disc to disc. With --judged-on, nothing is fitted to those discs or chosen by them.
 """
 
 import argparse
@@ -95,24 +96,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recordings", type=Path)
     parser.add_argument("--view-step", type=int, default=48, help="one view of so many is fitted or held out")
+    parser.add_argument("--judged-on", nargs="+", default=[], help="discs that only judge")
     parser.add_argument("--effects", nargs="+", default=["spectrum", "dark_signal", "veiling_glare", "scatter"])
     options = parser.parse_args()
     began = time.perf_counter()
     names = sorted(one.name for one in options.recordings.iterdir() if one.is_dir())
     discs = {name: prepared(options.recordings, name, options.view_step) for name in names}
-    found = explain_scanner("bench", discs, options.effects, defaults_of("diagnosis", "model_accuracy"))
+    accuracy = defaults_of("diagnosis", "model_accuracy")
+    found = explain_scanner("bench", discs, options.effects, accuracy, judged_on=options.judged_on)
     print(found.content["sentence"], "\n")
     for effect in found.content["effects"]:
         numbers = (f"{key} {one['value']:.4g} {one['ci95']}" for key, one in effect["parameters"].items())
         print(f"* {effect['name']}: {'; '.join(numbers)}")
-    print(
-        "\n| disc | before | with the physics of the others | noise | removed | of its own |\n|---|---|---|---|---|---|"
-    )
+    print("\n| disc | before | with the physics of the others | noise | removed | beside the others | of its own |")
+    print("|---|---|---|---|---|---|---|")
     for name, one in found.content["recordings"].items():
         rms = one["rms_line_integral"]
         own = "; ".join(f"{key} {value:.2g}" for values in one["own"].values() for key, value in values.items())
-        share = f"{100 * one['excess_rms_removed']:.1f} %"
-        print(f"| {name} | {rms['before']:.4f} | {rms['after']:.4f} | {rms['floor']:.4f} | {share} | {own} |")
+        share, apart = f"{100 * one['excess_rms_removed']:.1f} %", one["agreement"]
+        beside = f"chi-square {apart['chi_square']:.0f} of {apart['numbers']} numbers" if apart else ""
+        each = f"{rms['before']:.4f} | {rms['after']:.4f} | {rms['floor']:.4f} | {share}"
+        print(f"| {name}{' (judges only)' if one['judged'] else ''} | {each} | {beside} | {own} |")
+    discs = {name: discs[name] for name in found.choice.left_out}
     print_left(discs, found.choice.left_out)
     if effects := found.choice.chosen.effects:
         print_halves(discs, effects)

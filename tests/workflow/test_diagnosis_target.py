@@ -17,6 +17,7 @@ from virtual_phantom.study.config import complete
 from virtual_phantom.study.plan import Plan
 
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}
+OF_SCANNER = ["bench", "second", "third"]
 EFFECTS = ["scatter", "electronic_noise", "detector_offset", "xray_crosstalk"]
 SCAN = {"trajectory": "circular", "columns": 68, "rows": 16, "column_pitch_mm": 9.5, "row_pitch_mm": 12.0}
 STUDY = {
@@ -162,24 +163,46 @@ def test_where_physics_cannot_come_from_is_said_in_one_line(bench):
     assert "physics has from and scatter; keep the one or the other" in process.stderr
 
 
-def test_what_was_found_is_known_to_the_next_recording(bench):
-    """The same scans again: with what was found in them declared, nothing is missing beside it."""
+@pytest.fixture(scope="module")
+def further(bench):
+    """The same scans again and again: beside what was found in them, and as recordings of a scanner."""
+    quick = {"samples": 1, "effects": ["scatter"], "view_step": 5}
     overlay = {
         **STUDY,
-        "recordings": {name: str(bench / "bench") for name in ("bench", "again")},
+        "recordings": {name: str(bench / "bench") for name in ("again", *OF_SCANNER)},
         "diagnosis": {
             "recordings": {
                 "bench": {"samples": 1, "effects": EFFECTS},
                 "again": {"samples": 1, "effects": EFFECTS, "baseline_from": "bench"},
-            }
+                **dict.fromkeys(OF_SCANNER[1:], quick),
+            },
+            "scanners": {"room": {"recordings": OF_SCANNER, "judged_on": OF_SCANNER[2:]}},
         },
     }
     process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "next")
     assert process.returncode == 0, process.stderr[-4000:]
-    found = json.loads((bench / "results" / "diagnosis" / "again" / "diagnosis.json").read_text())
+    return bench / "results" / "diagnosis", process.stdout
+
+
+def test_what_was_found_is_known_to_the_next_recording(further):
+    """With what was found in the same scans declared, nothing is missing beside it."""
+    found = json.loads((further[0] / "again" / "diagnosis.json").read_text())
     assert (found["verdict"], found["effects"]) == ("match", [])
     assert set(found["declared"]) == set(CONCEALED) and abs(found["declared"]["scatter"]["amount"]["pull"]) < 3
     assert found["modelled"]["effects tried"] == "detector offset, X-ray crosstalk"
+
+
+def test_recordings_of_a_scanner_are_diagnosed_together(further):
+    folder = further[0] / "scanners" / "room"
+    found = json.loads((folder / "scanner.json").read_text())
+    assert [one["name"] for one in found["effects"]] == ["scatter"] and found["sentence"] in further[1]
+    assert [(name, one["judged"]) for name, one in found["recordings"].items()] == [
+        *zip(OF_SCANNER, (False, False, True), strict=True)
+    ]
+    assert not any(one["agreement"]["disagrees"] for one in found["recordings"].values())
+    physics = yaml.safe_load((folder / "physics.yaml").read_text())["physics"]["scatter"]
+    assert physics["amount"] == found["effects"][0]["parameters"]["amount"]["value"] == pytest.approx(0.04, rel=0.1)
+    assert "(judges only)" in (folder / "report.html").read_text()
 
 
 def test_only_what_a_change_touches_is_done_again(bench):
