@@ -7,11 +7,13 @@ alignment and the effects already fitted could take up.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ...physics.effect import Parameter
-from .fit import Fit, Fitter, Problem
+from ...physics.effect import Parameter, load
+from .fit import MOVING_STEPS, SLOPE_REACH, Fit, Fitter, Problem
+from .unknown import Unknown
 
 SMALL = 1e-9  # of a template's square: what is left of one that the alignment takes up entirely
 
@@ -96,7 +98,8 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     """Change of the whitened data that an effect makes.
 
     By each parameter alone that has a neutral value, at typical strength; of an effect without such a parameter, its
-    change at typical values.
+    change at typical values. Of what moves rays it is the slope times that strength: alignment trades against it to one
+    part in a hundred, and what rays beyond the reach of others are off by would pass for something of its own.
 
     Parameters
     ----------
@@ -122,11 +125,23 @@ def templates(fitter: Fitter, fit: Fit, name: str, shapes: Sequence[Mapping[str,
     typical |= fitter.model.known(name)
     parameters = varied(every)
     off = {parameter.name: parameter.neutral for parameter in parameters}
+    steps = [_step(name, parameter, ranges[parameter.name]) for parameter in parameters]
     rows = []
     for shape in shapes:
-        for strong in [{parameter.name: strength(parameter)} for parameter in parameters] or [{}]:
+        for strong, times, reach in steps or [({}, 1.0, 1.0)]:
             values = typical | dict(shape) | off | strong
-            changed = fitter.model.predict(fit.physics | {name: values}, fit.nuisance, fitter.data, fit.linearisation)
+            linearisation = replace(fit.linearisation, reach=reach)
+            changed = fitter.model.predict(fit.physics | {name: values}, fit.nuisance, fitter.data, linearisation)
             after = fitter.data.residuals(changed)
-            rows.append(whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
+            rows.append(times * whitened([a - b for a, b in zip(before, after, strict=True)], fitter.weights))
     return np.stack(rows)
+
+
+def _step(name: str, parameter: Parameter, unknown: Unknown) -> tuple[dict[str, float], float, float]:
+    """Of a template: the parameter's value, how often the change it makes is taken, and the reach of its rays."""
+    strong = strength(parameter)
+    if not load(name).moves(parameter):
+        return {parameter.name: strong}, 1.0, 1.0
+    step = MOVING_STEPS[load(name).stage] * (unknown.high - unknown.low)
+    step = min(step, abs(strong - parameter.neutral)) * np.sign(strong - parameter.neutral)
+    return {parameter.name: parameter.neutral + step}, float((strong - parameter.neutral) / step), SLOPE_REACH
