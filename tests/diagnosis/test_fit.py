@@ -91,10 +91,10 @@ def test_two_that_do_the_same_share_one_step():
     np.testing.assert_array_equal(standard_errors(information), [np.inf, np.inf, 1.0])
 
 
-def fitted_to(truth, stated=None):
+def fitted_to(truth, stated=None, insert=((50, 10, None), 20, 800.0)):
     """A fitter of a scan that holds this physics, made in the same steps, of a scanner of which something is stated."""
     grid = Grid((12, 96, 96), (3.0, 3.0, 3.0))
-    painted = body(grid, (110, 80), 20.0, [((50, 10, None), 20, 800.0)])
+    painted = body(grid, (110, 80), 20.0, [insert])
     scene = VoxelScene.of(painted, Segmentation(), 0.0193)
     geometry = circular(
         views=60,
@@ -199,6 +199,18 @@ def test_matched_filters_say_what_a_fit_gains(chosen, left):
     gained = sum(without.parts) - sum(fitter.fit((*chosen, name), without).parts)
     assert gained > 15
     assert 0.5 < screened(fitter, without, [name])[name].gain / gained < 2
+
+
+@pytest.mark.parametrize("rows_mm", [2.5, 6.0])
+def test_matched_filters_of_what_moves_rays_see_what_its_place_has_taken_up(rows_mm):
+    """Rows that lie off look like an object that does, of which something is known."""
+    fitter = fitted_to({"detector_row_offset": {"rows_mm": rows_mm}}, insert=((50, 10, 10.0), 12, 800.0))
+    without = fitter.fit(())
+    assert abs(without.nuisance["z_mm"]) > 1
+    gained = without.chi_square - fitter.fit(("detector_row_offset",), without).chi_square
+    assert screened(fitter, without, ["detector_row_offset"])["detector_row_offset"].gain == pytest.approx(
+        gained, rel=0.1
+    )
 
 
 def test_jacobians_where_fits_have_ended_are_worked_out_once():
