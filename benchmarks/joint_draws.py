@@ -1,6 +1,6 @@
 """How often intervals of a scanner's parameters hold the truth: of two recordings together, and of either alone.
 
-    python benchmarks/joint_draws.py --seed 96 --draws 20 --out joint.jsonl
+    python benchmarks/joint_draws.py --seed 100 --draws 20 --out joint.jsonl
 
 Scans by the proof's simulator as lacking.py has them: of every draw one of the quality-assurance phantom and one of the
 abdomen, with three effects of medium strength whose every number is known, none of one scan alone. The right effects
