@@ -1,5 +1,7 @@
 """Recordings of a scanner: those that disagree with the others, and those that only judge."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -9,6 +11,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.core.consistency import alone
 from virtual_phantom.diagnosis.core.inexact import pulled_of_recordings
 from virtual_phantom.diagnosis.core.joint import JointFitter
+from virtual_phantom.diagnosis.core.uncertainty import left_by_numbers
 from virtual_phantom.diagnosis.scanner import explain_scanner
 from virtual_phantom.io.documents import SCANNER, schema_of_kind
 from virtual_phantom.io.schema import defaults_of, validate
@@ -115,6 +118,32 @@ def test_what_is_declared_is_held_as_the_others_have_it():
     assert left.free == 0 and left.physics["scatter"] == pytest.approx(others.physics["scatter"], rel=1e-3)
     assert left.errors["scatter"] == pytest.approx(others.errors["scatter"], rel=0.01)
     assert np.isfinite(left.chi_square)
+
+
+def test_numbers_found_on_others_are_off_together():
+    """Amount and width of scatter trade against each other, from noise to noise as the covariance says."""
+    together = JointFitter({name: made_ready(name, SCATTER).fitter for name in ("large", "small")})
+    left = together.left_out(["small"], ("scatter",), together.fit(("scatter",)))["small"]
+    rows = {key: np.array(row) for key, row in left.directions["scatter"].items()}
+    numbers = {one.name: one for one in together.fitters["large"].model.unknowns(("scatter",))}
+    for key, row in rows.items():
+        error = numbers[key].number_error(left.physics["scatter"][key], left.errors["scatter"][key])
+        assert np.linalg.norm(row) == pytest.approx(error, rel=1e-3)
+    said = rows["amount"] @ rows["width_mm"] / np.prod([np.linalg.norm(row) for row in rows.values()])
+    drawn = [made_ready("large", SCATTER, seed).fitter.fit(("scatter",)).physics["scatter"] for seed in range(90, 114)]
+    found = np.corrcoef([[numbers[key].of(one[key]) for one in drawn] for key in rows])[0, 1]
+    assert abs(np.arctanh(found) - np.arctanh(said)) < 3 / np.sqrt(len(drawn) - 3) and said < -0.6
+
+
+def test_numbers_that_are_off_together_move_a_recording_by_less():
+    """A voltage and a sensor's thickness, known together much better than each: as if each were off by itself."""
+    spectrum = {"spectrum": {"kvp": 100.0, "filtration_mm": 6.0, "sensor_mm": 0.6}}
+    together = JointFitter({name: made_ready(name, spectrum).fitter for name in ("large", "small")})
+    left = together.left_out(["small"], ("spectrum",), together.fit(("spectrum",)))["small"]
+    moved, apart = (
+        (left_by_numbers(together.fitters["small"], fit)[0] ** 2).sum() for fit in (left, replace(left, directions={}))
+    )
+    assert 0 < moved < 0.5 * apart
 
 
 def test_one_recording_beside_those_that_judge_is_too_few():

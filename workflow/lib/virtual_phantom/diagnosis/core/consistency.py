@@ -63,7 +63,7 @@ class Alone:
     fit : Fit
         Of all effects to this recording alone.
     errors : dict of str to dict of str to float
-        Of its parameters, inexact models counted, as Fit.errors.
+        Of its parameters, inexact models counted, as Fit.errors; by the slopes where all are fitted together.
     difference : Difference
     """
 

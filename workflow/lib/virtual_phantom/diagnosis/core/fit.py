@@ -69,6 +69,9 @@ class Fit:
         Number of effects' parameters.
     elsewhere : dict of str to list of str
         {effect: parameters that were found on other recordings, and not fitted}.
+    directions : dict of str to dict of str to list of float
+        {effect: {parameter: the row of its number in a root of the covariance}}, of a fit to several recordings, or of
+        what was found elsewhere; empty: not told, as if independent.
     pulled : dict of str to float
         How far the nuisance parameters lie off what the fit knew of them, in standard deviations, where anything was
         known.
@@ -91,6 +94,7 @@ class Fit:
     parts: tuple[float, ...]
     free: int
     elsewhere: dict[str, list[str]] = field(default_factory=dict)
+    directions: dict[str, dict[str, list[float]]] = field(default_factory=dict, repr=False)
     pulled: dict[str, float] = field(default_factory=dict)
     linearisation: Linearisation = BASE
     corrected: float = 0.0

@@ -26,7 +26,7 @@ from .fit import (
     Fitter,
     Problem,
 )
-from .steps import bounded_step, standard_errors, updated
+from .steps import Known, bounded_step, standard_errors, updated
 
 NOT_OF_SCAN = (OF_SCANNER, OF_PROTOCOL)
 
@@ -184,7 +184,7 @@ class JointFitter:
         }
         fit = held.fit(effects, replace(begun, effects=effects, physics=physics))
         errors = {effect: fit.errors[effect] | those(known, effect, one.errors[effect]) for effect in whole}
-        return replace(fit, errors=errors)
+        return replace(fit, errors=errors, directions=one.directions)
 
     def _protocol(self, name: str, effects: tuple[str, ...]) -> str:
         """Of a recording, where one of these effects has parameters of a protocol."""
@@ -293,7 +293,7 @@ class JointProblem:
         if not fresh:  # updates serve the next step: of numbers that moved far, slopes may be off by far
             jacobians = {name: one.jacobian(points[name], residuals[name], None) for name, one in self._items()}
             information, _ = self._normal(jacobians, points, residuals)
-        return self._result(points, residuals, current, standard_errors(information))
+        return self._result(points, residuals, current, information)
 
     def _items(self):
         return self.problems.items()
@@ -331,11 +331,15 @@ class JointProblem:
             gradient[index] += slope
         return information, gradient
 
-    def _result(self, points, residuals, total, errors) -> JointFit:
-        fits = {}
+    def _result(self, points, residuals, total, information) -> JointFit:
+        errors, root, fits = standard_errors(information), Known.of(information).root, {}
         for name, one in self._items():
             own_total = one.chi_square(residuals[name], points[name])
-            fits[name] = one.result(points[name], errors[self.places[name]], residuals[name], own_total, None)
+            fit = one.result(points[name], errors[self.places[name]], residuals[name], own_total, None)
+            rows: dict[str, dict[str, list[float]]] = {}
+            for unknown, place in zip(one.unknowns, self.places[name], strict=False):
+                rows.setdefault(unknown.effect, {})[unknown.name] = root[place].tolist()
+            fits[name] = replace(fit, directions=rows)
         first = next(iter(fits.values()))
         physics = {name: {**values, **of_one_scan(name)} for name, values in first.physics.items()}
         common = (OF_SCANNER,) if self.several else NOT_OF_SCAN

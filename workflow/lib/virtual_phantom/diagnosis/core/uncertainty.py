@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 
 import numpy as np
 
 from .fit import Fit, Fitter, Problem
 from .steps import Known
+from .unknown import Unknown
 
 
 def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
@@ -15,7 +17,8 @@ def left_by_numbers(fitter: Fitter, fit: Fit) -> list[np.ndarray]:
 
     They are independent, and each is one standard error large. The residuals of data held out vary by the sum of their
     squares beside their own noise: r = n - J (theta - truth), and theta has the covariance (J'WJ + K)^-1 of the data
-    fitted. Numbers of effects that were found elsewhere have the errors found there.
+    fitted. Numbers of effects that were found elsewhere have the errors found there, as far as the numbers fitted here
+    do not make up for them.
 
     Parameters
     ----------
@@ -62,11 +65,24 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
     elsewhere = np.zeros(len(problem.start), bool)
     elsewhere[: len(problem.unknowns)] = [one.name in fit.elsewhere.get(one.effect, ()) for one in problem.unknowns]
     inside = Known.of(information[np.ix_(~elsewhere, ~elsewhere)]).root.T
-    fitted, found = np.zeros((len(inside), len(elsewhere))), np.zeros((int(elsewhere.sum()), len(elsewhere)))
+    fitted = np.zeros((len(inside), len(elsewhere)))
     fitted[:, ~elsewhere] = inside
-    for row, place in enumerate(np.flatnonzero(elsewhere)):
-        one = problem.unknowns[place]
+    found = _found([problem.unknowns[place] for place in np.flatnonzero(elsewhere)], fit)
+    outside = np.zeros((len(found), len(elsewhere)))
+    outside[:, elsewhere] = found
+    # What was fitted here answers to what is off from elsewhere.
+    outside[:, ~elsewhere] = -(found @ information[np.ix_(elsewhere, ~elsewhere)]) @ inside.T @ inside
+    return np.vstack([outside, fitted])
+
+
+def _found(numbers: Sequence[Unknown], fit: Fit) -> np.ndarray:
+    """The same of numbers that were found elsewhere, shape (directions, numbers)."""
+    rows = [fit.directions.get(one.effect, {}).get(one.name) for one in numbers]
+    if numbers and None not in rows:  # voltage and filtration, say, are off together or not at all
+        return np.transpose(rows)
+    spread = []
+    for one in numbers:
         value, error = fit.physics[one.effect][one.name], fit.errors[one.effect][one.name]
         ends = np.clip([value - error, value + error], one.value(one.low), one.value(one.high))
-        found[row, place] = (one.of(float(ends[1])) - one.of(float(ends[0]))) / 2
-    return np.vstack([found, fitted])
+        spread.append((one.of(float(ends[1])) - one.of(float(ends[0]))) / 2)
+    return np.diag(spread) if spread else np.zeros((0, 0))
