@@ -101,11 +101,24 @@ def test_a_judge_of_another_setting_is_told():
     assert amount["ci95"][0] < 0.05 < amount["ci95"][1]
 
 
+def test_what_is_known_beside_data_hides_no_disagreement():
+    """A statement far off is one finding; that two recordings differ is another."""
+    stated = {"scatter": {"amount": {"value": 0.001, "sd": 0.005}, "width_mm": {"value": 60.0, "sd": 1.0}}}
+    made = {
+        name: made_ready(name, {"scatter": {"amount": amount, "width_mm": 60.0}}, 20, stated)
+        for name, amount in {"large": 0.03, "middle": 0.04}.items()
+    }
+    together = JointFitter({name: one.fitter for name, one in made.items()})
+    chosen = together.fit(())
+    found = alone(together, chosen, pulled_of_recordings(together, chosen, {}, ACCURACY))
+    assert all(one.difference.disagrees for one in found.values())
+
+
 def test_of_recordings_that_mostly_disagree_none_is_the_odd_one_out():
     amounts = {"large": 0.03, "small": 0.05}
     made = {name: made_ready(name, {"scatter": {"amount": one, "width_mm": 60.0}}) for name, one in amounts.items()}
     found = explain_scanner("bench", made, ("scatter",), ACCURACY).content
-    assert "they disagree with each other" in found["sentence"] and "another day" not in found["sentence"]
+    assert "large, small disagree with each other" in found["sentence"] and "another day" not in found["sentence"]
 
 
 def test_what_is_declared_is_held_as_the_others_have_it():

@@ -65,16 +65,20 @@ def _shares(removed: Mapping[str, float]) -> str:
 
 def _apart(recordings: Mapping[str, Mapping]) -> str:
     """Which recordings disagree with the others."""
-    names = [name for name, one in recordings.items() if one["agreement"] and one["agreement"]["disagrees"]]
-    if not names:
-        return ""
-    if 2 * len(names) > len(recordings):  # none of them is the odd one out
-        return " By more than noise and inexact models make up, they disagree with each other on what they share."
-    others = [name for name in recordings if name not in names]
-    return (
-        f" On what they share, {', '.join(names)} disagree{'s' if len(names) == 1 else ''} with {', '.join(others)}: "
-        "another day, another setting?"
-    )
+    fitted = [name for name, one in recordings.items() if not one["judged"]]
+    off = [name for name, one in recordings.items() if one["agreement"] and one["agreement"]["disagrees"]]
+    odd = [name for name in off if name in fitted]
+    words = ""
+    if 2 * len(odd) > len(fitted):  # none of them is the odd one out
+        words = f" By more than noise and inexact models make up, {', '.join(fitted)} disagree with each other."
+        off = [name for name in off if name not in fitted]
+    if off:
+        others = recordings[off[0]]["agreement"]["against"]
+        words += (
+            f" On what they share, {', '.join(off)} disagree{'s' if len(off) == 1 else ''} with {', '.join(others)}: "
+            "another day, another setting?"
+        )
+    return words
 
 
 def declared_content(

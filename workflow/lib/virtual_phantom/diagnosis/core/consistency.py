@@ -26,6 +26,8 @@ from .joint import JointFit, JointFitter
 from .locate import ALPHA
 from .steps import Known
 
+LEAST_KNOWN = 1e-9  # of what one recording knows of a direction, that the others must know: less is rounding
+
 
 @dataclass(frozen=True)
 class Difference:
@@ -47,6 +49,11 @@ class Difference:
     chi_square: float
     numbers: int
     p: float
+
+    @property
+    def surprise(self) -> float:
+        """Minus the logarithm of that chance, also where it is too small for a number."""
+        return -float(stats.chi2.logsf(self.chi_square, self.numbers)) if self.numbers else 0.0
 
     @property
     def disagrees(self) -> bool:
@@ -80,9 +87,10 @@ class _Shared:
 
     Attributes
     ----------
-    values : ndarray, shape (shared,)
-        0 where it does not know one.
+    score : ndarray, shape (shared,)
+        Information times its numbers, as its data alone have them: what is known beside data is known once, of all.
     information : ndarray, shape (shared, shared)
+        Of its data, and of what is known of its alignment.
     pulls : dict of (str, int or str) to ndarray, shape (shared,)
         As Pulled.pulls.
     own : list of ndarray, shape (shared,)
@@ -91,7 +99,7 @@ class _Shared:
         Chi-square per ray of its own fit, 1 at least, by which information and pulls are divided.
     """
 
-    values: np.ndarray
+    score: np.ndarray
     information: np.ndarray
     pulls: dict[tuple[str, int | str], np.ndarray]
     own: list[np.ndarray]
@@ -124,7 +132,7 @@ def alone(
         return {}
     fits = {name: together.fitters[name].fit(one.fit.effects, one.fit) for name, one in scans.items()}
     compared = _Compared(together, chosen, scans, fits, shared).sifted([name for name in scans if name not in judged])
-    errors = {name: errors_of_pulled({name: one.alone})[name] for name, one in scans.items()}
+    errors = {name: errors_of_pulled({name: one.alone}, fits)[name] for name, one in scans.items()}
     return {name: Alone(fit, errors[name], compared[name]) for name, fit in fits.items()}
 
 
@@ -142,38 +150,51 @@ class _Compared:
         self.together, self.fits = together, fits
         self.given = replace(chosen, fits={name: one.fit for name, one in scans.items()})
         self.known = {name: _shared(one, fits[name], shared) for name, one in scans.items()}
-        self._totals = {frozenset(chosen.fits): chosen.chi_square}
+        self._totals: dict[frozenset[str], float] = {}
 
     def sifted(self, rest: list[str]) -> dict[str, Difference]:
         """Of every recording, its difference from those of `rest` that agree with each other."""
-        found: dict[str, Difference] = {}
-        apart = [name for name in self.known if name not in rest]
         while True:
-            now = {name: self.by_slopes(name, rest) for name in (*rest, *apart)}
-            worst = None
-            for name in sorted(rest, key=lambda one: now[one].p):
-                if now[name].disagrees:
-                    now[name] = self.fitted(name, now[name])
-                if now[name].disagrees:
-                    worst = name
-                    break
-            found |= now
-            if worst is None or len(rest) < 3:
+            now = {name: self.compared(name, rest) for name in rest}
+            worst = max(rest, key=lambda name: now[name].surprise)
+            if not now[worst].disagrees or len(rest) < 3:
                 break
             rest = [name for name in rest if name != worst]
-        return {name: self.fitted(name, one) if one.disagrees else one for name, one in found.items()}
+        return now | {name: self.compared(name, rest) for name in self.known if name not in now}
 
-    def by_slopes(self, name: str, rest: Sequence[str]) -> Difference:
-        """A recording's numbers less those of others, over what their errors and inexact models make up."""
+    def compared(self, name: str, rest: Sequence[str]) -> Difference:
+        """By slopes; where these say that a difference is no chance, by fits."""
+        found, share = self.by_slopes(name, rest)
+        if not found.disagrees:
+            return found
+        lost = self._total([name, *found.against]) - self._total(found.against) - self._total([name])
+        return self._difference(found.against, min(found.chi_square, share * lost), found.numbers)
+
+    def by_slopes(self, name: str, rest: Sequence[str]) -> tuple[Difference, float]:
+        """A recording's numbers less those of others, over what their errors and inexact models make up.
+
+        Parameters
+        ----------
+        name : str
+        rest : sequence of str
+
+        Returns
+        -------
+        Difference
+        share : float
+            Of chi-square without excess, what is left of it with it.
+        """
         one, others = self.known[name], [other for other in rest if other != name]
-        information = sum(self.known[other].information for other in others)
-        weight = one.information - one.information @ _inverse(one.information + information) @ one.information
-        weight = (weight + weight.T) / 2
-        inverse, inverses, none = _inverse(one.information), _inverse(information), np.zeros(len(weight))
         known = [self.known[other] for other in others]
-        difference = one.values - inverses @ sum(other.information @ other.values for other in known)
+        information = sum(other.information for other in known)
+        inverse, inverses, none = _inverse(one.information), _inverse(information), np.zeros(len(one.score))
+        difference = inverse @ one.score - inverses @ sum(other.score for other in known)
+        weight, numbers = _both_know(one.information, information)
         apart = weight @ difference
         square = float(difference @ apart)
+        plain = _both_know(one.excess * one.information, sum(other.excess * other.information for other in known))[0]
+        whole = float(difference @ plain @ difference)
+        share = square / whole if whole > 0 else 1.0
         shifts = [
             inverse @ one.pulls.get(key, none) - inverses @ sum(other.pulls.get(key, none) for other in known)
             for key in dict.fromkeys(key for each in (one, *known) for key in each.pulls)
@@ -184,12 +205,7 @@ class _Compared:
             columns = np.stack(shifts, axis=1)
             seen = columns.T @ apart
             square -= float(seen @ np.linalg.solve(np.eye(len(seen)) + columns.T @ weight @ columns, seen))
-        return self._difference(others, square, len(Known.of(weight).values) if weight.any() else 0)
-
-    def fitted(self, name: str, found: Difference) -> Difference:
-        """The same where slopes say too much: no more than a fit of all together loses."""
-        lost = self._total([name, *found.against]) - self._total(found.against) - self._total([name])
-        return self._difference(found.against, min(found.chi_square, lost / self.known[name].excess), found.numbers)
+        return self._difference(others, square, numbers), share
 
     def _difference(self, others: Sequence[str], square: float, numbers: int) -> Difference:
         square = max(0.0, square)
@@ -197,21 +213,47 @@ class _Compared:
         return Difference(tuple(others), square, numbers, p)
 
     def _total(self, names: Collection[str]) -> float:
-        """Chi-square of some recordings, fitted together."""
+        """Chi-square of some recordings, fitted together, without what is known of effects beside data."""
         key = frozenset(names)
-        if len(key) == 1:
-            return self.fits[next(iter(key))].chi_square
         if key not in self._totals:
-            others = self.together.without([name for name in self.together.fitters if name not in key])
-            self._totals[key] = others.fit(self.given.effects, self.given).chi_square
+            if len(key) == 1:
+                fits = {name: self.fits[name] for name in key}
+            else:
+                others = self.together.without([name for name in self.together.fitters if name not in key])
+                fits = others.fit(self.given.effects, self.given).fits
+            self._totals[key] = sum(
+                sum(fit.parts) + sum(pull**2 for pull in fit.pulled.values()) for fit in fits.values()
+            )
         return self._totals[key]
+
+
+def _both_know(one: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, int]:
+    """Inverse covariance of a difference, and of how many numbers: A - A (A + B)^-1 A, in units of A.
+
+    Parameters
+    ----------
+    one, others : ndarray, shape (shared, shared)
+        A and B.
+
+    Returns
+    -------
+    weight : ndarray, shape (shared, shared)
+    numbers : int
+    """
+    if not one.any() or not others.any():
+        return np.zeros_like(one), 0
+    root = Known.of(one).root
+    values, vectors = np.linalg.eigh(np.eye(root.shape[1]) - root.T @ one @ _inverse(one + others) @ one @ root)
+    seen = values > LEAST_KNOWN
+    directions = one @ root @ vectors[:, seen]
+    return (directions * values[seen]) @ directions.T, int(seen.sum())
 
 
 def _shared(scan: Pulled, fit: Fit, shared: np.ndarray) -> _Shared:
     """What a recording's own fit says of shared numbers, all else of it fitted."""
     size, excess = len(shared), max(1.0, fit.chi_square / scan.problem.count)
-    whole = scan.information + np.diag(scan.knowledge)
     inside = np.isin(scan.places, shared)
+    whole = scan.information + np.diag(np.where(inside, 0.0, scan.knowledge))
     here, own = np.flatnonzero(inside), np.flatnonzero(~inside)
     there = np.searchsorted(shared, scan.places[here])
     taken = whole[np.ix_(here, own)] @ _inverse(whole[np.ix_(own, own)])
@@ -221,13 +263,17 @@ def _shared(scan: Pulled, fit: Fit, shared: np.ndarray) -> _Shared:
         found[there] = (pull[here] - taken @ pull[own]) / excess
         return found
 
-    information, values = np.zeros((size, size)), np.zeros(size)
+    information, score = np.zeros((size, size)), np.zeros(size)
     information[np.ix_(there, there)] = (whole[np.ix_(here, here)] - taken @ whole[np.ix_(own, here)]) / excess
+    values = np.zeros(size)
     for index, place in zip(here, there, strict=True):
         one = scan.problem.unknowns[index]
         values[place] = one.of(fit.physics[one.effect][one.name])
+        # Where the fit ends, data pull as much as what is known beside them pulls back.
+        score[place] = scan.knowledge[index] * (values[place] - scan.problem.centre[index]) / excess
+    score += information @ values
     pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}
-    return _Shared(values, information, pulls, [marginal(pull) for pull in scan.own], excess)
+    return _Shared(score, information, pulls, [marginal(pull) for pull in scan.own], excess)
 
 
 def _inverse(information: np.ndarray) -> np.ndarray:

@@ -77,7 +77,7 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
     numbers = _numbers([Pulled.of(problem, fit, without, accuracy, np.arange(len(problem.start)))])
     names = [one.name for one in problem.aligned]
     return Errors(
-        _named(problem, fit.errors, numbers),
+        _named(problem, fit, numbers),
         fit.nuisance_errors | dict(zip(names, map(float, numbers[len(problem.unknowns) :]), strict=True)),
     )
 
@@ -107,13 +107,17 @@ def errors_of_recordings(
     return errors_of_pulled(pulled_of_recordings(together, fit, without, accuracy))
 
 
-def errors_of_pulled(scans: Mapping[str, Pulled]) -> dict[str, dict[str, dict[str, float]]]:
+def errors_of_pulled(
+    scans: Mapping[str, Pulled], fits: Mapping[str, Fit] | None = None
+) -> dict[str, dict[str, dict[str, float]]]:
     """Standard errors of effects' parameters that are fitted to these recordings together, inexact models included.
 
     Parameters
     ----------
     scans : mapping of str to Pulled
         By recording.
+    fits : mapping of str to Fit, optional
+        Whose errors they are, by the slopes of those that were looked at; None: of these themselves.
 
     Returns
     -------
@@ -121,7 +125,8 @@ def errors_of_pulled(scans: Mapping[str, Pulled]) -> dict[str, dict[str, dict[st
         {recording: as Fit.errors}.
     """
     numbers = _numbers(list(scans.values()))
-    return {name: _named(one.problem, one.fit.errors, numbers[one.places]) for name, one in scans.items()}
+    fits = fits or {name: one.fit for name, one in scans.items()}
+    return {name: _named(one.problem, fits[name], numbers[one.places]) for name, one in scans.items()}
 
 
 def pulled_of_recordings(
@@ -258,7 +263,7 @@ class Pulled:
     information : ndarray, shape (numbers, numbers)
         By its data.
     knowledge : ndarray, shape (numbers,)
-        Information beside the data; of a number that recordings share, the same in each of them.
+        Information beside the data; of a number that recordings share, their mean counts.
     pulls : dict of (str, int or str) to ndarray, shape (numbers,)
         {(model, shape): J'd}.
     own : list of ndarray, shape (numbers,)
@@ -294,11 +299,12 @@ def _numbers(scans: Sequence[Pulled]) -> np.ndarray:
     """Standard errors of all numbers of several recordings, shape (numbers,)."""
     count = 1 + max(int(one.places.max()) for one in scans)
     information, knowledge = np.zeros((count, count)), np.zeros(count)
+    times = np.bincount(np.concatenate([one.places for one in scans]), minlength=count)
     pulls: dict[tuple[str, int | str], np.ndarray] = {}
     own: list[np.ndarray] = []
     for one in scans:
         information[np.ix_(one.places, one.places)] += one.information
-        knowledge[one.places] = one.knowledge  # what is known of a number is known once
+        knowledge[one.places] += one.knowledge / times[one.places]  # what is known of a number is known once
         for key, pull in one.pulls.items():
             pulls.setdefault(key, np.zeros(count))[one.places] += pull
         for pull in one.own:
@@ -311,12 +317,11 @@ def _numbers(scans: Sequence[Pulled]) -> np.ndarray:
     return np.sqrt(squares)
 
 
-def _named(
-    problem: Problem, of_noise: Mapping[str, Mapping[str, float]], numbers: np.ndarray
-) -> dict[str, dict[str, float]]:
-    """Standard errors of effects' parameters by name; those that are no numbers of the problem keep their own."""
-    errors = {name: dict(one) for name, one in of_noise.items()}
-    for one, number, error in zip(problem.unknowns, problem.start, numbers, strict=False):
+def _named(problem: Problem, fit: Fit, numbers: np.ndarray) -> dict[str, dict[str, float]]:
+    """Standard errors of a fit's parameters by name; those that are no numbers of the problem keep their own."""
+    errors = {name: dict(one) for name, one in fit.errors.items()}
+    for one, error in zip(problem.unknowns, numbers, strict=False):
+        number = one.of(fit.physics[one.effect][one.name])
         errors[one.effect][one.name] = float(one.value_error(number, error))
     return errors
 

@@ -142,6 +142,6 @@ def _step(name: str, parameter: Parameter, unknown: Unknown) -> tuple[dict[str, 
     strong = strength(parameter)
     if not load(name).moves(parameter):
         return {parameter.name: strong}, 1.0, 1.0
-    step = MOVING_STEPS[load(name).stage] * (unknown.high - unknown.low)
+    step = MOVING_STEPS[load(name).stage] * (unknown.high - unknown.low)  # what moves is its own number
     step = min(step, abs(strong - parameter.neutral)) * np.sign(strong - parameter.neutral)
     return {parameter.name: parameter.neutral + step}, float((strong - parameter.neutral) / step), SLOPE_REACH

@@ -79,7 +79,7 @@ def _found(numbers: Sequence[Unknown], fit: Fit) -> np.ndarray:
     """The same of numbers that were found elsewhere, shape (directions, numbers)."""
     rows = [fit.directions.get(one.effect, {}).get(one.name) for one in numbers]
     if numbers and None not in rows:  # voltage and filtration, say, are off together or not at all
-        return np.transpose(rows)
+        return np.linalg.qr(np.transpose(rows), mode="r")  # the same covariance, by no more directions than numbers
     spread = []
     for one in numbers:
         value, error = fit.physics[one.effect][one.name], fit.errors[one.effect][one.name]
