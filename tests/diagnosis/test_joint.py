@@ -11,7 +11,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.core import inexact
 from virtual_phantom.diagnosis.core.declared import declared
-from virtual_phantom.diagnosis.core.inexact import errors_of_recordings, errors_with_models
+from virtual_phantom.diagnosis.core.inexact import errors_of_pulled, errors_with_models, pulled_of_recordings
 from virtual_phantom.diagnosis.core.joint import JointFitter
 from virtual_phantom.diagnosis.core.joint_choice import MOST_FOLDS, choose_jointly, left_together
 from virtual_phantom.diagnosis.projections import observed
@@ -93,7 +93,7 @@ INEXACT = {"default": 0.1, "numerical": 0.5}
 def test_of_one_recording_inexact_models_count_as_there(fitters):
     one = {"large": fitters["large"]}
     without, both = JointFitter(one).fit(()), JointFitter(one).fit(("scatter",))
-    shared = errors_of_recordings(JointFitter(one), both, {"scatter": without}, INEXACT)["large"]
+    shared = errors_of_pulled(pulled_of_recordings(JointFitter(one), both, {"scatter": without}, INEXACT))["large"]
     fit, less = both.fits["large"], without.fits["large"]
     alone = errors_with_models(fitters["large"], fit, {"scatter": less}, INEXACT).physics["scatter"]
     assert shared["scatter"] == pytest.approx(alone)
@@ -106,7 +106,9 @@ def test_more_recordings_do_not_make_a_models_error_less(fitters, joint, monkeyp
     monkeypatch.setattr(inexact, "MIXED", {"scatter": 0.0})
     without = JointFitter(fitters).fit(())
     accuracy = INEXACT | {"numerical": 0.0}
-    errors = errors_of_recordings(JointFitter(fitters), joint, {"scatter": without}, accuracy)["large"]["scatter"]
+    errors = errors_of_pulled(pulled_of_recordings(JointFitter(fitters), joint, {"scatter": without}, accuracy))[
+        "large"
+    ]["scatter"]
     by_model = np.sqrt(errors["amount"] ** 2 - joint.errors["scatter"]["amount"] ** 2)
     assert by_model == pytest.approx(0.1 * joint.physics["scatter"]["amount"], rel=0.2)
 
@@ -341,7 +343,7 @@ def test_errors_stand_with_the_numbers_that_they_are_of(collimated):
     fitters = {name: one.fitter for name, one in collimated.items()}
     together = JointFitter(fitters, protocols_of(collimated, PROTOCOLS))
     fit, none = together.fit(("scatter",)), dict.fromkeys(("default", "numerical"), 0.0)
-    found = errors_of_recordings(together, fit, {}, none)
+    found = errors_of_pulled(pulled_of_recordings(together, fit, {}, none))
     for name, one in fit.fits.items():
         assert found[name]["scatter"] == pytest.approx(one.errors["scatter"], rel=0.05)
 

@@ -111,10 +111,10 @@ def explain_scanner(
         apart = alone(every, chosen, scans, judged_on)
     known, of_protocols = declared_content(together, chosen, errors)
     off = any(one["off"] for each in (known, *of_protocols.values()) for keys in each.values() for one in keys.values())
-    before, after = choice.before | judged.before, choice.left_out | judged.after
+    before, after, scores = choice.before | judged.before, choice.left_out | judged.after, choice.scores | judged.scores
     recordings = {
         key: {"judged": key in judged_on, "protocol": every.protocols[key]}
-        | recording_content(one, before[key], after[key], len(prepared))
+        | recording_content(one, before[key], after[key], scores[key], len(prepared))
         | alone_content(apart.get(key))
         for key, one in prepared.items()
     }
@@ -141,6 +141,8 @@ class _Judged:
     ----------
     before, after : dict of str to Fit
         By recording, without the chosen effects and with them.
+    scores : dict of str to dict of str to float
+        As JointChoice.scores.
     chosen : JointFit
         Of those that were fitted, with these beside them.
     without : dict of str to JointFit
@@ -149,6 +151,7 @@ class _Judged:
 
     before: dict[str, Fit]
     after: dict[str, Fit]
+    scores: dict[str, dict[str, float]]
     chosen: JointFit
     without: dict[str, JointFit]
 
@@ -162,4 +165,9 @@ class _Judged:
 
         chosen = beside(choice.chosen)
         without = {effect: beside(fit) for effect, fit in choice.without.items()}
-        return cls(before, {name: chosen.fits[name] for name in names}, chosen, without)
+        after = {name: chosen.fits[name] for name in names}
+        scores = {
+            name: {"before": every.fitters[name].score(before[name]), "after": every.fitters[name].score(after[name])}
+            for name in names
+        }
+        return cls(before, after, scores, chosen, without)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 
 import numpy as np
 
@@ -142,7 +143,7 @@ def _parameters(
     return parameters
 
 
-def recording_content(prepared: Prepared, before: Fit, fit: Fit, compared: int) -> dict:
+def recording_content(prepared: Prepared, before: Fit, fit: Fit, log_score: Mapping[str, float], compared: int) -> dict:
     """What the physics of the other recordings makes of one, on its data held out.
 
     Parameters
@@ -150,6 +151,8 @@ def recording_content(prepared: Prepared, before: Fit, fit: Fit, compared: int) 
     prepared : Prepared
     before, fit : Fit
         Without the chosen effects, and with them.
+    log_score : mapping of str to float
+        On its data held out, "before" and "after".
     compared : int
         Number of recordings.
 
@@ -170,7 +173,7 @@ def recording_content(prepared: Prepared, before: Fit, fit: Fit, compared: int) 
     return {
         f"rms_{prepared.look.unit}": rms,
         "excess_rms_removed": excess_rms_removed(**rms),
-        "log_score": {"before": prepared.fitter.score(before), "after": prepared.fitter.score(fit)},
+        "log_score": dict(log_score),
         "unexplained": [{"domain": one.domain, "where": one.where, "z": one.z} for one in left],
         "alignment": fit.nuisance,
         "own": _own(fit),
@@ -199,14 +202,8 @@ def alone_content(found: Alone | None) -> dict:
                 ends = interval(value, error, one.low, one.high)
                 said.setdefault(name, {})[one.name] = {"value": value, "ci95": ends}
     apart = found.difference
-    agreement = {
-        "against": list(apart.against),
-        "chi_square": apart.chi_square,
-        "numbers": apart.numbers,
-        "p": apart.p,
-        "disagrees": apart.disagrees,
-    }
-    return {"alone": said, "agreement": agreement}
+    told = asdict(apart) | {"against": list(apart.against), "disagrees": apart.disagrees}
+    return {"alone": said, "agreement": told}
 
 
 def removed(recordings: Mapping[str, Mapping], judged: bool) -> dict | None:

@@ -52,7 +52,7 @@ class Difference:
 
     @property
     def surprise(self) -> float:
-        """Minus the logarithm of that chance, also where it is too small for a number."""
+        """Minus the logarithm of the chance of one such difference, also where that is too small for a number."""
         return -float(stats.chi2.logsf(self.chi_square, self.numbers)) if self.numbers else 0.0
 
     @property
@@ -187,7 +187,8 @@ class _Compared:
         one, others = self.known[name], [other for other in rest if other != name]
         known = [self.known[other] for other in others]
         information = sum(other.information for other in known)
-        inverse, inverses, none = _inverse(one.information), _inverse(information), np.zeros(len(one.score))
+        inverse, inverses = (Known.of(each).covariance for each in (one.information, information))
+        none = np.zeros(len(one.score))
         difference = inverse @ one.score - inverses @ sum(other.score for other in known)
         weight, numbers = _both_know(one.information, information)
         apart = weight @ difference
@@ -240,10 +241,10 @@ def _both_know(one: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, int]:
     weight : ndarray, shape (shared, shared)
     numbers : int
     """
-    if not one.any() or not others.any():
-        return np.zeros_like(one), 0
     root = Known.of(one).root
-    values, vectors = np.linalg.eigh(np.eye(root.shape[1]) - root.T @ one @ _inverse(one + others) @ one @ root)
+    values, vectors = np.linalg.eigh(
+        np.eye(root.shape[1]) - root.T @ one @ Known.of(one + others).covariance @ one @ root
+    )
     seen = values > LEAST_KNOWN
     directions = one @ root @ vectors[:, seen]
     return (directions * values[seen]) @ directions.T, int(seen.sum())
@@ -256,7 +257,7 @@ def _shared(scan: Pulled, fit: Fit, shared: np.ndarray) -> _Shared:
     whole = scan.information + np.diag(np.where(inside, 0.0, scan.knowledge))
     here, own = np.flatnonzero(inside), np.flatnonzero(~inside)
     there = np.searchsorted(shared, scan.places[here])
-    taken = whole[np.ix_(here, own)] @ _inverse(whole[np.ix_(own, own)])
+    taken = whole[np.ix_(here, own)] @ Known.of(whole[np.ix_(own, own)]).covariance
 
     def marginal(pull: np.ndarray) -> np.ndarray:
         found = np.zeros(size)
@@ -274,11 +275,3 @@ def _shared(scan: Pulled, fit: Fit, shared: np.ndarray) -> _Shared:
     score += information @ values
     pulls = {key: marginal(pull) for key, pull in scan.pulls.items()}
     return _Shared(score, information, pulls, [marginal(pull) for pull in scan.own], excess)
-
-
-def _inverse(information: np.ndarray) -> np.ndarray:
-    """Covariance, of what is known."""
-    if not information.any():
-        return np.zeros_like(information)
-    root = Known.of(information).root
-    return root @ root.T

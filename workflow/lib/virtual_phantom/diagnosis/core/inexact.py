@@ -13,7 +13,6 @@ References
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +20,7 @@ import numpy as np
 
 from ...physics.effect import load
 from .fit import Fit, Fitter, Problem
-from .joint import JointFit, JointFitter, JointProblem
+from .joint import JointFit, JointFitter, places_of
 from .steps import Known, standard_errors
 from .templates import data_changes, whitened
 
@@ -82,35 +81,13 @@ def errors_with_models(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], acc
     )
 
 
-def errors_of_recordings(
-    together: JointFitter, fit: JointFit, without: Mapping[str, JointFit], accuracy: Mapping[str, float]
-) -> dict[str, dict[str, dict[str, float]]]:
-    """Standard errors of effects' parameters that are fitted to several recordings, inexact models included.
-
-    As errors_with_models; one distortion is that of one model and one shape, in all recordings at once: they have the
-    same model, so that more of them do not make its error less. Finite steps err in every recording for itself.
-
-    Parameters
-    ----------
-    together : JointFitter
-    fit : JointFit
-    without : mapping of str to JointFit
-        As errors_with_models takes them.
-    accuracy : mapping of str to float
-        As errors_with_models takes it.
-
-    Returns
-    -------
-    dict of str to dict of str to dict of str to float
-        {recording: as Fit.errors}.
-    """
-    return errors_of_pulled(pulled_of_recordings(together, fit, without, accuracy))
-
-
 def errors_of_pulled(
     scans: Mapping[str, Pulled], fits: Mapping[str, Fit] | None = None
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Standard errors of effects' parameters that are fitted to these recordings together, inexact models included.
+
+    As errors_with_models; one distortion is that of one model and one shape, in all recordings at once: they have the
+    same model, so that more of them do not make its error less. Finite steps err in every recording for itself.
 
     Parameters
     ----------
@@ -136,8 +113,13 @@ def pulled_of_recordings(
 
     Parameters
     ----------
-    together, fit, without, accuracy
-        As errors_of_recordings takes them.
+    together : JointFitter
+    fit : JointFit
+        Where it ended.
+    without : mapping of str to JointFit
+        As errors_with_models takes them.
+    accuracy : mapping of str to float
+        As errors_with_models takes it.
 
     Returns
     -------
@@ -145,7 +127,7 @@ def pulled_of_recordings(
         By recording.
     """
     problems = {name: Problem(fitter, fit.effects, fit.fits[name]) for name, fitter in together.fitters.items()}
-    places = JointProblem({name: copy.copy(one) for name, one in problems.items()}, together.protocols).places
+    places = places_of(problems, together.protocols)
     return {
         name: Pulled.of(
             one,

@@ -222,15 +222,11 @@ class JointProblem:
 
     def __init__(self, problems: Mapping[str, Problem], protocols: Mapping[str, str]):
         self.problems = dict(problems)
-        numbered: dict[tuple[str, str, str], int] = {}
-        self.places = {
-            name: np.array([numbered.setdefault(key, len(numbered)) for key in _owned(one, name, protocols[name])])
-            for name, one in self._items()
-        }
+        self.places = places_of(problems, protocols)
         places = np.concatenate(list(self.places.values()))
         times = np.bincount(places)
         # What one scan could show limits nobody else's, and what is known of a number is known once.
-        self.low, self.high = np.full(len(numbered), np.inf), np.full(len(numbered), -np.inf)
+        self.low, self.high = np.full(len(times), np.inf), np.full(len(times), -np.inf)
         np.minimum.at(self.low, places, np.concatenate([one.low for _, one in self._items()]))
         np.maximum.at(self.high, places, np.concatenate([one.high for _, one in self._items()]))
         for name, one in self._items():
@@ -365,6 +361,27 @@ def those(owners: Collection[str], name: str, values: Mapping[str, float]) -> di
     """
     own = {one.name for one in load(name).parameters if one.belongs_to in owners}
     return {key: value for key, value in values.items() if key in own}
+
+
+def places_of(problems: Mapping[str, Problem], protocols: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """Where the numbers of recordings stand among those of all; those of the first come first.
+
+    Parameters
+    ----------
+    problems : mapping of str to Problem
+        By recording, of the same effects.
+    protocols : mapping of str to str
+        Of every recording.
+
+    Returns
+    -------
+    dict of str to ndarray of int, shape (numbers,)
+    """
+    numbered: dict[tuple[str, str, str], int] = {}
+    return {
+        name: np.array([numbered.setdefault(key, len(numbered)) for key in _owned(one, name, protocols[name])])
+        for name, one in problems.items()
+    }
 
 
 def _owned(problem: Problem, name: str, protocol: str) -> Iterator[tuple[str, str, str]]:

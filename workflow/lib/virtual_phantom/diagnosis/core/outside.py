@@ -96,8 +96,7 @@ def changes(prepared: Prepared, fit: Fit, numerical: float = 0.0) -> list[Change
     knowledge = np.concatenate([problem.knowledge, distortions + 1])
     off = np.concatenate([problem.knowledge * (problem.centre - problem.start), distortions])
     information = fitted.columns.T @ fitted.columns + np.diag(knowledge)
-    root = Known.of(information).root
-    inverse = root @ root.T
+    inverse = Known.of(information).covariance
     # A fit has settled but for its last step, and has not fitted the sizes that numerical distortions are left with.
     step = inverse @ (fitted.columns.T @ fitted.residual + off)
     residuals = fitted.residual - fitted.columns @ step, held.residual - held.columns @ step

@@ -38,13 +38,19 @@ class Known:
         diagonal = np.diag(information)
         units = np.divide(1, np.sqrt(diagonal), out=np.zeros_like(diagonal), where=diagonal > 0)
         values, vectors = np.linalg.eigh(information * np.outer(units, units))
-        seen = values > LEAST_EIGENVALUE * values[-1]
+        seen = values > LEAST_EIGENVALUE * values.max(initial=0.0)
         return cls(units, values[seen], vectors[:, seen])
 
     @property
     def root(self) -> np.ndarray:
         """Of the covariance: root @ root.T, as far as anything is known; shape (numbers, directions)."""
         return self.vectors / np.sqrt(self.values) * self.units[:, None]
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """As far as anything is known, shape (numbers, numbers)."""
+        root = self.root
+        return root @ root.T
 
 
 def standard_errors(information: np.ndarray) -> np.ndarray:

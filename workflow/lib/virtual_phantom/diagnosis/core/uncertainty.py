@@ -64,14 +64,14 @@ def _directions(problem: Problem, fit: Fit, information: np.ndarray) -> np.ndarr
     """Directions, the sum of whose outer products is the numbers' covariance, shape (directions, numbers)."""
     elsewhere = np.zeros(len(problem.start), bool)
     elsewhere[: len(problem.unknowns)] = [one.name in fit.elsewhere.get(one.effect, ()) for one in problem.unknowns]
-    inside = Known.of(information[np.ix_(~elsewhere, ~elsewhere)]).root.T
-    fitted = np.zeros((len(inside), len(elsewhere)))
-    fitted[:, ~elsewhere] = inside
+    known = Known.of(information[np.ix_(~elsewhere, ~elsewhere)])
+    fitted = np.zeros((len(known.values), len(elsewhere)))
+    fitted[:, ~elsewhere] = known.root.T
     found = _found([problem.unknowns[place] for place in np.flatnonzero(elsewhere)], fit)
     outside = np.zeros((len(found), len(elsewhere)))
     outside[:, elsewhere] = found
     # What was fitted here answers to what is off from elsewhere.
-    outside[:, ~elsewhere] = -(found @ information[np.ix_(elsewhere, ~elsewhere)]) @ inside.T @ inside
+    outside[:, ~elsewhere] = -found @ information[np.ix_(elsewhere, ~elsewhere)] @ known.covariance
     return np.vstack([outside, fitted])
 
 

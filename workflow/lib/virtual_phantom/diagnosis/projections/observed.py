@@ -308,16 +308,17 @@ def white_shape(white: np.ndarray) -> np.ndarray:
     -------
     ndarray, shape (coefficients,)
     """
-    good = white > 0
-    for axis, length in enumerate(white.shape):
-        if length > FEW_PIXELS:
-            good &= _inner(length)[:, None] if axis == 0 else _inner(length)
+    good = (white > 0) & _inner(*white.shape)
     matrix = _shapes(*white.shape)[:, good].T
     return np.linalg.lstsq(matrix, np.log(white[good]), rcond=None)[0][1:]
 
 
-def _inner(length: int) -> np.ndarray:
-    return np.isin(np.arange(length), [0, length - 1], invert=True)
+@cache
+def _inner(rows: int, columns: int) -> np.ndarray:
+    """Pixels that are not outermost, along axes of more than a few; shape (rows, columns)."""
+    inside = np.zeros((rows, columns), bool)
+    inside[tuple(slice(1, -1) if length > FEW_PIXELS else slice(None) for length in inside.shape)] = True
+    return inside
 
 
 def _most(highest: int, length: int) -> int:
