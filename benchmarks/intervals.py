@@ -14,10 +14,10 @@ from pathlib import Path
 
 import lacking
 import numpy as np
-from scipy import stats
 
 from virtual_phantom.diagnosis.core.asked import Asked
 from virtual_phantom.diagnosis.core.inexact import errors_with_models
+from virtual_phantom.diagnosis.core.levels import half_width
 from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.ready import ready
 from virtual_phantom.proof.conceal.suite import truths
@@ -64,10 +64,10 @@ def fitted(folder, truth, config, seed):
 
 
 def held(rows, error):
-    """Shares of parameters that intervals of every level hold, with so large a standard error."""
+    """Shares of parameters that intervals of every level hold, where so large a standard error is counted."""
     off = np.array([abs(row["value"] - row["truth"]) for row in rows])
-    size = np.array([row[error] for row in rows])
-    return [float(np.mean(off <= stats.norm.ppf(0.5 + level / 2) * size)) for level in LEVELS]
+    halves = np.array([[half_width(level, row["noise"], row[error]) for level in LEVELS] for row in rows])
+    return (off[:, None] <= halves).mean(axis=0)
 
 
 def shares(rows):

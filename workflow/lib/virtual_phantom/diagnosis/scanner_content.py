@@ -14,6 +14,7 @@ from .core.consistency import Alone
 from .core.fit import Fit
 from .core.joint import NOT_OF_SCAN, JointFit, JointFitter, those
 from .core.joint_choice import JointChoice
+from .core.levels import intervals
 from .core.locate import ALPHA, aligned
 from .core.prepared import Prepared
 from .core.pulls import statements
@@ -133,8 +134,7 @@ def _parameters(
         without = {one: choice.left_out[one] for one in recordings}
         parameters[key] = {
             "value": value,
-            "ci95": interval(value, errors[recordings[0]][name].get(key, 0.0), low, high),
-            "ci95_noise": interval(value, fit.errors[name].get(key, 0.0), low, high),
+            **intervals(value, fit.errors[name].get(key, 0.0), errors[recordings[0]][name].get(key, 0.0), low, high),
             "unit": stated[key].unit,
             "without": {
                 one: other.physics[name][key] for one, other in without.items() if key in other.elsewhere.get(name, ())

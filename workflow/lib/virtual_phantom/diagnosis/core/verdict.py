@@ -15,6 +15,7 @@ from .change import Change
 from .doubts import doubts
 from .fit import Fit
 from .inexact import Errors
+from .levels import intervals
 from .locate import EDGES, KINDS, Location, aligned
 from .model import Model
 from .object_differs import content_of
@@ -271,8 +272,7 @@ def _effect(name: str, choice: Choice, model: Model) -> dict:
         "parameters": {
             key: {
                 "value": value,
-                "ci95": interval(value, errors[name].get(key, 0.0), *ranges[key]),
-                "ci95_noise": interval(value, fit.errors[name].get(key, 0.0), *ranges[key]),
+                **intervals(value, fit.errors[name].get(key, 0.0), errors[name].get(key, 0.0), *ranges[key]),
                 "unit": units[key],
             }
             for key, value in fit.physics[name].items()
