@@ -12,13 +12,14 @@ from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections import piece as piece_module
 from virtual_phantom.diagnosis.projections.numerical import model_and_floor
-from virtual_phantom.diagnosis.projections.piece import Piece, found, reach_of
+from virtual_phantom.diagnosis.projections.piece import Left, Piece, found, reach_of
 from virtual_phantom.figures.diagnosis import draw_pieces
 from virtual_phantom.io import documents
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
+from virtual_phantom.physics.inclusion import Inclusion
 from virtual_phantom.physics.materials import attenuation_per_mm
 from virtual_phantom.physics.shapes import ShapesScene, ellipsoid
 
@@ -77,7 +78,7 @@ missing = cache(lambda differ=False: told((), differ=differ))
 )
 def test_the_piece_of_its_own_projections_is_found(geometry, piece):
     residual = piece.more_per_mm * piece.lengths_mm(geometry)
-    one = found(residual, np.full(residual.shape, 1e5), geometry, 90.0)
+    one = found(Left(residual, np.full(residual.shape, 1e5), geometry, 90.0))
     assert one.more_per_mm == pytest.approx(piece.more_per_mm, rel=0.15)
     assert one.radius_mm == pytest.approx(piece.radius_mm, rel=0.1)
     axes = 2 if one.rod or piece.rod else 3
@@ -91,7 +92,7 @@ def test_place_and_radius_come_from_some_views_of_a_large_scan(monkeypatch):
     truth = Piece((30.0, 10.0, 6.0), 9.0, False, 0.004)
     lengths = truth.lengths_mm(geometry)
     weight = np.full(lengths.shape, 1e5) * (np.arange(144) % 2)[:, None, None]
-    one = found(truth.more_per_mm * lengths, weight, geometry, 90.0)
+    one = found(Left(truth.more_per_mm * lengths, weight, geometry, 90.0))
     np.testing.assert_allclose(one.place_mm, truth.place_mm, atol=1.0)
     assert one.more_per_mm == pytest.approx(truth.more_per_mm, rel=0.15)
 
@@ -111,9 +112,17 @@ def test_a_ball_s_lengths_are_its_chords():
     assert lengths.sum() / 4 * pixel_mm2 == pytest.approx(4 / 3 * np.pi * 20**3, rel=0.05)
 
 
+def test_a_piece_s_lengths_are_means_over_pixels():
+    """Through the edge of a ball one ray says little: those of eight by eight come near those of many."""
+    piece = Piece((40.0, 0.0, 0.0), 6.0, False)
+    one, eight, many = (piece.lengths_mm(GEOMETRY, samples=count) for count in (1, 8, 24))
+    seen = many > 0
+    assert np.abs(eight - many)[seen].max() < 0.1 < 1 < np.abs(one - many)[seen].max()
+
+
 def test_rays_of_a_turned_detector_say_nothing():
     turned = Chain(shapes_scene(), GEOMETRY).state({"detector_roll": {"angle_deg": 1.0}}).mounting.of(GEOMETRY)
-    assert found(np.ones(GEOMETRY.shape), np.ones(GEOMETRY.shape), turned, 90.0) is None
+    assert found(Left(np.ones(GEOMETRY.shape), np.ones(GEOMETRY.shape), turned, 90.0)) is None
 
 
 def test_hu_are_those_of_water():
@@ -140,6 +149,16 @@ def test_an_insert_that_is_missing_is_the_object_and_no_physics():
     assert piece["hu"] == pytest.approx(1000 * (muscle - fat) / water, rel=0.15)
     assert "the object may be another than was stated" in content["sentence"]
     assert "turned by 90 degrees" in content["next_measurement"][0]
+
+
+def test_a_large_insert_that_is_missing_is_told_and_mended():
+    """Of bone, it pulls the object's place, size and amount off, and is found beside those that fit it mended."""
+    bone = ellipsoid("bone", (40, 10, 5), (18, 18, 18))
+    content = told((FAT,), differ=True, stated=(FAT, bone))
+    assert content["verdict"] == "match" and content["object"]["mended"], content["sentence"]
+    (piece,) = content["object"]["pieces"]
+    np.testing.assert_allclose([piece["x_mm"], piece["y_mm"], piece["z_mm"]], (40, 10, 5), atol=0.2)
+    assert piece["width_mm"] == pytest.approx(36, abs=0.5)
 
 
 def test_it_is_mended_if_the_user_says_so():
@@ -173,9 +192,8 @@ def test_what_lies_in_the_object_beside_the_scene_attenuates():
     """As if the scene had it: a ball of the body's own material in air beside it."""
     ball = ellipsoid("soft_tissue", (0, 110, 0), (8, 8, 8))
     with_ball = Chain(ShapesScene([BODY, ball]), GEOMETRY, PHOTONS).state({})
-    lengths = ShapesScene([ball]).path_lengths(GEOMETRY)[0]
     mu = float(attenuation_per_mm("soft_tissue", [ShapesScene([BODY]).energy_kev])[0])
-    added = Chain(ShapesScene([BODY]), GEOMETRY, PHOTONS).state({}, added=mu * lengths.astype(float))
+    added = Chain(ShapesScene([BODY]), GEOMETRY, PHOTONS).state({}, added=((Inclusion(ball, "ball"), mu),))
     np.testing.assert_allclose(added.line_integrals(), with_ball.line_integrals(), atol=1e-5)
 
 

@@ -12,7 +12,7 @@ from .core.change import Change
 from .core.how_far import ALIGNED, JUDGED, HowFar
 from .core.inexact import errors_with_models
 from .core.kept import KeptFits
-from .core.object_differs import MOST_PIECES, beside, better_than, beyond_effects, differing, no_physics
+from .core.object_differs import MOST_PIECES, beside, better_than, beyond_effects, differing, explains_all, no_physics
 from .core.outside import ChangesOfFits
 from .core.prepared import Prepared
 from .core.screening import screened
@@ -75,7 +75,7 @@ def explain(
         if piece is not None:
             first = offered(effects, one.fitter.model.whole(()))
             alone = screened(one.fitter, baseline.fit, first, processes, how_far, accuracy) if first else {}
-            if beyond_effects(piece, alone):
+            if beyond_effects(piece, alone) or explains_all(piece, one, baseline):
                 return no_physics(baseline, piece, numerical)
         found = choose(one.fitter, baseline, effects, processes, accuracy, kept, how_far, alone)
         better = piece is not None and not pieces and better_than(piece, found)
@@ -89,7 +89,8 @@ def explain(
             piece = chosen.piece or beside(prepared, chosen, changes)
         if piece is None or not may_be_mended(piece):
             break
-        prepared, pieces = prepared.with_piece(piece.piece), [*pieces, piece]
+        prepared, at_last = prepared.with_piece(piece.piece, chosen.chosen.fit)
+        pieces = [*pieces, replace(piece, words=at_last.words, piece=at_last)]
     chosen = replace(chosen, errors=errors_with_models(prepared.fitter, chosen.chosen.fit, chosen.without, accuracy))
     found = diagnose(name, prepared, chosen, pieces, changes)
     how_far.reached(JUDGED)

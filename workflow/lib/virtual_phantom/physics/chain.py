@@ -31,13 +31,14 @@ from .effect import (
     load,
     needs_times,
 )
+from .inclusion import thinned
 from .materials import attenuation_per_mm
 from .posed import NearScene, PosedScene, Scan
 from .sampling import averaged, divided, later, sources
 from .scene import IN_PLACE, Pose, VoxelScene
 from .sensors import Sensor
 from .spectra import SENSOR, Spectrum, passing
-from .state import AIR, EARLIER, PHOTONS, State
+from .state import AIR, EARLIER, PHOTONS, Added, State
 from .transmission import transmitted
 
 # A fit varies one parameter at a time, and most leave earlier steps alone. A focal spot takes nine.
@@ -250,12 +251,10 @@ class Chain:
         air = thinned
         total, seen = 0.0, 0.0
         for geometry, weight in sources(state):
-            total = total + weight * self.transmission(geometry, pose, state.motion_mm, beam)
+            total = total + weight * self.transmission(geometry, pose, state.motion_mm, beam, state.added)
             seen = seen + weight
         if any(np.ndim(weight) for *_, weight in state.sources):  # a collimator hides points of the source
             air = air * seen
-        if state.added is not None:
-            total = total * np.exp(-state.added)
         if beam is None:  # one energy: filters thin the beam and no more
             total = total * thinned
         state.air = np.broadcast_to(air * state.fluence, (state.fluence.shape[0], *total.shape[2:])).copy()
@@ -280,7 +279,7 @@ class Chain:
         return beam, beam.signal.sum(axis=0)
 
     def transmission(
-        self, geometry: ScanGeometry, pose: Pose, motion_mm=None, beam: Spectrum | None = None
+        self, geometry: ScanGeometry, pose: Pose, motion_mm=None, beam: Spectrum | None = None, added: Added = ()
     ) -> np.ndarray:
         """Signal, and its quantum variance where these are other shares, over those in air without filters.
 
@@ -293,22 +292,29 @@ class Chain:
             As State.motion_mm.
         beam : Spectrum, optional
             Its shares may be of every row and column, shape (energies, rows, columns); None: the monochromatic beam.
+        added : tuple of tuple of InObject and float, optional
+            As State.added.
 
         Returns
         -------
         ndarray of float64, shape (1 or 2, views, rows, columns)
         """
         rays = (geometry.key, pose, None if motion_mm is None else motion_mm.tobytes())
-        key = None if beam is None else beam.key
-        return self._transmissions.get((rays, key), lambda: self._transmission(rays, geometry, pose, motion_mm, beam))
+        key = None if beam is None else beam.key, *((one.key, more) for one, more in added)
+        return self._transmissions.get(
+            (rays, key), lambda: self._transmission(rays, geometry, pose, motion_mm, beam, added)
+        )
 
-    def _transmission(self, rays, geometry, pose, motion_mm, beam) -> np.ndarray:
+    def _transmission(self, rays, geometry, pose, motion_mm, beam, added) -> np.ndarray:
         total = 0.0
         for beside, weights in divided(geometry, self.samples):
             paths = self._paths.get(
                 (rays, beside.key), lambda beside=beside: self.scene.path_lengths(beside, pose, motion_mm)
             )
-            total = total + averaged(self._through(paths, beam, weights.shape), weights)
+            signal = self._through(paths, beam, weights.shape)
+            if added:
+                signal = signal * thinned(added, beside, pose, motion_mm)
+            total = total + averaged(signal, weights)
         return total
 
     def _through(self, paths: np.ndarray, beam: Spectrum | None, rays: tuple[int, int]) -> np.ndarray:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
 from ..base.geometry import ScanGeometry
 from ..base.mounting import AS_STATED, Mounting
+from ..base.pose import Pose
 from .sensors import Sensor
 from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
 
@@ -20,6 +23,18 @@ LINEAR = (1.0, 0.0)  # response of a detector whose readings are proportional to
 AS_READ = (0.0, 0.0)  # a polynomial on line integrals that leaves them as they are
 MOST_CORRECTED = 10.0  # line integral from which such a polynomial goes on as a straight line: makers' tables end too
 MOST_NOISE = 0.2  # variance of line integrals up to which moments of the logarithm follow their series
+
+
+class InObject(Protocol):
+    """What lies in an object, as inclusion.Inclusion: path lengths of rays in it, and a key of what it is."""
+
+    key: Hashable
+
+    def lengths_mm(self, geometry: ScanGeometry, pose: Pose, motion_mm: np.ndarray | None) -> np.ndarray:
+        """As Inclusion.lengths_mm."""
+
+
+Added = tuple[tuple[InObject, float], ...]  # by how much each attenuates more than what is there, 1/mm
 
 
 @dataclass
@@ -36,8 +51,8 @@ class State:
         lowers it and stands nowhere else.
     motion_mm : ndarray, shape (views, 3), or None
         Displacement of the object, mm.
-    added : ndarray, shape (views, rows, columns), or None
-        Line integrals of what lies in the object beside what the scene has.
+    added : tuple of tuple of InObject and float
+        What lies in the object beside what the scene has, and by how much it attenuates more, 1/mm.
     anode : Anode
         Of the tube.
     sensor : Sensor
@@ -98,7 +113,7 @@ class State:
     geometry: ScanGeometry
     photons: float = 1e5
     motion_mm: np.ndarray | None = None
-    added: np.ndarray | None = None
+    added: Added = ()
     anode: Anode = TUNGSTEN
     sensor: Sensor = SENSOR
     spectrum: Spectrum | None = None

@@ -18,6 +18,7 @@ NUMERICAL = {"rays": (1.0, 1 / 3), "voxels": (0.28, 0.06)}
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
 PLACE = ("x_mm", "y_mm", "z_mm", "turn_deg")
 POSES = (*PLACE, "size")
+PIECE = "piece_"  # begins the names of what pieces of the object attenuate more than was stated
 
 
 @dataclass(frozen=True)

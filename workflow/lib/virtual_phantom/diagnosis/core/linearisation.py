@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from ...physics.effect import acts_on_images, load
-from .alignment import POSES
+from .alignment import PIECE, POSES
 
 
 def before_images(physics: Mapping[str, Mapping[str, float]]) -> dict[str, Mapping[str, float]]:
@@ -23,7 +23,7 @@ class LinearisationPoint:
     physics : mapping of str to mapping of str to float
         {effect: {parameter: value}}, of those that act before images are made.
     nuisance : mapping of str to float
-        The numbers of the alignment that move the object.
+        The numbers of the alignment that move the object, and those of pieces of it.
     """
 
     physics: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -33,7 +33,8 @@ class LinearisationPoint:
     def of(cls, physics: Mapping[str, Mapping[str, float]], nuisance: Mapping[str, float]) -> LinearisationPoint:
         """That of settings of effects and of the alignment."""
         chain = {name: dict(values) for name, values in before_images(physics).items()}
-        return cls(chain, {name: nuisance[name] for name in POSES if name in nuisance})
+        of_object = {name: value for name, value in nuisance.items() if name in POSES or name.startswith(PIECE)}
+        return cls(chain, of_object)
 
     @property
     def key(self) -> tuple:

@@ -9,8 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from .attribute import AS_GOOD, LEAST_GAIN, Choice
 from .change import Change
+from .fit import Fit
 from .locate import ALPHA
 from .outside import ChangesOfFits
 from .prepared import Prepared
@@ -19,6 +22,9 @@ from .trial import Trial
 
 MOST_PIECES = 3  # that are mended; an object that differs in more is another object
 BEYOND = 2.0  # times what the best effect gains to first order: a fit may gain twice as much
+# Standard deviations of noise, of chi-square, by which a difference is so large that what leaves no more than NOISE of
+# them explains all of it, which physics of the whole object does not by chance.
+FAR, NOISE = 100.0, 3.0
 
 
 def differing(found: Sequence[Change], least: float = LEAST_GAIN) -> Change | None:
@@ -46,6 +52,38 @@ def beyond_effects(piece: Change, alone: Mapping[str, Screened]) -> bool:
     """Whether a piece explains more than any effect could, by the effects' matched filters beside the alignment."""
     # The gain is of chi-square, twice the log score.
     return piece.gain > BEYOND * max((one.gain / 2 for one in alone.values()), default=0.0)
+
+
+def explains_all(piece: Change, prepared: Prepared, baseline: Trial) -> bool:
+    """Whether an object with the piece leaves nothing of a large difference: no physics could explain more.
+
+    Parameters
+    ----------
+    piece : Change
+    prepared : Prepared
+    baseline : Trial
+        Alignment alone.
+
+    Returns
+    -------
+    bool
+    """
+    before, noise = excess(prepared, baseline.fit), np.sqrt(_count(prepared) / 2)
+    if before < FAR * noise or piece.gain < before / 2:  # the gain is of first order
+        return False
+    mended, _ = prepared.with_piece(piece.piece, baseline.fit)
+    return excess(mended, mended.fitter.fit(())) < NOISE * noise
+
+
+def excess(prepared: Prepared, fit: Fit) -> float:
+    """Log score of the data held out that what a fit leaves of their mean costs beyond noise."""
+    half = prepared.half(fit, held_out=True)
+    return float((half.weights[0] * half.residuals[0] ** 2).sum() - _count(prepared)) / 2
+
+
+def _count(prepared: Prepared) -> int:
+    """Of the data held out, but for what is known of their noise."""
+    return int((prepared.fitter.held_weights[0] > 0).sum())
 
 
 def better_than(piece: Change, choice: Choice) -> bool:

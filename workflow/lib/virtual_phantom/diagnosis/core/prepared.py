@@ -121,17 +121,23 @@ class Prepared(ABC):
         """
         return None
 
-    def with_piece(self, piece: PieceOfObject) -> Prepared:
-        """The same of an object with that piece, of which only the attenuation is fitted.
+    def with_piece(self, piece: PieceOfObject, fit: Fit) -> tuple[Prepared, PieceOfObject]:
+        """The same of an object with that piece, which moves with it and of which the attenuation is fitted.
+
+        Its place and width are found anew, beside the alignment that fits an object with it.
 
         Parameters
         ----------
         piece : PieceOfObject
             As `piece` gives it.
+        fit : Fit
+            Beside whose effects that is.
 
         Returns
         -------
-        Prepared
+        prepared : Prepared
+        piece : PieceOfObject
+            Where it was found at last.
         """
         raise NotImplementedError
 

@@ -13,12 +13,11 @@ from .attribute import AS_GOOD, LEAST_GAIN, Choice
 from .caveats import caveats
 from .change import Change
 from .doubts import doubts
-from .fit import Fit
 from .inexact import Errors
 from .levels import intervals
 from .locate import EDGES, KINDS, Location, aligned
 from .model import Model
-from .object_differs import content_of
+from .object_differs import content_of, excess
 from .outside import ChangesOfFits, better, standing_out
 from .prepared import Prepared
 from .pulls import statements
@@ -138,7 +137,7 @@ def diagnose(
         "caveats": caveats(prepared, choice, fitter.model.tube_kvp, left),
     }
     if choice.piece is not None:
-        content["object"] = content_of([choice.piece], False, _excess(prepared, choice.baseline.fit))
+        content["object"] = content_of([choice.piece], False, excess(prepared, choice.baseline.fit))
     elif pieces:
         content["object"] = content_of(pieces, True)
     return Diagnosis(choice, before, after, content | {"sentence": sentence(content)})
@@ -220,12 +219,6 @@ def excess_rms_removed(before: float, after: float, floor: float) -> float | Non
     if before <= floor:
         return None
     return float(1 - np.sqrt(max(0.0, after**2 - floor**2) / (before**2 - floor**2)))
-
-
-def _excess(prepared: Prepared, fit: Fit) -> float:
-    """Log score of the data held out that what a fit leaves of their mean costs beyond noise."""
-    half = prepared.half(fit, held_out=True)
-    return float((half.weights[0] * half.residuals[0] ** 2).sum() - (half.weights[0] > 0).sum()) / 2
 
 
 def metrics_of(prepared: Prepared, choice: Choice, held_out: bool) -> dict:

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...physics.chain import Chain
 from ...physics.correlation import correlations
+from ...physics.inclusion import Inclusion
 from ...physics.spectra import TUNGSTEN, Anode
 from ...physics.state import State
 from ..core.alignment import Nuisance, pose_of
@@ -17,8 +18,9 @@ from ..core.linearisation import BASE, Linearisation, LinearisationPoint, before
 from ..core.model import DENSITY_SD, Model
 from ..core.prediction import Prediction
 from ..core.statement import Statement
-from .numerical import Numerical
+from .numerical import Numerical, added_of
 from .observed import ObservedScans, white_shape
+from .piece import Piece
 
 
 @dataclass(frozen=True)
@@ -50,9 +52,9 @@ class ScansModel(Model):
 
     Attributes
     ----------
-    pieces : mapping of str to ndarray, shape (views, rows, columns)
-        {name of a number of the alignment: path lengths, mm}: what the object has beside what was stated attenuates by
-        so much per mm.
+    pieces : mapping of str to Inclusion
+        {name of a number of the alignment: what the object has beside what was stated, which attenuates by so much per
+        mm}.
     """
 
     def __init__(
@@ -68,19 +70,16 @@ class ScansModel(Model):
     ):
         super().__init__(chain, aligned, anode, tube_kvp, fixed, density, declared)
         self.numerical = numerical
-        self.pieces: Mapping[str, np.ndarray] = {}
+        self.pieces: Mapping[str, Inclusion] = {}
 
-    def with_piece(self, number: Nuisance, lengths_mm: np.ndarray) -> ScansModel:
+    def with_piece(self, number: Nuisance, piece: Piece) -> ScansModel:
         """The same with one piece of the object more, whose attenuation is that number of the alignment."""
         found = copy.copy(self)
-        found.aligned, found.pieces = (*self.aligned, number), {**self.pieces, number.name: lengths_mm}
+        found.aligned = (*(one for one in self.aligned if one.name != number.name), number)
+        found.pieces = {**self.pieces, number.name: Inclusion(piece.shape, piece)}
+        if self.numerical is not None:
+            found.numerical = self.numerical.with_pieces(found.pieces)
         return found
-
-    def _added(self, nuisance: Mapping[str, float]) -> np.ndarray | None:
-        """Line integrals of all pieces, shape (views, rows, columns); None: there are none."""
-        if not self.pieces:
-            return None
-        return np.asarray(sum(nuisance[name] * lengths for name, lengths in self.pieces.items()))
 
     @property
     def distortions(self) -> tuple[str, ...]:
@@ -111,8 +110,7 @@ class ScansModel(Model):
         weights: np.ndarray,
     ) -> bool:
         """As Model.strayed."""
-        lines, added = prediction.design[0], prediction.state.added
-        lines = lines if added is None else lines - added
+        lines = prediction.design[0]
         return bool(self.distortions) and self.numerical.strayed(errors, lines, weights.reshape(lines.shape))
 
     def predict(
@@ -125,8 +123,8 @@ class ScansModel(Model):
         """As Model.predict."""
         photons = float(np.exp(nuisance["log_photons"]))
         chain = self.near(linearisation.rays, linearisation.reach)
-        physics, pose, added = before_images(physics), pose_of(nuisance), self._added(nuisance)
-        state = chain.state(physics, pose, photons=photons, anode=self.anode, added=added)
+        physics, pose = before_images(physics), pose_of(nuisance)
+        state = chain.state(physics, pose, photons=photons, anode=self.anode, added=added_of(self.pieces, nuisance))
         # The logarithm of noisy counts lies above that of their mean.
         above, variance = state.log_noise()
         lines = state.line_integrals()

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Mapping
+
 import numpy as np
 
 from ...base.geometry import ScanGeometry
 from ...base.recent import Kept
 from ...physics.chain import Chain
+from ...physics.inclusion import Inclusion
 from ...physics.posed import PosedScene
 from ...physics.spectra import TUNGSTEN, Anode
+from ...physics.state import Added
 from ..core.alignment import pose_of
 from ..core.linearisation import NOMINAL, LinearisationPoint
 
@@ -50,6 +55,11 @@ def model_and_floor(scene, geometry: ScanGeometry, samples: int, **more) -> tupl
     )
 
 
+def added_of(pieces: Mapping[str, Inclusion], nuisance: Mapping[str, float]) -> Added:
+    """As State.added, of pieces by the number of the alignment that says how much each attenuates; 0 if none does."""
+    return tuple((one, nuisance.get(name, 0.0)) for name, one in pieces.items())
+
+
 class Numerical:
     """What finer steps change of the line integrals.
 
@@ -69,8 +79,14 @@ class Numerical:
 
     def __init__(self, chain: Chain, finer: Chain | None, coarser: Chain | None, anode: Anode = TUNGSTEN):
         self._chain, self._finer, self._coarser, self._anode = chain, finer, coarser, anode
-        self._kept = Kept(KEPT)
+        self._kept, self._pieces = Kept(KEPT), {}
         self.names = tuple(name for name, one in (("rays", finer), ("voxels", coarser)) if one is not None)
+
+    def with_pieces(self, pieces: Mapping[str, Inclusion]) -> Numerical:
+        """Those of an object with pieces more, {number of the alignment: what attenuates by so much per mm}."""
+        found = copy.copy(self)
+        found._kept, found._pieces = Kept(KEPT), pieces
+        return found
 
     def at(self, linearisation: LinearisationPoint = NOMINAL) -> dict[str, np.ndarray]:
         """By how much each step falls short of a finer one.
@@ -117,9 +133,9 @@ class Numerical:
 
     def _make(self, linearisation: LinearisationPoint) -> tuple[dict[str, np.ndarray], np.ndarray]:
         def lines(chain: Chain) -> np.ndarray:
-            return chain.state(
-                linearisation.physics, pose_of(linearisation.nuisance), anode=self._anode
-            ).line_integrals()
+            added = added_of(self._pieces, linearisation.nuisance)
+            pose = pose_of(linearisation.nuisance)
+            return chain.state(linearisation.physics, pose, anode=self._anode, added=added).line_integrals()
 
         errors = {}
         if self._finer is None and self._coarser is None:

@@ -7,7 +7,7 @@ it. Hardening, scatter and glare change the whole object, so that a piece is sma
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import signal
@@ -16,6 +16,7 @@ from scipy.optimize import minimize
 from ...base.errors import InputError
 from ...base.geometry import Grid, ScanGeometry
 from ...physics.materials import attenuation_per_mm
+from ...physics.sampling import averaged, divided
 from ...physics.scene import IN_PLACE, Pose
 from ...physics.shapes import Shape, ShapesScene, cylinder, ellipsoid
 from ...projectors.cpu import CpuProjector
@@ -27,6 +28,7 @@ LARGEST = 0.25
 ATTENUATES = 0.02  # of the largest line integral: less is noise or scatter beside the object
 MOST_RAYS, FEWEST_VIEWS = 100_000, 24  # of the views by which place and radius are found
 STEPS = 120  # of the simplex that finds place and radius
+NEAR = 0.1  # of its radius: how far a piece is moved at first that was found already
 FEWEST_VOXELS = 0.5  # radius of the smallest piece: rays of a scan pass by smaller ones
 # Sum of squares of a ray's lengths over the sum of lengths, for radius 1: of a ball, and of a rod seen from its side.
 OF_BALL, OF_ROD = 1.5, 16 / (3 * np.pi)
@@ -58,9 +60,11 @@ class Piece:
             return cylinder("water", self.place_mm, self.radius_mm)
         return ellipsoid("water", self.place_mm, [self.radius_mm] * 3)
 
-    def lengths_mm(self, geometry: ScanGeometry, pose: Pose = IN_PLACE) -> np.ndarray:
-        """Path lengths of the rays to the pixels' centres in it, shape (views, rows, columns)."""
-        return ShapesScene([self.shape]).path_lengths(geometry, pose)[0].astype(np.float64)
+    def lengths_mm(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, samples: int = 1) -> np.ndarray:
+        """Path lengths in it, the mean of so many rays per pixel and direction, shape (views, rows, columns)."""
+        scene = ShapesScene([self.shape])
+        rays = [(scene.path_lengths(beside, pose)[0], weights) for beside, weights in divided(geometry, samples)]
+        return np.asarray(sum(averaged(lengths.astype(np.float64), weights) for lengths, weights in rays))
 
     def more_hu(self, energy_kev: float) -> float:
         """By how much it attenuates more than was stated, HU."""
@@ -113,69 +117,112 @@ def reach_of(lines: np.ndarray, geometry: ScanGeometry) -> float:
     return float(across[largest > ATTENUATES * largest.max()].max(initial=across.min()))
 
 
-def found(
-    residual: np.ndarray, weight: np.ndarray, geometry: ScanGeometry, reach_mm: float, pose: Pose = IN_PLACE
-) -> Piece | None:
-    """The ball or rod whose projections explain most of a residual.
+@dataclass(frozen=True)
+class Left:
+    """What a fit leaves of a scan, in which pieces are looked for.
 
-    Parameters
+    Attributes
     ----------
     residual, weight : ndarray, shape (views, rows, columns)
         Of line integrals, and their inverse variances.
     geometry : ScanGeometry
     reach_mm : float
         How far the object reaches from its axis, mm.
-    pose : Pose, optional
+    pose : Pose
         Of the object.
+    samples : int
+        Rays per pixel and direction.
+    """
+
+    residual: np.ndarray
+    weight: np.ndarray
+    geometry: ScanGeometry
+    reach_mm: float
+    pose: Pose = IN_PLACE
+    samples: int = 1
+
+    @property
+    def least_mm(self) -> float:
+        """Radius of the smallest piece."""
+        return FEWEST_VOXELS * 2 * self.reach_mm / ACROSS
+
+    @property
+    def fewer(self) -> Left:
+        """The same of some views: hundreds of trials on all of a large scan would take minutes."""
+        # Of views halved every second one has no weight.
+        views = np.flatnonzero(self.weight.any(axis=(1, 2)))
+        rays = self.residual.size * self.samples**2
+        views = views[:: max(1, min(rays // MOST_RAYS, len(views) // FEWEST_VIEWS))]
+        return replace(self, residual=self.residual[views], weight=self.weight[views], geometry=self.geometry.at(views))
+
+
+def found(left: Left) -> Piece | None:
+    """The ball or rod whose projections explain most of a residual.
+
+    Parameters
+    ----------
+    left : Left
 
     Returns
     -------
     Piece or None
         None where rays do not lie in the order that a back-projection needs, and where nothing is to be explained.
     """
-    begun = _looked_for(residual, weight, geometry, reach_mm)
-    # Place and radius from some of the views, as hundreds of trials on all of a large scan would take minutes.
-    # Of views halved every second one has no weight.
-    views = np.flatnonzero(weight.any(axis=(1, 2)))
-    views = views[:: max(1, min(residual.size // MOST_RAYS, len(views) // FEWEST_VIEWS))]
-    some = residual[views], weight[views], geometry.at(views)
-    least = FEWEST_VOXELS * 2 * reach_mm / ACROSS
-    best, most = None, 0.0
-    for start in begun:
-        free = [0, 1] if start.rod else [0, 1, 2]
-
-        def piece(numbers: Sequence[float], start: Piece = start, free: Sequence[int] = free) -> Piece:
-            place = np.array(start.place_mm)
-            place[free] = numbers[:-1]
-            radius = float(np.clip(np.exp(numbers[-1]), least, LARGEST * reach_mm))
-            return Piece((float(place[0]), float(place[1]), float(place[2])), radius, start.rod)
-
-        first = np.array([*np.array(start.place_mm)[free], np.log(start.radius_mm)])
-        spread = [start.radius_mm / 2] * len(free) + [0.3]
-        simplex = np.vstack([first, *(first + np.eye(len(first))[k] * spread[k] for k in range(len(first)))])
-        result = minimize(
-            lambda numbers: -_explained(piece(numbers), *some, pose)[0],
-            first,
-            method="Nelder-Mead",
-            options={"initial_simplex": simplex, "maxfev": STEPS, "xatol": 0.05, "fatol": 0.1},
-        )
-        one = piece(result.x)
-        chi_square, more = _explained(one, residual, weight, geometry, pose)
-        if chi_square > most:
-            best, most = Piece(one.place_mm, one.radius_mm, one.rod, more), chi_square
-    return best
+    some = replace(left, samples=1).fewer  # many rays per pixel matter for the last millimetre alone
+    begun = [_moved(start, some, start.radius_mm / 2, 0.3) for start in _looked_for(left)]
+    if not begun:
+        return None
+    return refined(max(begun, key=lambda one: _explained(one, left)[0]), left)
 
 
-def _explained(
-    one: Piece, residual: np.ndarray, weight: np.ndarray, geometry: ScanGeometry, pose: Pose
-) -> tuple[float, float]:
+def refined(start: Piece, left: Left) -> Piece | None:
+    """The piece near one that explains most of a residual.
+
+    Parameters
+    ----------
+    start : Piece
+    left : Left
+
+    Returns
+    -------
+    Piece or None
+        None where nothing is explained.
+    """
+    one = _moved(start, left.fewer, NEAR * start.radius_mm, NEAR)
+    explained, more = _explained(one, left)
+    return replace(one, more_per_mm=more) if explained > 0 else None
+
+
+def _moved(start: Piece, left: Left, by_mm: float, widened: float) -> Piece:
+    """Where it explains most, by a simplex that begins with so large steps of place and of the radius's logarithm."""
+    free = [0, 1] if start.rod else [0, 1, 2]
+
+    def piece(numbers: Sequence[float]) -> Piece:
+        place = np.array(start.place_mm)
+        place[free] = numbers[:-1]
+        radius = float(np.clip(np.exp(numbers[-1]), left.least_mm, LARGEST * left.reach_mm))
+        return Piece((float(place[0]), float(place[1]), float(place[2])), radius, start.rod)
+
+    first = np.array([*np.array(start.place_mm)[free], np.log(start.radius_mm)])
+    spread = [by_mm] * len(free) + [widened]
+    simplex = np.vstack([first, *(first + np.eye(len(first))[k] * spread[k] for k in range(len(first)))])
+    result = minimize(
+        lambda numbers: -_explained(piece(numbers), left)[0],
+        first,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "maxfev": STEPS, "xatol": by_mm / 50, "fatol": 0.1},
+    )
+    return piece(result.x)
+
+
+def _explained(one: Piece, left: Left) -> tuple[float, float]:
     """Chi-square that a piece explains, and by how much it attenuates more then, 1/mm."""
-    lengths = one.lengths_mm(geometry, pose)
-    along, square = float((weight * residual * lengths).sum()), float((weight * lengths**2).sum())
+    lengths = one.lengths_mm(left.geometry, left.pose, left.samples)
+    along, square = float((left.weight * left.residual * lengths).sum()), float((left.weight * lengths**2).sum())
     return (along**2 / square, along / square) if square > 0 else (0.0, 0.0)
 
 
-def _looked_for(residual: np.ndarray, weight: np.ndarray, geometry: ScanGeometry, reach_mm: float) -> list[Piece]:
+def _looked_for(left: Left) -> list[Piece]:
     """The best ball and the best rod on a coarse grid, by back-projection.
 
     A ball's projections are the sums of those of its voxels. So its matched filter is the sum over the ball of the
@@ -186,6 +233,7 @@ def _looked_for(residual: np.ndarray, weight: np.ndarray, geometry: ScanGeometry
     list of Piece
         Without amounts; none where rays cannot be back-projected.
     """
+    geometry, reach_mm = left.geometry, left.reach_mm
     spacing = 2 * reach_mm / ACROSS
     high = geometry.rows * geometry.row_pitch_mm / geometry.magnification
     slices = max(1, round(min(high, 2 * reach_mm) / spacing))
@@ -195,7 +243,8 @@ def _looked_for(residual: np.ndarray, weight: np.ndarray, geometry: ScanGeometry
         projector = CpuProjector(geometry, grid, lanes=2, centre_mm=(0.0, 0.0, middle))
     except InputError:  # a detector that is turned, or an object that the source does not go round
         return []
-    packed = projector.pack_projections(np.stack([weight * residual, weight]).astype(np.float32))
+    both = np.stack([left.weight * left.residual, left.weight])
+    packed = projector.pack_projections(both.astype(np.float32))
     back = projector.unpack_volume(projector.adjoint(packed)).astype(np.float64)
     z, y, x = grid.axes_mm()
     found = {}

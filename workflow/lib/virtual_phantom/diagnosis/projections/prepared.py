@@ -12,7 +12,7 @@ from scipy.sparse import sparray
 from ...base.errors import InputError
 from ...physics.chain import Chain
 from ...physics.spectra import TUNGSTEN, Anode
-from ..core.alignment import NOMINAL_PHOTONS_SD, Nuisance, nuisances, pose_of
+from ..core.alignment import NOMINAL_PHOTONS_SD, PIECE, Nuisance, nuisances, pose_of
 from ..core.change import PieceOfObject
 from ..core.correlated import WHITE, Correlations, Whitening, estimated, of_state
 from ..core.fit import Fit, Fitter
@@ -24,7 +24,6 @@ from ..core.prepared import Prepared
 from ..core.statement import Statement, stated_physics
 from ..core.uncertainty import left_by_numbers
 from ..extent import rays_of
-from . import piece
 from .caveats import lost_rays
 from .ends import beyond
 from .kinds import kinds
@@ -32,11 +31,14 @@ from .locate import excess_at_edges, locate
 from .model import ScansModel
 from .numerical import Numerical
 from .observed import PARTS, ObservedScans, Scans, mean_squares, observe, with_noise_of_views
+from .piece import Left, Piece, found, reach_of, refined
 
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
 SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20 000 are taken for distances or offsets
 BY_VIEW = "every second view"
+MOST_MOVES = 4  # of a piece of the object, each followed by a fit of the alignment
+SETTLED = 1.0  # of chi-square: what a piece gains less by, when it is moved, is no reason to move it on
 # Rows from which on the noise of a single repeat is taken from differences of rows, too: few objects change from row to
 # row as from view to view, so that those that lie off their place leave nothing in them.
 LEAST_ROWS = 4
@@ -60,6 +62,18 @@ LOOK = Look(
     "these, the course of its variance from view to view was tested, else nothing",
     ranked=True,
 )
+
+
+@dataclass(frozen=True)
+class PieceOfScan(PieceOfObject):
+    """As PieceOfObject.
+
+    Attributes
+    ----------
+    one : Piece
+    """
+
+    one: Piece
 
 
 @dataclass(frozen=True)
@@ -102,27 +116,46 @@ class PreparedScans(Prepared):
         lines = self.fitter.predicted(fit).mean
         return kinds(lines, model.turned_rad, self.usable, self.held != BY_VIEW)
 
-    def piece(self, fit: Fit) -> PieceOfObject | None:
+    def piece(self, fit: Fit) -> PieceOfScan | None:
         """As Prepared.piece."""
-        model, shape = self.fitter.model, self.data.mean.shape
-        chain = model.chain
-        lines = self.fitter.predicted(fit).design[0]
-        left, pose = self.half(fit, held_out=False), pose_of(fit.nuisance)
-        residual, weight = (one[0].reshape(shape) for one in (left.residuals, left.weights))
-        one = piece.found(
-            self.data.as_recorded(residual), weight, chain.geometry, piece.reach_of(lines, chain.geometry), pose
-        )
-        if one is None:
-            return None
-        lengths, energy_kev = one.lengths_mm(chain.geometry, pose), chain.scene.energy_kev
-        return PieceOfObject(one.words(energy_kev), one.content(energy_kev), lengths.reshape(-1, 1))
+        left = self._left(fit)
+        one = found(left)
+        return None if one is None else self._of_object(one, left)
 
-    def with_piece(self, piece: PieceOfObject) -> PreparedScans:
+    def with_piece(self, piece: PieceOfScan, fit: Fit) -> tuple[PreparedScans, PieceOfScan]:
         """As Prepared.with_piece."""
-        fitter, number = self.fitter, f"piece_{len(self.fitter.model.pieces) + 1}"
-        lengths = piece.directions.reshape(self.data.mean.shape)
-        model = fitter.model.with_piece(Nuisance(number, "1/mm", 0.0, np.inf), lengths)
-        return replace(self, fitter=fitter.of(model))
+        name, before, one = f"{PIECE}{len(self.fitter.model.pieces) + 1}", np.inf, piece.one
+        for _ in range(MOST_MOVES):
+            model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), one)
+            mended = replace(self, fitter=self.fitter.of(model))
+            if name not in fit.nuisance:  # what differed has pulled the alignment off
+                expected = {one.name: one.expected for one in model.alignment(fit.effects)}
+                fit = replace(fit, nuisance=expected)
+            fit = mended.fitter.fit(fit.effects, fit)
+            one = replace(one, more_per_mm=fit.nuisance[name])
+            left = mended._left(fit)
+            piece = mended._of_object(one, left)
+            if before - fit.chi_square < SETTLED:
+                break
+            before = fit.chi_square
+            own = one.more_per_mm * one.lengths_mm(left.geometry, left.pose, left.samples)
+            one = refined(one, replace(left, residual=left.residual + own)) or one
+        return mended, piece
+
+    def _left(self, fit: Fit) -> Left:
+        """What a fit leaves of the data fitted."""
+        model, shape = self.fitter.model, self.data.mean.shape
+        half = self.half(fit, held_out=False)
+        residual, weight = (one[0].reshape(shape) for one in (half.residuals, half.weights))
+        chain, lines = model.chain, self.fitter.predicted(fit).design[0]
+        reach_mm = reach_of(lines, chain.geometry)
+        residual = self.data.as_recorded(residual)
+        return Left(residual, weight, chain.geometry, reach_mm, pose_of(fit.nuisance), chain.samples)
+
+    def _of_object(self, one: Piece, left: Left) -> PieceOfScan:
+        energy_kev = self.fitter.model.chain.scene.energy_kev
+        lengths = one.lengths_mm(left.geometry, left.pose, left.samples)
+        return PieceOfScan(one.words(energy_kev), one.content(energy_kev), lengths.reshape(-1, 1), one)
 
     def recorded(self) -> np.ndarray:
         """As Prepared.recorded."""
