@@ -118,6 +118,7 @@ def main():
     parser.add_argument("--unknown", type=int, default=14)
     parser.add_argument("--kinds", nargs="*", help="of the faults; all that there are")
     parser.add_argument("--none", type=int, default=0)
+    parser.add_argument("--pairs", type=int, default=0, help="scans with two effects of the library")
     parser.add_argument("--effects", nargs="*", default=[], help="effects of the library, each concealed alone")
     parser.add_argument("--strengths", nargs="*", default=["medium"])
     parser.add_argument("--left-out", nargs="*", default=[], help="effects that diagnoses do not try")
@@ -129,6 +130,7 @@ def main():
         "effects": options.effects,
         "strengths": options.strengths,
         "none": options.none,
+        "pairs": options.pairs,
         "unknown": options.unknown,
         "unknown_kinds": options.kinds,
     }
@@ -154,8 +156,11 @@ def main():
     singles = [case for case in cases if case.category == "single"]
     blank = [case for case in cases if case.category == "none"]
     unknown = [case for case in cases if case.category == "unknown"]
+    pairs = [case for case in cases if case.category == "pair"]
     print(f"owned up to {sum(case.owned_up for case in unknown)} of {len(unknown)}; area {found['area']}")
     print(f"effects of the library named first {sum(case.first_right for case in singles)} of {len(singles)}")
+    both, alone = (sum(getattr(case, way) for case in pairs) for way in ("all_named", "exact"))
+    print(f"two effects both named {both} of {len(pairs)}, and nothing beside them in {alone}")
     print(f"nothing concealed, no match {sum(not case.right for case in blank)} of {len(blank)}")
 
 

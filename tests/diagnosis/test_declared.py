@@ -10,7 +10,7 @@ from virtual_phantom.diagnosis.candidates import candidates
 from virtual_phantom.diagnosis.core.attribute import choose
 from virtual_phantom.diagnosis.core.declared import declared
 from virtual_phantom.diagnosis.core.fit import Problem
-from virtual_phantom.diagnosis.core.inexact import distortions_of_declared
+from virtual_phantom.diagnosis.core.inexact import distortions_of_physics
 from virtual_phantom.diagnosis.core.joint import JointFitter
 from virtual_phantom.diagnosis.core.joint_choice import choose_jointly
 from virtual_phantom.diagnosis.core.screening import screened
@@ -130,7 +130,7 @@ def errors_of_scatter(scene):
     fitter = scanned_strongly(scene, {}, 0)
     fit = trial(fitter, ()).fit
     columns = data_changes(Problem(fitter, (), fit), None)
-    found = distortions_of_declared(fitter, fit, columns, TRUSTED)
+    found = distortions_of_physics(fitter, fit, columns, TRUSTED, list(fitter.model.declared))
     mean = fitter.data.mean
     return (found[: mean.size] / np.sqrt(fitter.weights[0])[:, None]).reshape(*mean.shape, -1)
 
@@ -147,7 +147,10 @@ def test_errors_of_a_declared_model_are_of_the_size_that_it_is_trusted_to(scene,
     fitter = scanned_strongly(scene, {}, 0)
     fit = trial(fitter, ()).fit
     columns = data_changes(Problem(fitter, (), fit), None)
-    assert distortions_of_declared(fitter, fit, columns, {"default": 0.0}).shape == (len(columns), 0)
+    assert distortions_of_physics(fitter, fit, columns, {"default": 0.0}, list(fitter.model.declared)).shape == (
+        len(columns),
+        0,
+    )
 
 
 @pytest.mark.parametrize("seed", [101, 103, 104])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable
 
 import numpy as np
@@ -12,7 +13,7 @@ from .scene import IN_PLACE, Pose
 from .shapes import Shape, ShapesScene
 from .state import Added
 
-KEPT = 64  # path lengths of as many sets of rays: of all rays of a pixel, and of two places of the object for a slope
+KEPT_BYTES, MOST_KEPT = 1e8, 32  # of path lengths; a slope asks for those of two places of the object
 
 
 class Inclusion:
@@ -28,7 +29,7 @@ class Inclusion:
 
     def __init__(self, shape: Shape, key: Hashable):
         self.key, self._scene = key, ShapesScene([shape])
-        self._lengths = Kept(KEPT)
+        self._lengths: Kept | None = None
 
     def lengths_mm(
         self, geometry: ScanGeometry, pose: Pose = IN_PLACE, motion_mm: np.ndarray | None = None
@@ -48,6 +49,8 @@ class Inclusion:
         -------
         ndarray of float32, shape (views, rows, columns)
         """
+        if self._lengths is None:
+            self._lengths = Kept(int(min(MOST_KEPT, max(2, KEPT_BYTES // (4 * math.prod(geometry.shape))))))
         rays = (geometry.key, pose, None if motion_mm is None else motion_mm.tobytes())
         return self._lengths.get(rays, lambda: self._scene.path_lengths(geometry, pose, motion_mm)[0])
 

@@ -140,11 +140,14 @@ def pulled_of_recordings(
     }
 
 
-def distortions_of_declared(fitter: Fitter, fit: Fit, columns: np.ndarray, accuracy: Mapping[str, float]) -> np.ndarray:
-    """Changes of the whitened data that inexact models of declared physics may make.
+def distortions_of_physics(
+    fitter: Fitter, fit: Fit, columns: np.ndarray, accuracy: Mapping[str, float], names: Sequence[str]
+) -> np.ndarray:
+    """Changes of the whitened data that inexact models of declared or fitted physics may make.
 
-    An effect explains what it changes less what the alignment would take up without it, to first order. Where rays and
-    the object are is no model, so that what is declared of it has no such error.
+    A declared effect explains what it changes less what the alignment would take up without it, to first order; of a
+    fitted one, all that it changes may be off. Where rays and the object are is no model, so that what moves them has
+    no such error. Beside fitted effects, corrections for finite steps may be uneven.
 
     Parameters
     ----------
@@ -154,6 +157,8 @@ def distortions_of_declared(fitter: Fitter, fit: Fit, columns: np.ndarray, accur
         From `data_changes`, of the fit.
     accuracy : mapping of str to float
         As `attribute.choose` takes it.
+    names : sequence of str
+        Of effects, declared or of the fit.
 
     Returns
     -------
@@ -163,21 +168,27 @@ def distortions_of_declared(fitter: Fitter, fit: Fit, columns: np.ndarray, accur
     problem, here = Problem(fitter, fit.effects, fit), fitter.predicted(fit)
     after, spread = whitened(fitter.data.residuals(here), fitter.weights), shapes(here.mean)
     found = []
-    for name in fitter.model.declared:
+    for name in names:
         share = accuracy.get(name, accuracy["default"])
-        if not share or load(name).kinematic:
+        if not share or load(name).kinematic or load(name).pattern:
             continue
-        other = fitter.of(fitter.model.undeclared(name))
+        effects = tuple(one for one in fit.effects if one != name)
+        other = fitter.of(fitter.model.undeclared(name)) if name in fitter.model.declared else fitter
         physics = {key: values for key, values in fit.physics.items() if key != name}
         there = other.model.predict(physics, fit.nuisance, fitter.data, fit.linearisation)
         change = whitened(fitter.data.residuals(there), fitter.weights) - after
-        aligned = columns[:, len(problem.unknowns) :]
-        knowledge = Problem(other, fit.effects, fit).knowledge[-len(problem.aligned) :]
-        numbers, known = np.vstack([aligned, np.diag(np.sqrt(knowledge))]), np.zeros(len(knowledge))
-        change -= aligned @ np.linalg.lstsq(numbers, np.concatenate([change, known]), rcond=None)[0]
+        if name not in fit.effects:
+            aligned = columns[:, len(problem.unknowns) :]
+            knowledge = Problem(other, effects, fit).knowledge[-len(problem.aligned) :]
+            numbers, known = np.vstack([aligned, np.diag(np.sqrt(knowledge))]), np.zeros(len(knowledge))
+            change -= aligned @ np.linalg.lstsq(numbers, np.concatenate([change, known]), rcond=None)[0]
         mean, rest = np.split(share * change, [here.mean.size])
         for number, shape in spread.items():  # what else is known of the data changes with the even one
             found.append(np.concatenate([mean * shape.ravel(), rest if number == 0 else np.zeros_like(rest)]))
+        if name in fit.effects:
+            found += [one for _, one in _of_kernels(fitter, fit, name, accuracy)]
+    if set(names) & set(fit.effects):
+        found += [one for _, one in _of_steps(fitter, fit, accuracy)]
     return np.stack(found, axis=1) if found else np.zeros((len(after), 0))
 
 
@@ -322,14 +333,20 @@ def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy:
         for number, shape in spread.items():  # what else is known of the data changes with the even one
             yield (name, number), _whole(fitter, change * shape, rest)
             rest = [np.zeros_like(one) for one in rest]
-        share = MIXED.get(name, share)
-        for parameter in load(name).parameters if share else ():
-            if parameter.kernel:
-                narrower = {parameter.name: NARROWER * fit.physics[name][parameter.name]}
-                physics = fit.physics | {name: fit.physics[name] | narrower}
-                there = fitter.model.predict(physics, fit.nuisance, data, fit.linearisation)
-                parts = [one - other for one, other in zip(data.residuals(there), after, strict=True)]
-                yield (name, parameter.name), share * whitened(parts, fitter.weights)
+        yield from _of_kernels(fitter, fit, name, accuracy)
+
+
+def _of_kernels(fitter: Fitter, fit: Fit, name: str, accuracy: Mapping[str, float]) -> Distortions:
+    """Those that kernels of another form than was assumed may make."""
+    share = MIXED.get(name, accuracy.get(name, accuracy["default"]))
+    after = fitter.data.residuals(fitter.predicted(fit))
+    for parameter in load(name).parameters if share else ():
+        if parameter.kernel:
+            narrower = {parameter.name: NARROWER * fit.physics[name][parameter.name]}
+            physics = fit.physics | {name: fit.physics[name] | narrower}
+            there = fitter.model.predict(physics, fit.nuisance, fitter.data, fit.linearisation)
+            parts = [one - other for one, other in zip(fitter.data.residuals(there), after, strict=True)]
+            yield (name, parameter.name), share * whitened(parts, fitter.weights)
 
 
 def _of_steps(fitter: Fitter, fit: Fit, accuracy: Mapping[str, float]) -> Distortions:

@@ -14,7 +14,7 @@ from ...physics.effect import Parameter, load
 from .fit import Fit, Fitter, Problem
 from .forked import side_by_side
 from .how_far import RANKED, HowFar
-from .inexact import distortions_of_declared
+from .inexact import distortions_of_physics
 from .pattern import chance, estimate
 from .templates import SMALL, data_changes, projected, strength, templates, varied, whitened, with_knowledge
 
@@ -35,7 +35,8 @@ class Screened:
     blind : bool
         Its template is nothing, so that only a fit can tell: slices of typical thickness that lie as far apart.
     beside_errors : Screened or None
-        The same if models of declared physics are as inexact as they are trusted to be; None: nothing is declared.
+        The same if models of declared physics (and of effects fitted, where `screened` was asked) are as inexact as
+        they are trusted to be; None: there are none.
     """
 
     p: float
@@ -45,7 +46,7 @@ class Screened:
 
     @property
     def sure(self) -> Screened:
-        """What errors of declared physics cannot make up."""
+        """What errors of models cannot make up."""
         return self if self.beside_errors is None else self.beside_errors
 
 
@@ -131,6 +132,7 @@ def screened(
     processes: int = 1,
     how_far: HowFar | None = None,
     accuracy: Mapping[str, float] | None = None,
+    fitted_too: bool = False,
 ) -> dict[str, Screened]:
     """Every effect's matched filter on what a fit leaves over of the data that were fitted.
 
@@ -148,6 +150,8 @@ def screened(
         What is told of every effect that is done.
     accuracy : mapping of str to float, optional
         As `attribute.choose` takes it: of models of declared physics. None: they are not asked about.
+    fitted_too : bool, optional
+        Models of the fit's effects may be as inexact.
 
     Returns
     -------
@@ -163,9 +167,8 @@ def screened(
     # Beside a spectrum other things are known of the alignment.
     problems = {name: Problem(fitter, fit.effects, fit, beside=name) for name in names}
     residual = whitened(parts, fitter.weights)
-    errors = None
-    if accuracy is not None and fitter.model.declared:
-        errors = distortions_of_declared(fitter, fit, columns, accuracy)
+    inexact = [*fitter.model.declared, *(fit.effects if fitted_too else ())]
+    errors = distortions_of_physics(fitter, fit, columns, accuracy, inexact) if accuracy and inexact else None
     remainders: dict[tuple, list[Remainder]] = {}
     for problem in problems.values():
         if problem.aligned not in remainders:

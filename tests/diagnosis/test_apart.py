@@ -1,0 +1,70 @@
+"""What moves rays beside a strong effect: named by what inexact models of that cannot make up, however little it is."""
+
+import numpy as np
+import pytest
+from simulated_scans import noisy_lines
+
+from virtual_phantom.base.geometry import circular
+from virtual_phantom.diagnosis.core import attribute
+from virtual_phantom.diagnosis.core.inexact import shapes
+from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.scene import DiscScene
+
+PHOTONS = 1e5
+TRIED = ("dark_signal", "motion", "afterglow")
+STRONG = {"dark_signal": {"level_units": 800.0, "drift_units_per_s": 0.0}}
+WEAK = {"motion": {"x_mm_per_s": 0.25, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0}}
+ACCURACY = {"default": 0.3, "numerical": 0.0}
+CHAIN = Chain(
+    DiscScene(160.0, "water"),
+    circular(
+        views=40,
+        source_to_isocentre_mm=570.0,
+        source_to_detector_mm=1040.0,
+        columns=48,
+        rows=1,
+        column_pitch_mm=8.0,
+        row_pitch_mm=8.0,
+        view_interval_ms=25.0,
+    ),
+    PHOTONS,
+)
+
+
+def chosen(physics, tried=TRIED, added=0.0, seed=3):
+    """The choice of four repeats, to whose lines something is added."""
+    state = CHAIN.state(physics)
+    lines = (noisy_lines(state, 4, np.random.default_rng(seed)) + added).astype(np.float32)
+    scans = observed.Scans(lines, state.measured_air.mean(axis=0) * PHOTONS, np.ones(lines.shape[1:], bool))
+    fitter = prepared.prepare(scans, None, CHAIN, nominal_photons=PHOTONS).fitter
+    return attribute.choose(fitter, trial(fitter, ()), tried, accuracy=ACCURACY)
+
+
+def test_it_is_named_beside_what_is_stronger_by_far(monkeypatch):
+    choice = chosen(STRONG | WEAK)
+    assert choice.chosen.fit.effects == ("dark_signal", "motion") and choice.apart == {"motion"}
+    assert 0 < choice.gains["motion"] < choice.blur
+    assert choice.ambiguous_with("motion") == [] and "afterglow" in choice.ruled_out
+    assert choice.chosen.fit.physics["motion"]["x_mm_per_s"] == pytest.approx(0.25, rel=0.2)
+    monkeypatch.setattr(attribute, "APART", np.inf)
+    choice = chosen(STRONG | WEAK)
+    assert choice.chosen.fit.effects == ("dark_signal",) and list(choice.undecided) == ["motion"]
+
+
+@pytest.mark.parametrize("shape", range(6))
+def test_what_an_inexact_model_leaves_is_no_motion(shape):
+    """However strong: a tenth of what the dark signal changes is spread otherwise than its model has it."""
+    exact, none = (CHAIN.state(physics).line_integrals() for physics in (STRONG, {}))
+    spread = list(shapes(exact).values())[shape]
+    choice = chosen(STRONG, added=0.1 * spread * (exact - none))
+    assert "motion" not in choice.chosen.fit.effects and not choice.apart
+
+
+def test_of_two_that_are_alike_neither_is():
+    """Where inexact models may make up as much and two effects explain it alike, nothing tells them from a model."""
+    both = ("dark_signal", "centre_of_rotation", "detector_offset")
+    choice = chosen(STRONG | {"detector_offset": {"columns_px": 0.01}}, both)
+    assert choice.chosen.fit.effects == ("dark_signal",) and not choice.apart
+    assert set(choice.undecided) == set(both[1:])
