@@ -32,7 +32,9 @@ from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.study.config import complete
 
 PHOTONS, DENSITY = 1e5, 1.03
-BARE = SimpleNamespace(model=SimpleNamespace(whole=tuple))  # a fitter, of which a choice asks what is declared alone
+BARE = SimpleNamespace(
+    model=SimpleNamespace(whole=tuple), weights=()
+)  # a fitter, of which a choice asks what is declared alone
 GEOMETRY = circular(
     views=60,
     source_to_isocentre_mm=410.0,
@@ -249,11 +251,10 @@ def scored(monkeypatch):
 
     monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, **_: [made(task[0]) for task in tasks])
 
-    def filtered(fitter, fit, names, **more):
-        return {
-            name: Screened(p=0.0, gain=2 * (made((*fit.effects, name)).score - made(fit.effects).score))
-            for name in names
-        }
+    def filtered(fitter, fit, names, fitted_too=False, **more):
+        made_up = Screened(1.0, 0.0) if fitted_too else None  # inexact models may make up all of it
+        gains = {name: 2 * (made((*fit.effects, name)).score - made(fit.effects).score) for name in names}
+        return {name: Screened(0.0, gain, beside_errors=made_up) for name, gain in gains.items()}
 
     monkeypatch.setattr(attribute, "screened", filtered)
     return made
@@ -323,6 +324,21 @@ def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
     for accuracy, named in ((0.6, {"heel", "motion"}), (0.7, {"heel"})):
         choice = attribute.choose(BARE, scored(()), singles, accuracy={"default": accuracy})
         assert set(choice.chosen.fit.effects) == named
+
+
+def test_what_inexact_models_cannot_make_up_is_named_however_little(scored, monkeypatch):
+    """motion alone: heel, which moves no ray, is not asked about."""
+    plain = attribute.screened
+
+    def filtered(fitter, fit, names, fitted_too=False, **more):
+        return plain(fitter, fit, names, **more)
+
+    monkeypatch.setattr(attribute, "screened", filtered)
+    choice = attribute.choose(BARE, scored(()), SINGLES[::2], accuracy={"default": 0.7})
+    assert choice.chosen.fit.effects == ("heel", "motion") and choice.apart == {"motion"}
+    monkeypatch.setattr(attribute, "MOST_DATA", -1)
+    assert not attribute.choose(BARE, scored(()), SINGLES[::2], accuracy={"default": 0.7}).apart
+    monkeypatch.undo()
 
 
 @pytest.mark.parametrize(

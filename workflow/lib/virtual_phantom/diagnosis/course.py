@@ -89,8 +89,9 @@ def explain(
             piece = chosen.piece or beside(prepared, chosen, changes)
         if piece is None or not may_be_mended(piece):
             break
-        prepared, at_last = prepared.with_piece(piece.piece, chosen.chosen.fit)
-        pieces = [*pieces, replace(piece, words=at_last.words, piece=at_last)]
+        prepared, pieces = prepared.with_piece(piece.piece, chosen.chosen.fit), [*pieces, piece]
+    told = prepared.pieces(chosen.chosen.fit) if pieces else ()
+    pieces = [replace(piece, words=one.words, piece=one) for piece, one in zip(pieces, told, strict=True)]
     chosen = replace(chosen, errors=errors_with_models(prepared.fitter, chosen.chosen.fit, chosen.without, accuracy))
     found = diagnose(name, prepared, chosen, pieces, changes)
     how_far.reached(JUDGED)

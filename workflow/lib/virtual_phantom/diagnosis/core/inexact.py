@@ -172,14 +172,13 @@ def distortions_of_physics(
         share = accuracy.get(name, accuracy["default"])
         if not share or load(name).kinematic or load(name).pattern:
             continue
-        effects = tuple(one for one in fit.effects if one != name)
         other = fitter.of(fitter.model.undeclared(name)) if name in fitter.model.declared else fitter
         physics = {key: values for key, values in fit.physics.items() if key != name}
         there = other.model.predict(physics, fit.nuisance, fitter.data, fit.linearisation)
         change = whitened(fitter.data.residuals(there), fitter.weights) - after
         if name not in fit.effects:
             aligned = columns[:, len(problem.unknowns) :]
-            knowledge = Problem(other, effects, fit).knowledge[-len(problem.aligned) :]
+            knowledge = Problem(other, fit.effects, fit).knowledge[-len(problem.aligned) :]
             numbers, known = np.vstack([aligned, np.diag(np.sqrt(knowledge))]), np.zeros(len(knowledge))
             change -= aligned @ np.linalg.lstsq(numbers, np.concatenate([change, known]), rcond=None)[0]
         mean, rest = np.split(share * change, [here.mean.size])

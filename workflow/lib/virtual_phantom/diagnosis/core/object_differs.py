@@ -71,7 +71,7 @@ def explains_all(piece: Change, prepared: Prepared, baseline: Trial) -> bool:
     before, noise = excess(prepared, baseline.fit), np.sqrt(_count(prepared) / 2)
     if before < FAR * noise or piece.gain < before / 2:  # the gain is of first order
         return False
-    mended, _ = prepared.with_piece(piece.piece, baseline.fit)
+    mended = prepared.with_piece(piece.piece, baseline.fit)
     return excess(mended, mended.fitter.fit(())) < NOISE * noise
 
 

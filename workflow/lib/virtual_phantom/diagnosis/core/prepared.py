@@ -121,7 +121,7 @@ class Prepared(ABC):
         """
         return None
 
-    def with_piece(self, piece: PieceOfObject, fit: Fit) -> tuple[Prepared, PieceOfObject]:
+    def with_piece(self, piece: PieceOfObject, fit: Fit) -> Prepared:
         """The same of an object with that piece, which moves with it and of which the attenuation is fitted.
 
         Its place and width are found anew, beside the alignment that fits an object with it.
@@ -135,11 +135,22 @@ class Prepared(ABC):
 
         Returns
         -------
-        prepared : Prepared
-        piece : PieceOfObject
-            Where it was found at last.
+        Prepared
         """
         raise NotImplementedError
+
+    def pieces(self, fit: Fit) -> Sequence[PieceOfObject]:
+        """The pieces that this object has beside what was stated, with what a fit says of them; none by default.
+
+        Parameters
+        ----------
+        fit : Fit
+
+        Returns
+        -------
+        sequence of PieceOfObject
+        """
+        return ()
 
     @abstractmethod
     def recorded(self) -> np.ndarray:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ...base.errors import InputError, refusing
@@ -16,6 +16,7 @@ from ...io.schema import defaults_of
 from ...physics.effect import READOUT_UNITS, checked, load, of_one_scan
 from .attribute import Choice
 from .fit import Fitter
+from .inexact import Errors
 from .joint import NOT_OF_SCAN, those
 from .sentence import sentence
 from .steps import NORMAL_95
@@ -31,13 +32,15 @@ class Physics:
     recording : str
         Where.
     effects, errors : dict of str to dict of str to float
-        {effect: {parameter: value}}, and their standard errors.
+        {effect: {parameter: value}}, and their standard errors, inexact models counted.
     units : dict of str to dict of str to str
         {effect: {parameter: unit}}.
     scale : tuple of 2 float, or None
         Value and standard error of all line integrals, where a spectrum makes it the material's density.
     not_taken : tuple of str
         Effects that belong to one scan: patterns of its pixels, which diagnosis.json does not hold.
+    noise : dict of str to dict of str to float
+        As `errors`, for noise alone; of a parameter that is not there, these.
     """
 
     recording: str
@@ -46,6 +49,7 @@ class Physics:
     units: dict[str, dict[str, str]]
     scale: tuple[float, float] | None
     not_taken: tuple[str, ...]
+    noise: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: str | Path, needed: bool = True) -> Physics:
@@ -75,11 +79,12 @@ class Physics:
             taken = {name: values for name, values in found.items() if not load(name).pattern}
             effects = checked({n: {k: v["value"] for k, v in values.items()} for n, values in taken.items()}, str(path))
             errors = {n: {k: _error(v) for k, v in values.items()} for n, values in taken.items()}
+            noise = {n: {k: _error(v, "ci95_noise") for k, v in values.items()} for n, values in taken.items()}
             units = {n: {k: v["unit"] for k, v in values.items()} for n, values in taken.items()}
             density = (scale["value"], _error(scale)) if "spectrum" in effects else None
         if needed and not effects:
             raise InputError(f"{path}: found no effect that another recording could be held against; drop physics_from")
-        return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))))
+        return cls(recording, effects, errors, units, density, tuple(sorted(set(found) - set(taken))), noise)
 
 
 def with_declared(model: Mapping, path: str | Path | None) -> dict:
@@ -122,9 +127,9 @@ def with_declared(model: Mapping, path: str | Path | None) -> dict:
     return {**model, "settings": {**settings, "baseline": {**known, **settings.get("baseline", {})}}}
 
 
-def _error(parameter: dict) -> float:
+def _error(parameter: dict, interval: str = "ci95") -> float:
     """The longer side: at a bound of the plausible range the other was cut."""
-    low, high = parameter["ci95"]
+    low, high = parameter.get(interval, parameter["ci95"])
     return max(high - parameter["value"], parameter["value"] - low) / NORMAL_95
 
 
@@ -172,14 +177,16 @@ def verified(fitter: Fitter, baseline: Trial, physics: Physics, same_material: b
         rest = tuple(other for other in physics.effects if other != name)
         without[name] = trial(held, rest, chosen) if rest else baseline
     gains = {name: chosen.score - one.score for name, one in without.items()}
-    errors = {
-        name: chosen.fit.errors[name] | those(NOT_OF_SCAN, name, values) for name, values in physics.errors.items()
-    }
-    chosen = replace(chosen, fit=replace(chosen.fit, errors=errors))
+    whole, noise = (
+        {name: chosen.fit.errors[name] | those(NOT_OF_SCAN, name, values) for name, values in errors.items()}
+        for errors in (physics.errors, physics.errors | physics.noise)
+    )
+    chosen = replace(chosen, fit=replace(chosen.fit, errors=noise))
+    errors = Errors(whole, chosen.fit.nuisance_errors)
     fits = {name: one.fit for name, one in without.items()}
     numerical = defaults_of("diagnosis", "model_accuracy")["numerical"]
     p = dict.fromkeys(physics.effects)
-    return Choice(baseline, {}, {}, chosen, gains, {}, p, without=fits, numerical=numerical)
+    return Choice(baseline, {}, {}, chosen, gains, {}, p, without=fits, numerical=numerical, errors=errors)
 
 
 def stated(content: dict, physics: Physics) -> dict:

@@ -60,11 +60,18 @@ class Piece:
             return cylinder("water", self.place_mm, self.radius_mm)
         return ellipsoid("water", self.place_mm, [self.radius_mm] * 3)
 
-    def lengths_mm(self, geometry: ScanGeometry, pose: Pose = IN_PLACE, samples: int = 1) -> np.ndarray:
+    def lengths_mm(
+        self,
+        geometry: ScanGeometry,
+        pose: Pose = IN_PLACE,
+        samples: int = 1,
+        motion_mm: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Path lengths in it, the mean of so many rays per pixel and direction, shape (views, rows, columns)."""
-        scene = ShapesScene([self.shape])
-        rays = [(scene.path_lengths(beside, pose)[0], weights) for beside, weights in divided(geometry, samples)]
-        return np.asarray(sum(averaged(lengths.astype(np.float64), weights) for lengths, weights in rays))
+        scene, total = ShapesScene([self.shape]), np.zeros(geometry.shape)
+        for beside, weights in divided(geometry, samples):
+            total += averaged(scene.path_lengths(beside, pose, motion_mm)[0].astype(np.float64), weights)
+        return total
 
     def more_hu(self, energy_kev: float) -> float:
         """By how much it attenuates more than was stated, HU."""
@@ -132,6 +139,10 @@ class Left:
         Of the object.
     samples : int
         Rays per pixel and direction.
+    seen_from : ScanGeometry or None
+        Where source and detector are by the fit; None: as stated.
+    motion_mm : ndarray, shape (views, 3), or None
+        Displacement of the object by the fit.
     """
 
     residual: np.ndarray
@@ -140,6 +151,12 @@ class Left:
     reach_mm: float
     pose: Pose = IN_PLACE
     samples: int = 1
+    seen_from: ScanGeometry | None = None
+    motion_mm: np.ndarray | None = None
+
+    def lengths_mm(self, one: Piece) -> np.ndarray:
+        """Path lengths in a piece, shape (views, rows, columns)."""
+        return one.lengths_mm(self.seen_from or self.geometry, self.pose, self.samples, self.motion_mm)
 
     @property
     def least_mm(self) -> float:
@@ -217,7 +234,7 @@ def _moved(start: Piece, left: Left, by_mm: float, widened: float) -> Piece:
 
 def _explained(one: Piece, left: Left) -> tuple[float, float]:
     """Chi-square that a piece explains, and by how much it attenuates more then, 1/mm."""
-    lengths = one.lengths_mm(left.geometry, left.pose, left.samples)
+    lengths = left.lengths_mm(one)
     along, square = float((left.weight * left.residual * lengths).sum()), float((left.weight * lengths**2).sum())
     return (along**2 / square, along / square) if square > 0 else (0.0, 0.0)
 

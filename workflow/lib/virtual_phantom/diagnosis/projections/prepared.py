@@ -11,6 +11,7 @@ from scipy.sparse import sparray
 
 from ...base.errors import InputError
 from ...physics.chain import Chain
+from ...physics.sampling import sources
 from ...physics.spectra import TUNGSTEN, Anode
 from ..core.alignment import NOMINAL_PHOTONS_SD, PIECE, Nuisance, nuisances, pose_of
 from ..core.change import PieceOfObject
@@ -37,7 +38,7 @@ HALVES = 4  # repeats from which half of them are held out; with fewer, every se
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
 SIZE_SD = 5e-4  # of the object: 0.1 mm in 200 mm; without it, errors of 1 in 20 000 are taken for distances or offsets
 BY_VIEW = "every second view"
-MOST_MOVES = 4  # of a piece of the object, each followed by a fit of the alignment
+MOST_MOVES = 6  # of a piece of the object, each followed by a fit of the alignment
 SETTLED = 1.0  # of chi-square: what a piece gains less by, when it is moved, is no reason to move it on
 # Rows from which on the noise of a single repeat is taken from differences of rows, too: few objects change from row to
 # row as from view to view, so that those that lie off their place leave nothing in them.
@@ -122,40 +123,60 @@ class PreparedScans(Prepared):
         one = found(left)
         return None if one is None else self._of_object(one, left)
 
-    def with_piece(self, piece: PieceOfScan, fit: Fit) -> tuple[PreparedScans, PieceOfScan]:
+    def with_piece(self, piece: PieceOfScan, fit: Fit) -> PreparedScans:
         """As Prepared.with_piece."""
-        name, before, one = f"{PIECE}{len(self.fitter.model.pieces) + 1}", np.inf, piece.one
+        name, one = f"{PIECE}{len(self.fitter.model.pieces) + 1}", piece.one
+        best, least = self, np.inf
         for _ in range(MOST_MOVES):
-            model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), one)
-            mended = replace(self, fitter=self.fitter.of(model))
+            mended = self._with(name, one)
             if name not in fit.nuisance:  # what differed has pulled the alignment off
-                expected = {one.name: one.expected for one in model.alignment(fit.effects)}
+                expected = {number.name: number.expected for number in mended.fitter.model.alignment(fit.effects)}
                 fit = replace(fit, nuisance=expected)
             fit = mended.fitter.fit(fit.effects, fit)
-            one = replace(one, more_per_mm=fit.nuisance[name])
-            left = mended._left(fit)
-            piece = mended._of_object(one, left)
-            if before - fit.chi_square < SETTLED:
+            gained, least = least - fit.chi_square, min(least, fit.chi_square)
+            if gained > 0:
+                best = mended
+            if gained < SETTLED:
                 break
-            before = fit.chi_square
-            own = one.more_per_mm * one.lengths_mm(left.geometry, left.pose, left.samples)
+            left = mended._left(fit)
+            own = fit.nuisance[name] * left.lengths_mm(one)
             one = refined(one, replace(left, residual=left.residual + own)) or one
-        return mended, piece
+        return best
+
+    def pieces(self, fit: Fit) -> list[PieceOfScan]:
+        """As Prepared.pieces."""
+        left = self._left(fit)
+        return [
+            self._of_object(replace(inclusion.key, more_per_mm=fit.nuisance[name]), left)
+            for name, inclusion in self.fitter.model.pieces.items()
+        ]
+
+    def _with(self, name: str, one: Piece) -> PreparedScans:
+        """The same with a piece whose attenuation is that number of the alignment."""
+        model = self.fitter.model.with_piece(Nuisance(name, "1/mm", 0.0, np.inf), one)
+        return replace(self, fitter=self.fitter.of(model))
 
     def _left(self, fit: Fit) -> Left:
         """What a fit leaves of the data fitted."""
-        model, shape = self.fitter.model, self.data.mean.shape
-        half = self.half(fit, held_out=False)
+        chain, shape = self.fitter.model.chain, self.data.mean.shape
+        half, predicted = self.half(fit, held_out=False), self.fitter.predicted(fit)
         residual, weight = (one[0].reshape(shape) for one in (half.residuals, half.weights))
-        chain, lines = model.chain, self.fitter.predicted(fit).design[0]
-        reach_mm = reach_of(lines, chain.geometry)
-        residual = self.data.as_recorded(residual)
-        return Left(residual, weight, chain.geometry, reach_mm, pose_of(fit.nuisance), chain.samples)
+        places = [geometry for geometry, _ in sources(predicted.state)]
+        return Left(
+            self.data.as_recorded(residual),
+            weight,
+            chain.geometry,
+            reach_of(predicted.design[0], chain.geometry),
+            pose_of(fit.nuisance),
+            chain.samples,
+            places[len(places) // 2],  # of a focal spot the middle
+            predicted.state.motion_mm,
+        )
 
     def _of_object(self, one: Piece, left: Left) -> PieceOfScan:
         energy_kev = self.fitter.model.chain.scene.energy_kev
-        lengths = one.lengths_mm(left.geometry, left.pose, left.samples)
-        return PieceOfScan(one.words(energy_kev), one.content(energy_kev), lengths.reshape(-1, 1), one)
+        lengths = left.lengths_mm(one).reshape(-1, 1)
+        return PieceOfScan(one.words(energy_kev), one.content(energy_kev), lengths, one)
 
     def recorded(self) -> np.ndarray:
         """As Prepared.recorded."""
