@@ -1,5 +1,6 @@
 """A piece of the object that differs from what was stated: found, told before physics, and mended if asked."""
 
+from dataclasses import replace
 from functools import cache
 
 import jsonschema
@@ -8,6 +9,11 @@ import pytest
 from simulated_scans import noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular, helical
+from virtual_phantom.diagnosis.core.alignment import Nuisance
+from virtual_phantom.diagnosis.core.linearisation import LinearisationPoint
+from virtual_phantom.diagnosis.core.object_differs import excess, explains_all
+from virtual_phantom.diagnosis.core.outside import changes
+from virtual_phantom.diagnosis.core.trial import trial
 from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections import piece as piece_module
@@ -21,6 +27,7 @@ from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
 from virtual_phantom.physics.inclusion import Inclusion
 from virtual_phantom.physics.materials import attenuation_per_mm
+from virtual_phantom.physics.scene import Pose
 from virtual_phantom.physics.shapes import ShapesScene, ellipsoid
 
 PHOTONS = 1e5
@@ -44,17 +51,26 @@ def shapes_scene(*more):
     return ShapesScene([BODY, *more])
 
 
-def told(scanned, physics=None, differ=False, stated=(FAT,), seed=1):
-    """What is said of a scan of these shapes, of an object that was stated to have those."""
+def ready(scanned, physics=None, stated=(FAT,), seed=1):
+    """A scan of these shapes, of an object that was stated to have those."""
     state = Chain(shapes_scene(*scanned), GEOMETRY, PHOTONS, samples=12).state(checked(physics or {}))
     repeats = noisy_lines(state, 4, np.random.default_rng(seed)).astype(np.float32)
     taken = observed.Scans(repeats, state.measured_air.mean(axis=0) * PHOTONS, np.ones(repeats[0].shape, bool))
     model, floor = model_and_floor(shapes_scene(*stated), GEOMETRY, 4, photons=PHOTONS)
-    given = prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
-    accuracy = defaults_of("diagnosis", "model_accuracy")
+    return prepared.prepare(taken, None, model, floor_chain=floor, nominal_photons=PHOTONS)
+
+
+def told(scanned, physics=None, differ=False, stated=(FAT,), seed=1):
+    """What is said of it."""
+    given, accuracy = ready(scanned, physics, stated, seed), defaults_of("diagnosis", "model_accuracy")
     content = explain("bench", given, TRIED, accuracy, object_may_differ=differ)[1].content
     jsonschema.validate(content, SCHEMA)
     return content
+
+
+def differing_by(one, fit, accuracy=0.0):
+    """The piece among the kinds of change of a fit."""
+    return next(change for change in changes(one, fit, accuracy) if change.piece is not None)
 
 
 missing = cache(lambda differ=False: told((), differ=differ))
@@ -195,6 +211,65 @@ def test_what_lies_in_the_object_beside_the_scene_attenuates():
     mu = float(attenuation_per_mm("soft_tissue", [ShapesScene([BODY]).energy_kev])[0])
     added = Chain(ShapesScene([BODY]), GEOMETRY, PHOTONS).state({}, added=((Inclusion(ball, "ball"), mu),))
     np.testing.assert_allclose(added.line_integrals(), with_ball.line_integrals(), atol=1e-5)
+
+
+def test_what_lies_in_the_object_moves_with_it_and_is_seen_by_all_rays():
+    """The scene without an insert, as the one with it and a piece that takes it away: turned, shifted, in motion."""
+    chain, bare = (Chain(shapes_scene(*more), GEOMETRY, PHOTONS, samples=3) for more in ((FAT,), ()))
+    fat, tissue = (float(attenuation_per_mm(one, [chain.scene.energy_kev])[0]) for one in ("adipose", "soft_tissue"))
+    pose = Pose(x_mm=3.0, y_mm=-2.0, z_mm=4.0, turn_deg=30.0, size=1.02)
+    physics = checked({"motion": {"x_mm_per_s": 20.0}, "detector_offset": {"columns_px": 1.5}})
+    mended = chain.state(physics, pose, added=((Inclusion(FAT, "fat"), tissue - fat),))
+    here, there = mended.line_integrals(), bare.state(physics, pose).line_integrals()
+    np.testing.assert_allclose(here, there, atol=1e-5)
+    assert np.abs(chain.state(physics, pose).line_integrals() - there).max() > 0.01
+
+
+def test_errors_of_steps_are_those_of_the_mended_object():
+    model = ready((), {}).fitter.model
+    fat, tissue = (float(attenuation_per_mm(one, [60.0])[0]) for one in ("adipose", "soft_tissue"))
+    piece = Piece((-35.0, -20.0, -3.0), 15.0, False)
+    mended = model.with_piece(Nuisance("piece_1", "1/mm", 0.0, np.inf), piece).numerical
+    at = LinearisationPoint(nuisance={"piece_1": tissue - fat})
+    bare = ready((), {}, stated=()).fitter.model.numerical
+    np.testing.assert_allclose(mended.at(at)["rays"], bare.at()["rays"], atol=2e-6)
+    assert np.abs(mended.at()["rays"] - bare.at()["rays"]).max() > 1e-4
+
+
+def test_a_piece_is_found_where_the_fit_has_the_detector():
+    given = ready((), {"detector_offset": {"columns_px": 4.0}})
+    fit = given.fitter.fit(("detector_offset",))
+    mended = given.with_piece(differing_by(given, fit).piece, fit)
+    after = mended.fitter.fit(("detector_offset",))
+    true = Nuisance("piece_1", "1/mm", 0.0, np.inf), Piece((-35.0, -20.0, -3.0), 15.0, False)
+    assert after.chi_square < given.fitter.of(given.fitter.model.with_piece(*true)).fit(("detector_offset",)).chi_square
+    (piece,) = mended.pieces(after)
+    place = [piece.content[name] for name in ("x_mm", "y_mm", "z_mm")]
+    np.testing.assert_allclose(place, (-35, -20, -3), atol=1.0)
+
+
+def test_two_pieces_are_mended_one_after_the_other():
+    bone = ellipsoid("bone", (40, 10, 5), (10, 10, 10))
+    given = ready((), stated=(FAT, bone))
+    for count in (1, 2):
+        fit = given.fitter.fit(())
+        given = given.with_piece(differing_by(given, fit).piece, fit)
+        assert list(given.fitter.model.pieces) == ["piece_1", "piece_2"][:count]
+    fit = given.fitter.fit(())
+    assert fit.chi_square < given.fitter.data.usable.sum() * 1.05
+    first, second = given.pieces(fit)
+    assert first.content["hu"] < -1000 and 0 < second.content["hu"] < 200
+    assert first.content["width_mm"] == pytest.approx(20, abs=0.5)
+
+
+def test_no_piece_explains_all_of_what_physics_changes():
+    given = ready((FAT,), {"spectrum": {}})
+    baseline = trial(given.fitter, ())
+    piece = differing_by(given, baseline.fit)
+    assert excess(given, baseline.fit) > 10_000
+    # Even if it seemed to gain half of it.
+    half = replace(piece, gain=max(piece.gain, excess(given, baseline.fit) / 2))
+    assert not explains_all(half, given, baseline)
 
 
 @pytest.mark.parametrize("count", [1, 3])

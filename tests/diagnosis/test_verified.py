@@ -16,6 +16,7 @@ from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.core import attribute
 from virtual_phantom.diagnosis.core.attribute import best_few
 from virtual_phantom.diagnosis.core.fit import Fit
+from virtual_phantom.diagnosis.core.levels import half_width
 from virtual_phantom.diagnosis.core.screening import Screened
 from virtual_phantom.diagnosis.core.trial import Trial, trial
 from virtual_phantom.diagnosis.core.uncertainty import left_by_numbers
@@ -115,6 +116,21 @@ def test_physics_of_another_recording_removes_the_excess(other):
         assert effect["taken_from"] == "disc" and effect["evidence"]["p"] is None
         low, high = effect["parameters"][next(iter(effect["parameters"]))]["ci95"]
         assert high > low
+
+
+def test_noise_and_inexact_models_stay_apart(other):
+    given, _, folder = other
+    content = found_on("disc", DENSITY)
+    for effect in content["effects"]:
+        for one in effect["parameters"].values():
+            one["ci95_noise"] = [0.999 * one["value"], 1.001 * one["value"]]
+    (folder / "apart.json").write_text(json.dumps(content))
+    choice = verified(given.fitter, trial(given.fitter, ()), Physics.read(folder / "apart.json"), same_material=True)
+    for effect in diagnose("notch", given, choice).content["effects"]:
+        for one in effect["parameters"].values():
+            whole, noise, half = (one[key][1] - one["value"] for key in ("ci95", "ci95_noise", "ci50"))
+            assert (whole, noise) == pytest.approx((0.01 * one["value"], 0.001 * one["value"]), rel=1e-3)
+            assert half == pytest.approx(half_width(0.5, noise / 1.959964, whole / 1.959964), rel=1e-3)
 
 
 def test_intervals_that_were_cut_at_a_bound_stay_as_long(tmp_path):
