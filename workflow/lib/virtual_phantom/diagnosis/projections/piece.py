@@ -170,7 +170,14 @@ class Left:
         views = np.flatnonzero(self.weight.any(axis=(1, 2)))
         rays = self.residual.size * self.samples**2
         views = views[:: max(1, min(rays // MOST_RAYS, len(views) // FEWEST_VIEWS))]
-        return replace(self, residual=self.residual[views], weight=self.weight[views], geometry=self.geometry.at(views))
+        return replace(
+            self,
+            residual=self.residual[views],
+            weight=self.weight[views],
+            geometry=self.geometry.at(views),
+            seen_from=None if self.seen_from is None else self.seen_from.at(views),
+            motion_mm=None if self.motion_mm is None else self.motion_mm[views],
+        )
 
 
 def found(left: Left) -> Piece | None:
