@@ -34,9 +34,7 @@ FEW, LEAST_SHARE, NEAR_BEST = 6, 0.1, 0.5
 # Share of its gain that something which moves rays must keep beside all that inexact models may make up, for its gain
 # to be its own. In two scans of the proof's seed 16 row offsets kept 0.99 and 1.02, a drift that was not there 0.24.
 APART = 0.5
-MOST_DATA = (
-    2_000_000  # of a scan in which this is asked: what models may make up takes 400 bytes of each, some times over
-)
+MOST_DATA = 2_000_000  # in which this is asked: what models may make up takes some 400 bytes of each, several times
 
 
 @dataclass(frozen=True)
