@@ -170,14 +170,21 @@ def test_an_insert_that_is_missing_is_the_object_and_no_physics():
     assert "turned by 90 degrees" in content["next_measurement"][0]
 
 
-def test_a_large_insert_that_is_missing_is_told_and_mended():
+def test_a_large_insert_that_is_missing_explains_all(monkeypatch):
     """Of bone, it pulls the object's place, size and amount off, and is found beside those that fit it mended."""
     bone = ellipsoid("bone", (40, 10, 5), (18, 18, 18))
-    content = told((FAT,), differ=True, stated=(FAT, bone))
-    assert content["verdict"] == "match" and content["object"]["mended"], content["sentence"]
-    (piece,) = content["object"]["pieces"]
-    np.testing.assert_allclose([piece["x_mm"], piece["y_mm"], piece["z_mm"]], (40, 10, 5), atol=0.2)
-    assert piece["width_mm"] == pytest.approx(36, abs=0.5)
+    given = ready((FAT,), stated=(FAT, bone))
+    baseline = trial(given.fitter, ())
+    piece = differing_by(given, baseline.fit)
+    assert baseline.fit.chi_square > 1e6
+    mended = given.with_piece(piece.piece, baseline.fit)
+    monkeypatch.setattr(type(given), "with_piece", lambda *_: mended)  # it takes seconds
+    assert explains_all(piece, given, baseline)
+    fit = mended.fitter.fit(())
+    assert fit.chi_square < given.fitter.data.usable.sum() * 1.02
+    (found_at,) = (one.content for one in mended.pieces(fit))
+    np.testing.assert_allclose([found_at[name] for name in ("x_mm", "y_mm", "z_mm")], (40, 10, 5), atol=0.2)
+    assert found_at["width_mm"] == pytest.approx(36, abs=0.3)
 
 
 def test_it_is_mended_if_the_user_says_so():
@@ -239,19 +246,24 @@ def test_errors_of_steps_are_those_of_the_mended_object():
     assert np.abs(mended.at()["rays"] - bare.at()["rays"]).max() > 1e-4
 
 
-def test_a_piece_is_found_where_the_fit_has_the_detector():
+def test_a_piece_is_found_where_the_fit_has_the_detector(monkeypatch):
+    monkeypatch.setattr(prepared, "MOST_MOVES", 2)
     given = ready((), {"detector_offset": {"columns_px": 4.0}})
     fit = given.fitter.fit(("detector_offset",))
     mended = given.with_piece(differing_by(given, fit).piece, fit)
     after = mended.fitter.fit(("detector_offset",))
     true = Nuisance("piece_1", "1/mm", 0.0, np.inf), Piece((-35.0, -20.0, -3.0), 15.0, False)
-    assert after.chi_square < given.fitter.of(given.fitter.model.with_piece(*true)).fit(("detector_offset",)).chi_square
+    assert (
+        after.chi_square
+        < given.fitter.of(given.fitter.model.with_piece(*true)).fit(("detector_offset",)).chi_square + 5
+    )
     (piece,) = mended.pieces(after)
     place = [piece.content[name] for name in ("x_mm", "y_mm", "z_mm")]
     np.testing.assert_allclose(place, (-35, -20, -3), atol=1.0)
 
 
-def test_two_pieces_are_mended_one_after_the_other():
+def test_two_pieces_are_mended_one_after_the_other(monkeypatch):
+    monkeypatch.setattr(prepared, "MOST_MOVES", 2)
     bone = ellipsoid("bone", (40, 10, 5), (10, 10, 10))
     given = ready((), stated=(FAT, bone))
     for count in (1, 2):
