@@ -125,6 +125,12 @@ def main():
     told = sum(row["ours"] == "object" for row in objects)
     false = sum(row["ours"] == "object" for row in rows if row["kind"] == "physics")
     print(f"object differs: told in {told} of {len(objects)}; said of physics in {false} of {len(rows) - len(objects)}")
+    seconds = [row["seconds"] for row in objects]
+    off = max(
+        (row["place_off_mm"] for row in objects if row["kind"] != "displaced" and "place_off_mm" in row), default=0
+    )
+    print(f"in {np.median(seconds):.1f} s (median; {max(seconds):.0f} at most)")
+    print(f"inserts beside their places apart, at most {off:.1f} mm off")
     mended = [row for row in objects if row["ours"] == "object"]
     match = sum(row["mended_verdict"] == "match" for row in mended)
     named = sum(row["mended_effects"] != "none" for row in mended)
