@@ -42,16 +42,17 @@ def default_config():
 def add_draws(parser, strengths, none, pairs, unknown):
     """Add options of what is drawn of the proof's cases, with these defaults."""
     effects = ["scatter", "spectrum", "focal_spot", "afterglow", "dark_signal"]
-    parser.add_argument("--effects", nargs="*", default=effects)
+    parser.add_argument("--effects", nargs="*", default=effects, help="effects of the library, each concealed alone")
     parser.add_argument("--strengths", nargs="*", default=strengths)
     parser.add_argument("--none", type=int, default=none)
-    parser.add_argument("--pairs", type=int, default=pairs)
+    parser.add_argument("--pairs", type=int, default=pairs, help="scans with two effects of the library")
     parser.add_argument("--unknown", type=int, default=unknown)
 
 
 def left_to_do(options, rows):
     """{case: truth} of what options of add_draws and a seed draw, without those that rows have."""
     drawn = {name: getattr(options, name) for name in ("seed", "effects", "strengths", "none", "pairs", "unknown")}
+    drawn["unknown_kinds"] = vars(options).get("kinds")
     done = {row["truth"]["case"] for row in rows}
     return {case: truth for case, truth in truths(asked_of_proof(drawn)).items() if case not in done}
 
@@ -115,31 +116,15 @@ def append(path, row):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--unknown", type=int, default=14)
+    add_draws(parser, ["medium"], none=0, pairs=0, unknown=14)
+    parser.set_defaults(effects=[])
     parser.add_argument("--kinds", nargs="*", help="of the faults; all that there are")
-    parser.add_argument("--none", type=int, default=0)
-    parser.add_argument("--pairs", type=int, default=0, help="scans with two effects of the library")
-    parser.add_argument("--effects", nargs="*", default=[], help="effects of the library, each concealed alone")
-    parser.add_argument("--strengths", nargs="*", default=["medium"])
     parser.add_argument("--left-out", nargs="*", default=[], help="effects that diagnoses do not try")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     config = default_config()
-    drawn = {
-        "seed": options.seed,
-        "effects": options.effects,
-        "strengths": options.strengths,
-        "none": options.none,
-        "pairs": options.pairs,
-        "unknown": options.unknown,
-        "unknown_kinds": options.kinds,
-    }
-    settings = asked_of_proof(drawn)
     rows = rows_of(options.out)
-    done = {row["truth"]["case"] for row in rows}
-    for case, truth in truths(settings).items():
-        if case in done:
-            continue
+    for case, truth in left_to_do(options, rows).items():
         with tempfile.TemporaryDirectory() as folder:
             said, seconds = diagnosed(Path(folder), truth, config, options.seed, options.left_out)
         kept = (

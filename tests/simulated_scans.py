@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.core.attribute import choose
 from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.projections.observed import Scans
 from virtual_phantom.io.volumes import Volume
 
 # Of a fan beam, as recording.yaml has it.
@@ -40,6 +42,26 @@ def noisy_lines(state, repeats, random):
     """Noisy line integrals [repeat, view, row, column] of a state of the chain, against what it measures in air."""
     air = state.measured_air * state.photons
     return np.stack([-np.log(np.maximum(state.counts(random), 0.5) / air) for _ in range(repeats)])
+
+
+def scans_of(state, repeats, random, added=0.0):
+    """Such line integrals with something added, as they are taken: with the white field, all pixels usable."""
+    lines = (noisy_lines(state, repeats, random) + added).astype(np.float32)
+    return Scans(lines, state.measured_air.mean(axis=0) * state.photons, np.ones(lines.shape[1:], bool))
+
+
+def disc_bench(view_interval_ms):
+    """A circle of 40 views and one row, for discs."""
+    return circular(
+        views=40,
+        source_to_isocentre_mm=570.0,
+        source_to_detector_mm=1040.0,
+        columns=48,
+        rows=1,
+        column_pitch_mm=8.0,
+        row_pitch_mm=8.0,
+        view_interval_ms=view_interval_ms,
+    )
 
 
 def chosen(fitter, candidates):

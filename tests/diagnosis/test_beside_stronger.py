@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from simulated_scans import noisy_lines
+from simulated_scans import disc_bench, scans_of
 
-from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.core import attribute
 from virtual_phantom.diagnosis.core.inexact import shapes
 from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scene import DiscScene
 
@@ -17,27 +16,12 @@ TRIED = ("dark_signal", "motion", "afterglow")
 STRONG = {"dark_signal": {"level_units": 800.0, "drift_units_per_s": 0.0}}
 WEAK = {"motion": {"x_mm_per_s": 0.25, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0}}
 ACCURACY = {"default": 0.3, "numerical": 0.0}
-CHAIN = Chain(
-    DiscScene(160.0, "water"),
-    circular(
-        views=40,
-        source_to_isocentre_mm=570.0,
-        source_to_detector_mm=1040.0,
-        columns=48,
-        rows=1,
-        column_pitch_mm=8.0,
-        row_pitch_mm=8.0,
-        view_interval_ms=25.0,
-    ),
-    PHOTONS,
-)
+CHAIN = Chain(DiscScene(160.0, "water"), disc_bench(view_interval_ms=25.0), PHOTONS)
 
 
 def chosen(physics, tried=TRIED, added=0.0, seed=3):
     """The choice of four repeats, to whose lines something is added."""
-    state = CHAIN.state(physics)
-    lines = (noisy_lines(state, 4, np.random.default_rng(seed)) + added).astype(np.float32)
-    scans = observed.Scans(lines, state.measured_air.mean(axis=0) * PHOTONS, np.ones(lines.shape[1:], bool))
+    scans = scans_of(CHAIN.state(physics), 4, np.random.default_rng(seed), added)
     fitter = prepared.prepare(scans, None, CHAIN, nominal_photons=PHOTONS).fitter
     return attribute.choose(fitter, trial(fitter, ()), tried, accuracy=ACCURACY)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from simulated_scans import body, chosen, noisy_lines
+from simulated_scans import body, chosen, scans_of
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
@@ -117,9 +117,7 @@ def scanned_strongly(scene, more, seed, added=0.0):
     """The fitter of four repeats at 1e6 photons, whose strong scatter is declared, with something added to lines."""
     chain = Chain(scene, GEOMETRY, 1e6)
     state = chain.state(STRONG | more)
-    lines = (noisy_lines(state, 4, np.random.default_rng(seed)) + added).astype(np.float32)
-    white = state.measured_air.mean(axis=0) * state.photons
-    taken = observed.Scans(lines, white, np.ones(lines.shape[1:], bool))
+    taken = scans_of(state, 4, np.random.default_rng(seed), added)
     stated = declared(STRONG_STATED, "baseline")
     return prepared.prepare(taken, None, chain, nominal_photons=1e6, declared=stated).fitter
 

@@ -2,29 +2,19 @@
 
 import numpy as np
 import pytest
-from simulated_scans import noisy_lines
+from simulated_scans import disc_bench, scans_of
 
-from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.core import inexact
 from virtual_phantom.diagnosis.core.inexact import errors_with_models, harmonics, shapes
 from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.projections import prepared
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scene import DiscScene
 
 PHOTONS, SHARE, LEVEL = 1e5, 0.1, 400.0
 TRUE = {"dark_signal": {"level_units": LEVEL, "drift_units_per_s": 0.0}}
 INEXACT = {"default": SHARE, "numerical": 0.0}
-GEOMETRY = circular(
-    views=40,
-    source_to_isocentre_mm=570.0,
-    source_to_detector_mm=1040.0,
-    columns=48,
-    rows=1,
-    column_pitch_mm=8.0,
-    row_pitch_mm=8.0,
-    view_interval_ms=10.0,
-)
+GEOMETRY = disc_bench(view_interval_ms=10.0)
 
 
 @pytest.fixture(scope="module")
@@ -34,10 +24,7 @@ def chain():
 
 def fitted(chain, seed, added=0.0, true=TRUE):
     """The fitter of four repeats, to whose lines something is added, and fits without and with the one true effect."""
-    state = chain.state(true)
-    lines = (noisy_lines(state, 4, np.random.default_rng(seed)) + added).astype(np.float32)
-    white = state.measured_air.mean(axis=0) * state.photons
-    scans = observed.Scans(lines, white, np.ones(lines.shape[1:], bool))
+    scans = scans_of(chain.state(true), 4, np.random.default_rng(seed), added)
     fitter = prepared.prepare(scans, None, chain, nominal_photons=PHOTONS).fitter
     baseline = trial(fitter, ())
     return fitter, baseline.fit, trial(fitter, tuple(true), baseline).fit

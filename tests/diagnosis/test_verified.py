@@ -33,9 +33,8 @@ from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.study.config import complete
 
 PHOTONS, DENSITY = 1e5, 1.03
-BARE = SimpleNamespace(
-    model=SimpleNamespace(whole=tuple), weights=()
-)  # a fitter, of which a choice asks what is declared alone
+# A fitter, of which a choice asks what is declared and how many data there are.
+BARE = SimpleNamespace(model=SimpleNamespace(whole=tuple), weights=())
 GEOMETRY = circular(
     views=60,
     source_to_isocentre_mm=410.0,
@@ -354,7 +353,6 @@ def test_what_inexact_models_cannot_make_up_is_named_however_little(scored, monk
     assert choice.chosen.fit.effects == ("heel", "motion") and choice.apart == {"motion"}
     monkeypatch.setattr(attribute, "MOST_DATA", -1)
     assert not attribute.choose(BARE, scored(()), SINGLES[::2], accuracy={"default": 0.7}).apart
-    monkeypatch.undo()
 
 
 @pytest.mark.parametrize(

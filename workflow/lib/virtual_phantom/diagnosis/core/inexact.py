@@ -166,7 +166,8 @@ def distortions_of_physics(
         One standard deviation of each.
     """
     problem, here = Problem(fitter, fit.effects, fit), fitter.predicted(fit)
-    after, spread = whitened(fitter.data.residuals(here), fitter.weights), shapes(here.mean)
+    parts, spread = fitter.data.residuals(here), shapes(here.mean)
+    after = whitened(parts, fitter.weights)
     found = []
     for name in names:
         share = accuracy.get(name, accuracy["default"])
@@ -185,7 +186,7 @@ def distortions_of_physics(
         for number, shape in spread.items():  # what else is known of the data changes with the even one
             found.append(np.concatenate([mean * shape.ravel(), rest if number == 0 else np.zeros_like(rest)]))
         if name in fit.effects:
-            found += [one for _, one in _of_kernels(fitter, fit, name, accuracy)]
+            found += [one for _, one in _of_kernels(fitter, fit, name, parts, share)]
     if set(names) & set(fit.effects):
         found += [one for _, one in _of_steps(fitter, fit, accuracy)]
     return np.stack(found, axis=1) if found else np.zeros((len(after), 0))
@@ -332,13 +333,12 @@ def _distortions(fitter: Fitter, fit: Fit, without: Mapping[str, Fit], accuracy:
         for number, shape in spread.items():  # what else is known of the data changes with the even one
             yield (name, number), _whole(fitter, change * shape, rest)
             rest = [np.zeros_like(one) for one in rest]
-        yield from _of_kernels(fitter, fit, name, accuracy)
+        yield from _of_kernels(fitter, fit, name, after, share)
 
 
-def _of_kernels(fitter: Fitter, fit: Fit, name: str, accuracy: Mapping[str, float]) -> Distortions:
-    """Those that kernels of another form than was assumed may make."""
-    share = MIXED.get(name, accuracy.get(name, accuracy["default"]))
-    after = fitter.data.residuals(fitter.predicted(fit))
+def _of_kernels(fitter: Fitter, fit: Fit, name: str, after: Sequence[np.ndarray], share: float) -> Distortions:
+    """Those that kernels of another form than was assumed may make, of the fit's residuals by part."""
+    share = MIXED.get(name, share)
     for parameter in load(name).parameters if share else ():
         if parameter.kernel:
             narrower = {parameter.name: NARROWER * fit.physics[name][parameter.name]}

@@ -75,9 +75,8 @@ def intervals(value: float, noise: float, whole: float, low: float = -np.inf, hi
     dict
         {"ci50", "ci95": for noise and for inexact models, "ci95_noise": for noise alone}, each [low, high].
     """
-    half = half_width(0.5, noise, whole)
     return {
-        "ci50": [float(max(low, value - half)), float(min(high, value + half))],
+        "ci50": interval(value, half_width(0.5, noise, whole) / NORMAL_95, low, high),
         "ci95": interval(value, whole, low, high),
         "ci95_noise": interval(value, noise, low, high),
     }

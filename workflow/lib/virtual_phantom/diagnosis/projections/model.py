@@ -75,7 +75,7 @@ class ScansModel(Model):
     def with_piece(self, number: Nuisance, piece: Piece) -> ScansModel:
         """The same with one piece of the object more, whose attenuation is that number of the alignment."""
         found = copy.copy(self)
-        found.aligned = (*(one for one in self.aligned if one.name != number.name), number)
+        found.aligned = (*self.aligned, number)
         found.pieces = {**self.pieces, number.name: Inclusion(piece.shape, piece)}
         if self.numerical is not None:
             found.numerical = self.numerical.with_pieces(found.pieces)
