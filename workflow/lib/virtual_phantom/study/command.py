@@ -9,10 +9,10 @@ virtual-phantom export dicom-ct-pd PROJECTIONS.h5 FOLDER               write pro
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 
-from ..base.errors import InputError, InputErrors, printed
+from ..base.console import DEBUG, run_command
+from ..base.errors import InputError, InputErrors
 from ..recordings.importers import command as importers
 
 SIZES = ("quick", "normal")
@@ -20,20 +20,22 @@ SIZES = ("quick", "normal")
 
 def main(words: Sequence[str] | None = None) -> int:
     """Do what the command line asks for, or these words of one; returns the exit code."""
-    words = sys.argv[1:] if words is None else list(words)
+    return run_command(_run, words)
+
+
+def _run(words: Sequence[str]) -> int:
     if words[:1] == ["import"]:
-        return importers.main(words[1:])
+        return importers.run(words[1:])
     arguments = _parser().parse_args(words)
-    try:
-        return {"init": _init, "check": _check, "export": _export}[arguments.command](arguments)
-    except InputError as error:
-        print(printed(error), file=sys.stderr)
-        return 1
+    return {"init": _init, "check": _check, "export": _export}[arguments.command](arguments)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="virtual-phantom", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="virtual-phantom",
+        description=__doc__,
+        epilog=f"{DEBUG}, anywhere on the line, prints the traceback of an error.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     commands = parser.add_subparsers(dest="command", required=True)
     init = commands.add_parser("init", help="propose a configuration for a CT and the regions drawn on it")

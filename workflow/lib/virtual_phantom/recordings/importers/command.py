@@ -8,10 +8,9 @@ virtual-phantom-import study results/projections/GEOMETRY/NOISE FOLDER   a study
 """
 
 import argparse
-import sys
 from collections.abc import Sequence
 
-from ...base.errors import InputError
+from ...base.console import DEBUG, run_command
 from ..summary import readable, summary, table
 from .dicom_ct_pd import import_dicom_ct_pd
 from .dicom_tree import import_dicom_tree
@@ -31,8 +30,16 @@ IMPORTERS = {
 
 def main(words: Sequence[str] | None = None) -> int:
     """Import what a command line asks for, and print what came in and what comes next; returns the exit code."""
+    return run_command(run, words)
+
+
+def run(words: Sequence[str]) -> int:
+    """Import what these words ask for; errors are for the caller to print."""
     parser = argparse.ArgumentParser(
-        prog="virtual-phantom-import", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="virtual-phantom-import",
+        description=__doc__,
+        epilog=f"{DEBUG}, anywhere on the line, prints the traceback of an error.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     formats = parser.add_subparsers(dest="format", required=True)
     for name in IMPORTERS:
@@ -48,12 +55,8 @@ def main(words: Sequence[str] | None = None) -> int:
         if name == "dicom":
             options.add_argument("--kernel", help="take the series of this reconstruction kernel only")
     arguments = vars(parser.parse_args(words))
-    run = IMPORTERS[arguments.pop("format")]
-    try:
-        recording = run(arguments.pop("source"), arguments.pop("folder"), **arguments)
-    except InputError as error:
-        print(f"Error: {error}", file=sys.stderr)
-        return 1
+    importer = IMPORTERS[arguments.pop("format")]
+    recording = importer(arguments.pop("source"), arguments.pop("folder"), **arguments)
     print(readable(table({recording.name: summary(recording)})))
     print(f"\n{next_steps(recording)}")
     return 0
