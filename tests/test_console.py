@@ -79,7 +79,9 @@ def test_names_are_escaped_where_the_terminal_cannot_show_them(encoding):
 def test_a_closed_pipe_is_no_error():
     code = "from virtual_phantom.base.console import run_command\nrun_command(lambda words: print('x\\n' * 99999) or 0, [])"
     variables = os.environ | {"PYTHONPATH": str(LIBRARY)}
-    with subprocess.Popen([sys.executable, "-c", code], env=variables, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
+    with subprocess.Popen(
+        [sys.executable, "-c", code], env=variables, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as run:
         run.stdout.readline()
         run.stdout.close()
         assert run.stderr.read() == b""
