@@ -11,6 +11,7 @@ import pytest
 from virtual_phantom.base.console import DEBUG, INTERRUPTED, note, run_command
 from virtual_phantom.base.errors import InputError, InputErrors
 
+START = "from virtual_phantom.base.console import run_command\n"
 LIBRARY = Path(__file__).resolve().parents[1] / "workflow" / "lib"
 
 
@@ -69,7 +70,7 @@ def test_outside_of_a_command_notes_are_log_records(caplog):
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
 def test_names_are_escaped_where_the_terminal_cannot_show_them(encoding):
-    code = "from virtual_phantom.base.console import run_command\nrun_command(lambda words: print('Zyste \u00df \u8102') or 0, [])"
+    code = START + "run_command(lambda words: print('Zyste \u00df \u8102') or 0, [])"
     variables = os.environ | {"PYTHONIOENCODING": encoding, "PYTHONPATH": str(LIBRARY)}
     run = subprocess.run([sys.executable, "-c", code], env=variables, capture_output=True, check=True)
     shown = {"ascii": b"Zyste \\xdf \\u8102\n", "latin-1": b"Zyste \xdf \\u8102\n"}
@@ -77,7 +78,7 @@ def test_names_are_escaped_where_the_terminal_cannot_show_them(encoding):
 
 
 def test_a_closed_pipe_is_no_error():
-    code = "from virtual_phantom.base.console import run_command\nrun_command(lambda words: print('x\\n' * 99999) or 0, [])"
+    code = START + "run_command(lambda words: print('x\\n' * 99999) or 0, [])"
     variables = os.environ | {"PYTHONPATH": str(LIBRARY)}
     with subprocess.Popen(
         [sys.executable, "-c", code], env=variables, stdout=subprocess.PIPE, stderr=subprocess.PIPE
