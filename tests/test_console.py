@@ -30,8 +30,8 @@ def raising(error):
         (MemoryError(), "Error: not enough memory (no more is available)"),
         (
             IndexError("tuple index\nout of range"),
-            "Error: unexpected IndexError: tuple index out of range; this is a fault of Virtual Phantom: report it with "
-            "what the same command prints with --debug",
+            "Error: unexpected IndexError: tuple index out of range; this is a fault of Virtual Phantom: report it "
+            "with what the same command prints with --debug",
         ),
     ],
 )
