@@ -4,6 +4,7 @@
 # make setup-fetch   set up, with what `snakemake fetch` needs
 # make docs     this documentation as a site, into site/
 # make report   the default study's report in one page, and one to flip through slices
+# make clean    delete results, the site, and compiled code
 # make lock     the hashes of the packages of environment-pip.txt and environment-fetch.txt, into .lock files; needs uv
 PYTHON ?= python3
 CORES ?= 2
@@ -57,3 +58,4 @@ lock:
 
 clean:
 	rm -rf site results results-tiny results-abdomen results-large results-paper results-quick-proof .snakemake
+	find workflow -name __pycache__ -prune -exec rm -rf {} +

@@ -11,7 +11,7 @@ import pytest
 from scipy.io import savemat
 
 import virtual_phantom
-from virtual_phantom.projectors import kernels
+from virtual_phantom.base.compiled import BESIDE, LIBRARY
 
 ROOT = Path(__file__).resolve().parents[1]
 PIP = (sys.executable, "-m", "pip", "--quiet", "--disable-pip-version-check")
@@ -64,10 +64,9 @@ def installed(tmp_path_factory):
     assert wheel.name.split("-")[1] == virtual_phantom.__version__
     run(*PIP, "install", *alone, "--target", str(target), str(wheel), cwd=source)
     # Kernels that other tests have compiled: a copy of the library finds them.
-    compiled = Path(kernels.trace.stats.cache_path).parent
-    if compiled.parent.name == "__pycache__" and compiled.exists():
-        place = target / "virtual_phantom" / "projectors" / "__pycache__" / compiled.name
-        shutil.copytree(compiled, place, ignore=shutil.ignore_patterns("*.tmp.*"))
+    if BESIDE.exists():
+        place = target / "virtual_phantom" / BESIDE.relative_to(LIBRARY)
+        shutil.copytree(BESIDE, place, ignore=shutil.ignore_patterns("*.tmp.*"))
     return target
 
 
@@ -90,20 +89,6 @@ def test_every_file_that_the_library_reads_is_there(installed):
         for place in (Path(virtual_phantom.__file__).parent, installed / "virtual_phantom")
     )
     assert {path for path in ours if not Path(path).name.startswith(".")} == theirs
-
-
-def test_where_nothing_may_be_written_kernels_go_to_the_user_s_cache(installed, tmp_path):
-    copy = tmp_path / "readonly"
-    shutil.copytree(
-        installed / "virtual_phantom", copy / "virtual_phantom", ignore=shutil.ignore_patterns("__pycache__")
-    )
-    for folder in (copy / "virtual_phantom").iterdir():
-        if folder.is_dir():
-            (folder / "__pycache__").touch()  # no folder can be made there, by root neither
-    program = "from virtual_phantom.projectors import lanes; from virtual_phantom.physics import poisson, prism"
-    variables = {"PYTHONPATH": str(copy), "XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": ""}
-    place = run(sys.executable, "-c", program + "; print(lanes.numba.config.CACHE_DIR)", cwd=tmp_path, **variables)
-    assert Path(place.strip()).is_relative_to(tmp_path / "cache")
 
 
 def test_a_copy_of_the_library_has_its_kernels(installed, tmp_path):

@@ -375,7 +375,7 @@ def test_four_cores_and_no_compiled_kernels_make_the_same_images_and_features(st
     environment = {"NUMBA_CACHE_DIR": str(kernels)}
     process = tiny(copy, *targets, cores=4, overlay={"threads": 2}, beside=tmp_path, environment=environment)
     assert process.returncode == 0, process.stderr[-4000:]
-    assert list(kernels.rglob("*.nbc"))
+    assert list(kernels.glob("*.kernel"))
     made = [copy / "projections" / "views150" / "clean.h5"]
     made += [*copy.glob("images/fbp_150/*/*.nii.gz"), *copy.glob("features/fbp_150/*/*.csv")]
     assert len(made) == 1 + 2 * 3 + 2 * 3

@@ -19,8 +19,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from scipy.special import gammainc, gammaincc, ndtri
+
+from ..base.compiled import compiled
 
 PIXELS_AT_ONCE = 1 << 14  # whose arrays stay in a core's cache
 SMALL_MEAN = 10.0  # below it terms are summed up, at most some thirty
@@ -97,7 +98,7 @@ def quantiles(uniform: np.ndarray, mean: np.ndarray) -> np.ndarray:
     return counts
 
 
-@njit(nogil=True, cache=True, error_model="numpy")  # no fastmath: the same operations on every processor
+@compiled(nogil=True, error_model="numpy")  # no fastmath: the same operations on every processor
 def _expand(uniform, deviate, mean, counts, unsure):
     """Write counts, and the places of those that the distribution itself must decide; their number."""
     count = 0

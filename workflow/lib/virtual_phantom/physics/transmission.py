@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import float32, int32, njit, types
+from numba import float32, int32, types
 from numba.extending import intrinsic
 
+from ..base.compiled import compiled
 from ..projectors.lanes import OPTIONS
 from ..projectors.threads import share_out
 
@@ -78,7 +79,7 @@ def _float_of(typingctx, bits):
     return types.float32(types.int32), generate
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def _powers_of_two(values):
     """2^x in the place of every x. Rays that follow others may have path lengths a little below 0."""
     for i in range(values.size):
@@ -90,25 +91,25 @@ def _powers_of_two(values):
 
 
 # Loops of their own: compiled within `_transmit`, no instruction of theirs would take several rays.
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def _set(values, times, factor):
     for i in range(values.size):
         values[i] = factor * times[i]
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def _add(values, times, factor):
     for i in range(values.size):
         values[i] += factor * times[i]
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def _add_of_each(values, times, factors):
     for i in range(values.size):
         values[i] += factors[i] * times[i]
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def _transmit(paths, powers, shares, found, room, begin, end):
     """Write the shares that are left, of some blocks of rays.
 

@@ -11,8 +11,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..base.compiled import compiled
 from .lanes import OPTIONS
 
 COORDINATES = 4  # a, b, c and d
@@ -49,7 +49,7 @@ class Bundles(NamedTuple):
     between: np.ndarray
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def planes_between(a, b, n, low, high):
     """Planes [first, last) of n outside of which a + b t lies outside of [low, high)."""
     if abs(b) < 1e-6:
@@ -60,14 +60,14 @@ def planes_between(a, b, n, low, high):
     return int(first), int(max(first, last))
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def axes(along_x, shape):
     """Planes, voxels along the other in-plane axis, and voxel columns from one to the next along both."""
     _, ny, nx = shape
     return (nx, ny, 1, nx + 2) if along_x else (ny, nx, nx + 2, 1)
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def trace_sums(volumes, occupied, sums, first_view, shape, rays, apart):
     """Add what interpolation meets in the planes along every bundle's first ray.
 
@@ -132,7 +132,7 @@ def trace_sums(volumes, occupied, sums, first_view, shape, rays, apart):
                 sums[lane, i, bundle] += total
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
     """Add the derivatives of the sums of every ray.
 
@@ -189,7 +189,7 @@ def trace_slopes(volumes, occupied, slopes, first_view, shape, rays):
                         slopes[i, bundle, lane, 3, row] += t * by_z
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def path_lengths(sums, place, rays, result):
     """Sums times the length between two planes.
 
@@ -213,7 +213,7 @@ def path_lengths(sums, place, rays, result):
                     result[lane, view, row, bundle] = sums[view, bundle, lane, place[row]] * length
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def follow(paths, slopes, traced, rays, result):
     """Path lengths of displaced rays.
 

@@ -16,8 +16,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..base.compiled import compiled
 from .lanes import OPTIONS
 
 EXACT = OPTIONS | {"fastmath": False}  # roots of quadratics are written so that they do not cancel
@@ -51,7 +51,7 @@ class Shapes(NamedTuple):
     around: np.ndarray
 
 
-@njit(inline="always", **EXACT)
+@compiled(inline="always", **EXACT)
 def _behind_planes(shapes, i, source, way):
     """The part [first, last] of the way from the source, in shares of it, that lies behind a shape's planes."""
     first, last = 0.0, 1.0
@@ -69,7 +69,7 @@ def _behind_planes(shapes, i, source, way):
     return first, last
 
 
-@njit(inline="always", **EXACT)
+@compiled(inline="always", **EXACT)
 def _within_quadric(q, source, way, first, last):
     """What of [first, last] lies within a quadric. Of a cone, whose two halves a ray may pass, planes leave one."""
     x, y, z = source[0], source[1], source[2]
@@ -131,7 +131,7 @@ class Room(NamedTuple):
         return cls(begin, end, met, np.empty(2 * count), np.empty(3), np.empty(3), passed, near, far, shares)
 
 
-@njit(inline="always", **EXACT)
+@compiled(inline="always", **EXACT)
 def _insert(edges, count, value):
     """Put a value into its place among `count` that are in order."""
     place = count
@@ -141,7 +141,7 @@ def _insert(edges, count, value):
     edges[place] = value
 
 
-@njit(inline="always", **EXACT)
+@compiled(inline="always", **EXACT)
 def _passed(shapes, source, to_x, to_y, room):
     """Note which shapes a bundle's shadow passes, and between which shares of the way; how many they are."""
     square, found = to_x * to_x + to_y * to_y, 0
@@ -164,14 +164,14 @@ def _passed(shapes, source, to_x, to_y, room):
     return found
 
 
-@njit(inline="always", **EXACT)
+@compiled(inline="always", **EXACT)
 def _at_height(around, z, rise, near, far):
     """Whether a ray between two shares of its way is anywhere as high as a shape."""
     one, another = z + near * rise, z + far * rise
     return max(one, another) >= around[3] and min(one, another) <= around[4]
 
 
-@njit(**EXACT)
+@compiled(**EXACT)
 def chords(shapes, sources, ways, rises, size, lengths, room):
     """Write the lengths of rays in every material, mm.
 

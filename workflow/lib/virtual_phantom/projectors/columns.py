@@ -8,8 +8,9 @@ about as dense, otherwise by loops that the compiler makes vectors of, on any pr
 from collections import namedtuple
 
 import numpy as np
-from numba import njit, uintp
+from numba import uintp
 
+from ..base.compiled import compiled
 from .lanes import OPTIONS, gather_bilinear, scatter_bilinear
 from .processors import ANY, PROCESSOR
 from .x86 import FLATTEST, STEEPEST, WIDTH, gather_neighbours, scatter_neighbours
@@ -31,7 +32,7 @@ def empty_line(cells: int) -> Line:
     return Line(np.zeros(size, np.float32), np.empty(size, np.int32), np.empty(size, np.float32))
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def gather_line(out, at, source, first, second, length, near, weight, height, slope, start, stop, shares, line, lanes):
     """Add to out[at + i lanes], i from start to stop - 1, what two lines hold at the cell height + slope i.
 
@@ -82,7 +83,7 @@ def gather_line(out, at, source, first, second, length, near, weight, height, sl
             )  # fmt: skip
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def _gather_by_loops(out, at, source, first, second, near, weight, height, slope, start, stop, shares, line):
     """Of gather_line what one realisation needs.
 
@@ -114,7 +115,7 @@ def _gather_by_loops(out, at, source, first, second, near, weight, height, slope
         out[to + i] += found
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def scatter_line(out, first, second, source, at, length, near, weight, height, slope, start, stop, line, lanes):
     """The transpose of gather_line: add what source[at + i lanes] holds to two lines at the cell height + slope i.
 
@@ -144,7 +145,7 @@ def scatter_line(out, first, second, source, at, length, near, weight, height, s
             )  # fmt: skip
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def _scatter_by_loops(out, first, second, source, at, near, weight, height, slope, start, stop, line):
     """Of scatter_line what one realisation needs."""
     if start >= stop:
@@ -173,7 +174,7 @@ def _scatter_by_loops(out, first, second, source, at, near, weight, height, slop
         out[other + k] += weight * line.values[k]
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def _scatter_cells(out, first, second, source, at, length, near, weight, height, slope, start, stop, rows):
     """Of scatter_line, WIDTH cells at a time."""
     if start < stop:

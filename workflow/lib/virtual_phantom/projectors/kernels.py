@@ -24,8 +24,8 @@ from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..base.compiled import compiled
 from .columns import empty_line, gather_line, scatter_line
 from .lanes import OPTIONS
 
@@ -95,13 +95,13 @@ def empty_lines(scan: Scan) -> Lines:
     return Lines(pair, *np.empty((4, WIDER), np.float32), start, stop, empty_line(max(scan.rows, scan.shape[0])))
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def tile_width(lanes):
     """In voxel columns."""
     return TILE if len(lanes) > FEW else WIDER
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def _ray(view, column, scan):
     """In-plane source position, from the grid's centre, and direction to the detector column (all the way to it)."""
     s, c = scan.sine[view], scan.cosine[view]
@@ -115,7 +115,7 @@ def _ray(view, column, scan):
     )
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def _crossings(start, direction, start_other, direction_other, n, spacing, n_other, spacing_other):
     """Where the ray meets plane 0 and what is added from plane to plane.
 
@@ -132,7 +132,7 @@ def _crossings(start, direction, start_other, direction_other, n, spacing, n_oth
     return share, share_step, other, share_step * per_share
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def _from_zero(position, n):
     """The first of the whole numbers from 0 to n that is not below a position; n beyond.
 
@@ -147,7 +147,7 @@ def _from_zero(position, n):
     return np.int32(below + np.int32(within > np.float64(below)))
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def span(first, slope, cells, n):
     """Indices i in [0, n) whose position first + slope i lies in [0, cells + 1): those that interpolation can reach."""
     inverse = 1.0 / slope
@@ -155,7 +155,7 @@ def span(first, slope, cells, n):
     return start, max(start, _from_zero((cells + 1.0 - first) * inverse, n))
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def _set_line(lines, k, position, scale, height, slope, cells, n):
     """Set entry k: n values between the two lines around a padded position, times `scale`.
 
@@ -172,7 +172,7 @@ def _set_line(lines, k, position, scale, height, slope, cells, n):
     lines.start[k], lines.stop[k] = span(lines.height[k], lines.slope[k], cells, n)
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def _on_arc(along, depth, view, scan):
     """Where a ray meets a cylindrical detector, by its in-plane direction along the columns and away from the source.
 
@@ -192,7 +192,7 @@ def _on_arc(along, depth, view, scan):
     return reach, (angle - scan.first_angle) * scan.arc / scan.column_pitch
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def _columns_of_tile(view, x0, x1, y0, y1, scan):
     """Detector columns [first, last) whose rays can meet the padded voxel columns [x0, x1) x [y0, y1)."""
     _, ny, nx = scan.shape
@@ -218,7 +218,7 @@ def _columns_of_tile(view, x0, x1, y0, y1, scan):
     return max(0, low), min(columns, high + 1)
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def trace(volume, projections, first_view, views, scan, transpose, lines, lanes):
     """Joseph projection of some views, or its exact adjoint.
 
@@ -250,7 +250,7 @@ def trace(volume, projections, first_view, views, scan, transpose, lines, lanes)
                     _trace_ray(volume, projections, i, first_view + i, column, tile, scan, transpose, lines, lanes)
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, lines, lanes):
     """The part of one detector column's rays, all rows, that lies in a tile."""
     count = len(lanes)
@@ -299,7 +299,7 @@ def _trace_ray(volume, projections, i, view, column, tile, scan, transpose, line
             )  # fmt: skip
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def path_lengths(projections, first_view, views, scan, lanes):
     """Multiply each pixel by the length of its ray between two planes, mm: the last factor of Joseph's sum."""
     count = len(lanes)
@@ -317,7 +317,7 @@ def path_lengths(projections, first_view, views, scan, lanes):
                     projections[pixel + row * count + lane] *= length
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def back_project(volume, projections, first_view, views, first_y, last_y, scan, lines, lanes):
     """Add the voxel-driven back-projection of some views to rows first_y to last_y - 1 of the volume.
 

@@ -7,77 +7,15 @@ loops over the same axis ran 1.5 to 3 times slower: LLVM cannot prove that input
 
 from __future__ import annotations
 
-import hashlib
-import os
-import tempfile
-from collections.abc import Callable
-from pathlib import Path
-
-import numba
 import numpy as np
 from llvmlite import ir
 from numba.core import types
-from numba.core.caching import CacheImpl, UserProvidedCacheLocator
 from numba.extending import intrinsic
 
-LIBRARY = Path(__file__).resolve().parents[1]
 CACHE_LINE_BYTES = 64
-KERNEL_FILES = (
-    "any_rays.py",
-    "columns.py",
-    "kernels.py",
-    "lanes.py",
-    "parallel.py",
-    "processors.py",
-    "rows.py",
-    "x86.py",
-)
 # Of every kernel. Without numba's reference counts: their atomic operations cost more than sixteen interpolations do,
 # and no kernel makes an array.
-OPTIONS = dict(fastmath=True, nogil=True, cache=True, error_model="numpy", _nrt=False)
-
-
-def _cache_folder() -> str:
-    """A folder for compiled kernels that changes with any of their files.
-
-    It is beside them, or among the user's caches where nothing may be written beside them.
-
-    Returns
-    -------
-    str
-    """
-    here = Path(__file__).resolve().parent
-    content = b"".join((here / name).read_bytes() for name in KERNEL_FILES)
-    name = hashlib.sha256(content).hexdigest()[:16]
-    beside = here / "__pycache__" / name
-    try:
-        beside.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=beside).close()
-    except OSError:
-        users = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-        return os.path.join(users, "virtual_phantom", name)
-    return str(beside)
-
-
-class Locator(UserProvidedCacheLocator):
-    """Where numba keeps the library's compiled functions: whatever its path, so that a copy of it finds them too."""
-
-    @classmethod
-    def from_function(cls, py_func: Callable, py_file: str) -> Locator | None:
-        """The place of a function; None for one that is not the library's."""
-        return super().from_function(py_func, py_file) if LIBRARY in Path(py_file).resolve().parents else None
-
-    @classmethod
-    def get_suitable_cache_subpath(cls, py_file: str) -> str:
-        """A folder within CACHE_DIR for the functions of a file."""
-        return Path(py_file).resolve().parent.relative_to(LIBRARY).as_posix()
-
-
-# Numba notices a change in a kernel's own file only, and would run old machine code of what it calls from the others.
-if not numba.config.CACHE_DIR:
-    numba.config.CACHE_DIR = _cache_folder()
-    others = [locator.__name__ for locator in CacheImpl._locator_classes]
-    numba.config.CACHE_LOCATOR_CLASSES = ",".join([f"{__name__}.{Locator.__name__}", *others])
+OPTIONS = dict(fastmath=True, nogil=True, error_model="numpy", _nrt=False)
 
 
 def aligned_zeros(shape: tuple[int, ...]) -> np.ndarray:

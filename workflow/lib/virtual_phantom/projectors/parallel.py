@@ -8,14 +8,14 @@ from collections import namedtuple
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from ..base.compiled import compiled
 from .columns import empty_line, gather_line
 from .kernels import span, tile_width
 from .lanes import OPTIONS
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def _row_weight(height, rows, full):
     """1 in the middle share `full` of the rows, falling smoothly to 0 at the outermost rows' centres; padded rows.
 
@@ -102,7 +102,7 @@ def empty_room(slices: int, views: int, rows: int) -> Room:
     return Room(np.empty(slices, np.float32), shares, near, at, height, slope, line)
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def back_project_parallel(volume, seen, projections, first_y, last_y, scan, room, lanes):
     """Add parallel-rebinned projections to rows first_y to last_y - 1 of the volume.
 

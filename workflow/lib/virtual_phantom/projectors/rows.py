@@ -8,8 +8,9 @@ these have them, otherwise in loops. Rows may lie at any heights, in rising orde
 import math
 
 import numpy as np
-from numba import njit, uintp
+from numba import uintp
 
+from ..base.compiled import compiled
 from .any_rays import Bundles, axes, planes_between
 from .lanes import OPTIONS
 from .processors import ANY, PROCESSOR
@@ -81,7 +82,7 @@ def empty_lines(shape: tuple[int, int, int]) -> np.ndarray:
     return np.zeros((2, shape[0] + BORDER), np.float32)
 
 
-@njit(**OPTIONS)
+@compiled(**OPTIONS)
 def trace_rows(volume, occupied, sums, slopes, first_view, shape, rays, heights, width, room):
     """Add what interpolation meets in the planes along every ray, and the derivatives of that.
 
@@ -118,7 +119,7 @@ def trace_rows(volume, occupied, sums, slopes, first_view, shape, rays, heights,
                     )  # fmt: skip
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def _trace_bundle(volume, occupied, sums, slopes, i, view, bundle, shape, rays, heights, first_x, first_y, width, room):
     """Of trace_rows one bundle in one tile."""
     nz = shape[0]
@@ -162,7 +163,7 @@ def _trace_bundle(volume, occupied, sums, slopes, i, view, bundle, shape, rays, 
                 )  # fmt: skip
 
 
-@njit(inline="always", **OPTIONS)
+@compiled(inline="always", **OPTIONS)
 def _by_loops(sums, slopes, volume, one, another, weight, t, heights, lowest, slope, top, room):
     """Of trace_rows one lane in one plane."""
     rows = len(heights)

@@ -24,8 +24,8 @@ from functools import partial
 
 import numpy as np
 import scipy
-from numba import njit
 
+from ..base.compiled import compiled
 from ..base.streams import generator, root
 
 TAIL = 0.025  # of the distribution on either side: intervals of 95 %
@@ -164,7 +164,7 @@ class _Design:
         return count / (len(self.units) * groups * (groups - 1) / 2)
 
 
-@njit(nogil=True, cache=True, error_model="numpy")  # no fastmath: the same operations on every processor
+@compiled(nogil=True, error_model="numpy")  # no fastmath: the same operations on every processor
 def _stable_pairs(samples, limit):
     """Pairs of groups of samples[study, group, repeat] with |2 U - n^2| < limit, ties counted as halves."""
     studies, groups, n = samples.shape

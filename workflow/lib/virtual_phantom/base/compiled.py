@@ -1,0 +1,214 @@
+"""Functions that Numba compiles, with their machine code kept on disk: one file for each signature.
+
+Numba's own cache (``njit(cache=True)``) keeps an index of signatures beside numbered data files and updates both
+without a lock (`IndexDataCacheFile.save` of numba/core/caching.py). Two processes that compile two signatures of one
+function at the same time can pair the signature of one with the code of the other, which is then run with arguments
+that it was not compiled for. Here the name of a file is the hash of all that its code depends on, so that no index is
+needed. A file is written under a temporary name and renamed, which is atomic on network file systems, too. It begins
+with a hash of its key and content: code that is damaged, truncated or of another key is compiled again, not run.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import pickle
+import sys
+import uuid
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import llvmlite
+import numba
+from numba.core.caching import NullCache, _Cache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
+from numba.core.sigutils import normalize_signature
+
+from .caches import temporary_cache, user_cache
+from .console import note
+from .errors import InputError
+
+LIBRARY = Path(__file__).resolve().parents[1]
+BESIDE = LIBRARY / "__pycache__" / "kernels"
+SUFFIX = ".kernel"
+CHECKSUM = hashlib.sha256
+CHECKSUM_BYTES = CHECKSUM().digest_size
+
+
+def compiled(**options) -> Callable[[Callable], Callable]:
+    """Decorate a function of a module so that it is compiled when it is called, and its machine code is kept.
+
+    Parameters
+    ----------
+    **options
+        Options of `numba.njit` other than ``cache``.
+
+    Returns
+    -------
+    callable
+        Decorator that returns Numba's dispatcher of a function.
+
+    Raises
+    ------
+    InputError
+        If Numba's compiler is switched off.
+    """
+    if numba.config.DISABLE_JIT:
+        raise InputError("NUMBA_DISABLE_JIT: Numba's compiler is off, and kernels run only compiled; unset it")
+
+    def decorate(function: Callable) -> Callable:
+        dispatcher = numba.njit(**options)(function)
+        if not isinstance(getattr(dispatcher, "_cache", None), NullCache):
+            raise ImportError(f"numba {numba.__version__} has another interface for caches; install numba 0.68")
+        dispatcher._cache = KernelCache(function)
+        return dispatcher
+
+    return decorate
+
+
+@cache
+def _source_hash(*files: str | Path) -> str:
+    return hashlib.sha256(b"".join(Path(file).read_bytes() for file in files)).hexdigest()
+
+
+class KernelCache(_Cache):
+    """Where a dispatcher looks for the code of a signature, and where it puts the code."""
+
+    def __init__(self, function: Callable):
+        file = function.__code__.co_filename
+        self._name = f"{Path(file).stem}.{function.__qualname__}"
+        # Other modules call functions of `projectors`, whose code then is in theirs.
+        sources = (_source_hash(file), _source_hash(*sorted((LIBRARY / "projectors").glob("*.py"))))
+        versions = (sys.implementation.cache_tag, numba.__version__, llvmlite.__version__)
+        self._made_from = (self._name, sources, versions)
+
+    @property
+    def cache_path(self) -> str:
+        """The first folder in which code is looked for."""
+        return str(next(_folders()))
+
+    def load_overload(self, sig, target_context) -> CompileResult | None:
+        """Return the code of a signature from the disk; None if it has to be compiled."""
+        target_context.refresh()
+        key = self._key(sig, target_context.codegen())
+        for folder in _folders():
+            if (payload := _read(folder / self._file_name(key), key)) is not None:
+                found = CompileResult._rebuild(target_context, *pickle.loads(payload))
+                if found.signature.args == normalize_signature(sig)[0]:
+                    return found
+        return None
+
+    def save_overload(self, sig, data: CompileResult) -> None:
+        """Keep the code of a signature in the first folder that can be written to."""
+        if data.library.has_dynamic_globals:  # addresses of this process
+            return
+        key = self._key(sig, data.codegen)
+        payload = dumps(data._reduce())
+        content = CHECKSUM(key + payload).digest() + payload
+        problems = {}
+        for folder in _folders(for_writing=True):
+            try:
+                _write(folder / self._file_name(key), content)
+            except OSError as error:
+                problems[folder] = error.strerror or type(error).__name__
+            else:
+                break
+        else:
+            tried = ", ".join(f"{folder}: {reason}" for folder, reason in problems.items())
+            _note_once(
+                f"compiled kernels cannot be kept ({tried}), and each process compiles them again; set NUMBA_CACHE_DIR "
+                "to a folder that can be written to"
+            )
+            return
+        if (stated := _stated()) in problems:
+            _note_once(
+                f"NUMBA_CACHE_DIR: {stated} cannot be written to ({problems[stated]}); compiled kernels are kept in "
+                f"{folder}"
+            )
+
+    def enable(self) -> None:
+        """Do nothing: the cache is always enabled."""
+
+    def disable(self) -> None:
+        """Do nothing: the cache is always enabled."""
+
+    def flush(self) -> None:
+        """Do nothing: code that is compiled again replaces its file."""
+
+    def _key(self, sig, codegen) -> bytes:
+        arguments, _ = normalize_signature(sig)
+        return repr((self._made_from, arguments, codegen.magic_tuple())).encode()
+
+    def _file_name(self, key: bytes) -> str:
+        return f"{self._name}-{hashlib.sha256(key).hexdigest()[:32]}{SUFFIX}"
+
+
+def _stated() -> Path | None:
+    """The folder that the user has set."""
+    return Path(os.path.expanduser(numba.config.CACHE_DIR)).absolute() if numba.config.CACHE_DIR else None
+
+
+def _folders(for_writing: bool = False) -> Iterator[Path]:
+    """Folders for compiled code, in the order in which they are tried.
+
+    NUMBA_CACHE_DIR alone if it is set and can be used. Otherwise beside the package, as code in a container image or of
+    whoever installed the package is found there, then among the user's caches and temporary files.
+
+    Yields
+    ------
+    Path
+    """
+    if (stated := _stated()) is not None:
+        yield stated
+        if _usable(stated):
+            return
+    yield BESIDE
+    if (user := user_cache()) is not None:
+        yield user / "kernels"
+    if (temporary := temporary_cache(make=for_writing)) is not None:
+        yield temporary / "kernels"
+
+
+@cache
+def _usable(folder: Path) -> bool:
+    """Whether a file can be written to a folder, which is made if it is missing."""
+    probe = folder / f"probe.tmp.{uuid.uuid4().hex}"
+    try:
+        _write(probe, b"")
+        probe.unlink()
+    except OSError:
+        return False
+    return True
+
+
+def _read(path: Path, key: bytes) -> bytes | None:
+    """The content of a file; None if it is missing, damaged, or of another key."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    checksum, payload = content[:CHECKSUM_BYTES], content[CHECKSUM_BYTES:]
+    return payload if checksum == CHECKSUM(key + payload).digest() else None
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file so that no other process sees a part of it, whatever else writes the same file."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(path.parent)) from None
+    partial = path.with_name(f"{path.name}.tmp.{uuid.uuid4().hex}")
+    try:
+        partial.write_bytes(content)
+        os.replace(partial, path)
+    except OSError:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+@cache
+def _note_once(text: str) -> None:
+    note(text)
