@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..base.errors import InputError
+from ..base.home import expand_home
 from ..base.streams import Branch
 from ..diagnosis.candidates import candidates, shown_by
 from ..diagnosis.core.asked import Asked, LabelledObject, Settings, ShapesObject
@@ -82,6 +83,7 @@ def diagnose(
         For a recording that cannot be read or is of another kind, for an effect that it does not show, for an unknown
         setting, and if what was scanned is not said, or more than once.
     """
+    recording, mask, labels, shapes, phantom = expand_home([recording, mask, labels, shapes, phantom])
     said = [one for one in (disc, mask, labels, shapes, phantom) if one is not None]
     if len(said) != 1:
         raise InputError(

@@ -11,6 +11,7 @@ import pandas as pd
 
 from ..base.errors import InputError, meant
 from ..base.geometry import Grid, ScanGeometry, scan_geometry
+from ..base.home import expand_home
 from ..base.streams import Branch, branch
 from ..features import extraction
 from ..io.default_study import default_study
@@ -92,7 +93,9 @@ def draw_phantom(
         For a layout that cannot be drawn, and a grid that it does not fit.
     """
     grid = Grid(tuple(shape), tuple(spacing_mm))
-    return synthetic.build(layout.read_layout(layout_file), grid, oversampling, branch(seed, Branch.PHANTOM))
+    return synthetic.build(
+        layout.read_layout(expand_home(layout_file)), grid, oversampling, branch(seed, Branch.PHANTOM)
+    )
 
 
 def read_phantom(
@@ -132,7 +135,7 @@ def read_phantom(
     settings = {"image": str(image), "rois": [dict(one) for one in rois], **places}
     if labels is not None:
         settings["labels"] = str(labels)
-    return ct.load(settings, Grid(tuple(shape), tuple(spacing_mm)), oversampling)
+    return ct.load(expand_home(settings), Grid(tuple(shape), tuple(spacing_mm)), oversampling)
 
 
 def scan(

@@ -7,6 +7,8 @@ import stat
 import tempfile
 from pathlib import Path
 
+from .home import home_folder
+
 NAME = "virtual_phantom"
 
 
@@ -19,9 +21,9 @@ def user_cache() -> Path | None:
         It may be missing or read-only. None if there is no home folder. A relative ``$XDG_CACHE_HOME`` is ignored, as
         the XDG Base Directory Specification demands.
     """
-    stated = os.environ.get("XDG_CACHE_HOME", "")
-    base = stated if os.path.isabs(stated) else os.path.expanduser(os.path.join("~", ".cache"))
-    return Path(base, NAME) if os.path.isabs(base) else None
+    if os.path.isabs(stated := os.environ.get("XDG_CACHE_HOME", "")):
+        return Path(stated, NAME)
+    return Path(home, ".cache", NAME) if (home := home_folder()) is not None else None
 
 
 def temporary_cache(make: bool = True) -> Path | None:

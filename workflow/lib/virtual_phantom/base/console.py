@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 
 from .errors import InputError, printed
+from .home import expand_home_of_word
 
 DEBUG = "--debug"
 NOTES = logging.getLogger("virtual_phantom.notes")
@@ -66,10 +67,11 @@ def run_command(command: Callable[[Sequence[str]], int], words: Sequence[str] | 
     """
     words = list(sys.argv[1:] if words is None else words)
     debug = DEBUG in words
-    _show_any_character()
+    show_any_character()
     try:
+        check_current_folder()
         with printed_notes():
-            code = command([word for word in words if word != DEBUG])
+            code = command([expand_home_of_word(word) for word in words if word != DEBUG])
             sys.stdout.flush()
             return code
     except InputError as error:
@@ -83,6 +85,10 @@ def run_command(command: Callable[[Sequence[str]], int], words: Sequence[str] | 
         return 1
     except MemoryError as error:
         print(f"Error: not enough memory ({str(error) or 'no more is available'})", file=sys.stderr)
+    except UnicodeEncodeError as error:
+        if debug:
+            traceback.print_exc()
+        print(f"Error: {unencodable(error)}", file=sys.stderr)
     except Exception as error:
         if debug:
             traceback.print_exc()
@@ -97,7 +103,27 @@ def unexpected(error: BaseException) -> str:
     return f"{what}; this is a fault of Virtual Phantom: report it with what the same command prints with {DEBUG}"
 
 
-def _show_any_character() -> None:
+def unencodable(error: UnicodeEncodeError) -> str:
+    """One line about text that the locale cannot encode, such as the name of a file."""
+    text = ascii(error.object)[1:-1]
+    return f"{text}: cannot be written in the encoding of this locale ({error.encoding}); set PYTHONUTF8=1"
+
+
+def check_current_folder() -> None:
+    """Check that the folder in which the process runs still exists.
+
+    Raises
+    ------
+    InputError
+        If it was deleted or cannot be entered: relative paths then mean nothing.
+    """
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise InputError(f"the current folder cannot be used ({error.strerror}); change to another folder") from None
+
+
+def show_any_character() -> None:
     """Escape what the terminal's encoding cannot show, instead of stopping (names may hold any character)."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):

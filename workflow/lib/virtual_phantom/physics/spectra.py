@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..base.caches import temporary_cache, user_cache
 from ..base.errors import InputError
 from ..io.files import check_unchanged, replacing
 from .materials import attenuation_per_mm
@@ -110,23 +111,25 @@ def passing(filters: Filters, energies_kev: np.ndarray) -> np.ndarray:
     return np.exp(-sum(depths))
 
 
-def cache_folder() -> Path:
+def cache_folder() -> Path | None:
     """Where spectra are kept from one process to the next.
 
     Fits of a voltage need dozens, and each takes SpekPy half a second.
 
     Returns
     -------
-    Path
+    Path or None
+        None if there is neither a home folder nor one for temporary files.
     """
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "virtual_phantom" / f"spekpy-{version('spekpy')}"
+    base = user_cache() or temporary_cache()
+    return base and base / f"spekpy-{version('spekpy')}"
 
 
 @lru_cache(maxsize=64)
 def _tube(kvp: float, anode: Anode) -> tuple[np.ndarray, np.ndarray]:
     angle = abs(anode.angle_deg)
-    kept = cache_folder() / f"{anode.target}_{kvp:g}kV_{angle:g}deg_{STEP_KEV:g}keV.npy"
+    folder = cache_folder() or Path(os.devnull)  # below which there is no file, and none can be made
+    kept = folder / f"{anode.target}_{kvp:g}kV_{angle:g}deg_{STEP_KEV:g}keV.npy"
     with contextlib.suppress(Exception):  # missing, or broken by another program: made again
         check_unchanged(kept)
         energies, fluence = np.load(kept, allow_pickle=False)

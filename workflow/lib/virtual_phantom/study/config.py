@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 
 from ..base.errors import InputError, InputErrors
 from ..base.geometry import PARALLEL, with_beam
+from ..base.home import expand_home
 from ..base.vectors import FLAT
 from ..io.schema import SCHEMA, check_nesting, fill_defaults, mistakes, read_schema
 from ..physics.effect import acts_on_images, checked
@@ -135,6 +136,7 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     """
     try:
         check_nesting(settings, "config")
+        settings = expand_home(settings)
     except InputError as error:
         return [str(error)], {}
     whole, schema = _without_nulls(settings), read_schema(SCHEMA)

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..base.console import show_any_character, unencodable
 from ..base.errors import InputError
 from .progress.said import silence
 
@@ -39,6 +40,7 @@ def job(snakemake) -> Iterator[logging.Logger]:
     ------
     Logger
     """
+    show_any_character()
     log_file = Path(str(snakemake.log[0])) if snakemake.log else None
     handler = logging.StreamHandler(sys.stderr)
     if log_file:
@@ -65,6 +67,11 @@ def job(snakemake) -> Iterator[logging.Logger]:
         message = f"not enough memory ({reason}); run fewer jobs at a time, or a smaller grid"
         logger.error("%s", message)
         print(f"Error: {message}", file=sys.stderr)
+        sys.exit(1)
+    except UnicodeEncodeError as error:
+        logger.error("%s", traceback.format_exc())
+        logger.error("%s", unencodable(error))
+        print(f"Error: {unencodable(error)}", file=sys.stderr)
         sys.exit(1)
     except Exception as error:
         logger.error("%s", traceback.format_exc())
