@@ -372,7 +372,10 @@ def test_four_cores_and_no_compiled_kernels_make_the_same_images_and_features(st
     copy, kernels = without(study, tmp_path / "r", "fbp_150"), tmp_path / "kernels"
     shutil.rmtree(copy / "logs" / "kernels")
     targets = [copy / "features" / "fbp_150" / noise / "seed00.csv" for noise in ("dose10", "dose10_plus12")]
-    environment = {"NUMBA_CACHE_DIR": str(kernels)}
+    # Settings of a notebook or a container, none of which can be used.
+    nowhere = str(copy / "features.csv" / "x")
+    environment = {"NUMBA_CACHE_DIR": str(kernels), "TMPDIR": nowhere, "XDG_CACHE_HOME": nowhere}
+    environment |= {"MPLBACKEND": "module://matplotlib_inline.backend_inline", "PYTHONIOENCODING": "ascii"}
     process = tiny(copy, *targets, cores=4, overlay={"threads": 2}, beside=tmp_path, environment=environment)
     assert process.returncode == 0, process.stderr[-4000:]
     assert list(kernels.glob("*.kernel"))

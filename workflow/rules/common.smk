@@ -1,7 +1,9 @@
 """The one object that all rules share, `context`, and the wildcards."""
 
+import json
 import os
 import sys
+import tempfile
 from pathlib import Path
 
 # Where these rules lie, whoever's Snakefile uses them and wherever it runs.
@@ -19,11 +21,22 @@ sys.path.insert(0, LIBRARY)
 os.environ.update(
     PYTHONPATH=os.pathsep.join([LIBRARY, *filter(None, [os.environ.get("PYTHONPATH")])])
 )
+# Snakemake's scheduler and its jobs take these as they are, usable or not. Python takes a folder that it can write to.
+os.environ.update(
+    dict.fromkeys({"TMPDIR", "TMP"} & os.environ.keys(), tempfile.gettempdir())
+)
 
+from virtual_phantom.base.console import check_names, show_any_character
 from virtual_phantom.base.errors import InputError, printed
 from virtual_phantom.study.context import read_context
 
+show_any_character()
 try:
+    check_names(
+        os.getcwd(),
+        *map(str, workflow.configfiles),
+        json.dumps(config, ensure_ascii=False, default=str),
+    )
     context = read_context(
         config, WORKFLOW, workflow.configfiles, here=workflow.is_main_process
     )

@@ -71,7 +71,7 @@ def run_command(command: Callable[[Sequence[str]], int], words: Sequence[str] | 
     try:
         check_current_folder()
         with printed_notes():
-            code = command([expand_home_of_word(word) for word in words if word != DEBUG])
+            code = command([_checked(word) for word in words if word != DEBUG])
             sys.stdout.flush()
             return code
     except InputError as error:
@@ -96,6 +96,14 @@ def run_command(command: Callable[[Sequence[str]], int], words: Sequence[str] | 
     return 1
 
 
+def _checked(word: str) -> str:
+    """A word of the command line with the home folder for ``~``, without line breaks: files name one path per line."""
+    if len(word.splitlines()) > 1:
+        raise InputError(f"{word}: contains a line break; rename the file or folder")
+    check_names(word)
+    return expand_home_of_word(word)
+
+
 def unexpected(error: BaseException) -> str:
     """One line about an exception that no reader expected, with what the user can do about it."""
     reason = str(InputError(" ".join(str(error).split())))
@@ -104,9 +112,31 @@ def unexpected(error: BaseException) -> str:
 
 
 def unencodable(error: UnicodeEncodeError) -> str:
-    """One line about text that the locale cannot encode, such as the name of a file."""
-    text = ascii(error.object)[1:-1]
-    return f"{text}: cannot be written in the encoding of this locale ({error.encoding}); set PYTHONUTF8=1"
+    """One line about text that cannot be encoded, such as the name of a file in a locale without UTF-8."""
+    around = error.object[max(0, error.start - 30) : error.end + 30]
+    encoding = sys.getfilesystemencoding()
+    return f"{ascii(around)}: this name does not fit the encoding of the locale ({encoding}); set PYTHONUTF8=1"
+
+
+def check_names(*names: str) -> None:
+    """Check that files of these names can be opened, and that the names can be written to files.
+
+    Parameters
+    ----------
+    *names : str
+        Or any text that contains them.
+
+    Raises
+    ------
+    InputError
+        If Python uses the encoding of a locale without the characters of a name.
+    """
+    try:
+        for name in names:
+            name.encode(sys.getfilesystemencoding())
+            name.encode("utf-8")  # bytes that the locale's encoding lacks are surrogates in names
+    except UnicodeEncodeError as error:
+        raise InputError(unencodable(error)) from None
 
 
 def check_current_folder() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
 import sys
@@ -33,10 +34,10 @@ def import_matplotlib() -> None:
     except ValueError:  # an unknown backend, or a matplotlibrc that is not UTF-8
         os.environ.pop("MPLBACKEND", None)
         (package,) = importlib.util.find_spec("matplotlib").submodule_search_locations
-        os.environ["MATPLOTLIBRC"] = os.path.join(package, "mpl-data", "matplotlibrc")
         for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
             del sys.modules[name]  # parts of the import that failed
-        import matplotlib  # noqa: F401
+        with contextlib.chdir(os.path.join(package, "mpl-data")):  # a matplotlibrc here precedes all others
+            import matplotlib  # noqa: F401
     except OSError:
         raise InputError("Matplotlib finds no folder to write to; set MPLCONFIGDIR to a writable folder") from None
 
