@@ -34,6 +34,7 @@ from .errors import InputError
 LIBRARY = Path(__file__).resolve().parents[1]
 BESIDE = LIBRARY / "__pycache__" / "kernels"
 SUFFIX = ".kernel"
+PROBE_BYTES = 1 << 18  # the largest kernels of lanes 1 and 15 measure 0.2 MB
 CHECKSUM = hashlib.sha256
 CHECKSUM_BYTES = CHECKSUM().digest_size
 
@@ -154,8 +155,8 @@ def _stated() -> Path | None:
 def _folders(for_writing: bool = False) -> Iterator[Path]:
     """Folders for compiled code, in the order in which they are tried.
 
-    NUMBA_CACHE_DIR alone if it is set and can be used. Otherwise beside the package, as code in a container image or of
-    whoever installed the package is found there, then among the user's caches and temporary files.
+    NUMBA_CACHE_DIR is the first if it is set, and the only one that is read if it can be used. Then follow the package,
+    where code in a container image or of whoever installed it is found, the user's caches and temporary files.
 
     Yields
     ------
@@ -163,7 +164,7 @@ def _folders(for_writing: bool = False) -> Iterator[Path]:
     """
     if (stated := _stated()) is not None:
         yield stated
-        if _usable(stated):
+        if not for_writing and _usable(stated):
             return
     yield BESIDE
     if (user := user_cache()) is not None:
@@ -174,10 +175,10 @@ def _folders(for_writing: bool = False) -> Iterator[Path]:
 
 @cache
 def _usable(folder: Path) -> bool:
-    """Whether a file can be written to a folder, which is made if it is missing."""
+    """Whether a kernel can be written to a folder, which is made if it is missing."""
     probe = folder / f"probe.tmp.{uuid.uuid4().hex}"
     try:
-        _write(probe, b"")
+        _write(probe, bytes(PROBE_BYTES))
         probe.unlink()
     except OSError:
         return False

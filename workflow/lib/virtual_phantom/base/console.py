@@ -156,5 +156,5 @@ def check_current_folder() -> None:
 def show_any_character() -> None:
     """Escape what the terminal's encoding cannot show, instead of stopping (names may hold any character)."""
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
+        if hasattr(stream, "reconfigure") and stream.errors != "backslashreplace":
             stream.reconfigure(errors="backslashreplace")
