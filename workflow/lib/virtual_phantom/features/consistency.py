@@ -107,33 +107,34 @@ def check(table: pd.DataFrame, source: str) -> None:
         return
     values = table[names].to_numpy(dtype=np.float64)
     errors = rounding(values)
-    first: tuple[int, Relation, str, int] | None = None
-    for kind in dict.fromkeys(name.split("_")[0] for name in names):
-        own = {
-            name.partition("_")[2]: Terms(values[:, place], errors[:, place])
-            for place, name in enumerate(names)
-            if name.split("_")[0] == kind
-        }
-        for relation in relations(own, _shift(table, own, source), _voxels(table, kind)):
+    types: dict[str, dict[str, Terms]] = {}
+    for place, name in enumerate(names):
+        kind, _, feature = name.partition("_")
+        types.setdefault(kind, {})[feature] = Terms(values[:, place], errors[:, place])
+    first: tuple[int, Relation, str] | None = None
+    wrong = np.zeros(len(table), dtype=bool)
+    for kind, own in types.items():
+        for relation in relations(own, _shift(table, own, source), _voxels(table)):
             broken = relation.broken()
             known = np.isfinite(relation.low.value - relation.high.value)
             if not broken.any() or relation.usual and broken.sum() > known.sum() / 2:
                 continue
             row = int(broken.argmax())
             if first is None or row < first[0]:
-                first = row, relation, kind, int(broken.sum())
+                first = row, relation, kind
+            wrong |= broken
     if first is None:
         return
-    row, relation, kind, number = first
-    low, high = (np.broadcast_to(side.value, len(table))[row] for side in (relation.low, relation.high))
+    row, relation, kind = first
+    sides = [side.value if side.value.ndim == 0 else side.value[row] for side in (relation.low, relation.high)]
+    shown = [f"{side:.6g}" for side, of in zip(sides, (relation.low, relation.high), strict=True) if of.value.ndim]
+    found = f"the values are {' and '.join(shown)}" if len(shown) > 1 else f"it is {shown[0]}"
     where = "" if kind == "original" else f" of {kind}"
     advice = "is the row shifted, or are columns mixed up?"
-    if number > len(table) / 2:
-        advice = f"{number} of {len(table)} rows: are columns mixed up, or features standardized (z-scores, ComBat)?"
-    raise InputError(
-        f"{source}: row {table.index[row]} cannot be right: {relation.text}{where}, but the values are {low:.6g} and "
-        f"{high:.6g}; {advice}"
-    )
+    if 1 < wrong.sum() > len(table) / 2:
+        advice = f"{wrong.sum()} of {len(table)} rows are wrong: are columns mixed up, or features standardized "
+        advice += "(z-scores, ComBat)?"
+    raise InputError(f"{source}: row {table.index[row]} cannot be right: {relation.text}{where}, but {found}; {advice}")
 
 
 def rounding(values: np.ndarray) -> np.ndarray:
@@ -200,8 +201,8 @@ def _terms(value: Terms | float) -> Terms:
 
 
 def _all(features: _Features) -> Iterator[tuple]:
-    yield from _bounds(features)
     yield from _first_order(features)
+    yield from _bounds(features)
     yield from _glcm(features)
     for family, names in MATRICES.items():
         yield from _matrix(features, family, *names)
@@ -294,13 +295,14 @@ def _first_order(features: _Features) -> Iterator[tuple]:
 
     order = ("Minimum", "10Percentile", "Median", "90Percentile", "Maximum")
     there = [name for name in order if first(name)]
-    pairs = list(zip(there, there[1:], strict=False)) + [("Minimum", "Mean"), ("Mean", "Maximum")]
-    pairs += [("MeanAbsoluteDeviation", "Range"), ("InterquartileRange", "Range")]
-    for low, high in pairs:
+    for low, high in [*zip(there, there[1:], strict=False), ("Minimum", "Mean"), ("Mean", "Maximum")]:
         if found := first(low, high):
             yield f"{low} is at most {high}", *found, False, False
     if found := first("Range", "Maximum", "Minimum"):
         yield "Range is Maximum - Minimum", found[0], found[1] - found[2], True, False
+    for low in ("MeanAbsoluteDeviation", "InterquartileRange"):
+        if found := first(low, "Range"):
+            yield f"{low} is at most Range", *found, False, False
     if found := first("InterquartileRange", "90Percentile", "10Percentile"):
         yield "InterquartileRange is at most 90Percentile - 10Percentile", found[0], found[1] - found[2], False, False
     if found := first("RobustMeanAbsoluteDeviation", "90Percentile", "10Percentile"):
@@ -540,7 +542,7 @@ def _shape(features: _Features) -> Iterator[tuple]:
         yield "shape_Sphericity is at most 1", sphericity, 1.0, False, False
 
 
-def _voxels(table: pd.DataFrame, kind: str) -> Terms | None:
+def _voxels(table: pd.DataFrame) -> Terms | None:
     """Numbers of voxels that pyradiomics wrote, after resampling and resegmentation."""
     for stage in ("resegmented", "interpolated", "original"):
         name = f"diagnostics_Mask-{stage}_VoxelNum"

@@ -24,6 +24,7 @@ from ..base.errors import InputError
 from ..base.words import counted
 from ..io.files import NAMES, check_unchanged
 from .names import EVERY_FAMILY, is_feature
+from .settings import COLUMNS
 
 SEPARATORS = (",", ";", "\t", "|")
 # Columns of a batch of pyradiomics and of this project, which may be written in another case.
@@ -75,6 +76,7 @@ FEATURE_NAMES = {
     MaximumDiameter MeshSurface MeshVolume MinorAxisLength Perimeter PerimeterSurfaceRatio PixelSurface
     SphericalDisproportion Sphericity SurfaceArea SurfaceVolumeRatio VoxelVolume""".split()
 }
+DIAGNOSED = {name.lower(): name for name in COLUMNS}
 Record = tuple[int, list[str]]
 
 
@@ -146,7 +148,8 @@ def _text(path: Path) -> str:
     encoding = next((name for mark, name in MARKS if content.startswith(mark)), "utf-8")
     if encoding == "utf-8" and b"\0" in content:  # UTF-16 without a mark: every second byte of a digit is zero
         even, odd = content[::2].count(0), content[1::2].count(0)
-        encoding = "utf-16-be" if even > odd else "utf-16-le"
+        if max(even, odd) > len(content) / 4 and not min(even, odd):
+            encoding = "utf-16-be" if even else "utf-16-le"
     try:
         text = content.decode(encoding)
     except UnicodeDecodeError as error:
@@ -174,7 +177,7 @@ def _table(text: str, path: Path) -> tuple[list[str], list[Record]]:
     rows, comments = [], 0
     for line, fields in records:
         if header is None:
-            if fields[0].startswith("#") and separator.join(fields).strip() != _unquoted(header_line, separator):
+            if fields[0].startswith("#") and fields != _split(header_line, separator):
                 comments += 1
             else:
                 header = [field.strip(" \ufeff") for field in fields]
@@ -198,20 +201,21 @@ def _header_line(lines: Sequence[str]) -> str:
     """The first line that is no comment, or a comment with as many columns as the line after it (as of NumPy)."""
     for line, following in zip(lines, [*lines[1:], ""], strict=True):
         separator = _separator(line)
-        if not line.startswith("#") or (separator in line and line.count(separator) == following.count(separator)):
+        number = len(_split(line, separator))
+        if not line.startswith("#") or (number > 1 and number == len(_split(following, separator))):
             return line
     return ""
 
 
-def _unquoted(line: str, separator: str) -> str:
-    return separator.join(next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])).strip()
+def _split(line: str, separator: str) -> list[str]:
+    return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
 
 
 def _separator(line: str) -> str:
     """What separates the names of columns: the character that gives most names of features, then most columns."""
 
     def found(separator: str) -> tuple[int, int]:
-        names = [name.strip() for name in next(csv.reader([line], delimiter=separator), [])]
+        names = [name.strip() for name in _split(line, separator)]
         return sum(_known(name) for name in names), len(names)
 
     return max(SEPARATORS, key=found)
@@ -276,14 +280,14 @@ def _named(header: Sequence[str], keep: frozenset[str], path: Path) -> list[str]
     """Names of columns as pyradiomics and this project write them."""
     names, renamed = list(header), []
     for place, name in enumerate(header):
-        other = None if name in keep else _feature_name(name)
-        if other is not None and other != name:
+        other = DIAGNOSED.get(name.lower()) or _feature_name(name) or name
+        if name not in keep and other != name:
             names[place] = other
             renamed.append((name, other))
     if renamed:
         name, other = renamed[0]
         what = counted(len(renamed), "column")
-        note(f"{path}: {what} of features read under the names of pyradiomics ({name} as {other})")
+        note(f"{path}: {what} read under the names of pyradiomics ({name} as {other})")
     there = {_plain(name) for name in names}
     for key in KEYS:
         if key == ("image" if "mask" in there else "Image"):  # a batch of pyradiomics has Image and Mask
