@@ -18,10 +18,10 @@ from ..base.errors import InputError
 from .names import features_of
 from .settings import SETTINGS_COLUMN, of_table
 
-DIGITS = 9  # decimals after which a number counts as unrounded; the widest bound of rounding is then 5e-10
-RELATIVE = 1e-6  # of single-precision programs: 2^-23 of a number, with room for sums of some thousand voxels
-MOST = 1e12  # of levels, runs and zones, whose products reach 1e10 on a body of 1e7 voxels; entropies: see BITS
-BITS = 64.0  # no matrix has more than 2^64 entries
+DIGITS = 9  # decimals from which on a number counts as unrounded: its error is then at most 5e-10
+RELATIVE = 1e-6  # error of programs in single precision: 2^-23 per operation, for a few operations
+MOST = 1e12  # largest square of a gray level: a million levels, when 16 bits in bins of 1 have 65,536
+BITS = 64.0  # largest entropy: no matrix has more than 2^64 entries
 DIRECTIONS = 13  # of neighbors in 3D: of as many positive numbers, none is above 13 times the mean
 LARGEST_VOXEL, SMALLEST_VOXEL = 1e4, 1e-9  # mm^3: of 21 mm (PET has 4) and of 1 um
 CANDIDATES = 50  # rows that propose a shift of grey values
@@ -182,17 +182,17 @@ def relations(own: Mapping[str, Terms], shift: np.ndarray | float, voxels: Terms
     Relation
     """
     for text, low, high, equal, usual in _all(_Features(own, shift, voxels)):
-        if low is not None and high is not None:
-            yield Relation(text, _terms(low), _terms(high), equal, usual)
+        yield Relation(text, _terms(low), _terms(high), equal, usual)
 
 
 class _Features:
-    """Features by name; None, which spreads through arithmetic by way of `_all`, where one is missing."""
+    """Features by name, and what else is known of every row."""
 
     def __init__(self, own: Mapping[str, Terms], shift: np.ndarray | float, voxels: Terms | None):
         self.own, self.shift, self.voxels = own, shift, voxels
 
     def __call__(self, *names: str) -> list[Terms] | None:
+        """Return these features, or None if one is missing."""
         return [self.own[name] for name in names] if all(name in self.own for name in names) else None
 
 
@@ -200,7 +200,8 @@ def _terms(value: Terms | float) -> Terms:
     return value if isinstance(value, Terms) else Terms(np.asarray(value, dtype=np.float64), np.zeros(()))
 
 
-def _all(features: _Features) -> Iterator[tuple]:
+def _all(features: _Features) -> Iterator[tuple[str, Terms | float, Terms | float, bool, bool]]:
+    """The fields of every Relation."""
     yield from _first_order(features)
     yield from _bounds(features)
     yield from _glcm(features)
@@ -210,8 +211,7 @@ def _all(features: _Features) -> Iterator[tuple]:
     yield from _shape(features)
 
 
-# Least and largest value by class; None: no limit. Of a mean over directions as of one.
-POSITIVE_SHARE = (0.0, 1.0)
+# Least and largest value of features by class; None: no limit. A mean over directions has the limits of one direction.
 BOUNDS: dict[str, dict[str, tuple[float | None, float | None]]] = {
     "firstorder": {
         "Variance": (0, None),
@@ -220,7 +220,7 @@ BOUNDS: dict[str, dict[str, tuple[float | None, float | None]]] = {
         "TotalEnergy": (0, None),
         "RootMeanSquared": (0, None),
         "Entropy": (0, BITS),
-        "Uniformity": POSITIVE_SHARE,
+        "Uniformity": (0, 1),
         "MeanAbsoluteDeviation": (0, None),
         "RobustMeanAbsoluteDeviation": (0, None),
         "InterquartileRange": (0, None),
@@ -239,13 +239,13 @@ BOUNDS: dict[str, dict[str, tuple[float | None, float | None]]] = {
         "DifferenceEntropy": (0, BITS),
         "JointEntropy": (0, BITS),
         "SumEntropy": (0, BITS),
-        "JointEnergy": POSITIVE_SHARE,
-        "MaximumProbability": POSITIVE_SHARE,
+        "JointEnergy": (0, 1),
+        "MaximumProbability": (0, 1),
         "Imc1": (-1, 0),
         "Imc2": (0, 1),
         "MCC": (0, 1),
         "InverseVariance": (0, 1),
-        **dict.fromkeys(("Id", "Idm"), POSITIVE_SHARE),
+        **dict.fromkeys(("Id", "Idm"), (0, 1)),
         # |i - j| / Ng is below 1
         **dict.fromkeys(("Idn", "Idmn"), (0.5, 1)),
     },
