@@ -113,16 +113,17 @@ def check(table: pd.DataFrame, source: str) -> None:
         types.setdefault(kind, {})[feature] = Terms(values[:, place], errors[:, place])
     first: tuple[int, Relation, str] | None = None
     wrong = np.zeros(len(table), dtype=bool)
-    for kind, own in types.items():
-        for relation in relations(own, _shift(table, own, source), _voxels(table)):
-            broken = relation.broken()
-            known = np.isfinite(relation.low.value - relation.high.value)
-            if not broken.any() or relation.usual and broken.sum() > known.sum() / 2:
-                continue
-            row = int(broken.argmax())
-            if first is None or row < first[0]:
-                first = row, relation, kind
-            wrong |= broken
+    with np.errstate(all="ignore"):  # numbers may be anything; what is not finite breaks no relation
+        for kind, own in types.items():
+            for relation in relations(own, _shift(table, own, source), _voxels(table)):
+                broken = relation.broken()
+                known = np.isfinite(relation.low.value - relation.high.value)
+                if not broken.any() or relation.usual and broken.sum() > known.sum() / 2:
+                    continue
+                row = int(broken.argmax())
+                if first is None or row < first[0]:
+                    first = row, relation, kind
+                wrong |= broken
     if first is None:
         return
     row, relation, kind = first
