@@ -18,7 +18,7 @@ from pathlib import Path
 import pandas as pd
 
 from virtual_phantom.base.data import RESOURCES
-from virtual_phantom.io.files import replacing
+from virtual_phantom.io.files import read_csv, replacing
 from virtual_phantom.statistics.measured import true_acquisition
 
 TANDEM = r"^Harmonized b (?P<dose_mgy>\d+) mGy (?P<slice_mm>[\d.]+)  (?P<kernel>\w+)  ?(?P<strength>\d )?axial - #\d+$"
@@ -27,7 +27,7 @@ MULTICENTRE = r"^(?P<group>\w+)_Harmonized_(?P<dose_mgy>\d+)mGy_(?P<reconstructi
 
 def pairs(path: Path) -> pd.DataFrame:
     """A row per study: its CT and its SEG side by side."""
-    table = pd.read_csv(path, dtype={"SeriesNumber": str})
+    table = read_csv(path).astype({"SeriesNumber": str})
     sides = []
     for modality in ("CT", "SEG"):
         side = table[table["Modality"] == modality].rename(

@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from recording_folders import features_table
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.extraction import FEATURES
@@ -22,7 +23,7 @@ def study_rows(**changes):
         "group": [1, 8],
         "class": ["n1", "met"],
         "mask size": [844, 685],
-        **{feature: [1.0, 2.0] for feature in measured.STUDY_FEATURES},
+        **features_table(1, mean=1064.0)[list(measured.STUDY_FEATURES)].to_dict("list"),
     }
     return pd.DataFrame(rows | changes)
 

@@ -309,6 +309,11 @@ MISTAKES = {
     "A folder that is no recording": (lambda: load("bench"), "bench/recording.yaml"),
     "Another number of views": (lambda: bench(data=np.ones((23, 4, 40))), "bench/b.h5"),
     "A parameter file that pyradiomics does not take": (wrong_parameters, "my_params.yaml"),
+    "A row that is shifted": (
+        lambda: clinic(original_firstorder_Minimum=[0.5, 62]),
+        "clinic/features.csv",
+    ),
+    "A comma with two meanings": (lambda: clinic(**{FEATURES[0]: ["7,678", "8,123"]}), "clinic/features.csv"),
     "A table of pyradiomics without ROIs": (lambda: clinic(rois=False), "clinic/features.csv"),
     "A case that pyradiomics could not extract": (
         lambda: clinic(**{FEATURES[0]: [1.0, np.nan]}),

@@ -1,6 +1,7 @@
 """Small recording folders of every kind, made from nothing, to be spoiled one thing at a time."""
 
 import copy
+from functools import cache
 from pathlib import Path
 
 import h5py
@@ -11,7 +12,10 @@ import pytest
 import yaml
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.features.extraction import FEATURES
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.features.extraction import FEATURES, extract
+from virtual_phantom.io.volumes import Volume
+from virtual_phantom.recordings.features import KEYS
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.statistics.measured import TISSUE_CLASSES
 
@@ -118,14 +122,18 @@ def images_folder(folder: Path) -> tuple[Path, dict]:
 
 
 def features_table(images=3, start=0, mean=40.0) -> pd.DataFrame:
-    """Two ROIs of each image."""
-    rng = np.random.default_rng(start)
-    rows = []
-    for image in range(start, start + images):
-        for roi in ("cyst_1", "normal_1"):
-            row = {"image": f"i{image}", "roi": roi, "tissue_class": TISSUE_CLASSES[roi], "dose_mgy": 10}
-            rows.append(row | dict(zip(FEATURES, mean + rng.normal(size=len(FEATURES)), strict=True)))
-    return pd.DataFrame(rows)
+    """Two ROIs of each image, as pyradiomics finds them in noise."""
+    rows = [noise_features(image, mean) for image in range(start, start + images)]
+    table = pd.concat(rows, ignore_index=True)
+    return table.assign(tissue_class=table["roi"].map(TISSUE_CLASSES), dose_mgy=10)[[*KEYS, "dose_mgy", *FEATURES]]
+
+
+@cache
+def noise_features(seed: int, mean: float) -> pd.DataFrame:
+    noise = np.random.default_rng(seed).normal(mean, 30, (6, 10, 12))
+    masks = {name: np.zeros(noise.shape, bool) for name in ("cyst_1", "normal_1")}
+    masks["cyst_1"][..., :6], masks["normal_1"][..., 6:] = True, True
+    return extract(Volume(noise, Grid(noise.shape, (1, 1, 1))), masks).assign(image=f"i{seed}")
 
 
 def features_folder(folder: Path) -> tuple[Path, dict]:

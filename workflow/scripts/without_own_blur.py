@@ -21,7 +21,7 @@ with job(snakemake) as log:
     regions = read_nifti(snakemake.input.regions).array.round().astype(int)
     half = edge_mtf_half(mean)
     in_plane, along = SD_OF_HALF / half, SD_OF_FWHM * params.slice_mm
-    spectra = Spectra.of_table(files.read_csv(snakemake.input.spectra))
+    spectra = Spectra.of_table(files.read_csv(snakemake.input.spectra, numbers=["noise"]))
     fine = [step / params.grid["oversampling"] for step in params.grid["spacing_mm"]]
     blur = with_voxels((along, in_plane, in_plane), mean.grid.spacing, fine)
     sharp = within_object(without_own_blur(mean, blur, spectra), mean)

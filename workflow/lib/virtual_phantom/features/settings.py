@@ -237,7 +237,7 @@ def differences(study: Extraction, table: Extraction) -> list[Difference]:
     return found
 
 
-def of_table(table: pd.DataFrame, source: str) -> list[Extraction | None]:
+def of_table(table: pd.DataFrame, source: str, rows: Iterable[int] | None = None) -> list[Extraction | None]:
     """How the features of every row of a table were extracted, as its own columns tell.
 
     Parameters
@@ -245,6 +245,8 @@ def of_table(table: pd.DataFrame, source: str) -> list[Extraction | None]:
     table : DataFrame
     source : str
         What the message begins with.
+    rows : iterable of int, optional
+        Numbers of the rows in the file; absent: from 2 on, below the header.
 
     Returns
     -------
@@ -262,7 +264,7 @@ def of_table(table: pd.DataFrame, source: str) -> list[Extraction | None]:
     cells = zip(*(table.get(name, empty).fillna("").astype(str) for name in COLUMNS), strict=True)
     known: dict[tuple[str, str, str], Extraction | None] = {}
     found = []
-    for row, one in enumerate(cells, start=2):
+    for row, one in zip(range(2, len(table) + 2) if rows is None else rows, cells, strict=True):
         if one not in known:
             known[one] = _extraction(*one, f"{source}: row {row}")
         found.append(known[one])

@@ -16,8 +16,6 @@ from .settings import OWN
 PROVENANCE = ("settings_hash", "pyradiomics_version", "numpy_version", "simpleitk_version")
 ACQUISITION = ("protocol", "algorithm", "projections", "noise", "noise_level", "seed")
 METADATA = (*ACQUISITION, "roi", "tissue_class", "n_voxels", "grey_levels", *PROVENANCE)
-# Labels and hashes may look like numbers.
-TEXT = ("protocol", "algorithm", "noise", "roi", "tissue_class", *PROVENANCE)
 
 
 def complete(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisition: dict) -> pd.DataFrame:
@@ -54,7 +52,7 @@ def read(path: str | Path) -> pd.DataFrame:
     InputError
         If it is missing or lacks a column.
     """
-    table = read_csv(path, dtype=dict.fromkeys(TEXT, str))
+    table = read_csv(path)
     # What a parameter file asked for stands in the table alone; its extraction refuses to leave any out.
     own = "settings_hash" in table and table["settings_hash"].astype(str).str.startswith(OWN).all()
     features = (features_of(table) or FEATURES[:1]) if own else FEATURES

@@ -8,8 +8,10 @@ import contextlib
 import errno
 import hashlib
 import os
+import re
 import tempfile
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from ..base.errors import InputError
@@ -22,6 +24,15 @@ DISK_PROBLEMS = {
     errno.EPERM: "the folder may not be written to; change its permissions or set another results_dir",
     errno.ENAMETOOLONG: "the name is too long; give shorter names",
 }
+
+# Columns of names. A name may look like a number, a truth value or a gap: 01, 1e3, true, NA, null.
+NAMES = frozenset(
+    """algorithm collection condition effect family feature file image kernel kind label_in_file name noise
+    numpy_version pca property protocol pyradiomics_version recording reconstruction region roi scan settings
+    settings_hash simpleitk_version source tissue_class""".split()
+)
+# How pandas writes a number or a truth value. Other text, such as 007 or 1e3, is a name.
+VALUE = re.compile(r"-?(?:0|[1-9]\d*)(?:\.\d+)?(?:e[+-]\d\d+)?|-?inf|True|False")
 
 
 @contextlib.contextmanager
@@ -127,19 +138,22 @@ def write_parquet(table, path: str | Path) -> None:
         table.to_parquet(temporary, index=False)
 
 
-def read_csv(path: str | Path, advice: str = "delete it and run again", **options):
-    """Read a table with pandas.
+def read_csv(path: str | Path, advice: str = "delete it and run again", numbers: Sequence[str] = ()):
+    """Read a table that `write_csv` wrote, with names as text, whatever they look like.
 
     Parameters
     ----------
     path : str or Path
     advice : str, optional
-    **options
-        Of pandas.read_csv.
+        End of the message if the file cannot be read.
+    numbers : sequence of str, optional
+        Columns of numbers although they are called as a column of names is (NAMES).
 
     Returns
     -------
     DataFrame
+        Columns of NAMES hold text. Any other column holds numbers or truth values if all its entries are written as
+        pandas writes these, else text. Empty entries are NaN; the text NA is no gap.
 
     Raises
     ------
@@ -149,13 +163,32 @@ def read_csv(path: str | Path, advice: str = "delete it and run again", **option
     import pandas
 
     check_unchanged(path, advice)
+    options = {"keep_default_na": False, "na_values": [""], "index_col": False, "low_memory": False}
     try:
-        return pandas.read_csv(path, **options)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pandas.errors.ParserWarning)  # every row is longer than the header
+            table = pandas.read_csv(path, dtype=dict.fromkeys(NAMES - set(numbers), str), **options)
+            # Only whole numbers and truth values may be names: 007, 1e3, true.
+            doubtful = [name for name in table if name not in NAMES and _whole(table[name])]
+            if doubtful:
+                text = pandas.read_csv(path, dtype=str, usecols=doubtful, **options)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError) as error:  # pandas' own errors on broken files are ValueErrors
+    except (OSError, ValueError, pandas.errors.ParserWarning) as error:  # pandas' own errors are ValueErrors
         reason = " ".join(str(error).split())
         raise InputError(f"{path}: cannot be read as CSV ({reason}); {advice}") from None
+    for name in doubtful:
+        if not all(map(VALUE.fullmatch, text[name].dropna())):
+            table[name] = text[name]
+    return table
+
+
+def _whole(column) -> bool:
+    """Whether a column was read as truth values, or as numbers of which all are whole or infinite."""
+    if column.dtype.kind != "f":
+        return column.dtype.kind in "biu"
+    values = column.to_numpy()
+    return bool(((values == values.round()) | (values != values)).all())
 
 
 def write_text(text: str, path: str | Path) -> None:

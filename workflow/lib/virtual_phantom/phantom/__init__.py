@@ -146,7 +146,7 @@ def read_masks(rois_csv: str | Path, grid: Grid) -> tuple[pd.DataFrame, dict[str
         If the table lacks a column, or a mask is missing or on another grid than `grid`.
     """
     rois_csv = Path(rois_csv)
-    table = read_csv(rois_csv, dtype={"label_in_file": str})  # 5 is no 5.0 where another ROI has none
+    table = read_csv(rois_csv)
     if missing := {"roi", "tissue_class"} - set(table.columns):
         raise InputError(f"{rois_csv}: lacks the column(s) {', '.join(sorted(missing))}")
     masks = {}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,10 +11,11 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..base.words import counted
-from ..features.names import FEATURES, MEAN, is_feature
+from ..features import consistency
+from ..features.names import FEATURES, MEAN, VARIANCE, features_of, is_feature
 from ..features.settings import Extraction, differences, distinct, of_table
+from ..features.table_files import read_table
 from ..features.tables import finite_values
-from ..io.files import check_unchanged
 from . import pyradiomics_table
 from .document import Document
 from .provenance import checksums
@@ -25,6 +26,9 @@ KEYS = ("image", "roi", "tissue_class")
 LAYOUT = ("image", "roi")
 NAMING = (pyradiomics_table.IMAGE, pyradiomics_table.MASK, pyradiomics_table.LABEL)
 STORED_ABOVE = 500.0  # mean of a soft-tissue ROI: under this in HU, over it in stored values
+# How far means of one ROI lie apart in HU and in stored values: 1000 or 1024, give or take 100 HU of contrast medium.
+STORED_APART = (900.0, 1124.0)
+MEASURED = 10  # so many features of two noisy images do not agree in every digit by chance
 
 
 @dataclass(frozen=True)
@@ -99,9 +103,11 @@ def load(document: Document, study: tuple[str, ...] = FEATURES) -> FeaturesRecor
                 raise InputError(f"{path}: image {image} is in {places[image].name} too; name every image differently")
             places[image] = path
         _check_offset(path, table, settings["stored_offset_hu"])
-        found = of_table(table, str(path))
+        found = of_table(table, str(path), table.index)
         _check_extraction(path, table, found, settings)
         extractions += found
+    _check_one_unit(tables)
+    _check_copies(tables, settings["conditions"])
     repeats = pd.concat([tables[path] for path in document.repeats], ignore_index=True)
     held_out = [tables[path] for path in document.held_out]
     held_out = pd.concat(held_out, ignore_index=True) if held_out else repeats.iloc[:0]
@@ -186,29 +192,18 @@ def read(path: Path, features: tuple[str, ...], conditions: list[str]) -> pd.Dat
     Raises
     ------
     InputError
-        If it is not CSV or empty; if a column of KEYS, a condition or a feature is missing, empty somewhere or there
-        twice; if a column is named as a feature but is none of ours; if two rows are of one ROI of one image, or an
-        image has two conditions or an ROI two tissue classes; if a feature is not a finite number.
+        If it is not CSV or empty; if the features of a row cannot belong to one region; if a column of KEYS, a
+        condition or a feature is missing, empty somewhere or there twice; if a column is named as a feature but is
+        none of ours; if two rows are of one ROI of one image, or an image has two conditions or an ROI two tissue
+        classes; if a feature is not a finite number.
     """
-    return _checked(path, _csv(path, {}), features, conditions)
+    return _checked(path, _csv(path, {"conditions": conditions}), features, conditions).reset_index(drop=True)
 
 
 def _csv(path: Path, settings: dict) -> pd.DataFrame:
-    """A table as it stands, what names images, ROIs and masks as text."""
-    check_unchanged(path, "make it again")
-    text = {*KEYS, *NAMING, *(settings[key] for key in LAYOUT if key in settings)}
-    try:
-        head = pd.read_csv(path, header=None, nrows=1, dtype=str).iloc[0].tolist()
-        table = pd.read_csv(path, dtype=dict.fromkeys(text, str))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as CSV ({' '.join(str(error).split())})") from None
-    if twice := sorted({str(name) for name in head if head.count(name) > 1}):
-        raise InputError(f"{path}: the column {twice[0]!r} is there twice; keep one")
-    if (again := (table.astype({table.columns[0]: str}).iloc[:, 0] == head[0]).to_numpy()).any():
-        raise InputError(
-            f"{path}: row {int(again.argmax()) + 2} repeats the names of the columns, as if a second table had been "
-            "appended; keep one of them"
-        )
+    """A table with the numbers of its rows as index and features that can belong to one region each."""
+    table = read_table(path, [settings[key] for key in LAYOUT if key in settings], settings.get("conditions", ()))
+    consistency.check(table, str(path))
     return table
 
 
@@ -225,11 +220,9 @@ def _checked(path: Path, table: pd.DataFrame, features: tuple[str, ...], conditi
         raise InputError(f"{path}: holds no rows")
     for name in (*KEYS, *conditions):
         if table[name].isna().any():
-            raise InputError(f"{path}: {name} is empty in row {int(table[name].isna().to_numpy().argmax()) + 2}")
+            row = table.index[int(table[name].isna().to_numpy().argmax())]
+            raise InputError(f"{path}: {name} is empty in row {row}")
     _check_keys(path, table, conditions)
-    for name in features:
-        if not pd.api.types.is_numeric_dtype(table[name]) or pd.api.types.is_bool_dtype(table[name]):
-            raise InputError(f"{path}: {name} holds text; give numbers")
     finite_values(table, features, str(path))
     others = [name for name in table.columns if name not in needed]
     return table[[*KEYS, *conditions, *others, *features]]
@@ -285,3 +278,39 @@ def _check_offset(path: Path, table: pd.DataFrame, stored_offset_hu: float) -> N
         f"{path}: the mean of an ROI is {typical:.0f}, but recording.yaml says that values are HU + "
         f"{stored_offset_hu}; {advice}, or correct the table"
     )
+
+
+def _check_one_unit(tables: Mapping[Path, pd.DataFrame]) -> None:
+    """Refuse images in HU beside images in stored values: the means of their ROIs lie some 1024 apart."""
+    parts = [table[["image", "roi", MEAN]].assign(file=str(path)) for path, table in tables.items() if MEAN in table]
+    if not parts:
+        return
+    rows = pd.concat(parts)
+    above = rows[MEAN] - rows.groupby("roi")[MEAN].transform("min")
+    images = above.groupby([rows["file"], rows["image"]], sort=False).median()
+    stored = images.between(*STORED_APART)
+    if stored.any() and not images.between(STORED_APART[0] / 3, STORED_APART[0], inclusive="left").any():
+        (file, image), height = stored.idxmax(), images[stored].iloc[0]
+        raise InputError(
+            f"{file}: the means of the ROIs of image {image} lie {height:.0f} above those of other images; bring all "
+            "rows to HU, or all to HU + 1024"
+        )
+
+
+def _check_copies(tables: Mapping[Path, pd.DataFrame], conditions: Sequence[str]) -> None:
+    """Refuse repeats whose features agree in every digit: one image that is there twice under two names."""
+    parts = [table.assign(file=str(path), row=table.index) for path, table in tables.items()]
+    rows = pd.concat(parts, ignore_index=True)
+    features = features_of(rows)
+    if len(features) < MEASURED or VARIANCE not in features:
+        return
+    noisy = rows[rows[VARIANCE] > 0]
+    copies = noisy.duplicated(["roi", *conditions, *features])
+    if copies.any():
+        second = noisy[copies].iloc[0]
+        same = (noisy[["roi", *conditions, *features]] == second[["roi", *conditions, *features]]).all(axis="columns")
+        first = noisy[same].iloc[0]
+        raise InputError(
+            f"{second['file']}: row {second['row']} (image {second['image']}) repeats all {len(features)} features of "
+            f"row {first['row']} (image {first['image']}) for ROI {second['roi']}; give every image once"
+        )

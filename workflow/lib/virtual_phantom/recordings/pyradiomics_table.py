@@ -89,7 +89,7 @@ def renamed(table: pd.DataFrame, settings: dict, rois: Sequence[dict], source: s
     keys[["roi", "tissue_class"]] = names.to_numpy()
     taken = {"image", "roi", "tissue_class", IMAGE, MASK} - set(settings["conditions"])
     kept = table[[name for name in others if name not in taken]]
-    return pd.concat([keys, kept], axis="columns")[chosen].reset_index(drop=True), int((~chosen).sum())
+    return pd.concat([keys, kept], axis="columns")[chosen], int((~chosen).sum())
 
 
 def _column(
@@ -120,8 +120,8 @@ def _check_extracted(table: pd.DataFrame, image: str, source: str) -> None:
     if empty.any():
         row = int(empty.argmax())
         raise InputError(
-            f"{source}: row {row + 2} (image {table[image].iloc[row]}) holds no features: pyradiomics could not "
-            "extract them and its log says why; take the row out"
+            f"{source}: row {table.index[row]} (image {table[image].iloc[row]}) holds no features: pyradiomics could "
+            "not extract them and its log says why; take the row out"
         )
 
 
@@ -137,8 +137,8 @@ def _matched(
         if (both := own & (found >= 0)).any():
             row = int(both.argmax())
             raise InputError(
-                f"{source}: row {row + 2} is of {_asked(rois[found[row]])} and of {_asked(roi)}; tell them apart by "
-                "label and file"
+                f"{source}: row {table.index[row]} is of {_asked(rois[found[row]])} and of {_asked(roi)}; tell them "
+                "apart by label and file"
             )
         found[own] = number
     names = pd.DataFrame([(one["name"], one["tissue_class"]) for one in rois], columns=["roi", "tissue_class"])

@@ -150,7 +150,8 @@ def where(table: pd.DataFrame, conditions: dict, source: str) -> pd.DataFrame:
         if name not in table:
             raise InputError(f"{source}: has no column {name}; there are {', '.join(map(str, table.columns[:8]))}")
         there = ", ".join(map(str, chosen[name].unique()))
-        chosen = chosen[chosen[name] == value]
+        text = not pd.api.types.is_numeric_dtype(chosen[name])  # a kernel of 30 is the text 30, YAML's 30 a number
+        chosen = chosen[chosen[name] == (str(value) if text else value)]
         if chosen.empty:
             raise InputError(f"{source}: no images with {name} {value}; there are {there}")
     return chosen

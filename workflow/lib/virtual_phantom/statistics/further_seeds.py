@@ -21,7 +21,7 @@ def load(path: str | Path = RESOURCES / "default_study_seeds.csv") -> pd.DataFra
         One row per seed and feature: settings (`plan.Plan.scored_settings`), seed, feature, stability_percent,
         discrimination_percent.
     """
-    return read_csv(path, dtype={"settings": str})
+    return read_csv(path)
 
 
 def made_with(seeds: pd.DataFrame, settings: str) -> bool:

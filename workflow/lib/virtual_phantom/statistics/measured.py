@@ -19,7 +19,9 @@ import pandas as pd
 
 from ..base.data import RESOURCES
 from ..base.errors import InputError
+from ..features import consistency
 from ..features.names import FEATURES
+from ..features.table_files import read_table
 from ..io.files import read_csv
 from . import dose_series
 
@@ -235,7 +237,7 @@ def load_full_dose_series(path: str | Path) -> pd.DataFrame:
 
 def _source_table(path, columns, features, known) -> pd.DataFrame:
     """A published table as it is; InputError if it lacks columns, or holds words that are not `known` or no numbers."""
-    raw = read_csv(path, "give the published table as it is")
+    raw = read_table(path, advice="give the published table as it is")
     if missing := [column for column in (*columns, *features) if column not in raw]:
         raise InputError(f"{path}: lacks {len(missing)} column(s) of the published table, the first {missing[0]!r}")
     for column, words in known.items():
@@ -243,7 +245,8 @@ def _source_table(path, columns, features, known) -> pd.DataFrame:
             raise InputError(f"{path}: {column} {strange[0]!r} is unknown; known are {', '.join(map(str, words))}")
     if not np.isfinite(raw[list(features)].to_numpy(dtype=np.float64)).all():
         raise InputError(f"{path}: has features that are not finite")
-    return raw
+    consistency.check(raw, str(path))
+    return raw.reset_index(drop=True)
 
 
 def load_published_top() -> pd.DataFrame:

@@ -15,6 +15,7 @@ import pandas as pd
 from ...base.errors import InputError
 from ...features.names import FEATURES
 from ...features.stored import STORED_OFFSET_HU
+from ...features.table_files import read_table
 from ...io.files import write_csv
 from ...statistics import measured
 from ..provenance import sha256
@@ -53,10 +54,7 @@ def import_features(csv_file: str | Path, folder: str | Path, phantom: str | Non
         measured.load_full_dose_series).
     """
     csv_file = Path(csv_file)
-    try:
-        columns = set(pd.read_csv(csv_file, nrows=0).columns)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{csv_file}: cannot be read as CSV ({error})") from None
+    columns = set(read_table(csv_file).columns)
     if "scan_id" in columns:
         table, content = _study(csv_file)
     elif "recon_code" in columns:

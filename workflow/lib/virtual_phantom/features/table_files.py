@@ -1,0 +1,362 @@
+"""Tables of features that other programs saved as delimited text.
+
+Spreadsheets and statistics programs write one table in many ways: with commas, semicolons or tabs, a decimal comma,
+a byte order mark, UTF-16, a first line `sep=;`, comments, or columns without a name. `read_table` reads these, and
+refuses what has two meanings.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import gzip
+import io
+import re
+import zlib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ..base.console import note
+from ..base.errors import InputError
+from ..base.words import counted
+from ..io.files import NAMES, check_unchanged
+from .names import EVERY_FAMILY, is_feature
+from .settings import COLUMNS
+
+SEPARATORS = (",", ";", "\t", "|")
+# Columns of a batch of pyradiomics and of this project, which may be written in another case.
+KEYS = ("image", "roi", "tissue_class", "Image", "Mask", "Label")
+DIAGNOSTICS = "diagnostics_"
+MARKS = (  # the mark of UTF-32 begins as the mark of UTF-16 does
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+OTHERS = (
+    (b"PK\x03\x04", "an Excel workbook or another ZIP archive; save the table as CSV"),
+    (b"\xd0\xcf\x11\xe0", "an Excel workbook; save the table as CSV"),
+    (b"\x00\x05\x16\x07", "a file in which a Mac keeps attributes of another file; give the table itself"),
+    (b"PAR1", "a Parquet file; save the table as CSV"),
+    (b"{", "JSON; write one row per image and ROI as CSV"),
+    (b"[", "JSON; write one row per image and ROI as CSV"),
+)
+GZIP = b"\x1f\x8b"
+MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none"))
+NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?inf", re.ASCII)
+# Outside of features a number is only what no name is: neither 007 nor 1e3.
+PLAIN = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-][0-9]+)?", re.ASCII)
+GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+", re.ASCII)  # 7,678 and 1,061,670: commas of thousands?
+OWN_NAME = re.compile(rf"(?:(.*)_)?({'|'.join(EVERY_FAMILY)})_([A-Za-z0-9]+)", re.IGNORECASE)
+CLASSES = {name.lower(): name for name in EVERY_FAMILY}
+# Names of features in pyradiomics 3.0.1, deprecated ones included.
+FEATURE_NAMES = {
+    name.lower(): name
+    for name in """10Percentile 90Percentile Energy Entropy InterquartileRange Kurtosis Maximum Mean
+    MeanAbsoluteDeviation Median Minimum Range RobustMeanAbsoluteDeviation RootMeanSquared Skewness StandardDeviation
+    TotalEnergy Uniformity Variance Autocorrelation ClusterProminence ClusterShade ClusterTendency Contrast Correlation
+    DifferenceAverage DifferenceEntropy DifferenceVariance Dissimilarity Homogeneity1 Homogeneity2 Id Idm Idmn Idn Imc1
+    Imc2 InverseVariance JointAverage JointEnergy JointEntropy MCC MaximumProbability SumAverage SumEntropy SumSquares
+    SumVariance DependenceEntropy DependenceNonUniformity DependenceNonUniformityNormalized DependencePercentage
+    DependenceVariance GrayLevelNonUniformity GrayLevelNonUniformityNormalized GrayLevelVariance HighGrayLevelEmphasis
+    LargeDependenceEmphasis LargeDependenceHighGrayLevelEmphasis LargeDependenceLowGrayLevelEmphasis
+    LowGrayLevelEmphasis SmallDependenceEmphasis SmallDependenceHighGrayLevelEmphasis
+    SmallDependenceLowGrayLevelEmphasis HighGrayLevelRunEmphasis LongRunEmphasis LongRunHighGrayLevelEmphasis
+    LongRunLowGrayLevelEmphasis LowGrayLevelRunEmphasis RunEntropy RunLengthNonUniformity
+    RunLengthNonUniformityNormalized RunPercentage RunVariance ShortRunEmphasis ShortRunHighGrayLevelEmphasis
+    ShortRunLowGrayLevelEmphasis HighGrayLevelZoneEmphasis LargeAreaEmphasis LargeAreaHighGrayLevelEmphasis
+    LargeAreaLowGrayLevelEmphasis LowGrayLevelZoneEmphasis SizeZoneNonUniformity SizeZoneNonUniformityNormalized
+    SmallAreaEmphasis SmallAreaHighGrayLevelEmphasis SmallAreaLowGrayLevelEmphasis ZoneEntropy ZonePercentage
+    ZoneVariance Busyness Coarseness Complexity Strength Compactness1 Compactness2 Elongation Flatness LeastAxisLength
+    MajorAxisLength Maximum2DDiameterColumn Maximum2DDiameterRow Maximum2DDiameterSlice Maximum3DDiameter
+    MaximumDiameter MeshSurface MeshVolume MinorAxisLength Perimeter PerimeterSurfaceRatio PixelSurface
+    SphericalDisproportion Sphericity SurfaceArea SurfaceVolumeRatio VoxelVolume""".split()
+}
+DIAGNOSED = {name.lower(): name for name in COLUMNS}
+Record = tuple[int, list[str]]
+
+
+def read_table(
+    path: str | Path, text: Iterable[str] = (), keep: Iterable[str] = (), advice: str = "make it again"
+) -> pd.DataFrame:
+    """Read a table of features, whichever program wrote it.
+
+    Parameters
+    ----------
+    path : str or Path
+    text : iterable of str, optional
+        Columns of names besides KEYS and `io.files.NAMES`.
+    keep : iterable of str, optional
+        Further columns whose names stay as they are.
+    advice : str, optional
+        What to do if the file was changed after this project wrote it.
+
+    Returns
+    -------
+    DataFrame
+        Its index is the number of each row as a person counts it in the file. Features are numbers, under the names
+        of pyradiomics. Other columns are numbers only if all their entries are plainly written ones.
+
+    Raises
+    ------
+    InputError
+        If the file is no delimited text, has rows with more or fewer fields than the header, holds text where numbers
+        belong, or decimal commas that may separate thousands.
+    """
+    path, text = Path(path), frozenset(text)
+    keep = text.union(keep)
+    check_unchanged(path, advice)
+    header, rows = _table(_text(path), path)
+    if (form := _other_form(header, rows)) is not None:
+        raise InputError(f"{path}: {form}; write one row per image and ROI, and one column per feature")
+    header, rows = _whole_rows(header, rows, path)
+    names = _named(header, keep, path)
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(f"{path}: the column {twice[0]!r} is there twice; keep one")
+    columns = {name: [fields[place].strip() for _, fields in rows] for place, name in enumerate(names) if name}
+    if "" in names:
+        note(f"{path}: a column without a name was skipped")
+    lines = [line for line, _ in rows]
+    features = {name: entries for name, entries in columns.items() if is_feature(name)}
+    comma = _decimal_comma(features, lines, path)
+    made = {}
+    for name, entries in columns.items():
+        if name in features:
+            made[name] = _numbers(name, entries, comma, lines, path)
+        else:
+            made[name] = _text_or_numbers(entries, comma, name in text or name in NAMES or name in KEYS)
+    return pd.DataFrame(made, index=pd.Index(lines, dtype=int), columns=list(columns))
+
+
+def _text(path: Path) -> str:
+    try:
+        content = path.read_bytes()
+        if content.startswith(GZIP):
+            content = gzip.decompress(content)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, EOFError, zlib.error) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise InputError(f"{path}: cannot be read as CSV ({reason})") from None
+    for start, what in OTHERS:
+        if content.startswith(start):
+            raise InputError(f"{path}: is {what}")
+    encoding = next((name for mark, name in MARKS if content.startswith(mark)), "utf-8")
+    if encoding == "utf-8" and b"\0" in content:  # UTF-16 without a mark: every second byte of a digit is zero
+        even, odd = content[::2].count(0), content[1::2].count(0)
+        if max(even, odd) > len(content) / 4 and not min(even, odd):
+            encoding = "utf-16-be" if even else "utf-16-le"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError(f"{path}: line {line} is not {encoding.upper()} text; save the table as CSV UTF-8") from None
+    if "\0" in text:
+        raise InputError(f"{path}: is no text; save the table as CSV UTF-8")
+    return text
+
+
+def _table(text: str, path: Path) -> tuple[list[str], list[Record]]:
+    """The header, and the other records with the number of their line; neither blank ones nor comments."""
+    lines = text.splitlines()
+    first = next((line for line in lines if line.strip()), None)
+    if first is None:
+        raise InputError(f"{path}: cannot be read as CSV (it is empty)")
+    stated = re.fullmatch(r'"?sep=(.)"?[,;\t|]*', first.strip(" \ufeff"), re.IGNORECASE)
+    beginning = [line for line in lines if line.strip() and not (stated and line is first)]
+    header_line = _header_line(beginning)
+    separator = stated[1] if stated else _separator(header_line)
+    records = _records(text, separator, path)
+    if stated:
+        del records[0]
+    header: list[str] | None = None
+    rows, comments = [], 0
+    for line, fields in records:
+        if header is None:
+            if fields[0].startswith("#") and fields != _split(header_line, separator):
+                comments += 1
+            else:
+                header = [field.strip(" \ufeff") for field in fields]
+                header[0] = header[0].lstrip("# ")
+        elif fields[0].startswith("#") and len(fields) != len(header):
+            comments += 1
+        else:
+            rows.append((line, fields))
+    if header is None or len(header) < 2:
+        seen = "" if header is None else f" ({header[0][:40]!r} has one)"
+        raise InputError(
+            f"{path}: its first line does not hold the names of several columns{seen}; separate them by commas, "
+            "semicolons or tabs"
+        )
+    if comments:
+        note(f"{path}: {counted(comments, 'comment line')} skipped")
+    return header, rows
+
+
+def _header_line(lines: Sequence[str]) -> str:
+    """The first line that is no comment, or a comment with as many columns as the line after it (as of NumPy)."""
+    for line, following in zip(lines, [*lines[1:], ""], strict=True):
+        separator = _separator(line)
+        number = len(_split(line, separator))
+        if not line.startswith("#") or (number > 1 and number == len(_split(following, separator))):
+            return line
+    return ""
+
+
+def _split(line: str, separator: str) -> list[str]:
+    return next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+
+
+def _separator(line: str) -> str:
+    """What separates the names of columns: the character that gives most names of features, then most columns."""
+
+    def found(separator: str) -> tuple[int, int]:
+        names = [name.strip() for name in _split(line, separator)]
+        return sum(_known(name) for name in names), len(names)
+
+    return max(SEPARATORS, key=found)
+
+
+def _known(name: str) -> bool:
+    return name in KEYS or name.startswith(DIAGNOSTICS) or is_feature(_feature_name(name) or name)
+
+
+def _records(text: str, separator: str, path: Path) -> list[Record]:
+    """All records with anything in them, and the line on which each begins."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True)
+    records, start = [], 1
+    try:
+        for fields in reader:
+            if any(field.strip() for field in fields):
+                records.append((start, fields))
+            start = reader.line_num + 1
+    except csv.Error as error:
+        raise InputError(f"{path}: cannot be read as CSV (line {start}: {error})") from None
+    return records
+
+
+def _other_form(header: Sequence[str], rows: Sequence[Record]) -> str | None:
+    """What a table is if its rows, not its columns, are features; None if they are not."""
+    if any(map(_known, set(header) - set(KEYS))) or len(rows) < 2:
+        return None
+    for place in range(min(len(header), 4)):
+        named = sum(_known(fields[place].strip()) for _, fields in rows if place < len(fields))
+        if named > len(rows) / 2:
+            return "is transposed: each row is a feature" if place == 0 else "is in long form: each row is a feature"
+    return None
+
+
+def _whole_rows(header: list[str], rows: list[Record], path: Path) -> tuple[list[str], list[Record]]:
+    """Header and rows without empty columns at their end, all equally long."""
+    while header and not header[-1] and not any("".join(fields[len(header) - 1 :]).strip() for _, fields in rows):
+        header = header[:-1]
+    width = len(header)
+    whole = [(line, fields[:width] if not "".join(fields[width:]).strip() else fields) for line, fields in rows]
+    for line, fields in whole:
+        if sum(one == other for one, other in zip((one.strip() for one in fields), header, strict=False)) > width / 2:
+            raise InputError(
+                f"{path}: row {line} repeats the names of the columns, as if a second table had been appended; keep "
+                "one of them"
+            )
+    wrong = [(line, len(fields)) for line, fields in whole if len(fields) != width]
+    if len(wrong) == len(whole) > 1 and {number for _, number in wrong} == {width + 1}:
+        raise InputError(
+            f"{path}: every row has one field more than the header, {width + 1} and {width}; name the first column (in "
+            "R: write.csv with row.names = FALSE)"
+        )
+    if wrong:
+        line, number = wrong[0]
+        advice = "is a value missing, or was the file cut off?" if number < width else "is a decimal comma among them?"
+        more = f" (and {len(wrong) - 1} more rows)" if len(wrong) > 1 else ""
+        raise InputError(f"{path}: row {line} has {number} fields and the header {width}{more}; {advice}")
+    return header, whole
+
+
+def _named(header: Sequence[str], keep: frozenset[str], path: Path) -> list[str]:
+    """Names of columns as pyradiomics and this project write them."""
+    names, renamed = list(header), []
+    for place, name in enumerate(header):
+        other = DIAGNOSED.get(name.lower()) or _feature_name(name) or name
+        if name not in keep and other != name:
+            names[place] = other
+            renamed.append((name, other))
+    if renamed:
+        name, other = renamed[0]
+        what = counted(len(renamed), "column")
+        note(f"{path}: {what} read under the names of pyradiomics ({name} as {other})")
+    there = {_plain(name) for name in names}
+    for key in KEYS:
+        if key == ("image" if "mask" in there else "Image"):  # a batch of pyradiomics has Image and Mask
+            continue
+        alike = [place for place, name in enumerate(names) if _plain(name) == _plain(key) and name not in keep]
+        if len(alike) == 1 and names[alike[0]] not in KEYS:
+            names[alike[0]] = key
+    return names
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[\s_-]+", "_", name).lower()
+
+
+def _feature_name(name: str) -> str | None:
+    """How pyradiomics writes the name of a feature, given in another case, without image type or with other signs."""
+    match = OWN_NAME.fullmatch(re.sub(r"[\s.]+", "_", name)) or OWN_NAME.fullmatch(name)
+    if match is None or match[3].lower() not in FEATURE_NAMES:
+        return None
+    kind = (match[1] or "original").replace("_", "-")
+    kind = kind.lower() if kind.lower() == "original" else kind
+    return f"{kind}_{CLASSES[match[2].lower()]}_{FEATURE_NAMES[match[3].lower()]}"
+
+
+def _decimal_comma(features: dict[str, list[str]], lines: Sequence[int], path: Path) -> bool:
+    """Whether numbers have a decimal comma; InputError for separators of thousands, and commas that may be such."""
+    first: dict[str, str] = {}
+    for name, entries in features.items():
+        for line, entry in zip(lines, entries, strict=True):
+            if "," not in entry:
+                kind = "point" if "." in entry else ""
+            elif "." in entry or entry.count(",") > 1:
+                kind = "thousands"
+            else:
+                kind = "either" if GROUPED.fullmatch(entry) else "comma"
+            if kind and kind not in first:
+                first[kind] = f"{name} is '{entry}' in row {line}"
+    if "thousands" in first:
+        raise InputError(f"{path}: {first['thousands']}; save the table without separators of thousands")
+    comma = first.get("comma") or first.get("either")
+    if comma and "point" in first:
+        raise InputError(f"{path}: {comma} and {first['point']}; write all numbers with a decimal point")
+    if "either" in first and "comma" not in first:
+        raise InputError(f"{path}: {comma}, which may be a decimal comma or not; write numbers with a decimal point")
+    return comma is not None
+
+
+def _numbers(name: str, entries: Sequence[str], comma: bool, lines: Sequence[int], path: Path) -> np.ndarray:
+    found = np.full(len(entries), np.nan)
+    for place, entry in enumerate(entries):
+        if entry.lower() in MISSING:
+            continue
+        number = entry.replace(",", ".") if comma else entry
+        if not NUMBER.fullmatch(number):
+            raise InputError(f"{path}: {name} holds text ('{entry[:40]}' in row {lines[place]}); give numbers")
+        found[place] = float(number)
+    return found
+
+
+def _text_or_numbers(entries: Sequence[str], comma: bool, text: bool) -> pd.Series | list:
+    """A column beside the features, with None where an entry is empty."""
+    if not text:
+        points = [entry.replace(",", ".") if comma and entry.count(",") == 1 else entry for entry in entries]
+        there = [entry for entry in points if entry]
+        for match, convert in ((PLAIN.fullmatch, _number), (("True", "False").__contains__, "True".__eq__)):
+            if there and all(map(match, there)):
+                return [convert(entry) if entry else None for entry in points]
+    return pd.array([entry or None for entry in entries], dtype="str")
+
+
+def _number(entry: str) -> float:
+    return int(entry) if entry.lstrip("-").isdecimal() else float(entry)
