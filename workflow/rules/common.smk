@@ -1,27 +1,12 @@
 """The one object that all rules share, `context`, and the wildcards."""
 
-import os
 import sys
 from pathlib import Path
 
-# Where these rules lie, whoever's Snakefile uses them and wherever it runs.
-RULES = workflow.current_basedir.get_path_or_uri(secret_free=True)
-if not os.path.isdir(RULES):
-    sys.exit(
-        f"Error: {RULES}: the rules need the library beside them; clone the repository and name the workflow/Snakefile of "
-        "the clone by its path"
-    )
-WORKFLOW = Path(RULES).parent
-LIBRARY = str(WORKFLOW / "lib")
-# The library beside the rules, whether one is installed or not: they change together. Scripts run in processes of their
-# own and find it by the variable. Without sys.path there is no way: Snakemake adds the folders of Snakefiles alone.
-sys.path.insert(0, LIBRARY)
-os.environ.update(
-    PYTHONPATH=os.pathsep.join([LIBRARY, *filter(None, [os.environ.get("PYTHONPATH")])])
-)
-
 from virtual_phantom.base.errors import InputError, printed
 from virtual_phantom.study.context import read_context
+
+WORKFLOW = Path(workflow.current_basedir.get_path_or_uri(secret_free=True)).parent
 
 try:
     context = read_context(

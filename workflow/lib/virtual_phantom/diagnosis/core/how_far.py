@@ -14,6 +14,10 @@ RANKED, FITTED = "effects ranked", "fits made"
 # What is there or not.
 ALIGNED, JUDGED, COMPARED = "alignment fitted", "verdict found", "images compared"
 
+# What is left at most after these, over the time since the start: images and the page were 4 to 30 percent of twelve
+# diagnoses (benchmarks/diagnosis_rates.py), and the page alone up to a tenth.
+LEFT_AFTER = {JUDGED: 0.4, COMPARED: 0.1}
+
 
 @dataclass
 class Count:
@@ -54,7 +58,7 @@ class HowFar:
     def __init__(self, tell: Callable[[HowFar], None] | None = None, clock: Callable[[], float] = time.monotonic):
         self._tell, self._clock, self._lock = tell, clock, threading.Lock()
         self._parts: dict[str, Count | None] = {}
-        self._beside = ""
+        self._beside, self._began = "", clock()
 
     @property
     def words(self) -> str:
@@ -66,6 +70,12 @@ class HowFar:
         """What fits take that are under way; None where nothing tells. Others may follow."""
         fits = self._parts.get(FITTED)
         return None if fits is None else fits.seconds_left(self._clock())
+
+    @property
+    def most_left(self) -> float | None:
+        """What is left at most once all fits are made, s; None before."""
+        share = next((LEFT_AFTER[what] for what in (COMPARED, JUDGED) if what in self._parts), None)
+        return None if share is None else share * (self._clock() - self._began)
 
     def reached(self, what: str) -> None:
         """ALIGNED, JUDGED or COMPARED is there."""
