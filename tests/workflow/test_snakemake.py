@@ -126,7 +126,8 @@ USED = {
     ],
 }
 
-OF_GROUPS = "Group jobs: inactive (local execution)"  # said where a rule has a group
+# Said where a rule has a group, and where a run ends at its first failure.
+ELSEWHERE = {"Group jobs: inactive (local execution)", "Shutting down, this might take some time."}
 DOCUMENTED = {"source_path"}  # in Snakemake's own pages
 
 
@@ -210,8 +211,12 @@ def test_events_have_the_names_that_are_read():
 
 def test_what_has_no_event_is_said_in_the_words_that_are_known(seen):
     said = [record["msg"] for record in seen["records"] if record["event"] is None]
-    for beginning in {*words.NOISE, *words.BEFORE} - {OF_GROUPS}:
+    for beginning in {*words.NOISE, *words.BEFORE} - ELSEWHERE:
         assert any(text.startswith(beginning) for text in said), beginning
+    modules = ("snakemake.workflow", "snakemake.dag", "snakemake.scheduling.job_scheduler")
+    sources = "".join(inspect.getsource(sys.modules[name]) for name in modules)
+    for text in (*ELSEWHERE, *words.DRY_RUN, words.DRY_RUN_ENDS):
+        assert f'"{text}' in sources, text
     errors = {record["exception"]: record["msg"] for record in records(seen, "error")}
     assert words.INCOMPLETE in errors["WorkflowError"]
     assert words.ENDED_BY.search(errors["RuleException"])[2] == "1"

@@ -17,7 +17,7 @@ NOTICED = (
 )
 # Round numbers of (s, number, unit).
 ROUND = [
-    *((number, f"{number}", "s") for number in (5, 10, 15, 20, 30, 40)),
+    *((number, f"{number}", "s") for number in (5, 8, 10, 12, 15, 20, 25, 30, 40, 50)),
     *(
         (60 * number, f"{number:g}", "min")
         for number in (1, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50)
