@@ -119,6 +119,10 @@ def test_after_the_verdict_little_is_left():
     times = [0.0]
     how_far = HowFar(clock=lambda: times[-1])
     assert how_far.most_left is None
+    times.append(50.0)
+    for rounds in (1, 2, 3):
+        how_far.begin(FITTED, 2)
+        assert how_far.most_left == pytest.approx(50 * LEFT_AFTER[FITTED] / rounds)
     times.append(100.0)
     how_far.reached(JUDGED)
     assert how_far.most_left == pytest.approx(100 * LEFT_AFTER[JUDGED])

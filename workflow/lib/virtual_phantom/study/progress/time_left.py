@@ -240,7 +240,8 @@ class Progress:
         for number, since in self.under_way.items():
             step = self.steps[number]
             expected, spent = self._expected_log(step), (now - since) * step.threads
-            if expected is not None and spent > math.exp(expected[0]):  # it tells already that this run is slower
+            # A job of known size that takes longer tells already that this run is slower.
+            if expected is not None and not expected[1] and spent > math.exp(expected[0]):
                 paces.add(step.stage, expected, spent)
         return paces
 
@@ -378,5 +379,6 @@ def _left(pace: tuple[float, float] | None, spent: float, threads: int, said: Sa
     if said is not None and said.seconds_left is not None:
         low, high = said.seconds_left, max(high, 2 * said.seconds_left)
     if said is not None and said.most_left is not None:
-        low, high = 0.0, said.most_left
+        low = said.seconds_left or 0.0
+        high = max(said.most_left, low)
     return max(low, 0.0), max(high, 0.0)
