@@ -56,7 +56,7 @@ def measured(rounds):
                 runs = [run(place, processes, False) for _ in range(rounds)]
                 seconds = float(np.median([sum(parts.values()) for parts, _ in runs]))
                 row = {"of": of, "size": size_of(of, value, extent), "seconds": round(seconds, 2)}
-                rows.append(row | {"found": "+".join(runs[0][1]) or "none"})
+                rows.append(row | {"found": "+".join(runs[0]["found"]) or "none"})
                 print(rows[-1], flush=True)
     return rows
 

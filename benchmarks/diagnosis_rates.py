@@ -3,13 +3,12 @@
     python benchmarks/diagnosis_rates.py --machine "two cores of an AMD EPYC"
 
 Makes recordings of several sizes by the library's own chain, diagnoses each from its folder to its page with one
-process and with two, each time in a Python of its own, and fits the rates to what its parts took. Some recordings are
-held out: printed is how far the forecast is off on these. Writes the stage `diagnose` into the library's rates.yaml and
-leaves the others. Run it on two cores that do nothing else.
+process, in a Python of its own, and fits the rates to the CPU time of its parts, by the scans that were simulated and
+the rounds of ranking. Some recordings are held out. Prints the forecast beside each. Writes the stage `diagnose` into
+the library's rates.yaml and leaves the others.
 
---quick takes three small recordings and writes nothing: to see that it works. --busy is for cores that have other work:
-one process alone, and the processor's time instead of the clock's. --every-effect diagnoses a recording for each effect
-by the rates that there are, and writes nothing: how far the forecast is off, whatever is missing.
+--quick takes three small recordings and writes nothing: to see that it works. --every-effect diagnoses a recording for
+each effect by the rates that there are, and writes nothing.
 """
 
 import argparse
@@ -38,6 +37,7 @@ from virtual_phantom.diagnosis.core.locate import ALPHA
 from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.extent import is_shapes, samples_for
 from virtual_phantom.diagnosis.images.compared_regions import Scanned
+from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.diagnosis.projections.scanned import scene_of, shaped_object
 from virtual_phantom.diagnosis.ready import agreement, ready
 from virtual_phantom.diagnosis.setup.recorded import set_up
@@ -50,24 +50,25 @@ from virtual_phantom.physics.effect import acts_on_images, checked, names
 from virtual_phantom.recordings.importers.study import scan_of
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.report.diagnosis import page, residual_maps
-from virtual_phantom.study.costs.diagnoses import STAGE, extent, materials_of
-from virtual_phantom.study.costs.rates import estimate, fit_parts, read_rates
+from virtual_phantom.study.costs.diagnoses import STAGE, Extent, extent, materials_of
+from virtual_phantom.study.costs.rates import fit_parts, read_rates
+from virtual_phantom.study.progress.status import duration_range
 
 PHOTONS, REPEATS = 1e5, 4
 WIDE_MM, HIGH_MM = 512.0, 128.0  # the detector; one row is as high as eight are
 ACROSS_MM, SLICES = 300.0, 24  # the phantom
 HOLES = (((30, 10), 15), ((-35, -20), 10))  # of the masked object: centre and radius, mm
-PROCESSES = (1, 2)
 # Parts of a diagnosis, each with the units that it is counted in.
-START, CHECK, ALONE = "start", "check", "alone"
+START, COMPILED, CHECK, ALONE = "start", "compiled", "check", "alone"
 PARTS = {
     START: ("job",),
+    COMPILED: ("compiled",),
     CHECK: ("plane",),
     ALONE: ("point",),
     RANKED: ("filter_point", "filter_step"),
-    FITTED: ("fit_point",),
+    FITTED: ("evaluation", "evaluation_point"),
 }
-NEAR = 0.5  # relative error that a forecast may have
+COMPILED_SECONDS = 16.0  # CPU time of a first diagnosis beyond that of the same again, on an empty cache of kernels
 SEED = 20261124
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")  # as Snakemake has them
 
@@ -105,6 +106,8 @@ CASES = (
     Case("held_nothing", 96, 12, 150, (), 192, held_out=True),
     Case("held_motion", 96, 8, 120, ("motion",), 160, held_out=True),
     Case("held_disc", 256, 1, 180, ("veiling_glare",), scanned=DISC, held_out=True),
+    Case("two", 64, 8, 90, ("scatter", "focal_spot"), 128),
+    Case("held_three", 96, 8, 90, ("spectrum", "veiling_glare", "detector_offset"), 128, held_out=True),
     Case("held_shapes", 96, 8, 120, ("heel",), scanned=SHAPES, held_out=True),
 )
 SIZES = ((64, 6, 72, 128), (96, 4, 60, 192), (64, 8, 90, 128), (128, 4, 60, 96))  # of those for every effect, in turn
@@ -202,10 +205,11 @@ class Timed(HowFar):
 
     def __init__(self, clock):
         super().__init__()
-        self.now, self.seconds = clock, Counter()
+        self.now, self.seconds, self.counts = clock, Counter(), Counter()
 
     def begin(self, what, count, beside=()):
         """As HowFar.begin."""
+        self.counts[what] += count
         began, done, left = self.now(), super().begin(what, count, beside), count
 
         def counted():
@@ -218,9 +222,21 @@ class Timed(HowFar):
         return counted
 
 
-def one(folder, processes, busy):
+def counted_scans():
+    """A list to which each simulated scan adds an entry."""
+    scans, predict = [], ScansModel.predict
+
+    def counted(*arguments, **options):
+        scans.append(1)
+        return predict(*arguments, **options)
+
+    ScansModel.predict = counted
+    return scans
+
+
+def one(folder, processes):
     """What a job does (workflow/scripts/diagnose.py); prints what its parts took, and what was found."""
-    clock = processor_seconds if busy else time.perf_counter
+    clock, scans = processor_seconds, counted_scans()
     case = json.loads((folder / "case.json").read_text())
     given, timed = case["given"], Timed(clock)
     asked = Asked.of(case["model"], given.get("phantom"), processes)
@@ -248,91 +264,91 @@ def one(folder, processes, busy):
     check, rest = np.diff(marks)
     shared = {part: timed.seconds[part] for part in (RANKED, FITTED)}
     parts = {CHECK: check, ALONE: rest - sum(shared.values())} | shared
-    print(json.dumps({"parts": parts, "found": [effect["name"] for effect in found.content["effects"]]}))
+    rounds = timed.counts[RANKED] / len(case["effects"])
+    named = [effect["name"] for effect in found.content["effects"]]
+    print(json.dumps({"parts": parts, "found": named, "scans": len(scans), "rounds": rounds}))
 
 
-def run(folder, processes, busy):
-    """The same in a Python of its own: seconds by part, and the effects that were found."""
+def run(folder, processes=1):
+    """The same in a Python of its own: seconds by part and by the clock, and what was counted and found."""
     command = [sys.executable, __file__, "--one", str(folder), "--processes", str(processes)]
     environment = os.environ | dict.fromkeys(THREADS, str(processes))
     began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    said = subprocess.run(command + ["--busy"] * busy, env=environment, capture_output=True, text=True)
+    said = subprocess.run(command, env=environment, capture_output=True, text=True)
     if said.returncode:
         raise SystemExit(said.stderr)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    whole = spent if busy else time.perf_counter() - began
     told = json.loads(said.stdout.splitlines()[-1])
-    return told["parts"] | {START: whole - sum(told["parts"].values())}, told["found"]
+    parts = told["parts"] | {START: spent - sum(told["parts"].values())}
+    return told | {"parts": parts, "wall": time.perf_counter() - began}
 
 
 @dataclass(frozen=True)
 class Run:
-    """One diagnosis: its recording, its work, and what its parts took."""
+    """One diagnosis: its recording, its size, and what `run` gives."""
 
     case: Case
-    processes: int
-    work: dict
-    parts: dict
+    extent: Extent
+    told: dict
 
     @property
     def seconds(self):
-        """In all."""
-        return sum(self.parts.values())
+        """CPU time in all."""
+        return sum(self.told["parts"].values())
 
-    def forecast(self, rates):
-        """What it is expected to take by rates of the stage."""
-        return estimate({"seconds": {STAGE: rates}}, STAGE, self.work)
+    @property
+    def measured(self):
+        """Work and seconds by part, kernels compiled once."""
+        work = self.extent.work(self.told["scans"], self.told["rounds"], compiled=True)
+        return work, self.told["parts"] | {COMPILED: COMPILED_SECONDS}
 
 
-def runs_of(cases, processes, busy):
-    """All cases, with each number of processes; prints what they took."""
+def runs_of(cases):
+    """All cases; prints what they took."""
     found = []
     with tempfile.TemporaryDirectory() as folder:
         for case in cases:
             size = written(case, Path(folder) / case.name)
-            for count in processes:
-                parts, effects = run(Path(folder) / case.name, count, busy)
-                found.append(Run(case, count, size.work(count), parts))
-                told = ", ".join(f"{part} {parts[part]:.1f}" for part in PARTS)
-                print(f"{case.name:20s} {count} {found[-1].seconds:6.1f} s: {told}; {effects}", flush=True)
+            run(Path(folder) / case.name)  # compiles what this kind of object needs
+            found.append(Run(case, size, run(Path(folder) / case.name)))
+            told = found[-1].told
+            words = ", ".join(f"{part} {told['parts'][part]:.1f}" for part in PARTS if part in told["parts"])
+            counts = f"{told['scans']} scans, {told['rounds']:.1f} rounds"
+            print(f"{case.name:20s} {found[-1].seconds:6.1f} s: {words}; {counts}; {told['found']}", flush=True)
     return found
 
 
 def report(runs, rates):
-    """How far forecasts are off."""
-    print(f"{'recording':20s} {'processes':>9s} {'seconds':>8s} {'forecast':>9s}")
+    """Forecasts beside what was taken."""
+    print(f"{'recording':20s} {'CPU time, s':>12s} {'forecast':>18s}")
+    inside, off = 0, []
     for one_run in runs:
+        low, high = one_run.extent.forecast({"seconds": {STAGE: rates}}).cpu
         held = " held out" if one_run.case.held_out else ""
-        times = f"{one_run.seconds:8.1f} {one_run.forecast(rates):9.1f}"
-        print(f"{one_run.case.name:20s} {one_run.processes:9d} {times}{held}")
-    for words, some in (("fitted", False), ("held out", True)):
-        off = [one_run.forecast(rates) / one_run.seconds for one_run in runs if one_run.case.held_out == some]
-        if off:
-            near = sum(abs(ratio - 1) <= NEAR for ratio in off)
-            ends = f"{min(off):.2f} to {max(off):.2f}"
-            print(f"{words}: {near} of {len(off)} within {NEAR:.0%}, forecasts {ends} of the time")
+        print(f"{one_run.case.name:20s} {one_run.seconds:12.1f} {duration_range(low, high):>18s}{held}")
+        inside += low <= one_run.seconds <= high
+        off.append(max(low / one_run.seconds, one_run.seconds / high))
+    print(f"{inside} of {len(runs)} within the forecast; the farthest is off by a factor of {max(*off, 1.0):.2f}")
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--machine", help="what it is run on, for the file's head; without it nothing is written")
     parser.add_argument("--quick", action="store_true", help="three small recordings, and nothing is written")
-    parser.add_argument("--busy", action="store_true", help="one process, and the processor's time")
     parser.add_argument("--every-effect", action="store_true", help="a recording for each, and nothing is written")
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
-    parser.add_argument("--processes", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--processes", type=int, default=1, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
-        one(options.one, options.processes, options.busy)
+        one(options.one, options.processes)
         return
-    processes = PROCESSES[:1] if options.busy or options.every_effect else PROCESSES
     if options.every_effect:
-        report(runs_of(every_effect(), processes, options.busy), read_rates(RATES)["seconds"][STAGE])
+        report(runs_of(every_effect()), read_rates(RATES)["seconds"][STAGE])
         return
-    runs = runs_of(QUICK if options.quick else CASES, processes, options.busy)
+    runs = runs_of(QUICK if options.quick else CASES)
     fitted = [one_run for one_run in runs if not one_run.case.held_out]
-    rates = fit_parts([(one_run.work, one_run.parts) for one_run in fitted], PARTS)
+    rates = fit_parts([one_run.measured for one_run in fitted], PARTS)
     print(rates)
     report(runs, rates)
     if options.machine and not options.quick:
@@ -340,18 +356,10 @@ def main():
         whole["seconds"][STAGE] = rates
         whole["measured"]["diagnoses"] = {
             "machine": options.machine,
-            "time": "of the processor, beside other work" if options.busy else "by the clock",
-            "recordings": len({one_run.case.name for one_run in fitted}),
-            "processes": list(processes),
-            "seconds": {f"{one_run.case.name}, {one_run.processes}": round(one_run.seconds, 1) for one_run in fitted},
-            "held_out": {
-                f"{one_run.case.name}, {one_run.processes}": {
-                    "seconds": round(one_run.seconds, 1),
-                    "forecast": round(one_run.forecast(rates), 1),
-                }
-                for one_run in runs
-                if one_run.case.held_out
-            },
+            "time": "CPU time, one process",
+            "recordings": len(fitted),
+            "seconds": {one_run.case.name: round(one_run.seconds, 1) for one_run in runs},
+            "simulated_scans": {one_run.case.name: one_run.told["scans"] for one_run in runs},
         }
         write(whole)
 

@@ -2,6 +2,7 @@
 
 import io
 import logging
+import re
 import signal
 import sys
 import time
@@ -15,7 +16,7 @@ from virtual_phantom.study.job import job
 from virtual_phantom.study.progress import console, status
 from virtual_phantom.study.progress.console import Console
 from virtual_phantom.study.progress.failures import described
-from virtual_phantom.study.progress.status import duration
+from virtual_phantom.study.progress.status import duration, duration_range
 from virtual_phantom.study.progress.time_left import Progress, Step
 
 
@@ -84,10 +85,10 @@ def test_a_run_that_goes_well():
             run.log(LogEvent.JOB_INFO, jobid=number + 1, rule_name=f"reconstruct_{number + 1}")
     run.log(None, "Complete log(s): x.log")
     assert run.lines() == [
-        "Jobs to do: 3. Their logs: results/logs",
+        "Jobs to do: 3, 1.5 to 10 min on 1 core. Logs: results/logs",
         "0 of 3 jobs done; now: reconstruct (0 of 3 done)",
-        "1 of 3 jobs done, about 4 min left; now: reconstruct (1 of 3 done)",
-        "2 of 3 jobs done, about 2 min left; now: reconstruct (2 of 3 done)",
+        "1 of 3 jobs done, 2 to 6 min left; now: reconstruct (1 of 3 done)",
+        "2 of 3 jobs done, 1 to 3 min left; now: reconstruct (2 of 3 done)",
         "3 of 3 jobs done in 6 min",
         "Complete log(s): x.log",
     ]
@@ -157,31 +158,58 @@ def test_every_kind_of_failure_has_one_line(error, reason, tmp_path):
     assert run.lines()[-1] == f"Failed: reconstruct of images/0.nii.gz and 1 more: {reason} (log: {log})"
 
 
-def test_a_job_that_gave_no_reason_is_told_in_snakemakes_words_too(tmp_path):
-    """Killed; the log is of an earlier run."""
+KILLED = "RuleException:\nCalledProcessError in file \"r.smk\", line 4:\nCommand 'x' {}"
+
+
+OF_MEMORY = "most often because memory ran out; run with fewer --cores, or a smaller grid"
+EARLY = "before its log began; the lines above say why"
+
+
+@pytest.mark.parametrize(
+    "how, words",
+    [
+        ("died with <Signals.SIGKILL: 9>.", f"ended by SIGKILL, {OF_MEMORY}"),
+        ("returned non-zero exit status 137.", f"ended by SIGKILL, {OF_MEMORY}"),
+        (
+            "died with <Signals.SIGTERM: 15>.",
+            "ended by SIGTERM (stopped from outside, or out of time); the same command goes on from there",
+        ),
+        (
+            "died with <Signals.SIGBUS: 7>.",
+            "ended by SIGBUS, most often because a disk or shared memory is full; free some space",
+        ),
+        (
+            "died with <Signals.SIGSEGV: 11>.",
+            "ended by SIGSEGV (a crash); run it again, and report it with its log if that fails too",
+        ),
+        ("died with <Signals.SIGPIPE: 13>.", "ended by SIGPIPE; run the same command again"),
+        ("returned non-zero exit status 1.", f"ended with exit status 1 {EARLY}"),
+        ("returned non-zero exit status 200.", f"ended with exit status 200 {EARLY}"),
+    ],
+)
+def test_a_script_that_gave_no_reason_has_one_line(how, words, tmp_path):
+    """Its inputs are not listed, and its log is of an earlier run."""
     run = Run()
     log = written(tmp_path / "a.log", InputError("of another day"))
     run.console.progress.began = log.stat().st_mtime + 1
-    killed = "RuleException:\nCalledProcessError\nCommand 'x' died with <Signals.SIGKILL: 9>."
-    run.log(LogEvent.ERROR, killed, logging.ERROR, exception="RuleException")
+    run.log(LogEvent.ERROR, KILLED.format(how), logging.ERROR, exception="RuleException")
     run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[log]))
     ended(run)
-    text = run.stream.getvalue()
-    assert "SIGKILL" in text and "Error in rule reconstruct_0:" in text
-    assert run.lines()[-1].startswith(
-        "Failed: reconstruct of images/0.nii.gz and 1 more: gave no reason in its log (killed, out"
-    )
-    assert run.lines()[-1].endswith(f"see {log}")
+    assert run.lines()[1:] == [
+        "0 of 3 jobs done, 1 failed",
+        f"Failed: reconstruct of images/0.nii.gz and 1 more: {words} (log: {log})",
+    ]
 
 
-def test_a_script_that_fails_before_it_has_a_log_is_told_in_full(tmp_path):
+def test_show_failed_logs_prints_snakemake_s_block_too(tmp_path):
     run = Run()
-    exited_with_1(run)
+    run.console.in_full = True
+    run.log(LogEvent.ERROR, KILLED.format("died with <Signals.SIGKILL: 9>."), logging.ERROR, exception="RuleException")
     run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, logs=[tmp_path / "none.log"]))
     ended(run)
     text = run.stream.getvalue()
-    assert text.index("returned non-zero exit status 1.") < text.index("Error in rule reconstruct_0:")
-    assert run.lines()[-1].endswith(f"or failed before it began); see {tmp_path}/none.log")
+    assert text.index("died with <Signals.SIGKILL: 9>.") < text.index("Error in rule reconstruct_0:")
+    assert run.lines()[-1].endswith(f"or a smaller grid (log: {tmp_path}/none.log)")
 
 
 def test_an_exception_that_no_job_owns_is_not_lost():
@@ -198,7 +226,7 @@ def test_what_goes_wrong_in_here_does_not_end_the_run(capsys):
     def none():
         raise OSError("no rates to be had")
 
-    run.console.progress._expected = none
+    run.console.progress._expected, run.console.progress._rates = none, None
     logger = logging.Logger("a run")
     logger.addHandler(run.console)
     for number in range(3):
@@ -208,7 +236,7 @@ def test_what_goes_wrong_in_here_does_not_end_the_run(capsys):
     assert capsys.readouterr().err.count("OSError: no rates to be had") == 1
     assert run.lines()[1:] == [
         "0 of 3 jobs done; now: reconstruct (0 of 3 done)",
-        "2 of 3 jobs done, about 60 s left; now: reconstruct (2 of 3 done)",
+        "2 of 3 jobs done, 40 s to 2 min left; now: reconstruct (2 of 3 done)",
         "3 of 3 jobs done in 3 min",
     ]
     run.stream.close()
@@ -228,7 +256,7 @@ def test_a_job_that_is_tried_again_has_not_failed(tmp_path):
     run.now += 60.0
     run.log(LogEvent.JOB_INFO, jobid=0)
     assert "broken; mend it" in run.lines()[-2]
-    assert run.lines()[-1] == "0 of 2 jobs done, about 2 min left; now: reconstruct (0 of 2 done)"
+    assert run.lines()[-1] == "0 of 2 jobs done, 1 to 6 min left; now: reconstruct (0 of 2 done)"
     run.log(LogEvent.JOB_FINISHED, job_id=0)
     run.log(LogEvent.JOB_INFO, jobid=1)
     run.log(LogEvent.JOB_ERROR, "Error", logging.ERROR, **failed(run, 1, logs=[tmp_path / "none.log"]))
@@ -256,7 +284,7 @@ def test_who_keeps_going_is_told_at_once_and_of_the_time_for_the_others(tmp_path
     assert "broken; mend it" in run.lines()[-1]
     run.now += 60.0
     run.log(LogEvent.JOB_INFO, jobid=1)
-    assert run.lines()[-1] == "0 of 3 jobs done, 1 failed, about 2 min left; now: reconstruct (0 of 3 done)"
+    assert run.lines()[-1] == "0 of 3 jobs done, 1 failed, 1 to 6 min left; now: reconstruct (0 of 3 done)"
     for number in (1, 2):
         run.log(LogEvent.JOB_FINISHED, job_id=number)
     ended(run)
@@ -272,12 +300,12 @@ def test_of_many_failures_the_first_ten_end_the_run(tmp_path):
     assert [line.split()[3] for line in run.lines()[-10:]] == [f"images/{number}.nii.gz" for number in range(10)]
 
 
-def test_a_job_past_its_expected_time_has_no_time_left():
+def test_a_job_past_its_expected_time_may_take_as_long_again():
     run = Run(1)
     run.log(LogEvent.JOB_INFO, jobid=0)
     run.now += 100.0
     run.log("time_passed")
-    assert run.lines()[-1] == "0 of 1 jobs done; now: reconstruct (0 of 1 done)"
+    assert run.lines()[-1] == "0 of 1 jobs done, under 1 min left; now: reconstruct (0 of 1 done)"
 
 
 def test_a_job_that_leaves_files_out_has_failed_and_its_group_with_it():
@@ -466,8 +494,31 @@ def test_while_jobs_run_time_passes_until_the_end(monkeypatch, take_over):
     said = stream.getvalue()
     handler._looking.join(20)
     assert not handler._looking.is_alive()
-    assert "0 of 1 jobs done, about 50 min left; now: phantom (0 of 1 done)" in said
+    assert re.search(r"0 of 1 jobs done, .* to .* h left; now: phantom \(0 of 1 done\)", said)
     assert stream.getvalue() == said and said.count("0 of 1 jobs done") >= 4
+
+
+@pytest.mark.parametrize(
+    "low, high, words",
+    [
+        (65, 170, "1 to 3 min"),
+        (42, 130, "40 s to 2.5 min"),
+        (1, 4, "under 5 s"),
+        (0, 0, ""),
+        (5, 5, "about 5 s"),
+        (3500, 9000, "50 min to 2.5 h"),
+        (3600 * 30, 86400 * 7, "30 h to 8 days"),
+        (90, 90 * 60, "1.5 min to 1.5 h"),
+    ],
+)
+def test_ranges_are_in_round_numbers(low, high, words):
+    assert duration_range(low, high) == words
+    ends = {seconds for seconds, _, _ in status.ROUND}
+    assert len(ends) == len(status.ROUND) and sorted(ends) == [seconds for seconds, _, _ in status.ROUND]
+
+
+def test_without_every_job_s_time_there_is_no_upper_end():
+    assert duration_range(130, 600, False) == "over 2 min" and duration_range(2, 9, False) == ""
 
 
 def test_durations_are_as_precise_as_one_plans():

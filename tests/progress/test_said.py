@@ -11,7 +11,7 @@ from simulated_scans import body, noisy_lines
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.how_far import ALIGNED, COMPARED, FITTED, JUDGED, RANKED, HowFar
+from virtual_phantom.diagnosis.core.how_far import ALIGNED, COMPARED, FITTED, JUDGED, LEFT_AFTER, RANKED, HowFar
 from virtual_phantom.diagnosis.core.kept import KeptFits
 from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.projections import observed, prepared
@@ -100,15 +100,34 @@ def test_fits_that_were_kept_are_not_counted(tmp_path):
 
 
 def test_time_left_is_the_forecast_s_until_fits_need_more(tmp_path):
-    run = Watched(tmp_path, expected=1200.0)  # of one core: ten minutes of two
+    run = Watched(tmp_path, expected=(1200.0, 4800.0))  # of one core: ten to forty minutes of two
     run.look()
-    assert run.lines()[-1] == "0 of 1 jobs done, about 9 min left; now: diagnose (0 of 1 done)"
+    assert run.lines()[-1] == "0 of 1 jobs done, 8 min to 1.5 h left; now: diagnose (0 of 1 done)"
     run.now = 540.0
-    say(run.log, Said("bench", "1 of 6 fits made", seconds_left=900.0))
+    say(run.log, Said("bench", "1 of 6 fits made", seconds_left=3000.0))
     run.look()
     assert run.lines()[-1] == (
-        "0 of 1 jobs done, about 15 min left; now: diagnose (0 of 1 done); bench: 1 of 6 fits made"
+        "0 of 1 jobs done, 50 min to 2 h left; now: diagnose (0 of 1 done); bench: 1 of 6 fits made"
     )
+    say(run.log, Said("bench", "verdict found", seconds_left=0.0, most_left=100.0))
+    run.now += 60.0
+    run.look()
+    assert run.lines()[-1] == "0 of 1 jobs done, under 2 min left; now: diagnose (0 of 1 done); bench: verdict found"
+
+
+def test_after_the_verdict_little_is_left():
+    times = [0.0]
+    how_far = HowFar(clock=lambda: times[-1])
+    assert how_far.most_left is None
+    times.append(50.0)
+    for rounds in (1, 2, 3):
+        how_far.begin(FITTED, 2)
+        assert how_far.most_left == pytest.approx(50 * LEFT_AFTER[FITTED] / rounds)
+    times.append(100.0)
+    how_far.reached(JUDGED)
+    assert how_far.most_left == pytest.approx(100 * LEFT_AFTER[JUDGED])
+    how_far.reached(COMPARED)
+    assert how_far.most_left == pytest.approx(100 * LEFT_AFTER[COMPARED])
 
 
 def test_time_that_fits_need_is_that_of_those_just_made():

@@ -74,7 +74,7 @@ def test_all_of_the_study_is_planned_as_in_the_project(folder, tmp_path):
     """By its own names and by others; local rules are local by both."""
 
     def dry(*words, cwd=None):
-        return snakemake(folder, "-n", *words, cwd=cwd, python=warm.python())
+        return snakemake(folder, "-n", "-p", *words, cwd=cwd, python=warm.python())
 
     here = jobs_of(dry(cwd=ROOT))
     assert len(here) > 20

@@ -15,7 +15,7 @@ from snakemake.jobs import GroupJob
 from test_rules import FILES
 from workflow_runs import ROOT
 
-from virtual_phantom.study.progress import words
+from virtual_phantom.study.progress import before, words
 from virtual_phantom.study.progress.console import SILENT_EVENTS, Console
 
 SNAKEFILE = """
@@ -37,6 +37,7 @@ def look(file):
 
 look("common.smk")
 look("diagnose.smk")
+look("library.smk")
 
 
 class Records(logging.Handler):
@@ -46,6 +47,12 @@ class Records(logging.Handler):
         seen["records"].append(fields)
 
 
+logger.addHandler(Records())
+
+
+configfile: "config.yaml"
+
+
 onstart:
     look("progress.smk")
     for job in workflow.dag.needrun_jobs():
@@ -53,7 +60,6 @@ onstart:
         made, logs = ([*map(str, files)] for files in (job.output, job.log))
         seen["job"][job.rule.name] = [bool(job.is_norun), job.jobid, job.threads, made, needs, logs]
     seen["handlers"] = [getattr(handler, "stream", None) in (sys.stdout, sys.stderr) for handler in logger.handlers]
-    logger.addHandler(Records())
 
 
 atexit.register(lambda: open("seen.json", "w").write(json.dumps(seen)))
@@ -103,6 +109,7 @@ rule failed:
 # Attributes of `workflow` by the file that uses them: common.smk while the Snakefile is read, the other once jobs run.
 USED = {
     "common.smk": ["configfiles", "current_basedir.get_path_or_uri", "is_main_process"],
+    "library.smk": ["current_basedir.get_path_or_uri", "is_main_process", "output_settings"],
     "diagnose.smk": ["resource_settings.cores"],
     "fetch.smk": ["is_main_process"],
     "plan.smk": ["resource_settings.cores"],
@@ -119,6 +126,8 @@ USED = {
     ],
 }
 
+# Said where a rule has a group, and where a run ends at its first failure.
+ELSEWHERE = {"Group jobs: inactive (local execution)", "Shutting down, this might take some time."}
 DOCUMENTED = {"source_path"}  # in Snakemake's own pages
 
 
@@ -130,7 +139,9 @@ def seen(tmp_path_factory):
     (folder / "touch.py").write_text("open(snakemake.output[0], 'w').close()\n")
     (folder / "nothing.py").write_text("")
     (folder / "fail.py").write_text("raise SystemExit(1)\n")
+    (folder / "config.yaml").write_text("word: 1\n")
     command = [sys.executable, "-m", "snakemake", "--cores", "1", "--keep-going", "--latency-wait", "0"]
+    command += ["--config", "word=2"]
     process = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
     assert process.returncode == 1, process.stderr[-3000:]
     return json.loads((folder / "seen.json").read_text())
@@ -194,23 +205,28 @@ def test_events_have_the_names_that_are_read():
     from snakemake_interface_logger_plugins.common import LogEvent
 
     told = {"job_info", "job_finished", "job_error", "group_info", "group_error", "error"}
-    assert told | SILENT_EVENTS <= {str(event) for event in LogEvent}
+    assert told | SILENT_EVENTS | before.SILENT_EVENTS <= {str(event) for event in LogEvent}
     assert all(hasattr(Console, f"_{event}") for event in told)
 
 
 def test_what_has_no_event_is_said_in_the_words_that_are_known(seen):
     said = [record["msg"] for record in seen["records"] if record["event"] is None]
-    for beginning in words.NOISE:
+    for beginning in {*words.NOISE, *words.BEFORE} - ELSEWHERE:
         assert any(text.startswith(beginning) for text in said), beginning
+    modules = ("snakemake.workflow", "snakemake.dag", "snakemake.scheduling.job_scheduler")
+    sources = "".join(inspect.getsource(sys.modules[name]) for name in modules)
+    for text in (*ELSEWHERE, *words.DRY_RUN, words.DRY_RUN_ENDS):
+        assert f'"{text}' in sources, text
     errors = {record["exception"]: record["msg"] for record in records(seen, "error")}
     assert words.INCOMPLETE in errors["WorkflowError"]
-    assert words.EXITED_WITH_1 in errors["RuleException"]
+    assert words.ENDED_BY.search(errors["RuleException"])[2] == "1"
     assert words.FILES_MISSING.search(errors["MissingOutputException"])[1] == str(seen["job"]["left_out"][1])
 
 
 def test_files_that_know_snakemake_s_words_are_one():
     folder = ROOT / "workflow" / "lib" / "virtual_phantom" / "study" / "progress"
-    known = [*words.NOISE, words.INCOMPLETE, words.EXITED_WITH_1, "output files are missing"]
+    known = [*words.NOISE, *words.BEFORE, *words.DRY_RUN, words.DRY_RUN_ENDS, words.INCOMPLETE]
+    known += ["output files are missing", "returned non-zero exit status"]
     for path in folder.glob("*.py"):
         if path.name != "words.py":
             assert not [text for text in known if text in path.read_text()], path.name

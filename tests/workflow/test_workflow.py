@@ -120,17 +120,17 @@ def test_few_lines_say_how_far_the_study_is(study_run):
     folder, said = study_run
     jobs = 41  # `all` is none
     stated = re.findall(r"^\d\d:\d\d:\d\d (\d+) of (\d+) jobs done(.*)$", said, re.MULTILINE)
-    assert f"Jobs to do: {jobs}. Their logs: {folder}/logs\n" in said
+    first = rf"Jobs to do: {jobs}, .+ (s|min) on 2 cores.*\. Results: {folder}; logs: {folder}/logs"
+    assert re.fullmatch(rf"\d\d:\d\d:\d\d {first}", said.splitlines()[1]), said[:2000]
     assert {int(total) for _, total, _ in stated} == {jobs}
     done = [int(number) for number, _, _ in stated]
     assert done == sorted(done) and done[0] == 0 and done[-1] == jobs
     assert re.fullmatch(r"; now: \w+ \(0 of \d+ done\).*", stated[0][2])
     assert re.fullmatch(rf" in \d+ (s|min)\. Start with {folder}/index\.html", stated[-1][2])
-    assert all(re.match(r"(, about \d+ (s|min) left)?; now: \w+ \(", rest) for _, _, rest in stated[1:-1])
-    # None is named while a job takes longer than was expected of it and nothing else is left.
+    left = r", (under|about|[\d.]+( s)? to) [\d.]+ (s|min) left; now: \w+ \("
+    assert all(re.match(left, rest) for _, _, rest in stated[1:-1]), stated
     assert sum(" left" in rest for _, _, rest in stated[1:-1]) > len(stated[1:-1]) / 2
-    # Snakemake's table of jobs is most of them.
-    assert len(said.splitlines()) < 100 and "jobid" not in said
+    assert len(said.splitlines()) < 60 and "jobid" not in said and "Job stats" not in said
 
 
 def test_every_job_has_left_a_log(study):

@@ -20,8 +20,9 @@ BENEATH = {
 
 def snakemake(*arguments, cores=2, environment=None, timeout=900, project=ROOT):
     """Run snakemake in the repository, or a copy of it, with these variables besides its own; returns the finished
-    process, output and errors as text."""
-    command = [warm.python(), "-m", "snakemake", "--cores", str(cores), "--nolock", *map(str, arguments)]
+    process, output and errors as text. A dry run lists every file of each job."""
+    in_full = ["-p"] if "-n" in arguments else []
+    command = [warm.python(), "-m", "snakemake", "--cores", str(cores), "--nolock", *map(str, arguments), *in_full]
     environment = os.environ | (environment or {})
     return subprocess.run(command, cwd=project, env=environment, capture_output=True, text=True, timeout=timeout)
 

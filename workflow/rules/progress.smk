@@ -9,6 +9,7 @@ import sys
 
 from snakemake.logging import logger
 
+from virtual_phantom.study.progress.before import DryRun, wants_snakemake_s_words
 from virtual_phantom.study.progress.console import take_over
 from virtual_phantom.study.progress.time_left import Step
 
@@ -34,21 +35,31 @@ def steps():
     ]
 
 
+def expected():
+    """What each job is expected to take, by the file that it makes."""
+    return context.expected_seconds(workflow.resource_settings.cores)
+
+
 def say_less():
     """Once a run begins. Who asks for more words, or for none of how far it is, gets Snakemake's."""
     settings = workflow.output_settings
-    asked = {what.name for what in settings.quiet or ()}
-    # The profile's, and a line for each job, of which we have none.
-    asked -= {"HOST", "RULES"}
-    if not settings.verbose and not asked:
+    if not wants_snakemake_s_words(settings):
         take_over(
             logger,
             steps(),
             workflow.cores if workflow.local_exec else None,
-            lambda: context.expected_seconds(workflow.resource_settings.cores),
+            expected,
             context.log_folder,
             workflow.execution_settings.keep_going,
+            context.results_folder,
+            settings.show_failed_logs,
         )
+
+
+for handler in logger.handlers:
+    if isinstance(handler, DryRun):
+        handler.expected, handler.folder = expected, context.results_folder
+        handler.cores = lambda: workflow.resource_settings.cores
 
 
 onstart:

@@ -95,6 +95,11 @@ class Context:
         return self.files.log(job, **known)
 
     @property
+    def results_folder(self) -> str:
+        """Where results are written."""
+        return self.files.results
+
+    @property
     def log_folder(self) -> str:
         """Where all logs lie."""
         return f"{self.files.results}/logs"
@@ -210,8 +215,10 @@ class Context:
         """How long a job of this stage and work may take (costs.jobs.Sizes)."""
         return minutes(self.rates, stage, work)
 
-    def expected_seconds(self, cores: int | None = None) -> dict[str, float]:
+    def expected_seconds(self, cores: int | None = None) -> dict[str, float | tuple[float, float]]:
         """{file: seconds that its job takes one core} of the study's jobs and of diagnoses, with a measured rate.
+
+        Of a diagnosis, the lower and the upper end.
 
         Parameters
         ----------
@@ -220,10 +227,10 @@ class Context:
 
         Returns
         -------
-        dict of str to float
+        dict of str to float or tuple of 2 float
         """
         # Regions count for what is written only.
-        of_study = {
+        of_study: dict[str, float | tuple[float, float]] = {
             f"{self.files.results}/{file}": takes
             for job in study_jobs(self.plan, self.engine, rois=0)
             if (takes := seconds(job, self.rates)) is not None
@@ -231,7 +238,7 @@ class Context:
         }
         # Their processes hold all cores until the last of them is done.
         return of_study | {
-            self.files("diagnosis", recording=one["name"]): one["seconds"] * one["processes"]
+            self.files("diagnosis", recording=one["name"]): tuple(end * one["processes"] for end in one["seconds"])
             for one in self.diagnosis.forecasts(cores)
             if one["seconds"] is not None
         }

@@ -15,8 +15,7 @@ from ..physics.effect import OF_SCANNER, image_effects, load, require
 from ..physics.object_files import path_of
 from ..recordings.scan import missing_for_geometry
 from .costs import diagnoses
-from .costs.limits import minutes
-from .costs.rates import estimate
+from .costs.limits import UNKNOWN_MINUTES, diagnosis_minutes
 from .dependencies import shipped
 from .outputs import Files
 from .plan import Plan
@@ -434,7 +433,8 @@ class Diagnosis:
         Returns
         -------
         list of dict
-            name, and of recordings effects and processes, rays where they are known, and seconds (None: not known).
+            name, and of recordings effects and processes, rays where they are known, and the lower and the upper end
+            of the seconds by the clock (None: not known) and of the CPU time.
         """
         found: list[dict] = []
         for name in self.settings:
@@ -443,8 +443,10 @@ class Diagnosis:
             if extent is None:
                 found.append(one | {"seconds": None})
             else:
-                seconds = estimate(self.rates, diagnoses.STAGE, extent.work(processes))
-                found.append(one | {"rays": extent.rays, "seconds": seconds})
+                forecast = extent.forecast(self.rates, processes)
+                known = {} if forecast is None else {"cpu_seconds": list(forecast.cpu)}
+                seconds = None if forecast is None else list(forecast.wall)
+                found.append(one | {"rays": extent.rays, "seconds": seconds} | known)
         return found + [{"name": name, "seconds": None} for name in (*self.scanners, *self.comparisons)]
 
     def minutes(self, name: str, processes: int) -> int:
@@ -466,7 +468,8 @@ class Diagnosis:
         extent = self.extent(name)
         if extent is None:
             return 60 * (4 + math.ceil(len(self.candidates[name]) / processes))
-        return minutes(self.rates, diagnoses.STAGE, extent.work(processes))
+        forecast = extent.forecast(self.rates, processes)
+        return UNKNOWN_MINUTES if forecast is None else diagnosis_minutes(forecast.wall[1])
 
     def megabytes(self, name: str, processes: int = 1) -> int:
         """Memory of the fits, MB.

@@ -6,6 +6,7 @@ import contextlib
 import logging
 import os
 import re
+import signal
 import sys
 import traceback
 import warnings
@@ -75,8 +76,12 @@ def job(snakemake) -> Iterator[logging.Logger]:
         sys.exit(1)
     except Exception as error:
         logger.error("%s", traceback.format_exc())
-        logger.error("unexpected %s: %s; the log says where", type(error).__name__, " ".join(str(error).split()))
-        raise
+        message = f"unexpected {type(error).__name__}: {' '.join(str(error).split())}; the log says where"
+        logger.error("%s", message)
+        print(f"Error: {message}", file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:  # Ctrl-C reaches scripts too; Snakemake itself says that it stops
+        sys.exit(128 + signal.SIGINT)
     finally:
         for target in (logger, logging.getLogger("py.warnings")):
             target.removeHandler(handler)

@@ -14,6 +14,11 @@ RANKED, FITTED = "effects ranked", "fits made"
 # What is there or not.
 ALIGNED, JUDGED, COMPARED = "alignment fitted", "verdict found", "images compared"
 
+# What is left at most after these, over the time since the start: images and the page were 4 to 30 percent of twelve
+# diagnoses (benchmarks/diagnosis_rates.py), and the page alone up to a tenth. Of fits divided by their rounds: where
+# three effects were found, 4 times after the first of nine rounds, 2.3 after the second, 0.9 after the fifth.
+LEFT_AFTER = {FITTED: 6.0, JUDGED: 0.4, COMPARED: 0.1}
+
 
 @dataclass
 class Count:
@@ -54,7 +59,7 @@ class HowFar:
     def __init__(self, tell: Callable[[HowFar], None] | None = None, clock: Callable[[], float] = time.monotonic):
         self._tell, self._clock, self._lock = tell, clock, threading.Lock()
         self._parts: dict[str, Count | None] = {}
-        self._beside = ""
+        self._beside, self._began, self._rounds = "", clock(), 0
 
     @property
     def words(self) -> str:
@@ -66,6 +71,14 @@ class HowFar:
         """What fits take that are under way; None where nothing tells. Others may follow."""
         fits = self._parts.get(FITTED)
         return None if fits is None else fits.seconds_left(self._clock())
+
+    @property
+    def most_left(self) -> float | None:
+        """What is left at most by the pace of this diagnosis, s; None before fits are made."""
+        share = next((LEFT_AFTER[what] for what in (COMPARED, JUDGED) if what in self._parts), None)
+        if share is None and self._rounds:
+            share = LEFT_AFTER[FITTED] / self._rounds
+        return None if share is None else share * (self._clock() - self._began)
 
     def reached(self, what: str) -> None:
         """ALIGNED, JUDGED or COMPARED is there."""
@@ -93,6 +106,7 @@ class HowFar:
             known = self._parts.get(what) if what == FITTED else None
             one = self._parts[what] = known or Count()
             one.of, one.began, one.before = one.of + count, self._clock(), one.done
+            self._rounds += what == FITTED
             if what == RANKED:
                 self._beside = " and ".join(map(label, beside))
             self._say()

@@ -1,17 +1,20 @@
-"""What the diagnosis of one recording of projections has to do, from what is known before it starts.
+"""How long the diagnosis of one recording of projections takes, from what is known before it starts.
 
-Work is counted in units that costs.rates has a rate for, those of one process and those that processes share out:
+Work is counted in units that costs.rates has a rate for:
 
-    job           one diagnosis: its start, its page
-    plane         what a ray meets in the scanned object, if the description of the scan is checked: voxels along the
-                  longer side in-plane x materials, or shapes; nothing of a disc
-    point         pixels that are fitted, over all views, and a share of their rays (RAYS_PER_PIXEL): alignment,
-                  verdict, images
-    filter_point  matched filters of a process: points x effects
-    filter_step   their steps through the object: rays x effects x planes
-    fit_point     fits of a process: points x fits (EFFECTS_PER_FIT)
+    job               one diagnosis: its start, its page
+    compiled          kernels that are compiled, where no earlier run has done so
+    plane             what a ray meets in the scanned object, if the description of the scan is checked: voxels along
+                      the longer side in-plane x materials, or shapes; nothing of a disc
+    point             pixels that are fitted, over all views, and a share of their rays (RAYS_PER_PIXEL): alignment,
+                      verdict, images
+    filter_point      matched filters: points x effects x rounds of the ranking
+    filter_step       their steps through the object: rays x effects x planes x rounds
+    evaluation        scans that fits simulate
+    evaluation_point  the same x points
 
-How many fits follow depends on what is found. The rates are means of recordings that lack nothing or one effect.
+How many scans are simulated depends on what is found, by far more than on anything that is known beforehand. A forecast
+is therefore a range, from a recording that lacks nothing to one that lacks several effects.
 """
 
 from __future__ import annotations
@@ -28,12 +31,35 @@ from ...physics.object_files import path_of
 from ...physics.sampling import LEAST
 
 STAGE = "diagnose"
-UNITS = ("job", "plane", "point", "filter_point", "filter_step", "fit_point")
+UNITS = ("job", "compiled", "plane", "point", "filter_point", "filter_step", "evaluation", "evaluation_point")
+# Units of which several processes share the work.
+SHARED = ("filter_point", "filter_step", "evaluation", "evaluation_point")
 # What a pixel costs beside its rays, in rays: fits of one scan with 1, 4 and 9 rays per pixel took 5.8, 10.7 and 14.8 s
 # (benchmarks/diagnosis_rates.py --busy, "scatter"), filters 2.0, 3.3 and 4.8 s.
 RAYS_PER_PIXEL = 5
-# Of so many effects one is fitted: 4 to 8 of 27 were in eleven recordings that lacked nothing or one effect.
-EFFECTS_PER_FIT = 4
+# Scans that a diagnosis simulates, and rounds in which it ranks effects: 365 to 1,177 and 1 to 3 where nothing or one
+# effect was found (ten simulated recordings), 7,437 and 11 (of few effects each) with three on a real disc.
+EVALUATIONS = (400, 4200)
+ROUNDS = (1, 4)
+# Rates are off, too: ten of eleven diagnoses took what is forecast with this factor either way, and the other one 0.8
+# times the lower end (rates.yaml, tests/study/test_forecasts.py).
+RATES_OFF = 1.25
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """How long a diagnosis takes, s.
+
+    Attributes
+    ----------
+    cpu : tuple of 2 float
+        Lower and upper end of the CPU time of all its processes.
+    wall : tuple of 2 float
+        The same of the time by the clock, on cores that do nothing else.
+    """
+
+    cpu: tuple[float, float]
+    wall: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -59,28 +85,60 @@ class Extent:
     effects: int
     checked: bool
 
-    def work(self, processes: int = 1) -> dict[str, float]:
+    def work(self, evaluations: int, rounds: int, compiled: bool = False) -> dict[str, float]:
         """{unit: amount}.
 
         Parameters
         ----------
-        processes : int, optional
-            Side by side.
+        evaluations : int
+            Scans that fits simulate.
+        rounds : int
+            In which effects are ranked.
+        compiled : bool, optional
+            Whether kernels are compiled.
 
         Returns
         -------
         dict of str to float
         """
-        points, fits = self.pixels + self.rays / RAYS_PER_PIXEL, math.ceil(self.effects / EFFECTS_PER_FIT)
-        filters = math.ceil(self.effects / processes)
+        points, filters = self.pixels + self.rays / RAYS_PER_PIXEL, self.effects * rounds
         return {
             "job": 1,
+            "compiled": int(compiled),
             "plane": self.planes if self.checked else 0,
             "point": points,
             "filter_point": points * filters,
             "filter_step": self.rays * filters * self.planes,
-            "fit_point": points * math.ceil(fits / processes),
+            "evaluation": evaluations,
+            "evaluation_point": points * evaluations,
         }
+
+    def forecast(self, rates: Mapping, processes: int = 1) -> Forecast | None:
+        """How long the diagnosis takes.
+
+        Parameters
+        ----------
+        rates : mapping
+            As rates.read_rates gives them.
+        processes : int, optional
+            Side by side. They share fits and filters: at best evenly, at worst with half of them idle.
+
+        Returns
+        -------
+        Forecast or None
+            None without rates.
+        """
+        units = rates["seconds"].get(STAGE)
+        if units is None:
+            return None
+        cpu, wall = [], []
+        for end, off, at_work in ((0, 1 / RATES_OFF, processes), (1, RATES_OFF, (1 + processes) / 2)):
+            work = self.work(EVALUATIONS[end], ROUNDS[end], compiled=bool(end))
+            costs = {unit: off * rate * work[unit] for unit, rate in units.items()}
+            shared = sum(costs.get(unit, 0.0) for unit in SHARED)
+            cpu.append(sum(costs.values()))
+            wall.append(cpu[-1] - shared + shared / at_work)
+        return Forecast((cpu[0], cpu[1]), (wall[0], wall[1]))
 
 
 def extent(settings: Mapping, shape: tuple[int, int, int], effects: int, phantom: tuple[Sequence[int], int]) -> Extent:

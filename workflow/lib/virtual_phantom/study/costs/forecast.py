@@ -8,9 +8,10 @@ from pathlib import Path
 from ...base.data import RESOURCES
 from ...base.errors import InputError
 from ...io.volumes import shape_of
-from ..progress.status import duration
-from .diagnoses import STAGE, extent, materials_of, rays_in_words
-from .rates import estimate, read_rates
+from ..progress.load import slowdown
+from ..progress.status import duration_range
+from .diagnoses import extent, materials_of, rays_in_words
+from .rates import read_rates
 
 
 def beforehand(
@@ -48,11 +49,13 @@ def beforehand(
     try:
         voxels = () if phantom is None else shape_of(phantom)
         found = extent(model["settings"], shape, effects, (voxels, materials_of(model["materials"])))
-        seconds = estimate(read_rates(RESOURCES / "rates.yaml"), STAGE, found.work(processes))
+        forecast = found.forecast(read_rates(RESOURCES / "rates.yaml"), processes)
     except InputError:
         return None
-    if seconds is None:
+    if forecast is None:
         return None
+    load = slowdown(processes)
+    wall = duration_range(*(load * seconds for seconds in forecast.wall))
     side_by_side = f"{processes} process{'es' if processes > 1 else ''}"
     counted = f"{effects} effect{'s' if effects > 1 else ''}, {rays_in_words(found.rays)}"
-    return f"diagnosis of {name}: about {duration(seconds)} with {side_by_side} ({counted})"
+    return f"diagnosis of {name}: {wall} with {side_by_side} (CPU time {duration_range(*forecast.cpu)}; {counted})"

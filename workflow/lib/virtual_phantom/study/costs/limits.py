@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from .rates import estimate
 
 # Two because estimates far from the measured scale are good to that, and two for a slower node with busy neighbours.
-SAFETY = 4.0
+SLOWER_NODE = 2.0
+SAFETY = 2.0 * SLOWER_NODE
 # Of any job: Python from a shared file system that is slow, kernels compiled again for another processor.
 FLOOR_MINUTES = 10
 # Of features: rates count images, and regions as large as organs take many times what those of the measured study took.
-# Of a diagnosis: with two effects to be found, one took four times the forecast (benchmarks/diagnosis_rates.py); a
-# diagnosis that is cut off goes on from the fits that it has kept.
+# Of a diagnosis: one that is cut off goes on from the fits that it has kept.
 FLOORS = {"extract": 30, "diagnose": 60}
 # Of a stage that nothing is known of: rates of one's own may leave out what one's study had no jobs of.
 UNKNOWN_MINUTES = 240
@@ -49,3 +49,18 @@ def minutes(rates: dict, stage: str, work: Mapping[str, float]) -> int:
     seconds = estimate(rates, source, work)
     least = FLOORS.get(stage, FLOOR_MINUTES)
     return UNKNOWN_MINUTES if seconds is None else max(least, math.ceil(times * seconds / 60))
+
+
+def diagnosis_minutes(most: float) -> int:
+    """Whole minutes that a diagnosis may take, never under its floor.
+
+    Parameters
+    ----------
+    most : float
+        The upper end of its forecast, s by the clock.
+
+    Returns
+    -------
+    int
+    """
+    return max(FLOORS["diagnose"], math.ceil(SLOWER_NODE * most / 60))

@@ -10,7 +10,7 @@ import pandas as pd
 
 from ...phantom.layout import read_layout
 from ..plan import Plan
-from ..progress.status import duration
+from ..progress.status import duration_range
 from .diagnoses import rays_in_words
 from .jobs import Job, study_jobs
 from .rates import seconds, written
@@ -154,11 +154,11 @@ def listed(forecasts: Sequence[Mapping]) -> str:
     """
     if not forecasts:
         return ""
-    lines = ["", f"{'diagnosis (snakemake diagnosis)':<34}{'effects':>8}{'rays':>21}{'processes':>11}{'time':>12}"]
+    lines = ["", f"{'diagnosis (snakemake diagnosis)':<34}{'effects':>8}{'rays':>21}{'processes':>11}{'time':>17}"]
     for one in forecasts:
         rays = rays_in_words(one["rays"]) if "rays" in one else ""
-        time = "not known" if one["seconds"] is None else duration(one["seconds"])
-        lines.append(f"{one['name']:<34}{one.get('effects', ''):>8}{rays:>21}{one.get('processes', ''):>11}{time:>12}")
+        time = "not known" if one["seconds"] is None else duration_range(*one["seconds"])
+        lines.append(f"{one['name']:<34}{one.get('effects', ''):>8}{rays:>21}{one.get('processes', ''):>11}{time:>17}")
     return "\n".join(lines) + "\n"
 
 

@@ -4,15 +4,15 @@ Records are told apart by their `event`, which has the names of snakemake_interf
 by the fields that come with it. That somebody stops a run is heard from the signal. What is left is in `words`. Records
 go on to Snakemake's log file as they are.
 
-This is no logger plugin: Snakemake takes one by --logger alone, from a package that is installed, and tells it neither
-which jobs there will be nor which of them wait for which.
+This is no logger plugin: Snakemake loads one by --logger alone and from an installed package, and the library beside
+the rules need not be installed (rules/library.smk). A plugin also gets no event for which jobs there are and which of
+them wait for which.
 """
 
 from __future__ import annotations
 
 import logging
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
@@ -20,6 +20,8 @@ from functools import partial
 from pathlib import Path
 
 from . import failures, words
+from .before import Before, terminal
+from .load import slowdown
 from .status import Status
 from .time_left import Progress, Step
 
@@ -45,6 +47,10 @@ class Console(logging.Handler):
         Whether further jobs are started after one has failed.
     clock : callable, optional
         Gives seconds since the epoch.
+    results : str, optional
+        Folder of the results.
+    in_full : bool, optional
+        Whether Snakemake's block for a job that failed without a reason is printed too.
     """
 
     def __init__(
@@ -54,19 +60,22 @@ class Console(logging.Handler):
         logs: str,
         keep_going: bool = False,
         clock: Callable[[], float] = time.time,
+        results: str = "",
+        in_full: bool = False,
     ):
         super().__init__()
         self.inner, self.progress, self.keep_going, self.clock = inner, progress, keep_going, clock
+        self.in_full = in_full
         made = (file for step in progress.steps.values() if step.rule == INDEX for file in step.files)
         self.status = Status(inner.stream, progress, clock, start=next(made, None))
         self.failed: dict[int, str] = {}
         self.untold: list[str] = []
-        self.exited_with_1: dict[int, logging.LogRecord] = {}
+        self.ended: dict[int, logging.LogRecord] = {}
         self.groups: dict[int, list[int]] = {}
         self.cut_short = self.let_finish = False
         self.said_without_event = ""
         self.closed = threading.Event()
-        self.status.write(f"Jobs to do: {len(progress.steps)}. Their logs: {logs}")
+        self.handle(logging.makeLogRecord({"event": "began", "msg": "began", "results": results, "logs": logs}))
 
     def emit(self, record: logging.LogRecord) -> None:
         # What went wrong in here must not end the run: Snakemake would cancel its jobs.
@@ -124,6 +133,9 @@ class Console(logging.Handler):
             self.said_without_event = text
             self.inner.handle(record)
 
+    def _began(self, record):
+        self.status.begin(record.results, record.logs)
+
     def _time_passed(self, record):
         if self.progress.under_way and not self.closed.is_set():
             self._say()
@@ -162,17 +174,18 @@ class Console(logging.Handler):
         self._jobs_failed(record.job_error_info, record.aux_logs, record)
 
     def _jobs_failed(self, jobs, more_logs, record):
-        """Remember why. What gave no reason is told in Snakemake's words too."""
-        exited_with_1 = self.exited_with_1.pop(record.thread, None)
+        """Remember why: the reason in the log, or else how the script ended."""
+        ended = self.ended.pop(record.thread, None)
         if self.cut_short:
             return
         for job in jobs:
             self.progress.fail(job["jobid"])
         lines = failures.from_logs(jobs, self.progress.began)
         if not lines:
-            lines = failures.without_reason(jobs, more_logs)
-            for said in filter(None, (exited_with_1, record)):
-                self.inner.handle(said)
+            lines = failures.without_reason(jobs, more_logs, "" if ended is None else str(ended.msg))
+            if self.in_full:
+                for said in filter(None, (ended, record)):
+                    self.inner.handle(said)
         self._remember(lines)
 
     def _remember(self, lines):
@@ -194,9 +207,9 @@ class Console(logging.Handler):
             self._ended(record)
         elif kind == "RuleException" and self.cut_short:
             pass  # how the jobs ended that were under way
-        elif kind == "RuleException" and words.EXITED_WITH_1 in text:
+        elif kind == "RuleException" and words.ENDED_BY.search(text):
             # What the same thread says next is that the job failed, and its log says why, if it got so far.
-            self.exited_with_1[record.thread] = record
+            self.ended[record.thread] = record
         else:
             self.inner.handle(record)
             missing = words.FILES_MISSING.search(text)
@@ -208,7 +221,7 @@ class Console(logging.Handler):
                 self._remember(failures.without_files(step))
 
     def _ended(self, record):
-        for unexplained in self.exited_with_1.values():
+        for unexplained in self.ended.values():
             self.inner.handle(unexplained)
         if self.failed:
             self.status.write(self.status.counts(len(self.failed)))
@@ -221,7 +234,14 @@ class Console(logging.Handler):
 
 
 def take_over(
-    logger: logging.Logger, steps: Iterable[Step], cores: int | None, expected, logs: str | Path, keep_going: bool
+    logger: logging.Logger,
+    steps: Iterable[Step],
+    cores: int | None,
+    expected,
+    logs: str | Path,
+    keep_going: bool,
+    results: str = "",
+    in_full: bool = False,
 ) -> None:
     """Say the rest of a run's messages in our words, where Snakemake writes to the terminal in its own.
 
@@ -241,11 +261,16 @@ def take_over(
         Folder of the jobs' logs.
     keep_going : bool
         Whether further jobs are started after one has failed.
+    results : str, optional
+        Folder of the results.
+    in_full : bool, optional
+        Whether Snakemake's block for a job that failed without a reason is printed too.
     """
-    for handler in list(logger.handlers):
-        if isinstance(handler, logging.StreamHandler) and handler.stream in (sys.stdout, sys.stderr):
-            console = Console(handler, Progress(steps, cores, expected, time.time()), str(logs), keep_going)
-            logger.removeHandler(handler)
-            logger.addHandler(console)
-            console.hear_of_stops()
-            console.look_on()
+    for handler in terminal(logger):
+        inner = handler.inner if isinstance(handler, Before) else handler
+        progress = Progress(steps, cores, expected, time.time(), slowdown(cores))
+        console = Console(inner, progress, str(logs), keep_going, results=results, in_full=in_full)
+        logger.removeHandler(handler)
+        logger.addHandler(console)
+        console.hear_of_stops()
+        console.look_on()

@@ -8,12 +8,29 @@ from __future__ import annotations
 import itertools
 import os
 import re
+import signal
 from collections.abc import Sequence
 
 from ..job import last_reason
+from . import words
 from .time_left import Step, stage_of
 
 SHOWN_AT_END = 10
+# What a signal that ended a script most often means, and what to do.
+CRASHED = " (a crash); run it again, and report it with its log if that fails too"
+SIGNALLED = {
+    "SIGKILL": ", most often because memory ran out; run with fewer --cores, or a smaller grid",
+    "SIGTERM": " (stopped from outside, or out of time); the same command goes on from there",
+    "SIGINT": " (Ctrl-C); the same command goes on from there",
+    "SIGHUP": " (its terminal closed); the same command goes on from there",
+    "SIGXCPU": ": its limit of CPU time is reached; raise the limit (ulimit -t)",
+    "SIGXFSZ": ": a file is larger than the limit of this shell; raise the limit (ulimit -f)",
+    "SIGBUS": ", most often because a disk or shared memory is full; free some space",
+    "SIGSEGV": CRASHED,
+    "SIGABRT": CRASHED,
+    "SIGILL": CRASHED,
+    "SIGFPE": CRASHED,
+}
 ACQUISITION = re.compile(r"(.*/seed\d+)\.[a-z0-9.]+")
 
 
@@ -26,14 +43,16 @@ def from_logs(jobs: Sequence[dict], since: float) -> dict[int, str]:
     return lines
 
 
-def without_reason(jobs: Sequence[dict], more_logs: Sequence[str] = ()) -> dict[int, str]:
-    """One line for jobs that ended together, under the number of the first.
+def without_reason(jobs: Sequence[dict], more_logs: Sequence[str] = (), said: str = "") -> dict[int, str]:
+    """One line for jobs that ended together without a reason in a log, under the number of the first.
 
     Parameters
     ----------
     jobs : sequence of dict
     more_logs : sequence of str, optional
         Logs that are no job's own, as a cluster's.
+    said : str, optional
+        Snakemake's message about how the script ended.
 
     Returns
     -------
@@ -42,8 +61,30 @@ def without_reason(jobs: Sequence[dict], more_logs: Sequence[str] = ()) -> dict[
     """
     names = ", ".join(map(described, jobs))
     logs = ", ".join([*more_logs, *(log for job in jobs for log in job["log"])])
-    why = "gave no reason in its log (killed, out of time, or failed before it began)"
-    return {jobs[0]["jobid"]: f"Failed: {names}: {why}{'; see ' if logs else ''}{logs}"}
+    return {jobs[0]["jobid"]: f"Failed: {names}: {ending(said)}{' (log: ' if logs else ''}{logs}{')' if logs else ''}"}
+
+
+def ending(said: str) -> str:
+    """How a script ended that gave no reason, and what to do about it.
+
+    Parameters
+    ----------
+    said : str
+        Snakemake's message.
+
+    Returns
+    -------
+    str
+    """
+    found = words.ENDED_BY.search(said)
+    if found is None:
+        return "gave no reason in its log (killed, out of time, or failed before it began)"
+    name, code = found[1], int(found[2] or 0)
+    if name is None and code > 128:  # as shells report a program that a signal ended
+        name = next((one.name for one in signal.Signals if one == code - 128), None)
+    if name is None:
+        return f"ended with exit status {code} before its log began; the lines above say why"
+    return f"ended by {name}{SIGNALLED.get(name, '; run the same command again')}"
 
 
 def without_files(step: Step) -> dict[int, str]:

@@ -25,11 +25,14 @@ class Said:
         What is done of it.
     seconds_left : float or None
         What it needs at least; None where it does not know.
+    most_left : float or None
+        What it needs at most; None where it does not know.
     """
 
     name: str
     words: str
     seconds_left: float | None = None
+    most_left: float | None = None
 
     def __str__(self) -> str:
         return f"{self.name}: {self.words}"
@@ -52,7 +55,7 @@ def say(log: str | Path, said: Said) -> None:
 
 def saying(log: str | Path, name: str) -> Callable[[Any], None]:
     """What says how far something is, for diagnosis.core.how_far.HowFar."""
-    return lambda how_far: say(log, Said(name, how_far.words, how_far.seconds_left))
+    return lambda how_far: say(log, Said(name, how_far.words, how_far.seconds_left, how_far.most_left))
 
 
 def heard(log: str | Path, since: float) -> Said | None:
