@@ -87,7 +87,7 @@ def parse_yaml(
         raise InputError(f"{path}: is empty; {advice}")
     if not isinstance(content, dict):
         kind = "a list" if isinstance(content, list) else f"one value ({str(content)[:40]!r})"
-        raise InputError(f"{path}: holds {kind}, not a mapping of keys to values; {advice}")
+        raise InputError(f"{path}: is not a mapping of keys to values but {kind}; {advice}")
     check_nesting(content, str(path))
     if template and content.pop("__use_yte__", False):
         content = template(text)

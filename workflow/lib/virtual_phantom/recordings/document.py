@@ -72,7 +72,7 @@ def read_document(folder: str | Path) -> Document:
     """
     folder = Path(folder)
     path = folder / FILE_NAME
-    content = read_yaml(path, f"a recording is a folder with a {FILE_NAME} in it (docs/recordings.md)")
+    content = read_yaml(path, f"a recording is a folder with a {FILE_NAME} in it")
     lines = [
         f"{path}: holds a number that is not finite ({number}); correct it or leave the key out"
         for number in _numbers(content)

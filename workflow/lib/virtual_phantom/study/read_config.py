@@ -6,7 +6,7 @@ import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from ..base.data import DEFAULT_STUDY
+from ..base.data import clone
 from ..base.errors import InputError, refusing
 from ..io.default_study import default_study
 from ..io.yaml_files import parse_yaml
@@ -32,7 +32,7 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
         None, if a file cannot be read.
     """
     lines: list[str] = []
-    default = next((path for path in (Path(DEFAULT), DEFAULT_STUDY) if path.exists()), None)
+    default = next((path for path in (Path(DEFAULT), (clone() or Path()) / DEFAULT) if path.exists()), None)
     settings: dict = {} if default else shipped_default()
     readable = True
     for path in [*([default] if default else []), *paths]:
