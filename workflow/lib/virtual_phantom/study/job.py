@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..base.console import unexpected
 from ..base.errors import InputError
 from .progress.said import silence
 
@@ -68,7 +69,7 @@ def job(snakemake) -> Iterator[logging.Logger]:
         sys.exit(1)
     except Exception as error:
         logger.error("%s", traceback.format_exc())
-        logger.error("unexpected %s: %s; the log says where", type(error).__name__, " ".join(str(error).split()))
+        logger.error("%s", unexpected(error, "the log"))
         raise
     finally:
         for target in (logger, logging.getLogger("py.warnings")):
