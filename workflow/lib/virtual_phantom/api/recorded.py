@@ -118,7 +118,7 @@ def diagnose(
         kind_of, parameters = (shapes, {}) if isinstance(shapes, str | Path) else pair(shapes, "shapes", what)
         parameters = mapping(parameters, "shapes[1]", "{parameter: value}")
         scanned["object"] = {"kind": path(kind_of, "shapes"), "parameters": dict(parameters)}
-    thresholds = mapping(matters or {}, "matters", "{quantity: threshold}")
+    thresholds = mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
     validate(dict(thresholds), schema_of("diagnosis", "matters"), "matters")
     section, schema = settings | scanned, SECTION | {"$defs": schema_of()["$defs"]}
     validate(section, schema, "diagnose")

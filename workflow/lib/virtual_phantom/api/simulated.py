@@ -209,7 +209,7 @@ def scan(
     projections, repeats = whole(projections, "projections", 1), whole(repeats, "repeats", 1)
     noise_level, threads = positive(noise_level, "noise_level"), whole(threads, "threads", 1)
     seed = whole(seed, "seed", 0, LARGEST_SEED)
-    physics = _plain(mapping(physics or {}, "physics", "{effect: {parameter: value}}"))
+    physics = _plain(mapping({} if physics is None else physics, "physics", "{effect: {parameter: value}}"))
     if stream is not None:
         stream = tuple(text(one, "stream") for one in pair(stream, "stream", "labels of geometry and noise level"))
     section = STUDY["scan"] | _plain(scanner)
@@ -281,7 +281,7 @@ def reconstruct(
     settings = _plain(settings)
     validate(settings, schema_of("reconstruction", algorithm), algorithm)
     made_by(scan, Scan, "scan", "vp.scan")
-    threads = whole(threads, "threads", 1)
+    threads, engine = whole(threads, "threads", 1), text(engine, "engine")
     return images_of.reconstruct(
         scan.line_integrals,
         scan.geometry,

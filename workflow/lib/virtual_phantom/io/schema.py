@@ -9,6 +9,7 @@ import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cache
+from numbers import Real
 from pathlib import Path
 
 from jsonschema import Draft202012Validator, validators
@@ -25,10 +26,18 @@ _Validator = validators.extend(
     type_checker=Draft202012Validator.TYPE_CHECKER.redefine_many(
         {
             "integer": lambda _, value: isinstance(value, int) and not isinstance(value, bool),
+            "number": lambda _, value: _finite(value),
             "array": lambda _, value: isinstance(value, list | tuple),
         }
     ),
 )
+
+
+def _finite(value: object) -> bool:
+    """YAML and Python have numbers that JSON does not."""
+    return isinstance(value, Real) and not isinstance(value, bool) and (isinstance(value, int) or math.isfinite(value))
+
+
 BOUNDS = {"minimum": "at least", "exclusiveMinimum": "more than", "maximum": "at most", "exclusiveMaximum": "less than"}
 
 
@@ -267,6 +276,8 @@ def _one_line(error, source):
     if error.validator == "type" and (number := _number_meant(error.instance, error.validator_value)):
         kind = "text" if isinstance(error.instance, str) else "not a whole number"
         return f"{source}: {where}: {error.instance!r} is {kind} to YAML; write {number}"
+    if error.validator == "type" and isinstance(error.instance, float) and not math.isfinite(error.instance):
+        return f"{source}: {where} is {error.instance}; give a finite number"
     if error.validator == "type" and (quoted := _quotes_missing(error.instance, error.validator_value)):
         return f"{source}: {where}: {quoted}"
     what = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
