@@ -93,12 +93,6 @@ def diagnose(
     phantom = None if phantom is None else path(phantom, "phantom")
     if effects is not None:
         effects = [text(one, "effects") for one in sequence(effects, "effects", "names of effects")]
-    document = read_document(recording)
-    if (kind := document.content["kind"]) != "projections":
-        raise InputError(
-            f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
-            "configuration (docs/diagnosis.md) and run snakemake diagnosis"
-        )
     scanned: dict = {}
     if disc is not None:
         diameter, material = pair(disc, "disc", "diameter in mm and material")
@@ -118,6 +112,12 @@ def diagnose(
         kind_of, parameters = (shapes, {}) if isinstance(shapes, str | Path) else pair(shapes, "shapes", what)
         parameters = mapping(parameters, "shapes[1]", "{parameter: value}")
         scanned["object"] = {"kind": path(kind_of, "shapes"), "parameters": dict(parameters)}
+    document = read_document(recording)
+    if (kind := document.content["kind"]) != "projections":
+        raise InputError(
+            f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
+            "configuration (docs/diagnosis.md) and run snakemake diagnosis"
+        )
     thresholds = mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
     validate(dict(thresholds), schema_of("diagnosis", "matters"), "matters")
     section, schema = settings | scanned, SECTION | {"$defs": schema_of()["$defs"]}

@@ -212,12 +212,12 @@ def scan(
     physics = _plain(mapping({} if physics is None else physics, "physics", "{effect: {parameter: value}}"))
     if stream is not None:
         stream = tuple(text(one, "stream") for one in pair(stream, "stream", "labels of geometry and noise level"))
+    effects = checked(physics)
     section = STUDY["scan"] | _plain(scanner)
     validate(section, schema_of("scan"), "scan")
     fill_defaults(section, schema_of("scan"))
     geometry = scan_geometry(section, projections, phantom.image.grid)
     check_rois_seen(geometry, phantom.image.grid, {roi.name: roi.mask for roi in phantom.rois})
-    effects = checked(physics)
     before = {name: values for name, values in effects.items() if not acts_on_images(name)}
     mu_water_per_mm = defaults_of()["mu_water_per_mm"]
     clean, state = projected(
