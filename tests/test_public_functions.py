@@ -76,7 +76,7 @@ def test_a_recording_is_diagnosed_or_refused(name, tmp_path):
         (lambda one: vp.read_phantom(3, []), "image: 3 is not a path; give the path of a file or folder as text"),
         (lambda one: vp.scan("phantom"), "phantom: is of type str; give what draw_phantom or read_phantom returns"),
         (lambda one: vp.scan(one, noise_level=0), "noise_level: 0 is not a number above 0; give one"),
-        (lambda one: vp.scan(one, physics={"scatter": 3}), "physics.scatter is 3; give its parameters as a mapping"),
+        (lambda one: vp.scan(one, physics={"scatter": 3}), "physics.scatter is 3; give a mapping of its parameters"),
         (lambda one: vp.scan(one, physics=["scatter"]), "physics: ['scatter'] is not a mapping; give {effect:"),
         (lambda one: vp.scan(one, pitch=float("inf")), "scan: pitch is inf; give a finite number"),
         (lambda one: vp.reconstruct([1]), "scan: is of type list; give what vp.scan returns"),
@@ -111,8 +111,8 @@ def test_a_fault_is_one_line_that_says_what_to_report():
     with pytest.raises(UnexpectedError) as error:
         broken(3)
     assert str(error.value) == (
-        "broken: unexpected IndexError: list index out of range; this is a fault of Virtual Phantom: report it with the "
-        "traceback above"
+        "broken: unexpected IndexError: list index out of range; this is a fault of Virtual Phantom: report it with "
+        "the traceback above"
     )
     assert isinstance(error.value.__cause__, IndexError)
 
