@@ -27,8 +27,9 @@ features = vp.extract(images, phantom)
 Notebooks show them at work: [a scan](notebooks/scan.ipynb), [a study on your own CT](notebooks/own-ct.ipynb),
 [a diagnosis of a real disc](notebooks/diagnosis.ipynb). A whole study, cached and on many cores, is better run by
 Snakemake. The functions give the same numbers as the study does (`tests/workflow/test_python.py`). Bad input raises
-`virtual_phantom.base.errors.InputError`, whose message is one line. This page is made from the code by
-`python docs/api_reference.py`.
+`virtual_phantom.base.errors.InputError`, whose message is one line and names the argument. A fault of the
+package raises `virtual_phantom.api.arguments.UnexpectedError`, whose message says what to report.
+This page is made from the code by `python docs/api_reference.py`.
 """
 
 

@@ -30,7 +30,8 @@ INTRODUCTION = """# Configuration
 | `htc2022.yaml` | overlay: which physics is missing on three real discs ([htc2022.md](../docs/htc2022.md)) |
 
 A key of `protocols`, `scans`, `noise.levels`, `recordings`, `public_scans` and its two selections, `analyses`,
-`analyses.pca` or `analyses.comparison` that an overlay sets to `null` is taken away, as is a key inside a protocol
+`analyses.pca`, `analyses.comparison`, `diagnosis.recordings` or `diagnosis.scanners` that an overlay sets to `null`
+is removed, as is a key inside a protocol
 (`group: null` takes the protocol out of the groups). In the table `*` stands for a name of your own (of an effect and
 its parameter under `physics`; `sirt`, `fbp` or `multicentre` under `analyses.pca`) and `[]` for each entry of a list.
 This page is made from `workflow/lib/virtual_phantom/schemas/config.schema.yaml` by `docs/config_reference.py`.

@@ -213,7 +213,7 @@ def test_labels_are_whole_numbers_or_text_and_the_same():
         ({"01": "pmma"}, "'01' must be of digits alone"),
         ({True: "pmma"}, "the key True in diagnosis.recordings.x.object.materials is not text to YAML"),
         ({1.5: "pmma"}, "the key 1.5 in diagnosis.recordings.x.object.materials is not text to YAML"),
-        ({1: 3}, "x.object.materials.1: 3 is not of type 'string', 'object'"),
+        ({1: 3}, "x.object.materials.1: is the number 3 to YAML; write it in quotes if it is a name"),
         ({1: {"compound": "H2O"}}, "x.object.materials.1: 'density_g_per_cm3' is a required property"),
         ({1: {"compound": "H2O", "density_g_per_cm3": 0}}, "density_g_per_cm3: 0 is less than or equal to"),
         ({1: {"compound": "H2O", "density": 1}}, "unknown key 'density' in diagnosis.recordings.x.object.materials.1"),

@@ -1,6 +1,9 @@
 """Parameter files of pyradiomics: values are those of its own command, mistakes are told in one line."""
 
+import json
+import logging
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -8,10 +11,12 @@ import pytest
 import SimpleITK as sitk
 import yaml
 from pyradiomics_batch import LABELS, PYRADIOMICS, SHAPE, SPACING_MM, label_map, scans
+from radiomics import getParameterValidationFiles
+from radiomics.featureextractor import RadiomicsFeatureExtractor
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.features import extraction, tables
+from virtual_phantom.features import accepted, extraction, settings, tables
 from virtual_phantom.features.names import FEATURES, family, features_of
 from virtual_phantom.features.parameters import DEFAULT, read_parameters
 from virtual_phantom.features.settings import differences, distinct, of_parameters, of_table
@@ -96,11 +101,35 @@ def test_settings_of_a_filter_concern_its_features_alone(tmp_path):
         ({"imageType": {"Wavelets": {}}}, "Image Type Wavelets is not recognized"),
         ({"imageType": {"LoG": {}}}, "imageType LoG gives no features; complete its settings (LoG needs sigma)"),
         ({"featureClass": {"firstorder": ["Meen"]}}, "contains unrecognized features: {'Meen'}"),
-        ({"featureClass": {"shape2D": None}}, "asks for no feature"),
+        ({"featureClass": {"shape2D": None}}, "featureClass.shape2D needs regions of one slice; use shape"),
+        ({"featureClass": {"shape2D": []}, "setting": {"force2D": True}}, "featureClass.shape2D needs regions of one"),
+        ({"imageType": {"LoG": {"sigma": [3, 900]}}}, "imageType LoG: sigma 900 mm gives no features"),
+        (
+            {"imageType": {"Original": {"normalize": True}}},
+            "imageType.Original.normalize is passed over by",
+        ),
+        ({"imageType": {"Wavelet": {"label": 2}}}, "imageType.Wavelet.label is passed over by pyradiomics"),
+        ({"setting": {"binWidth": "5"}}, "setting.binWidth: '5' is text to YAML; write a number"),
+        ("setting: {voxelArrayShift: 1, binWidth: 1e1}", "setting.binWidth: '1e1' is text to YAML"),
+        ("setting: {binWidth: .inf}", "setting.binWidth is inf; give a finite number"),
+        ({"setting": {"resampledPixelSpacing": [1, 1]}}, "setting.resampledPixelSpacing has 2 entries; give 3"),
+        ({"setting": {"resegmentRange": [1, 2, 3]}}, "setting.resegmentRange has 3 entries; give the lower"),
+        ({"setting": {"resegmentRange": [50], "resegmentMode": "relative"}}, "setting.resegmentRange holds shares"),
+        (
+            {"setting": {"binCount": 100000}},
+            "setting.binCount is 100000, which needs too much memory; give",
+        ),
+        ({"setting": {"distances": []}}, "setting.distances is empty; give distances in voxels, such as [1]"),
+        ({"setting": {"kernelRadius": 2}}, "Key 'kernelRadius' was not defined"),
+        (
+            "setting:\n\tbinWidth: 5\n",
+            "line 2: cannot be read as YAML (found character '\\t' that cannot start",
+        ),
+        ("setting: {binWidth: 5, binWidth: 6}", "setting.binWidth is there twice, in lines 1 and 1"),
         ({"voxelSetting": {"kernelRadius": 2}}, "voxelSetting is of feature maps"),
         ({"settings": {"binWidth": 10}}, "Key 'settings' was not defined"),
         ("setting: [", "cannot be read as YAML"),
-        ("", "holds none of imageType, featureClass, setting"),
+        ("", "is empty; give a parameter file of pyradiomics under features.parameters"),
     ],
 )
 def test_mistakes_are_one_line(tmp_path, content, message):
@@ -119,3 +148,86 @@ def test_a_region_that_pyradiomics_refuses_is_named(tmp_path):
         InputError, match="scan 7: ROI spot: pyradiomics, as .*parameters.yaml sets it: Size of the ROI"
     ):
         extraction.extract(Volume(image, Grid(image.shape, (2.0, 2.0, 2.0))), {"spot": mask}, "scan 7", parameters)
+
+
+def test_json_is_read_as_pyradiomics_reads_it(tmp_path):
+    """With tabs, which YAML refuses."""
+    content = {"featureClass": {"firstorder": ["Mean"]}, "setting": {"binWidth": 5}}
+    path = written(tmp_path, json.dumps(content, indent="\t"))
+    assert read_parameters(path).features == ("original_firstorder_Mean",)
+    assert of_parameters(path).settings == {"binWidth": 5}
+
+
+@pytest.mark.parametrize(
+    "content, line",
+    [
+        (
+            {"setting": {"normalizeScale": 100, "removeOutliers": 3}},
+            "normalizeScale (without normalize), remove",
+        ),
+        ({"setting": {"interpolator": "sitkLinear"}}, "interpolator (without resampledPixelSpacing)"),
+        (
+            {"setting": {"resampledPixelSpacing": [2, 2, 2], "interpolator": None}},
+            "resampledPixelSpacing (without an interpolator)",
+        ),
+        ({"setting": {"force2Ddimension": 2}}, "force2Ddimension (without force2D)"),
+        ({"setting": {"resegmentShape": True}}, "resegmentShape (without resegmentRange)"),
+        ({"setting": {"sigma": [2.0], "level": 2}}, "level (without imageType Wavelet), sigma (without imageType LoG)"),
+        (
+            {"setting": {"label": 2, "correctMask": True}},
+            "correctMask (regions are masks on the image's own voxels), label",
+        ),
+        (
+            {"setting": {"weightingNorm": "euclidean"}, "featureClass": {"firstorder": ["Mean"]}},
+            "weightingNorm (no feature of the file depends on it)",
+        ),
+    ],
+)
+def test_settings_that_change_nothing_are_noted_and_change_nothing(tmp_path, content, line, caplog):
+    content = {"featureClass": {"firstorder": ["Mean", "Energy"], "glcm": ["Contrast"]}} | content
+    path = written(tmp_path, content)
+    with caplog.at_level(logging.WARNING):
+        parameters = read_parameters(path)
+    (note,) = [record.getMessage() for record in caplog.records]
+    assert note.startswith(f"{path}: these settings change nothing: {line}")
+    (plain := tmp_path / "plain").mkdir()
+    alone = read_parameters(written(plain, {"featureClass": content["featureClass"]}))
+    found, same = (extraction.extract(*spot(), "i", one)[list(alone.features)] for one in (parameters, alone))
+    pd.testing.assert_frame_equal(found, same)
+
+
+def spot():
+    image = np.random.default_rng(3).normal(0, 50, (12, 12, 12))
+    mask = np.zeros(image.shape, bool)
+    mask[3:9, 3:9, 3:9] = True
+    return Volume(image, Grid(image.shape, (2.0, 2.0, 2.0))), {"spot": mask}
+
+
+def test_what_takes_effect_is_not_noted(tmp_path, caplog):
+    stated = {"normalize": True, "normalizeScale": 100, "binWidth": 5, "preCrop": False, "force2D": True}
+    with caplog.at_level(logging.WARNING):
+        read_parameters(written(tmp_path, {"setting": stated | {"force2Ddimension": 1, "weightingNorm": "euclidean"}}))
+    assert not caplog.records
+
+
+def test_every_setting_of_pyradiomics_is_known():
+    """By the schema of the version that is installed: a new one needs a decision."""
+    schema = yaml.safe_load(Path(getParameterValidationFiles()[0]).read_text())["mapping"]
+    known = settings.UNSTATED.keys() | settings.HARMLESS | accepted.FILTER.keys() | accepted.OF_FILES
+    assert schema["setting"]["mapping"].keys() <= known
+    assert set(schema) == {"setting", "voxelSetting", "featureClass", "imageType"}
+
+
+def test_shape_in_2d_is_that_of_pyradiomics(tmp_path):
+    content = {"featureClass": {"shape2D": ["MeshSurface", "Perimeter"], "firstorder": ["Mean"]}}
+    parameters = read_parameters(written(tmp_path, content), "largest")
+    volume, masks = spot()
+    found = extraction.extract(volume, masks, "i", parameters).iloc[0]
+    images = [sitk.GetImageFromArray(one[3]) for one in (volume.array, masks["spot"].astype(np.uint8))]
+    theirs = RadiomicsFeatureExtractor(content | {"imageType": {"Original": {}}}).execute(*images)
+    assert len(parameters.features) == 3
+    for name in parameters.features:
+        assert found[name] == pytest.approx(float(theirs[name]), rel=1e-9), name
+    with pytest.raises(InputError, match="featureClass.shape needs volumes; use shape2D"):
+        (tmp_path / "3d").mkdir()
+        read_parameters(written(tmp_path / "3d", {"featureClass": {"shape": None}}), "largest")

@@ -288,6 +288,6 @@ def test_missing_and_broken_layout_files(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_layout(tmp_path / "none.yaml")
     (tmp_path / "bad.yaml").write_text("a: [1,\nb: 2")
-    with pytest.raises(InputError, match="not valid YAML") as caught:
+    with pytest.raises(InputError, match="line 2: cannot be read as YAML") as caught:
         read_layout(tmp_path / "bad.yaml")
     assert "\n" not in str(caught.value)

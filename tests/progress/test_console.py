@@ -144,7 +144,10 @@ def test_a_failure_is_told_at_once_if_others_go_on(tmp_path):
 @pytest.mark.parametrize(
     "error, reason",
     [
-        (ValueError("two\nlines"), "unexpected ValueError: two lines; the log says where"),
+        (
+            ValueError("two\nlines"),
+            "unexpected ValueError: two lines; this is a fault of Virtual Phantom: report it with the log",
+        ),
         (MemoryError(), "not enough memory (no more could be had); run fewer jobs at a time, or a smaller grid"),
     ],
 )

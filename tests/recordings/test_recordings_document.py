@@ -106,7 +106,7 @@ def test_absolute_paths_and_links_out_of_the_folder_are_refused(bench, tmp_path)
 
 
 @pytest.mark.parametrize(
-    "text, message", [("a: [1", "cannot be read as YAML"), ("- 1", "is not a mapping"), ("", "is not a")]
+    "text, message", [("a: [1", "cannot be read as YAML"), ("- 1", "is not a mapping"), ("", "is empty")]
 )
 def test_what_is_not_a_mapping_is_refused(tmp_path, text, message):
     (tmp_path / "recording.yaml").write_text(text)

@@ -300,7 +300,7 @@ def test_regions_of_a_table_are_held_against_those_of_the_study(rois, chosen, me
 
 def test_a_missing_file_is_one_line(desk, capsys):
     assert command.main(["check", "nothing.yaml"]) == 1
-    assert capsys.readouterr().err.startswith("Error: nothing.yaml: cannot be read")
+    assert capsys.readouterr().err.startswith("Error: nothing.yaml: no such file; give")
 
 
 def test_files_are_put_together_as_snakemake_does_it(desk):

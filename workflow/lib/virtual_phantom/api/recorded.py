@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from ..base.errors import InputError
-from ..base.home import expand_home
 from ..base.streams import Branch
 from ..diagnosis.candidates import candidates, shown_by
 from ..diagnosis.core.asked import Asked, LabelledObject, Settings, ShapesObject
@@ -25,10 +24,12 @@ from ..physics.material_names import named
 from ..recordings.document import read_document
 from ..recordings.reading import load
 from ..recordings.recording import Recording
+from .arguments import mapping, pair, path, positive, public, sequence, text, whole
 
 SECTION = schema_of("diagnosis", "recordings")["additionalProperties"]  # of one recording
 
 
+@public
 def diagnose(
     recording: str | Path,
     *,
@@ -83,29 +84,42 @@ def diagnose(
         For a recording that cannot be read or is of another kind, for an effect that it does not show, for an unknown
         setting, and if what was scanned is not said, or more than once.
     """
-    recording, mask, labels, shapes, phantom = expand_home([recording, mask, labels, shapes, phantom])
     said = [one for one in (disc, mask, labels, shapes, phantom) if one is not None]
     if len(said) != 1:
         raise InputError(
             f"diagnose: {len(said)} of disc, mask, labels, shapes and phantom are given; give the one scanned"
         )
+    recording, processes = path(recording, "recording"), whole(processes, "processes", 1)
+    phantom = None if phantom is None else path(phantom, "phantom")
+    if effects is not None:
+        effects = [text(one, "effects") for one in sequence(effects, "effects", "names of effects")]
+    scanned: dict = {}
+    if disc is not None:
+        diameter, material = pair(disc, "disc", "diameter in mm and material")
+        scanned["disc"] = {"diameter_mm": positive(diameter, "disc[0]"), "material": named(text(material, "disc[1]"))}
+    if mask is not None:
+        file, material = pair(mask, "mask", "a NIfTI file and a material")
+        scanned["object"] = {"mask": path(file, "mask[0]"), "material": named(text(material, "mask[1]"))}
+    if labels is not None:
+        file, materials = pair(labels, "labels", "a NIfTI file and the material of each label")
+        materials = mapping(materials, "labels[1]", "{label: material}")
+        scanned["object"] = {
+            "labels": path(file, "labels[0]"),
+            "materials": {str(label): material for label, material in materials.items()},
+        }
+    if shapes is not None:
+        what = "a name or file, or a pair of it and its parameters"
+        kind_of, parameters = (shapes, {}) if isinstance(shapes, str | Path) else pair(shapes, "shapes", what)
+        parameters = mapping(parameters, "shapes[1]", "{parameter: value}")
+        scanned["object"] = {"kind": path(kind_of, "shapes"), "parameters": dict(parameters)}
     document = read_document(recording)
     if (kind := document.content["kind"]) != "projections":
         raise InputError(
             f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
             "configuration (docs/diagnosis.md) and run snakemake diagnosis"
         )
-    scanned: dict = {}
-    if disc is not None:
-        scanned["disc"] = dict(zip(("diameter_mm", "material"), (*disc[:1], *map(named, disc[1:])), strict=True))
-    if mask is not None:
-        scanned["object"] = {"mask": str(mask[0]), "material": named(mask[1])}
-    if labels is not None:
-        materials = {str(label): material for label, material in labels[1].items()}
-        scanned["object"] = {"labels": str(labels[0]), "materials": materials}
-    if shapes is not None:
-        kind_of, parameters = (shapes, {}) if isinstance(shapes, str) else shapes
-        scanned["object"] = {"kind": str(kind_of), "parameters": dict(parameters)}
+    thresholds = mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
+    validate(dict(thresholds), schema_of("diagnosis", "matters"), "matters")
     section, schema = settings | scanned, SECTION | {"$defs": schema_of()["$defs"]}
     validate(section, schema, "diagnose")
     fill_defaults(section, schema)
@@ -122,7 +136,7 @@ def diagnose(
     accuracy, differ = defaults_of("diagnosis", "model_accuracy"), asked.settings.object_may_differ
     prepared, found = explain(read.name, prepared, tried, accuracy, processes, object_may_differ=differ)
     table = agreement(read, prepared, found.choice, asked, Branch.AGREEMENT, _regions(asked, read), practice=True)
-    content = in_practice(found.content | {"agreement": table}, defaults_of("diagnosis", "matters") | (matters or {}))
+    content = in_practice(found.content | {"agreement": table}, defaults_of("diagnosis", "matters") | dict(thresholds))
     return replace(found, content=content if setup is None else content | {"setup": setup.content})
 
 

@@ -24,12 +24,15 @@ from ..physics.line_integrals import check_rois_seen
 from ..physics.noise import acquire
 from ..physics.projected import projected
 from ..projectors import astra_projects, choose_engine
+from .arguments import made_by, mapping, pair, path, positive, public, sequence, text, three, whole
 
 STUDY = default_study()
 SHAPE, SPACING_MM = (tuple(STUDY["grid"][key]) for key in ("shape", "spacing_mm"))
 LEVEL = STUDY["analyses"]["stability"]["noise"]
 NOISE_LEVEL = STUDY["levels"][LEVEL]["A"]  # the variance of 10 mGy on the printed phantom
 PROJECTIONS = 300
+FINEST = schema_of("grid")["properties"]["oversampling"]["maximum"]
+LARGEST_SEED = 2**128 - 1  # more entropy than NumPy's generator has
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,7 @@ class Scan:
     mu_water_per_mm: float
 
 
+@public
 def draw_phantom(
     shape: tuple[int, int, int] = SHAPE,
     spacing_mm: tuple[float, float, float] = SPACING_MM,
@@ -92,12 +96,13 @@ def draw_phantom(
     InputError
         For a layout that cannot be drawn, and a grid that it does not fit.
     """
-    grid = Grid(tuple(shape), tuple(spacing_mm))
-    return synthetic.build(
-        layout.read_layout(expand_home(layout_file)), grid, oversampling, branch(seed, Branch.PHANTOM)
-    )
+    grid = _grid(shape, spacing_mm)
+    oversampling, seed = whole(oversampling, "oversampling", 1, FINEST), whole(seed, "seed", 0, LARGEST_SEED)
+    drawn = layout.read_layout(None if layout_file is None else path(layout_file, "layout_file"))
+    return synthetic.build(drawn, grid, oversampling, branch(seed, Branch.PHANTOM))
 
 
+@public
 def read_phantom(
     image: str | Path,
     rois: Sequence[Mapping],
@@ -132,12 +137,29 @@ def read_phantom(
     InputError
         For an unusable image, region or setting (phantom.ct.load).
     """
-    settings = {"image": str(image), "rois": [dict(one) for one in rois], **places}
+    regions = sequence(rois, "rois", "mappings with name and tissue_class")
+    settings = {"image": path(image, "image"), "rois": [_plain(one) for one in regions], **_plain(places)}
     if labels is not None:
-        settings["labels"] = str(labels)
-    return ct.load(expand_home(settings), Grid(tuple(shape), tuple(spacing_mm)), oversampling)
+        settings["labels"] = path(labels, "labels")
+    return ct.load(expand_home(settings), _grid(shape, spacing_mm), whole(oversampling, "oversampling", 1, FINEST))
 
 
+def _grid(shape: object, spacing_mm: object) -> Grid:
+    return Grid(three(shape, "shape", lambda one, name: whole(one, name, 1)), three(spacing_mm, "spacing_mm", positive))
+
+
+def _plain(value: object) -> object:
+    """Numbers and arrays of NumPy, paths and tuples as YAML has them, for the schema."""
+    if isinstance(value, Mapping):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [_plain(one) for one in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+@public
 def scan(
     phantom: Phantom,
     *,
@@ -184,12 +206,19 @@ def scan(
         For keys and values that the configuration does not take, unknown effects, a phantom that the scan truncates,
         and regions that it does not see whole.
     """
-    section = STUDY["scan"] | scanner
+    made_by(phantom, Phantom, "phantom", "draw_phantom or read_phantom")
+    projections, repeats = whole(projections, "projections", 1), whole(repeats, "repeats", 1)
+    noise_level, threads = positive(noise_level, "noise_level"), whole(threads, "threads", 1)
+    seed = whole(seed, "seed", 0, LARGEST_SEED)
+    physics = _plain(mapping({} if physics is None else physics, "physics", "{effect: {parameter: value}}"))
+    if stream is not None:
+        stream = tuple(text(one, "stream") for one in pair(stream, "stream", "labels of geometry and noise level"))
+    effects = checked(physics)
+    section = STUDY["scan"] | _plain(scanner)
     validate(section, schema_of("scan"), "scan")
     fill_defaults(section, schema_of("scan"))
     geometry = scan_geometry(section, projections, phantom.image.grid)
     check_rois_seen(geometry, phantom.image.grid, {roi.name: roi.mask for roi in phantom.rois})
-    effects = checked(physics or {})
     before = {name: values for name, values in effects.items() if not acts_on_images(name)}
     mu_water_per_mm = defaults_of()["mu_water_per_mm"]
     clean, state = projected(
@@ -221,6 +250,7 @@ def scan(
     return Scan(geometry, phantom.image.grid, np.stack(noisy), clean, after, mu_water_per_mm)
 
 
+@public
 def reconstruct(
     scan: Scan, algorithm: str = "fbp", *, engine: str = "auto", threads: int = 1, **settings
 ) -> list[Volume]:
@@ -247,9 +277,12 @@ def reconstruct(
         For an unknown algorithm, and settings that the configuration does not take.
     """
     known = defaults_of("reconstruction")
-    if algorithm not in known:
+    if text(algorithm, "algorithm") not in known:
         raise InputError(f"algorithm '{algorithm}' is unknown; {meant(algorithm, known)}")
+    settings = _plain(settings)
     validate(settings, schema_of("reconstruction", algorithm), algorithm)
+    made_by(scan, Scan, "scan", "vp.scan")
+    threads, engine = whole(threads, "threads", 1), text(engine, "engine")
     return images_of.reconstruct(
         scan.line_integrals,
         scan.geometry,
@@ -267,6 +300,7 @@ def reconstruct(
     )
 
 
+@public
 def extract(images: Volume | Sequence[Volume], phantom: Phantom) -> pd.DataFrame:
     """The 86 features of every region of a phantom in images of it.
 
@@ -287,7 +321,11 @@ def extract(images: Volume | Sequence[Volume], phantom: Phantom) -> pd.DataFrame
     InputError
         For an image on another grid, and a region without two grey levels.
     """
-    images = [images] if isinstance(images, Volume) else list(images)
+    made_by(phantom, Phantom, "phantom", "draw_phantom or read_phantom")
+    given = [images] if isinstance(images, Volume) else sequence(images, "images", "images, as vp.reconstruct returns")
+    images = [made_by(one, Volume, f"images[{number}]", "vp.reconstruct") for number, one in enumerate(given)]
+    if not images:
+        raise InputError("images: is empty; give at least one image")
     masks = {roi.name: roi.mask for roi in phantom.rois}
     classes = {roi.name: roi.tissue_class for roi in phantom.rois}
     front, found = ["image", "roi", "tissue_class", "n_voxels", "grey_levels"], []

@@ -104,11 +104,22 @@ def _checked(word: str) -> str:
     return expand_home_of_word(word)
 
 
-def unexpected(error: BaseException) -> str:
-    """One line about an exception that no reader expected, with what the user can do about it."""
+def unexpected(error: BaseException, beside: str = f"what the same command prints with {DEBUG}") -> str:
+    """One line about an exception that no reader expected, with what the user can do about it.
+
+    Parameters
+    ----------
+    error : BaseException
+    beside : str, optional
+        What a report of the fault needs beside this line.
+
+    Returns
+    -------
+    str
+    """
     reason = str(InputError(" ".join(str(error).split())))
     what = f"unexpected {type(error).__name__}" + (f": {reason}" if reason else "")
-    return f"{what}; this is a fault of Virtual Phantom: report it with what the same command prints with {DEBUG}"
+    return f"{what}; this is a fault of Virtual Phantom: report it with {beside}"
 
 
 def unencodable(error: UnicodeEncodeError) -> str:

@@ -141,6 +141,11 @@ def _values(image: sitk.Image, label: sitk.Image, parameters: Parameters, source
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{source}: pyradiomics, as {parameters.source} sets it: {reason[:300]}") from None
+    except MemoryError:
+        raise InputError(
+            f"{source}: the bins that {parameters.source} asks for need more memory than there is; set a larger "
+            "binWidth or a smaller binCount"
+        ) from None
     if missing := [feature for feature in parameters.features if feature not in found]:
         raise InputError(
             f"{source}: gives no {missing[0]} as {parameters.source} asks; the image may be too small for the filter"

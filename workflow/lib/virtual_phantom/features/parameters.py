@@ -15,20 +15,21 @@ from functools import cache, cached_property
 
 import numpy as np
 import SimpleITK as sitk
-import yaml
 from pykwalify.core import Core
 from pykwalify.errors import PyKwalifyException
-from radiomics import getParameterValidationFiles
+from radiomics import getFeatureClasses, getParameterValidationFiles
 from radiomics.featureextractor import RadiomicsFeatureExtractor
 
-from ..base.errors import InputError, refusing
+from ..base.console import note
+from ..base.errors import InputError, InputErrors
 from ..base.streams import generator
-from ..io.files import read_text
-from ..io.schema import check_nesting
+from ..io.yaml_files import read_yaml
+from .accepted import idle, refused
 from .names import FEATURES, NAMES, is_feature
 from .settings import OWN, SETTINGS, STUDY, Extraction, image_type, of_parameters
 
 WHOLE, LARGEST = "whole", "largest"
+ADVICE = "give a parameter file of pyradiomics under features.parameters"
 SECTIONS = ("imageType", "featureClass", "setting")
 # Where the names of features are asked for, on an image of noise: whatever could refuse it or its region is off.
 PROBE_VOXELS = 32
@@ -39,6 +40,9 @@ PROBE = {
     "resegmentRange": None,
     "minimumROISize": None,
     "minimumROIDimensions": 1,
+    "binWidth": 25,
+    "binCount": None,
+    "distances": [1],
 }
 
 
@@ -81,13 +85,20 @@ class Parameters:
         """Names of all features, in the order in which they are extracted."""
         if self.source is None:
             return FEATURES
-        probe = _extractor({**self.extraction.settings, **PROBE}, self.extraction.image_types, self.classes)
+        # Bins change no name, and noise that a type's own bin width cuts finely would take all memory.
+        types = {
+            name: {key: value for key, value in (own or {}).items() if key not in PROBE}
+            for name, own in self.extraction.image_types.items()
+        }
+        probe = _extractor({**self.extraction.settings, **PROBE}, types, self.classes)
         noise = generator(0).normal(0, 100, (PROBE_VOXELS,) * 3)
         region = np.zeros(noise.shape, np.uint8)
         region[12:20, 12:20, 12:20] = 1
+        if self.section == LARGEST:
+            noise, region = noise[16], region[16]
         images = [sitk.GetImageFromArray(array) for array in (noise, region)]
         for image in images:
-            image.SetSpacing((PROBE_SPACING_MM,) * 3)
+            image.SetSpacing((PROBE_SPACING_MM,) * noise.ndim)
         with _quiet():
             return tuple(name for name in probe.execute(*images) if is_feature(name))
 
@@ -141,43 +152,57 @@ def read_parameters(path: str | None, section: str = WHOLE, stored_offset_hu: fl
     ------
     InputError
         One line, for a file that is missing, not YAML, refused by the schema, or asks for no feature.
+    InputErrors
+        A line for each key that pyradiomics accepts and that cannot be done here.
     """
-    if section != WHOLE or stored_offset_hu:
-        return replace(read_parameters(path), section=section, stored_offset_hu=stored_offset_hu)
     if path is None:
-        return DEFAULT
-    with refusing(f"{path}: cannot be read as YAML", OSError, ValueError, RecursionError, yaml.YAMLError):
-        try:
-            content = yaml.safe_load(read_text(path, "restore it"))
-        except FileNotFoundError:
-            raise InputError(f"{path}: no such file; correct features.parameters in the configuration") from None
-    if not isinstance(content, dict) or not content:
-        raise InputError(f"{path}: holds none of {', '.join(SECTIONS)}; give a parameter file of pyradiomics")
-    check_nesting(content, path)
+        changed = section != WHOLE or stored_offset_hu
+        return replace(DEFAULT, section=section, stored_offset_hu=stored_offset_hu) if changed else DEFAULT
+    if stored_offset_hu:
+        return replace(read_parameters(path, section), stored_offset_hu=stored_offset_hu)
+    content = read_yaml(path, ADVICE, restore="restore it")
+    if not content:
+        raise InputError(f"{path}: holds none of {', '.join(SECTIONS)}; {ADVICE}")
     _check(content, path)
-    if content.get("voxelSetting"):
-        raise InputError(f"{path}: voxelSetting is of feature maps, which are not made here; take it out")
+    if lines := list(refused(content, section == LARGEST)):
+        raise InputErrors(f"{path}: {line}" for line in lines)
+    if nothing := list(idle(content)):
+        note(f"{path}: these settings change nothing: {', '.join(nothing)}")
     extraction = of_parameters(path)
     settings = {**extraction.settings, **{key: SETTINGS[key] for key in ("label", "additionalInfo")}}
     settings.pop("label_channel", None)
     classes = {name: own or [] for name, own in (content.get("featureClass") or {}).items()}
-    found = Parameters(Extraction(settings, extraction.image_types, extraction.version), classes, path)
+    found = Parameters(Extraction(settings, extraction.image_types, extraction.version), classes, path, section)
     for name in extraction.image_types:
         if name != "Original" and not any(image_type(feature) == name for feature in found.features):
             raise InputError(
                 f"{path}: imageType {name} gives no features; complete its settings (LoG needs sigma), install the "
                 "package that it needs (LBP3D), or take it out"
             )
+    _check_sigmas(found)
     if not found.features:
         raise InputError(f"{path}: asks for no feature that can be extracted from volumes; name a featureClass")
     return found
 
 
+def _check_sigmas(found: Parameters) -> None:
+    """Each width of LoG gives features: pyradiomics passes over one that no image is large enough for."""
+    own = {**found.extraction.settings, **(found.extraction.image_types.get("LoG") or {})}
+    for sigma in own.get("sigma") or [] if "LoG" in found.extraction.image_types else []:
+        start = f"log-sigma-{sigma}-mm-".replace(".", "-")
+        if not any(feature.startswith(start) for feature in found.features):
+            raise InputError(
+                f"{found.source}: imageType LoG: sigma {sigma:g} mm gives no features, as images are too small for it; "
+                "take it out"
+            )
+
+
 def _extractor(settings, image_types, classes) -> RadiomicsFeatureExtractor:
-    if classes:
-        content = {"imageType": dict(image_types), "featureClass": {name: own or None for name, own in classes.items()}}
-    else:
-        content = {"imageType": dict(image_types)}
+    if not classes:
+        # pyradiomics' default, all classes, without the one that it passes over in volumes unless force2D is true, and
+        # then stops at.
+        classes = {name: [] for name in getFeatureClasses() if name != "shape2D"}
+    content = {"imageType": dict(image_types), "featureClass": {name: own or None for name, own in classes.items()}}
     with _quiet():
         extractor = RadiomicsFeatureExtractor(content)
     extractor.settings.update(settings)

@@ -11,10 +11,9 @@ from dataclasses import dataclass, field
 from importlib.metadata import version
 
 import pandas as pd
-import yaml
 
 from ..base.errors import InputError
-from ..io.files import read_text
+from ..io.yaml_files import read_yaml
 from .names import FEATURES, HISTOGRAM_ONLY, unfiltered
 
 SETTINGS = {
@@ -332,7 +331,7 @@ def of_parameters(path: str | None) -> Extraction:
     """What a parameter file of pyradiomics that has been checked asks; the study's default for None."""
     if path is None:
         return STUDY
-    content = yaml.safe_load(read_text(path, "restore it"))
+    content = read_yaml(path, "give a parameter file of pyradiomics", restore="restore it")
     types = {name: own or {} for name, own in (content.get("imageType") or {"Original": {}}).items()}
     return Extraction(content.get("setting") or {}, types, installed())
 

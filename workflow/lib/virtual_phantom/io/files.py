@@ -118,8 +118,11 @@ def check_unchanged(path: str | Path, advice: str = "delete it and run again") -
     InputError
         If the file was changed; `advice` says what to do about it.
     """
-    path, kept = Path(path), checksum_path(path)
-    if path.is_file() and kept.is_file() and kept.read_bytes().split()[:1] != [sha256(path).encode()]:
+    path = Path(path)
+    if not path.is_file():
+        return
+    kept = checksum_path(path)
+    if kept.is_file() and kept.read_bytes().split()[:1] != [sha256(path).encode()]:
         raise InputError(
             f"{path}: is not as it was written (its SHA-256 is not that in {kept.name}); {advice}, or delete "
             f"{kept.name} if the change is meant"

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import copy
+import datetime
 import difflib
 import math
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from functools import cache
+from numbers import Real
 from pathlib import Path
 
 from jsonschema import Draft202012Validator, validators
@@ -24,10 +26,18 @@ _Validator = validators.extend(
     type_checker=Draft202012Validator.TYPE_CHECKER.redefine_many(
         {
             "integer": lambda _, value: isinstance(value, int) and not isinstance(value, bool),
+            "number": lambda _, value: _finite(value),
             "array": lambda _, value: isinstance(value, list | tuple),
         }
     ),
 )
+
+
+def _finite(value: object) -> bool:
+    """YAML and Python have numbers that JSON does not."""
+    return isinstance(value, Real) and not isinstance(value, bool) and (isinstance(value, int) or math.isfinite(value))
+
+
 BOUNDS = {"minimum": "at least", "exclusiveMinimum": "more than", "maximum": "at most", "exclusiveMaximum": "less than"}
 
 
@@ -237,9 +247,11 @@ def _keys_not_text(value, path) -> Iterator[tuple[tuple, object]]:
 
 
 def _not_text(path, key, source) -> str:
+    words = {True: " (as yes, on and true are)", False: " (as no, off and false are)"}
+    kind = words[key] if isinstance(key, bool) else ""
     return (
-        f"{source}: the key {key} in {_where(path, source)} is not text to YAML; correct it, or put it in quotes if it "
-        "is a name"
+        f"{source}: the key {key} in {_where(path, source)} is not text to YAML{kind}; correct it, or put it in quotes "
+        "if it is a name"
     )
 
 
@@ -264,6 +276,10 @@ def _one_line(error, source):
     if error.validator == "type" and (number := _number_meant(error.instance, error.validator_value)):
         kind = "text" if isinstance(error.instance, str) else "not a whole number"
         return f"{source}: {where}: {error.instance!r} is {kind} to YAML; write {number}"
+    if error.validator == "type" and isinstance(error.instance, float) and not math.isfinite(error.instance):
+        return f"{source}: {where} is {error.instance}; give a finite number"
+    if error.validator == "type" and (quoted := _quotes_missing(error.instance, error.validator_value)):
+        return f"{source}: {where}: {quoted}"
     what = error.schema.get("description", "") if isinstance(error.schema, dict) else ""
     message = " ".join(error.message.split())
     if error.validator == "minItems":
@@ -291,6 +307,23 @@ def _number_meant(value, kinds) -> str | None:
             return mantissa
         return f"{mantissa if '.' in mantissa else mantissa + '.0'}e{int(exponent):+d}"
     return str(int(number)) if "integer" in kinds and number.is_integer() else None
+
+
+def _quotes_missing(value, kinds) -> str | None:
+    """What to do about a value that YAML makes of a word, a number or a date where text is expected."""
+    kinds = [kinds] if isinstance(kinds, str) else kinds
+    if "string" not in kinds:
+        return None
+    if value is None:
+        return "is null or empty to YAML; give text, in quotes if it is a word such as null"
+    if isinstance(value, bool):
+        words = "yes, on and true" if value else "no, off and false"
+        return f"is {str(value).lower()} to YAML, as {words} are without quotes; write the text in quotes"
+    if isinstance(value, int | float):
+        return f'is the number {value} to YAML; write it in quotes if it is a name: "{value}"'
+    if isinstance(value, datetime.date):  # a datetime too
+        return f'is a date to YAML; write it in quotes: "{value}"'
+    return None
 
 
 def _with_defaults(validator_class):

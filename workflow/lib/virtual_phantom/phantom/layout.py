@@ -9,12 +9,11 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from ..base.data import RESOURCES
 from ..base.errors import InputError
 from ..base.streams import Stream
-from ..io.schema import check_nesting
+from ..io.yaml_files import read_yaml
 from .shapes import Ellipsoid, Tube
 from .texture import Component, Texture
 
@@ -70,16 +69,7 @@ def read_layout(path: str | Path | None = None) -> dict:
         If it is missing or not YAML.
     """
     path = OWN if path is None else Path(path)
-    try:
-        layout = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give the path of the phantom's layout") from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not valid YAML ({' '.join(str(error).split())})") from None
-    if not isinstance(layout, dict):
-        raise InputError(f"{path}: must be a mapping with the keys tissues, shapes and rois")
-    check_nesting(layout, str(path))
-    return layout
+    return read_yaml(path, "give a layout of a phantom, with the keys tissues, shapes and rois", restore="restore it")
 
 
 def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
@@ -105,6 +95,9 @@ def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
     _keys(layout, "layout", {"tissues", "shapes", "rois"})
     if not isinstance(layout["tissues"], dict) or not layout["shapes"] or not layout["rois"]:
         raise InputError("phantom layout: needs a mapping of tissues, and lists of at least one shape and one ROI")
+    for name in layout["tissues"]:
+        if not isinstance(name, str):
+            raise InputError(f"phantom layout, tissues: a name is {name} to YAML; write it in quotes")
     tissues = {name: _tissue(name, entry, seed) for name, entry in layout["tissues"].items()}
     paints = [
         Paint(shape, *_look_up(tissues, entry, where), 0.0)
@@ -114,6 +107,9 @@ def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
     rois: list[RoiSpec] = []
     for where, entry in _named(layout["rois"], "rois"):
         roi, surroundings = _roi(entry, where)
+        for key in ("name", "tissue_class"):
+            if not isinstance(entry[key], str):
+                raise InputError(f"phantom layout, {where}: {key} is {entry[key]} to YAML; write the name in quotes")
         if not NAME.fullmatch(roi.name) or not NAME.fullmatch(roi.tissue_class):
             raise InputError(f"phantom layout, {where}: names are of letters, digits and underscores only")
         if roi.name in {r.name for r in rois}:
@@ -176,7 +172,9 @@ def _shapes(entry: dict, where: str) -> Iterator[Ellipsoid | Tube]:
             f"phantom layout, {where}: {str(error).replace('_' + entry['kind'] + '()', entry['kind'])}"
         ) from None
     yield shape
-    if entry.get("mirror", False):
+    if not isinstance(mirror := entry.get("mirror", False), bool):
+        raise InputError(f"phantom layout, {where}: mirror is {mirror!r}; write true or false")
+    if mirror:
         yield kind(**{f.name: _mirrored(f.name, getattr(shape, f.name)) for f in fields(shape)})
 
 

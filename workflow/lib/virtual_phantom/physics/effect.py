@@ -389,4 +389,9 @@ def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "ph
     InputError
         For unknown effects or parameters and values out of range.
     """
+    for name, given in physics.items():
+        if given is not None and not isinstance(given, Mapping):
+            raise InputError(
+                f"{source}.{name} is {given!r}; give a mapping of its parameters, or null for typical ones"
+            )
     return {name: load(name, source).values(given or {}, source) for name, given in physics.items()}

@@ -12,11 +12,10 @@ import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-import yaml
-
 from ..base.data import SCHEMAS
 from ..base.errors import InputError, meant
-from ..io.schema import check_nesting, fill_defaults, read_schema, validate
+from ..io.schema import fill_defaults, read_schema, validate
+from ..io.yaml_files import read_yaml
 from . import shapes
 from .material_names import COMPOUNDS, ELEMENTS, named
 from .materials import Material, Mixture
@@ -96,13 +95,7 @@ def read_object(kind: str, parameters: Mapping[str, float | str] | None = None) 
     """
     path = path_of(kind)
     source = str(path) if path.parent != FOLDER else f"object {path.stem}"
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, ValueError, OSError, RecursionError) as error:
-        raise InputError(f"{source}: not valid YAML ({' '.join(str(error).split())})") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{source}: must be a mapping with a description and shapes (docs/objects.md)")
-    check_nesting(content, source)
+    content = read_yaml(path, "an object has a description and shapes (docs/objects.md)", restore="restore it")
     schema = read_schema(SCHEMAS / "object.schema.yaml")
     validate(content, schema, source)
     fill_defaults(content, schema)

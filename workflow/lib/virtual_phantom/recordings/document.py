@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path, PureWindowsPath
 
-import yaml
-
 from ..base.data import SCHEMAS, shipped_yaml
-from ..base.errors import InputError, InputErrors, refusing
-from ..io.files import files_of, read_text
-from ..io.schema import check_nesting, fill_defaults, mistakes, validate
+from ..base.errors import InputError, InputErrors
+from ..io.files import files_of
+from ..io.schema import fill_defaults, mistakes, validate
+from ..io.yaml_files import read_yaml
 
 FILE_NAME = "recording.yaml"
 SCHEMA = SCHEMAS / "recording.schema.yaml"
@@ -73,8 +72,7 @@ def read_document(folder: str | Path) -> Document:
     """
     folder = Path(folder)
     path = folder / FILE_NAME
-    content = _parse(path)
-    check_nesting(content, str(path))
+    content = read_yaml(path, f"a recording is a folder with a {FILE_NAME} in it")
     lines = [
         f"{path}: holds a number that is not finite ({number}); correct it or leave the key out"
         for number in _numbers(content)
@@ -127,18 +125,6 @@ def to_be_made(folder: str | Path, content: dict) -> Document:
     validate(content, _schema(), str(folder / FILE_NAME))
     fill_defaults(content, _schema())
     return Document(folder, content)
-
-
-def _parse(path: Path) -> dict:
-    # Numbers and dates that are none, and nesting without end, are no YAMLErrors.
-    with refusing(f"{path}: cannot be read as YAML", OSError, ValueError, RecursionError, yaml.YAMLError):
-        try:
-            content = yaml.safe_load(read_text(path, "make it again"))
-        except FileNotFoundError:
-            raise InputError(f"{path}: no such file; a recording is a folder with a {FILE_NAME} in it") from None
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: is not a mapping of keys to values; see docs/recordings.md for an example")
-    return content
 
 
 @cache

@@ -12,7 +12,7 @@ import argparse
 from collections.abc import Sequence
 
 from ..base.console import DEBUG, run_command
-from ..base.errors import InputError, InputErrors
+from ..base.errors import InputErrors
 from ..recordings.importers import command as importers
 
 SIZES = ("quick", "normal")
@@ -42,8 +42,16 @@ def _parser() -> argparse.ArgumentParser:
     init.add_argument("image", metavar="CT", help="folder of one DICOM series, or NIfTI file; HU")
     init.add_argument("--labels", required=True, help="label map, DICOM SEG, RTSTRUCT, or folder of NIfTI masks")
     init.add_argument("--out", default="my.yaml", help="configuration to write; default my.yaml")
-    init.add_argument("--names", default="", help="names of labels: 5=liver,1=spleen; they go before larger ones")
-    init.add_argument("--rois", default="", help="take these labels or names alone: 5,spleen")
+    quoting = "; a name with a comma in double quotes, or the option several times"
+    init.add_argument(
+        "--names",
+        action="append",
+        default=[],
+        help="""names of labels: 5=liver,'"GTV, left"=gtv'; they go before larger ones""" + quoting,
+    )
+    init.add_argument(
+        "--rois", action="append", default=[], help="""take these labels or names alone: 5,'"GTV, left"'""" + quoting
+    )
     init.add_argument("--size", choices=SIZES, default="normal", help="quick: a trial of minutes; default normal")
     init.add_argument("--force", action="store_true", help="overwrite files that are there")
     check = commands.add_parser("check", help="say all that is wrong with a configuration and its files")
@@ -60,13 +68,14 @@ def _parser() -> argparse.ArgumentParser:
 
 def _init(arguments: argparse.Namespace) -> int:
     from .init.command import initialise, told  # seconds, for those who use it
+    from .init.options import listed, paired
 
     proposed = initialise(
         arguments.image,
         arguments.labels,
         arguments.out,
-        names=_pairs(arguments.names),
-        rois=[one.strip() for one in arguments.rois.split(",") if one.strip()],
+        names=paired(arguments.names),
+        rois=listed(arguments.rois, "--rois"),
         size=arguments.size,
         force=arguments.force,
     )
@@ -91,16 +100,3 @@ def _export(arguments: argparse.Namespace) -> int:
 
     print(f"{arguments.folder}: {export_projections(arguments.source, arguments.folder)} views")
     return 0
-
-
-def _pairs(text: str) -> dict[str, str]:
-    """{label: name} of `5=liver,1=spleen`."""
-    pairs: dict[str, str] = {}
-    for part in filter(None, map(str.strip, text.split(","))):
-        label, equals, name = (one.strip() for one in part.partition("="))
-        if not (label and equals and name):
-            raise InputError(f"--names: '{part}' is not LABEL=NAME; give pairs such as 5=liver,1=spleen")
-        if label in pairs:
-            raise InputError(f"--names: names the label {label} twice; give it one name")
-        pairs[label] = name
-    return pairs

@@ -29,8 +29,8 @@ def check(settings: Mapping) -> None:
     ----------
     settings : mapping
         The user's, without defaults. Keys set to null in `protocols` and in each protocol, `noise.levels`, `scans`,
-        `recordings`, `public_scans`, `analyses`, `analyses.pca` or `analyses.comparison` are as if they were not there,
-        which lets an overlay take away what the file under it has.
+        `recordings`, `public_scans`, `analyses`, `analyses.pca`, `analyses.comparison`, `diagnosis.recordings` or
+        `diagnosis.scanners` are as if they were not there, so that an overlay can remove what the file below it has.
 
     Raises
     ------
@@ -83,6 +83,7 @@ def _without_nulls(settings: Mapping) -> dict:
     config = copy.deepcopy(dict(settings))
     paths = [("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)]
     paths += [("analyses", "comparison"), ("public_scans",), ("public_scans", "phantom"), ("public_scans", "compared")]
+    paths += [("diagnosis", "recordings"), ("diagnosis", "scanners")]
     if isinstance(config.get("protocols"), dict):
         paths += [("protocols", name) for name in config["protocols"]]
     for path in paths:
@@ -151,7 +152,7 @@ def inspected(settings: Mapping) -> tuple[list[str], dict]:
     if "scan" in rest:
         rest["scans"] = {name: with_beam({**rest["scan"], **changes}) for name, changes in scans.items()}
         rest["scan"] = with_beam(rest["scan"])
-    lines = [mistake.line for mistake in found] + list(Rules(rest, Names.of(whole)).lines())
+    lines = [mistake.line for mistake in found] + list(Rules(rest, Names.of(settings)).lines())
     return list(dict.fromkeys(lines)), rest
 
 

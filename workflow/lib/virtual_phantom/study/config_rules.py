@@ -16,42 +16,71 @@ from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
 
 
 @dataclass(frozen=True)
+class Entries(Collection):
+    """Names of the entries of a section.
+
+    Attributes
+    ----------
+    path : str
+        Of the section: keys, joined by dots.
+    names : tuple of str
+    removed : frozenset of str
+        Entries that null removes.
+    """
+
+    path: str
+    names: tuple[str, ...] = ()
+    removed: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, settings: object, *path: str) -> Entries:
+        """The entries at a path of keys."""
+        for key in path:
+            settings = settings.get(key) if isinstance(settings, Mapping) else None
+        section = settings if isinstance(settings, Mapping) else {}
+        removed = frozenset(str(key) for key, value in section.items() if value is None)
+        return cls(".".join(path), tuple(str(key) for key in section if str(key) not in removed), removed)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+@dataclass(frozen=True)
 class Names:
     """Names of what a configuration has, also of what is left out as something in it is wrong.
 
     Attributes
     ----------
-    protocols, levels, scans, recordings, diagnosed, scanners, comparisons, phantom : collection of str
+    protocols, levels, scans, recordings, diagnosed, scanners, comparisons, phantom : Entries
     """
 
-    protocols: Collection[str]
-    levels: Collection[str]
-    scans: Collection[str]
-    recordings: Collection[str]
-    diagnosed: Collection[str]
-    scanners: Collection[str]
-    comparisons: Collection[str]
-    phantom: Collection[str]
+    protocols: Entries
+    levels: Entries
+    scans: Entries
+    recordings: Entries
+    diagnosed: Entries
+    scanners: Entries
+    comparisons: Entries
+    phantom: Entries
 
     @classmethod
     def of(cls, settings: Mapping) -> Names:
-        """Those of a configuration that is not checked yet."""
-
-        def keys(*path: str) -> list[str]:
-            section = settings
-            for key in path:
-                section = section.get(key) if isinstance(section, Mapping) else None
-            return [str(key) for key in section] if isinstance(section, Mapping) else []
-
+        """Those of a configuration that is not checked yet, and from which nothing is removed yet."""
         return cls(
-            protocols=keys("protocols"),
-            levels=keys("noise", "levels"),
-            scans=keys("scans"),
-            recordings=keys("recordings"),
-            diagnosed=keys("diagnosis", "recordings"),
-            scanners=keys("diagnosis", "scanners"),
-            comparisons=keys("analyses", "comparison"),
-            phantom=keys("phantom"),
+            protocols=Entries.of(settings, "protocols"),
+            levels=Entries.of(settings, "noise", "levels"),
+            scans=Entries.of(settings, "scans"),
+            recordings=Entries.of(settings, "recordings"),
+            diagnosed=Entries.of(settings, "diagnosis", "recordings"),
+            scanners=Entries.of(settings, "diagnosis", "scanners"),
+            comparisons=Entries.of(settings, "analyses", "comparison"),
+            phantom=Entries.of(settings, "phantom"),
         )
 
 
@@ -98,9 +127,19 @@ class Rules:
 
     # What rules are made of
 
-    def _known(self, name: str, section: Collection[str], where: str) -> Iterator[str]:
-        if name not in section:
-            yield f"config: {where} names '{name}', which is not there; {meant(name, section)}"
+    def _known(self, name: str, section: Collection[str], where: str, *more: Entries) -> Iterator[str]:
+        """A line if a name is in none of these sections."""
+        sections = (section, *more)
+        if any(name in one for one in sections):
+            return
+        choices = [other for one in sections for other in one]
+        if nulls := [one for one in sections if isinstance(one, Entries) and name in one.removed]:
+            yield (
+                f"config: {where} names '{name}', which {nulls[0].path}.{name}: null removes; take it out or name "
+                f"another: {', '.join(choices) or 'none is left'}"
+            )
+        else:
+            yield f"config: {where} names '{name}', which is not there; {meant(name, choices)}"
 
     def _of_algorithm(self, name: str, algorithm: str, where: str) -> Iterator[str]:
         yield from self._known(name, self.names.protocols, where)
@@ -283,7 +322,7 @@ class Rules:
             yield f"{where} has from and {beside[0]}; keep the one or the other"
         if name in self.names.diagnosed and name in self.names.scanners:
             yield f"{where}.from is '{name}', a recording and a scanner under diagnosis; call one of them otherwise"
-        yield from self._known(name, [*self.names.diagnosed, *self.names.scanners], f"{where.split(': ')[1]}.from")
+        yield from self._known(name, self.names.diagnosed, f"{where.split(': ')[1]}.from", self.names.scanners)
 
     def _matched(self) -> Iterator[str]:
         calibrated = self.analyses.get("noise_calibration", {}).get("protocols", [])
@@ -354,7 +393,8 @@ class Rules:
         other = settings["physics_from"]
         if other == name or other not in self.names.diagnosed:
             others = ", ".join(sorted(set(diagnosed) - {name})) or "none"
-            yield f"{where}.physics_from is '{other}'; name another diagnosed recording: {others}"
+            removed = f", which diagnosis.recordings.{other}: null removes" * (other in self.names.diagnosed.removed)
+            yield f"{where}.physics_from is '{other}'{removed}; name another diagnosed recording: {others}"
         elif "physics_from" in diagnosed.get(other, {}):
             yield f"{where}.physics_from is '{other}', which has its physics from elsewhere; name that one"
         elif "effects" in settings:
@@ -366,7 +406,8 @@ class Rules:
             yield f"{where} has both physics_from and baseline_from; keep the one or the other"
         if other == name or other not in self.names.diagnosed:
             others = ", ".join(sorted(set(diagnosed) - {name})) or "none"
-            yield f"{where}.baseline_from is '{other}'; name another diagnosed recording: {others}"
+            removed = f", which diagnosis.recordings.{other}: null removes" * (other in self.names.diagnosed.removed)
+            yield f"{where}.baseline_from is '{other}'{removed}; name another diagnosed recording: {others}"
         elif taken := {"physics_from", "baseline_from"} & set(diagnosed.get(other, {})):
             yield f"{where}.baseline_from is '{other}', which has its own {min(taken)}; name that one"
 

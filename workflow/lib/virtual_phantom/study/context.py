@@ -27,7 +27,7 @@ from .phantom_sources import PhantomSources
 from .plan import Plan
 from .proof import Proof
 from .public_scans import PublicScans
-from .read_config import doubled_keys
+from .read_config import doubtful_entries
 from .recorded import Comparisons, Recordings
 from .selections import Selections
 
@@ -272,8 +272,8 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     if here:
         from .preflight import problems  # which jobs have no need of
 
-        doubled = [line for path in files for line in doubled_keys(path)]
-        if lines := doubled + problems(config, keep=True):
+        doubtful = [line for path in files for line in doubtful_entries(path)]
+        if lines := doubtful + problems(config, keep=True):
             raise InputErrors(lines)
     plan = Plan(complete(config))
     # On a cluster, jobs that need no device may be where there is none.

@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..base.console import show_any_character, unencodable
+from ..base.console import show_any_character, unencodable, unexpected
 from ..base.errors import InputError
 from .progress.said import silence
 
@@ -76,7 +76,7 @@ def job(snakemake) -> Iterator[logging.Logger]:
         sys.exit(1)
     except Exception as error:
         logger.error("%s", traceback.format_exc())
-        message = f"unexpected {type(error).__name__}: {' '.join(str(error).split())}; the log says where"
+        message = unexpected(error, "the log")
         logger.error("%s", message)
         print(f"Error: {message}", file=sys.stderr)
         sys.exit(1)

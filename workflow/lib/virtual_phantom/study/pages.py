@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from ..base.commands import snakemake
 from ..base.errors import InputError
 from ..base.words import label
 from . import analyses
@@ -123,22 +125,26 @@ class Pages:
         # Jobs are given whole paths, and a page is to say what anybody can type.
         here = [Path(os.path.relpath(path)) for path in self.configured_by if not path.endswith(DEFAULT)]
         overlays = [str(Path(path).absolute() if ".." in path.parts else path) for path in here]
-        settings = "--cores 2" + (f" --configfile {' '.join(overlays)}" if overlays else "")
+        settings = ["--cores", "2", *(["--configfile", *overlays] if overlays else [])]
+
+        def command(*targets: str, settings: Sequence[str] = settings) -> str:
+            return snakemake(*targets, *settings, snakefile=self.captions.parent / "Snakefile")
+
         found = {}
         trial = self.plan.config["trial"]
         if isinstance(trial, str):
             found["A study that is large enough for an answer"] = trial
         elif trial:
-            found["The default study, large enough to mean something"] = "snakemake --cores 2"
+            found["The default study, large enough to mean something"] = command(settings=["--cores", "2"])
         if self.plan.config["recordings"]:
-            found["What your recordings hold"] = f"snakemake recordings {settings}"
+            found["What your recordings hold"] = command("recordings")
         if self.diagnosis.reports():
-            found["Which physics is missing between recordings and simulation"] = f"snakemake diagnosis {settings}"
-        found[WHOLE] = f"snakemake report_page {settings}"
+            found["Which physics is missing between recordings and simulation"] = command("diagnosis")
+        found[WHOLE] = command("report_page")
         if self.selections.optimal_images():
-            found[SLICES] = f"snakemake viewer {settings}"
-        found["What a larger study would cost"] = f"snakemake plan {settings}"
-        found["This study again, after a change or where something is missing"] = f"snakemake {settings}"
+            found[SLICES] = command("viewer")
+        found["What a larger study would cost"] = command("plan")
+        found["This study again, after a change or where something is missing"] = command()
         return found
 
     def viewed(self) -> dict[str, list[str]]:

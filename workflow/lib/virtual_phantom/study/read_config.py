@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import yaml
-
-from ..base.data import DEFAULT_STUDY
-from ..base.errors import InputError
-from ..io.files import check_unchanged
-from ..io.schema import check_nesting
+from ..base.data import clone
+from ..base.errors import InputError, refusing
+from ..io.default_study import default_study
+from ..io.yaml_files import parse_yaml
 
 DEFAULT = "config/config.yaml"  # what the Snakefile begins with
+ADVICE = "give the path of a configuration (config/README.md has the keys)"
 
 
 def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
@@ -23,84 +22,65 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
     ----------
     paths : sequence of str or Path
         A later one changes keys of those before it, the first one those of the default study: config/config.yaml
-        where it is called, or the clone's.
+        in the current folder, the clone's, or what the installed package has of it.
 
     Returns
     -------
     lines : list of str
-        Mistakes of files: not there, no YAML, a key that is there twice.
+        Mistakes of files: not there, no YAML, a key that is there twice, a number that YAML reads as another one.
     settings : dict or None
         None, if a file cannot be read.
     """
     lines: list[str] = []
-    settings: dict = {}
+    default = next((path for path in (Path(DEFAULT), (clone() or Path()) / DEFAULT) if path.exists()), None)
+    settings: dict = {} if default else shipped_default()
     readable = True
-    default = next((path for path in (Path(DEFAULT), DEFAULT_STUDY) if path.exists()), None)
     for path in [*([default] if default else []), *paths]:
         try:
-            own, doubled = _read(path)
+            own, doubtful = parse_yaml(path, ADVICE, template=_rendered)
         except InputError as error:
             lines.append(str(error))
             readable = False
             continue
-        lines += doubled
+        lines += doubtful
         settings = _updated(settings, own)
     return lines, settings if readable else None
 
 
-def doubled_keys(path: str | Path) -> list[str]:
-    """A line for each key that a YAML file has twice in one section: of these, YAML takes the last without a word."""
+def doubtful_entries(path: str | Path) -> list[str]:
+    """A line for what Snakemake takes from a configuration without a word, though it is probably not meant.
+
+    These are keys that a section has twice, of which YAML takes the last, and numbers such as 010, which YAML reads
+    as 8.
+
+    Returns
+    -------
+    list of str
+    """
     try:
-        return _read(path)[1]
-    except InputError:  # Snakemake says what is wrong with it, or takes it as JSON
+        return parse_yaml(path, ADVICE)[1]
+    except InputError:  # Snakemake has read it
         return []
 
 
-def _read(path: str | Path) -> tuple[dict, list[str]]:
-    path = Path(path)
-    check_unchanged(path, "make it again")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of a configuration") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is no text in UTF-8; save it as such") from None
-    try:
-        node = yaml.compose(text, yaml.SafeLoader)
-        content = yaml.safe_load(text)
-        doubled = [f"{path}: {line}" for line in _doubled(node, ())] if node is not None else []
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f", line {mark.line + 1}" if mark else ""
-        reason = " ".join(str(getattr(error, "problem", None) or error).split())
-        hint = "; indent by spaces, not tabs" if "'\\t'" in reason else ""
-        raise InputError(f"{path}{place}: cannot be read as YAML ({reason}){hint}; correct this line") from None
-    except (ValueError, RecursionError) as error:  # dates that are none, nesting without end
-        raise InputError(f"{path}: cannot be read as YAML ({' '.join(str(error).split())})") from None
-    if content is None:
-        return {}, doubled
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: is not a mapping of keys to values; see config/README.md for the keys")
-    check_nesting(content, str(path))
-    return content, doubled
+def shipped_default() -> dict:
+    """The default study where no clone is near: what config/config.yaml has, from the library's resources."""
+    study = default_study()
+    noise = {"model": "astra", "levels": study["levels"]}
+    sections = {key: study[key] for key in ("grid", "scan", "protocols", "analyses")}
+    return {"phantom": {"source": "synthetic"}, **sections, "noise": noise}
 
 
-def _doubled(node: yaml.Node, place: tuple, depth: int = 0) -> Iterator[str]:
-    if depth > 40:
-        return
-    if isinstance(node, yaml.MappingNode):
-        seen: dict[str, int] = {}
-        for key, value in node.value:
-            name = str(key.value)
-            line = key.start_mark.line + 1
-            if name in seen:
-                where = ".".join((*place, name))
-                yield f"{where} is there twice, in lines {seen[name]} and {line}; YAML takes the last: join them"
-            seen.setdefault(name, line)
-            yield from _doubled(value, (*place, name), depth + 1)
-    elif isinstance(node, yaml.SequenceNode):
-        for number, value in enumerate(node.value):
-            yield from _doubled(value, (*place, str(number)), depth + 1)
+def _rendered(text: str) -> dict:
+    """A configuration that is a YTE template, as Snakemake renders it."""
+    try:
+        import yte  # Snakemake installs it
+    except ImportError:
+        raise InputError(
+            "__use_yte__: this configuration is a template, and yte is not installed; install Snakemake"
+        ) from None
+    with refusing("__use_yte__: this template cannot be rendered", Exception, advice="correct it"):
+        return yte.process_yaml(text, require_use_yte=True)
 
 
 def _updated(settings: Mapping, own: Mapping) -> dict:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..base.commands import typed
 from ..base.words import label
 from ..io.published import reachable
 from ..recordings.document import Document
@@ -111,9 +112,8 @@ class Recordings:
             Without a network.
         """
         file = f"htc2022_{disc}_full.mat"
-        advice = (
-            f"where there is a network, download it there and run virtual-phantom-import htc2022 {file} "
-            f"{self.files('sinogram', disc=disc)}"
+        advice = "where there is a network, download it there and run " + typed(
+            "virtual-phantom-import", "htc2022", file, self.files("sinogram", disc=disc)
         )
         return reachable(f"{self.plan.config['downloads']['htc2022']}/{file}", advice)
 

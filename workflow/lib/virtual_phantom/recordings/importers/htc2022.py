@@ -59,9 +59,9 @@ def import_htc2022(
     """
     mat_file = Path(mat_file)
     data = _read(mat_file)
-    sinogram = np.asarray(_field(mat_file, data, "sinogram"), np.float32)
+    sinogram = _numbers(mat_file, data, "sinogram", 2).astype(np.float32)
     parameters = _field(mat_file, data, "parameters")
-    angles = np.atleast_1d(np.asarray(_field(mat_file, parameters, "angles"), float))
+    angles = np.atleast_1d(_numbers(mat_file, parameters, "angles", 0, 1))
     scan = _scan(mat_file, parameters, sinogram.shape, angles)
     scanned = None if segmentation is None else read_object(segmentation, scan)
     sources = [mat_file] if segmentation is None else [mat_file, Path(segmentation)]
@@ -80,7 +80,7 @@ def import_htc2022(
         "kind": "projections",
         **({"phantom": phantom} if phantom else {}),
         "scan": scan,
-        "nominal": _nominal(parameters),
+        "nominal": _nominal(mat_file, parameters),
         "origin": {"citation": CITATION, "importer": "htc2022", "sha256": [sha256(source) for source in sources]},
         "repeats": ["projections.h5"],
     }
@@ -108,22 +108,39 @@ def _field(mat_file: Path, struct, name: str):
     return getattr(struct, name)
 
 
+def _numbers(mat_file: Path, struct, name: str, *dimensions: int) -> np.ndarray:
+    """A field that holds numbers, in one of so many dimensions; a single one by default."""
+    value = _field(mat_file, struct, name)
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        array = None
+    # Line integrals that are not finite are counted where the recording is read.
+    finite = array is not None and (2 in dimensions or np.isfinite(array).all())
+    if not finite or array.ndim not in (dimensions or (0,)):
+        kind = "a matrix of numbers" if 2 in dimensions else "finite numbers" if dimensions else "a finite number"
+        raise InputError(
+            f"{mat_file}: the field {name} does not hold {kind}; restore the file of the HTC 2022 data set"
+        )
+    return array
+
+
 def _scan(mat_file: Path, parameters, shape: tuple[int, ...], angles: np.ndarray) -> dict:
     if (unit := str(_field(mat_file, parameters, "distanceUnit"))) != "mm":
         raise InputError(f"{mat_file}: distances are in {unit}, not mm")
-    columns = int(_field(mat_file, parameters, "numDetectorsPost"))
+    columns = int(_numbers(mat_file, parameters, "numDetectorsPost"))
     if shape != (angles.size, columns):
         raise InputError(f"{mat_file}: sinogram of {shape} for {angles.size} angles and {columns} detector columns")
     steps = np.diff(angles)
     if angles.size < 2 or np.ptp(steps) > STEP_TOLERANCE_DEG or steps[0] == 0:
         raise InputError(f"{mat_file}: angles are not evenly spaced")
-    pitch = float(_field(mat_file, parameters, "pixelSizePost"))
+    pitch = float(_numbers(mat_file, parameters, "pixelSizePost"))
     step = float((angles[-1] - angles[0]) / (angles.size - 1))
     return {
         "trajectory": "circular",
         "detector": "flat",
-        "source_to_isocentre_mm": float(_field(mat_file, parameters, "distanceSourceOrigin")),
-        "source_to_detector_mm": float(_field(mat_file, parameters, "distanceSourceDetector")),
+        "source_to_isocentre_mm": float(_numbers(mat_file, parameters, "distanceSourceOrigin")),
+        "source_to_detector_mm": float(_numbers(mat_file, parameters, "distanceSourceDetector")),
         "columns": columns,
         "rows": 1,
         "column_pitch_mm": pitch,
@@ -133,16 +150,22 @@ def _scan(mat_file: Path, parameters, shape: tuple[int, ...], angles: np.ndarray
         "start_angle_deg": float(angles[0]) + FIRST_DEG,
         "direction": 1 if step > 0 else -1,
         # That of a view; how long the bench turns and waits from view to view is not stated.
-        **({"exposure_ms": float(parameters.exposureTime)} if hasattr(parameters, "exposureTime") else {}),
+        **(
+            {"exposure_ms": float(_numbers(mat_file, parameters, "exposureTime"))}
+            if hasattr(parameters, "exposureTime")
+            else {}
+        ),
     }
 
 
-def _nominal(parameters) -> dict:
+def _nominal(mat_file: Path, parameters) -> dict:
     """What the file says of tube and detector; fields that it leaves out are left out."""
     texts = {"model": "scanner", "anode": "target", "detector_model": "detector"}
     numbers = {"tube_kvp": "voltage", "tube_current_ma": "current", "exposure_time_ms": "exposureTime"}
     found = {key: str(getattr(parameters, name)) for key, name in texts.items() if hasattr(parameters, name)}
-    found |= {key: float(getattr(parameters, name)) for key, name in numbers.items() if hasattr(parameters, name)}
+    found |= {
+        key: float(_numbers(mat_file, parameters, name)) for key, name in numbers.items() if hasattr(parameters, name)
+    }
     if hasattr(parameters, "xRayFilter") and hasattr(parameters, "xRayFilterThickness"):
         found["filtration"] = f"{parameters.xRayFilterThickness} mm {parameters.xRayFilter}"
     return found

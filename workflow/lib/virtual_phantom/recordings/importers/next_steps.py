@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import yaml
 
+from ...base import commands
 from ...base.errors import InputError
 from ..features import FeaturesRecording
 from ..projections import ProjectionsRecording
@@ -42,23 +43,25 @@ def next_steps(recording: Recording) -> str:
     if importer is None:
         raise InputError(f"{recording.document.path}: was not imported")
     name, folder = recording.name, _scalar(str(recording.document.folder))
-    lines, blanks, target, condition = ["recordings:", f"  {name}: {folder}"], "", "", ""
+    lines, blanks, target, condition = ["recordings:", f"  {name}: {folder}"], "", (), ""
+    file = f"{name}.yaml"
     if isinstance(recording, FeaturesRecording):
         lines += ["analyses:", "  comparison:", f"    {name}: {_comparison(recording)}"]
     elif not isinstance(recording, ProjectionsRecording):
-        target, condition = "alignment ", ", if the study's phantom was scanned"
+        target, condition = ("alignment",), ", if the study's phantom was scanned"
     else:
         lines += ["diagnosis:", "  recordings:", *_diagnosed(recording, importer)]
-        target = "diagnosis "
+        target = ("diagnosis",)
         if importer != "study":
             blanks = ", with what was scanned in the place of capitals"
     return "\n".join(
         [
-            f"Next: save this as {name}.yaml{blanks}:",
+            f"Next: save this as {file}{blanks}:",
             "",
             *lines,
             "",
-            f"Then run{condition}: snakemake {target}--cores 2 --configfile {name}.yaml",
+            f"Then run{condition}: {commands.snakemake(*target, '--cores', '2', '--configfile', file)}",
+            *([needed] if (needed := commands.missing()) else []),
         ]
     )
 

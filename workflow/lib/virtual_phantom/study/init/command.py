@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from ...base import commands
+from ...base.commands import typed
 from ...base.errors import InputError
 from ...figures import axial, proposal, style
 from ...io import files
 from .entries import doubtful
+from .options import joined
 from .propose import Proposal, propose
 from .regions import Region
 from .written import minutes, text
@@ -76,13 +78,12 @@ def initialise(
 
 def normal(image: str | Path, labels: str | Path, out: Path, names: Mapping[str, str], rois: Sequence[str]) -> str:
     """The command that proposes a normal study of the same CT and regions, beside the quick one."""
-    words = ["virtual-phantom", "init", str(image), "--labels", str(labels)]
+    words = ["virtual-phantom", "init", image, "--labels", labels]
     if names:
-        words += ["--names", ",".join(f"{one}={name}" for one, name in names.items())]
+        words += ["--names", joined(names)]
     if rois:
-        words += ["--rois", ",".join(rois)]
-    words += ["--size", "normal", "--out", str(out.with_stem(f"{out.stem}-normal"))]
-    return shlex.join(words)
+        words += ["--rois", joined(rois)]
+    return typed(*words, "--size", "normal", "--out", out.with_stem(f"{out.stem}-normal"))
 
 
 def drawn(proposed: Proposal):
@@ -154,8 +155,9 @@ def told(proposed: Proposal, out: str | Path) -> str:
             f"{Path(out).with_suffix('.png')}: look at the outlines and the box",
             f"{cost['acquisitions']} scans in {cost['jobs']} jobs: about {minutes(cost['core_hours'])} on two cores",
             "",
-            f"Next: virtual-phantom check {out}",
-            f"      snakemake --cores 2 --configfile {out}",
+            f"Next: {typed('virtual-phantom', 'check', out)}",
+            f"      {commands.snakemake('--cores', '2', '--configfile', out)}",
+            *([needed] if (needed := commands.missing()) else []),
             *([f"Then, for an answer: {trial}"] if isinstance(trial, str) else []),
         ]
     )

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import yaml
 
+from ...base.commands import snakemake, typed
 from .entries import doubtful
 from .propose import Proposal
 
@@ -61,8 +62,8 @@ def _head(proposal: Proposal, picture: str, name: str) -> str:
         _comment(f"A {proposal.size} study of your CT, proposed by `virtual-phantom init`. Change what you like.")
         + _comment(f"Look first at {picture}: does every outline lie on its organ, and the dashed box hold the body?")
         + "#\n"
-        + f"#   virtual-phantom check {name}\n"
-        + f"#   snakemake --cores 2 --configfile {name}\n"
+        + f"#   {typed('virtual-phantom', 'check', name)}\n"
+        + f"#   {snakemake('--cores', '2', '--configfile', name)}\n"
         + "#\n"
         + _comment(
             f"It makes {proposal.cost['acquisitions']} scans in {proposal.cost['jobs']} jobs: about "

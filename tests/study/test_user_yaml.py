@@ -1,0 +1,198 @@
+"""Configurations as people write them: what YAML reads differently is refused by line, and null removes entries."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+
+from virtual_phantom.base import data
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.io.yaml_files import read_yaml
+from virtual_phantom.phantom.layout import read_layout
+from virtual_phantom.study import command, read_config
+
+ROOT = Path(__file__).resolve().parents[2]
+QUOTES = "write the text in quotes"
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    """A folder outside of the clone."""
+    monkeypatch.chdir(tmp_path)
+
+
+def checked(content, capsys):
+    Path("my.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
+    code = command.main(["check", "my.yaml"])
+    return code, capsys.readouterr().err.splitlines()
+
+
+@pytest.mark.parametrize(
+    "content, line",
+    [
+        ("seed: 010\n", 'seed is 010, which YAML reads as 8; write 8 if it is a number, or "010" in quotes if'),
+        ("seed: 12:30:00\n", "line 1: seed is 12:30:00, which YAML reads as 45000"),
+        ("\nseed: 1_000\n", "line 2: seed is 1_000, which YAML reads as 1000"),
+        ("results_dir: no\n", f"results_dir: is false to YAML, as no, off and false are without quotes; {QUOTES}"),
+        ("results_dir: on\n", f"results_dir: is true to YAML, as yes, on and true are without quotes; {QUOTES}"),
+        ("results_dir: 0x10\n", 'results_dir: is the number 16 to YAML; write it in quotes if it is a name: "16"'),
+        ("results_dir: 1.0e+3\n", "results_dir: is the number 1000.0 to YAML; write it in quotes if it is a name"),
+        ("results_dir: 2024-01-01\n", 'results_dir: is a date to YAML; write it in quotes: "2024-01-01"'),
+        ("results_dir: ~\n", "results_dir: is null or empty to YAML; give text"),
+        (
+            "protocols: {off: {algorithm: fbp, projections: 90}}",
+            "the key False in protocols is not text to YAML (as",
+        ),
+        ("protocols: {1: null, 01: null}", "protocols.01 is there twice, in lines 1 and 1; YAML takes the last"),
+        ("seed: 1\nseed: 2\n", "my.yaml: seed is there twice, in lines 1 and 2; YAML takes the last: join them"),
+        ('{"seed": 1, "seed": 2}', "the key 'seed' is there twice in one section; JSON takes the last: join them"),
+        ("scan: {pitch: .inf}", "scan.pitch is inf; give a finite number"),
+        ("grid:\n\tshape: [1, 1, 1]\n", "my.yaml, line 2: cannot be read as YAML (found character '\\t' that cannot"),
+        ("results_dir: caf\xe9\n".encode("latin-1"), "my.yaml, line 1: is not text in UTF-8; save the file in UTF-8"),
+        ("seed: 1\n".encode("utf-16"), "my.yaml: is text in UTF-16; save it in UTF-8"),
+        ("", "my.yaml: is empty; give the path of a configuration"),
+        ("# nothing\n", "my.yaml: is empty; give the path of a configuration"),
+        ("- 1\n", "my.yaml: is not a mapping of keys to values but a list; give"),
+        ("seed: 1\n---\nseed: 2\n", "my.yaml, line 2: cannot be read as YAML (but found another document)"),
+        ("seed: !!python/name:os.system\n", "my.yaml, line 1: cannot be read as YAML (could not determine"),
+    ],
+)
+def test_what_yaml_reads_differently_is_one_line(content, line, capsys):
+    code, lines = checked(content, capsys)
+    assert code == 1 and sum(line in one for one in lines) == 1, lines
+
+
+@pytest.mark.parametrize(
+    "content, settings",
+    [
+        ("\ufeffseed: 3\n", {"seed": 3}),
+        ("seed: 3\r\nresults_dir: 'no'\r\n", {"seed": 3, "results_dir": "no"}),
+        ("results_dir: 1e3\n", {"results_dir": "1e3"}),  # text to YAML 1.1
+        (json.dumps({"seed": 3}, indent="\t"), {"seed": 3}),
+        ("protocols:\n  a: &a {projections: 90}\n  b: {<<: *a, group: 9}\n", {"protocols": None}),
+        ("__use_yte__: true\nseed: ?3 + 4\n", {"seed": 7}),
+    ],
+)
+def test_what_snakemake_reads_is_read_as_snakemake_does(content, settings):
+    from snakemake.common.configfile import load_configfile
+
+    Path("my.yaml").write_bytes(content.encode())
+    lines, found = read_config.read_configs(["my.yaml"])
+    assert not lines
+    own = load_configfile("my.yaml")
+    for key, value in settings.items():
+        assert found[key] == value if value is not None else own[key].items() <= found[key].items(), key
+        assert value is None or own[key] == value
+
+
+@pytest.mark.parametrize("path", [".", "gone.yaml", "a\0b"])
+def test_a_path_that_is_no_file_is_one_line(path, capsys):
+    assert command.main(["check", path]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("Error: ") and "give the path of a configuration" in line
+
+
+def test_aliases_that_unfold_without_end_are_refused_at_once():
+    layers = [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 9)}]" for n in range(1, 30)]
+    Path("bomb.yaml").write_text("\n".join(["a0: &a0 [1]", *layers]))
+    with pytest.raises(InputError, match="unfolds to too many items"):
+        read_yaml("bomb.yaml", "")
+
+
+@pytest.mark.parametrize("name", ["no", "1e+3_", "3.5", "2024-01-01", "null"])
+def test_names_of_a_layout_are_text(name):
+    from virtual_phantom.base.streams import Branch, branch
+    from virtual_phantom.phantom.layout import parse
+
+    layout = read_layout()
+    layout["rois"][0]["name"] = yaml.safe_load(name)
+    if isinstance(layout["rois"][0]["name"], str):
+        return
+    with pytest.raises(InputError, match="to YAML; write the name in quotes"):
+        parse(layout, branch(1, Branch.PHANTOM))
+
+
+# ---- null ----------------------------------------------------------------------------------------
+
+
+def test_null_removes_and_what_names_the_entry_gets_one_line_each(capsys):
+    code, lines = checked("protocols: {sirt_300: null, fbp_450: null}\n", capsys)
+    assert (code, len(lines)) == (1, 5)
+    for where, name in (
+        ("analyses.optimal.fbp", "fbp_450"),
+        ("analyses.noise_calibration.protocols", "sirt_300"),
+        ("analyses.pca.sirt.protocols", "sirt_300"),
+        ("analyses.pca.fbp.protocols", "fbp_450"),
+    ):
+        said = f"config: {where} names '{name}', which protocols.{name}: null removes; take it out or name another: "
+        assert sum(said in line for line in lines) == 1, lines
+    assert not [line for line in lines if "did you mean" in line]
+
+
+@pytest.mark.parametrize(
+    "content, line",
+    [
+        (
+            "noise: {levels: {double: null}}",
+            "analyses.noise_calibration.noise names 'double', which noise.levels.",
+        ),
+        (
+            "scans: {wide: null}\nprotocols: {sirt_150: {scan: wide}}",
+            "protocols.sirt_150.scan names 'wide', which scans.wide: null removes; take it out or name another: none",
+        ),
+        (
+            "recordings: {a: null}\nanalyses: {stability: {recordings: [a]}}",
+            "analyses.stability.recordings names 'a', which recordings.a: null removes",
+        ),
+        (
+            "analyses: {comparison: {a: null}}\ndiagnosis: {comparisons: [a]}",
+            "diagnosis.comparisons names 'a', which analyses.comparison.a: null removes",
+        ),
+        (
+            "diagnosis: {recordings: {a: null, b: {physics_from: a}}}",
+            "diagnosis.recordings.b.physics_from is 'a', which diagnosis.recordings.a: null removes; name another",
+        ),
+        (
+            "diagnosis: {recordings: {a: null}}\nnoise: {model: physical}\nphysics: {from: a}",
+            "physics.from names 'a', which diagnosis.recordings.a: null removes",
+        ),
+    ],
+)
+def test_null_is_named_in_every_section(content, line, capsys):
+    code, lines = checked(content, capsys)
+    assert code == 1 and sum(line in one for one in lines) == 1, lines
+
+
+def test_removing_a_protocol_as_the_docs_say_works(capsys):
+    text = (ROOT / "docs" / "protocols.md").read_text()
+    (block,) = [one for one in text.split("```yaml\n")[1:] if "sirt_300: null" in one]
+    assert checked(block.partition("```")[0], capsys) == (0, [])
+
+
+# ---- where there is no clone ----------------------------------------------------------------------
+
+
+def test_the_package_has_the_default_study(monkeypatch, capsys):
+    monkeypatch.setattr(read_config, "clone", lambda: None)
+    assert read_config.read_configs([]) == ([], yaml.safe_load((ROOT / "config" / "config.yaml").read_text()))
+    assert command.main(["check", str(ROOT / "config" / "tiny.yaml")]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_the_clone_of_an_installed_package_is_found(tmp_path, monkeypatch):
+    """By what pip writes down of a local source (PEP 610)."""
+    (tmp_path / "my clone" / "workflow").mkdir(parents=True)
+    (tmp_path / "my clone" / "workflow" / "Snakefile").touch()
+
+    class Installed:
+        text = json.dumps({"url": (tmp_path / "my clone").as_uri(), "dir_info": {}})
+
+        def read_text(self, name):
+            return self.text if name == "direct_url.json" else None
+
+    monkeypatch.setattr(data, "distribution", lambda name: Installed())
+    monkeypatch.setattr(data, "_PACKAGE", tmp_path / "site" / "lib" / "python" / "virtual_phantom")
+    assert data.clone.__wrapped__() == tmp_path / "my clone"
+    monkeypatch.setattr(Installed, "text", json.dumps({"url": "https://example.org/a.git", "vcs_info": {}}))
+    assert data.clone.__wrapped__() is None

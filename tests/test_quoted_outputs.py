@@ -1,0 +1,78 @@
+"""Outputs that pages quote are what the program prints, or stand below with the reason why no test compares them."""
+
+import re
+from pathlib import Path
+
+import pytest
+from pages import blocks
+
+from virtual_phantom.base.data import RESOURCES
+from virtual_phantom.study.config import complete
+from virtual_phantom.study.costs.rates import read_rates
+from virtual_phantom.study.costs.table import readable, summary
+from virtual_phantom.study.plan import Plan
+from virtual_phantom.study.read_config import read_configs
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+QUOTE = re.compile(r"(?:^ *> .*\n)+", re.MULTILINE)
+FENCED = re.compile(r"(?P<mark><!-- .* -->\n)?^ *```text\n(?P<text>.*?)^ *```$", re.MULTILINE | re.DOTALL)
+# Pages without outputs: formulas, and what tests/test_notebooks.py compares with docstrings.
+WITHOUT = {"theory.md", "statistics.md", "python.md"}
+# First words of what a page quotes: the test that compares it, or why none does.
+UNCHECKED = {
+    "GLDM SmallDependenceLowGrayLevelEmphasis": "takes the default study, 10 minutes; looked at before a release",
+    "14:25:46 Jobs to do": "times of one run; the form is that of tests/progress/test_console.py",
+    "diagnosis (snakemake diagnosis)": "of a recording that readers have themselves; the form is costs.table.listed",
+    "phantom -> project": "a drawing",
+}
+CHECKED = {
+    "solid_disc and the simulation differ": "test_the_readme_quotes_what_the_tutorial_prints",
+    "1760 acquisitions": "test_the_plan_of_a_large_study_is_quoted_as_it_is_printed",
+}
+
+
+def words(text):
+    return " ".join(text.split())
+
+
+def quoted(text, printed):
+    """Whether all parts of a quotation, between [...] or ..., are in this order in what is printed."""
+    parts = [re.escape(words(part)) for part in re.split(r"\[\.\.\.\]|^\.\.\.$", text, flags=re.MULTILINE)]
+    return re.search(".*?".join(parts), words(printed)) is not None
+
+
+def quotations(path):
+    return [words(re.sub(r"^ *> ?", "", one, flags=re.MULTILINE)) for one in QUOTE.findall(path.read_text())]
+
+
+def test_the_readme_quotes_what_the_tutorial_prints():
+    """The tutorial's own output is compared with its command by tests/workflow/test_tutorials.py."""
+    (quote,) = [one for one in quotations(ROOT / "README.md") if one.startswith("solid_disc")]
+    printed = [block.text for block in blocks(DOCS / "tutorials" / "own-sinogram.md") if block.kind == "prints"]
+    assert any(quoted(quote, one) for one in printed), quote
+
+
+def test_the_plan_of_a_large_study_is_quoted_as_it_is_printed(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    lines, settings = read_configs(["config/large.yaml"])
+    assert not lines
+    printed = readable(*summary(Plan(complete(settings)), "cpu", read_rates(RESOURCES / "rates.yaml")))
+    (text,) = [one["text"] for one in FENCED.finditer((DOCS / "cluster.md").read_text()) if "1760" in one["text"]]
+    assert quoted(text, printed), printed
+
+
+@pytest.mark.parametrize("path", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda path: path.name)
+def test_every_quoted_output_is_compared_or_has_a_reason(path):
+    text = path.read_text(encoding="utf-8")
+    found = quotations(path)
+    if path.name not in WITHOUT:
+        found += [words(one["text"]) for one in FENCED.finditer(text) if not one["mark"]]
+    known = (*UNCHECKED, *CHECKED)
+    assert not [one for one in found if not one.startswith(known)]
+
+
+def test_quotations_are_parts_in_their_order():
+    assert quoted("one two [...] five", "one  two three four five six")
+    assert not quoted("five [...] one two", "one two three four five six")
+    assert not quoted("one three", "one two three")

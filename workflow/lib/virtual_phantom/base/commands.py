@@ -1,0 +1,52 @@
+"""Commands as they are printed for people: quoted for a shell, and with the Snakefile that they need."""
+
+from __future__ import annotations
+
+import importlib.util
+import shlex
+from pathlib import Path
+
+from .data import clone
+
+# Where Snakemake looks for a Snakefile in the current folder, in this order.
+SNAKEFILES = ("Snakefile", "snakefile", "workflow/Snakefile", "workflow/snakefile")
+NO_CLONE = "CLONE"  # in place of the path of a clone that nobody knows
+
+
+def typed(*words: object) -> str:
+    """Words as a command line, quoted where the shell needs it."""
+    return shlex.join(map(str, words))
+
+
+def snakemake(*words: object, snakefile: Path | None = None) -> str:
+    """A Snakemake command that works in the current folder.
+
+    Parameters
+    ----------
+    *words : object
+        What follows `snakemake`.
+    snakefile : Path, optional
+        The workflow's; by default that of the clone that the library comes from.
+
+    Returns
+    -------
+    str
+        With `-s` where the current folder has no Snakefile. Without a clone the path begins with NO_CLONE.
+    """
+    if any(Path(name).is_file() for name in SNAKEFILES):
+        return typed("snakemake", *words)
+    if snakefile is None:
+        snakefile = (clone() or Path(NO_CLONE)) / "workflow" / "Snakefile"
+    return typed("snakemake", "-s", snakefile, *words)
+
+
+def missing() -> str | None:
+    """One line on what `snakemake` commands need that is not installed; None if nothing is missing."""
+    if clone() is None and not any(Path(name).is_file() for name in SNAKEFILES):
+        return (
+            "The installed package has no workflow: clone the repository, run `make setup` in the clone, and put its "
+            f"path in place of {NO_CLONE}"
+        )
+    if importlib.util.find_spec("snakemake") is None:
+        return f"Snakemake is not installed here: run `make setup` in {clone() or 'the clone'} and activate its .venv"
+    return None
