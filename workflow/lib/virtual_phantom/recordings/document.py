@@ -19,7 +19,10 @@ from ..io.schema import check_nesting, fill_defaults, mistakes, validate
 FILE_NAME = "recording.yaml"
 SCHEMA = SCHEMAS / "recording.schema.yaml"
 NAME_SHOWN = 60  # characters
-SECTIONS = {"images": {"labels", "rois", "isocentre_mm", "scan"}, "projections": {"isocentre_mm", "scan", "corrected"}}
+SECTIONS = {
+    "images": {"labels", "rois", "isocentre_mm", "scan", "not_checked"},
+    "projections": {"isocentre_mm", "scan", "corrected"},
+}
 SECTIONS["features"] = {"features", "rois"}
 
 
