@@ -11,7 +11,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_dilation, binary_fill_holes, distance_transform_edt, find_objects, label
+from scipy.ndimage import (
+    binary_dilation,
+    binary_fill_holes,
+    binary_opening,
+    binary_propagation,
+    distance_transform_edt,
+    find_objects,
+    label,
+)
 from skimage.measure import block_reduce
 
 from ..base.geometry import Grid
@@ -26,6 +34,7 @@ SHEET = 0.25  # a detached piece that is thinner: a table's shells (0.03 R), bla
 CREASE = 0.04  # a hole that is thinner stays open: the crease between an arm and the trunk (0.02 R), not a lung
 BRIDGE = 0.4  # what is narrower is looked at as a possible arm
 PLATE = 0.12  # half the thickness of a table that touches the body
+LUNG_HU = -900.0  # denser than air with noise, which has -920 where 200 HU of noise are cut off at -1000
 # Shares of other sizes.
 NECK = 1.0  # of an arm's width: it touches the trunk over less (there 0.5 to 0.97). Ends of an ellipse: over 2
 ARM = 0.35  # of the body's area in a slice, at most: an arm has 0.05 to 0.1 of a trunk, a second leg about 1
@@ -84,7 +93,8 @@ def body_of(image: Volume, first: int = 0, last: int | None = None) -> Body:
     """
     array = image.array[first:last]
     blocks = tuple(math.ceil(n / most) for n, most in zip(array.shape, (MOST_SLICES, *[MOST_PIXELS] * 2), strict=True))
-    dense = block_reduce(array, blocks, np.mean, cval=float(array.min())) > HU_BODY
+    mean = block_reduce(array, blocks, np.mean, cval=float(array.min()))
+    dense = mean > HU_BODY
     sampling = (APART_MM, *(n * wide for n, wide in zip(blocks[1:], image.grid.spacing[1:], strict=True)))
     depth = _depth(dense, sampling)
     radius = float(depth.max())
@@ -98,7 +108,9 @@ def body_of(image: Volume, first: int = 0, last: int | None = None) -> Body:
     for piece in _pieces(filled & ~core):
         if not _lies_apart(piece, core, dense, radius, sampling):
             body[piece.where] |= piece.mask
-    return Body(body, (dense | filled) & ~body, blocks, first)
+    apart = (dense | filled) & ~body
+    body |= _open_lungs((mean > LUNG_HU) & ~dense & ~filled, body, CREASE * radius / max(sampling[1:]))
+    return Body(body, apart, blocks, first)
 
 
 def _depth(mask: np.ndarray, sampling: tuple[float, ...]) -> np.ndarray:
@@ -128,6 +140,12 @@ def _filled(mask: np.ndarray, crease_mm: float, sampling: tuple[float, ...]) -> 
     """The mask with its holes filled in each slice, but for creases."""
     holes = np.stack([binary_fill_holes(one) for one in mask]) & ~mask
     return mask | (holes & ~_sheets(holes, _depth(holes, sampling), crease_mm))
+
+
+def _open_lungs(thin: np.ndarray, body: np.ndarray, pixels: float) -> np.ndarray:
+    """Lungs that no wall closes, as the field of view cuts them: they touch the body and are no rim."""
+    thick = binary_opening(thin, CROSS, iterations=max(2, math.ceil(2 * pixels)))
+    return binary_propagation(binary_dilation(body, CROSS) & thick, CROSS, mask=thick)
 
 
 def _core(filled: np.ndarray, sampling: tuple[float, ...]) -> np.ndarray:

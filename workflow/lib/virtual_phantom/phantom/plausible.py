@@ -39,7 +39,7 @@ HIGHEST_SOFT_HU = 400.0  # of most voxels in an image without air, such as a par
 SEPARATE = 0.9  # share of the variance that two levels explain. Of one normal distribution 0.64, of air and water 0.98
 # ---- value range
 SPIKE = 5.0  # times as many voxels have the value at an end as have a value near it: clipped. Without clipping below 1
-SPIKE_NEAR, MASKED_NEAR = 50.0, 3.0  # values up to here from an end, or from the most frequent one, are near it
+SPIKE_NEAR, MASKED_NEAR = 10.0, 3.0  # values up to here from an end, or from the most frequent one, are near it
 CLIPPED_LOW = 0.01  # share of voxels at the lowest value
 CLIPPED_HIGH = 0.002  # share of the body's voxels at the highest value: cortical bone has 1 to 5 %, metal less
 HIGHEST_CLIP_HU = 1900.0  # ranges of scanners end at 1976 HU (12 bits with 1000 above water), 3071 or higher
@@ -48,7 +48,8 @@ NOISE_FREE = 0.6  # share of neighbours that are equal: a drawn phantom, whose v
 LOWEST_TISSUE_HU = -130.0  # fat
 # ---- lengths
 # A body narrower than 60 mm in an image narrower than 100 mm is more likely a patient in cm: 600 mm is the widest body
-# in a scanner's bore (700 to 800 mm with its table), and no field of view is wider than 1000 mm.
+# in a scanner's bore (700 to 800 mm with its table), and no field of view is wider than 1000 mm. A crop within
+# the body is left alone: in cm it would be half a metre of tissue.
 NARROWEST_BODY_MM, NARROWEST_VIEW_MM = 60.0, 100.0
 WIDEST_MM = 1500.0  # in-plane: the bore of any scanner, and some air that was added around
 VOXEL_MM = (0.01, 20.0)  # micro-CT to thick slices; the least is a hundred times a micrometre
@@ -333,10 +334,10 @@ def _is_identity(grid: Grid) -> bool:
 
 
 def _width_mm(array: np.ndarray, grid: Grid) -> float:
-    """How wide what is denser than HU_BODY is in-plane, at its widest."""
+    """How wide what is denser than HU_BODY is in-plane, at its widest; 0 if it fills the image, or there is none."""
     dense = (array > HU_BODY).any(axis=0)
-    index = (np.flatnonzero(dense.any(axis=axis)) for axis in (1, 0))
-    return max(
-        ((one[-1] - one[0] + 1) * wide for one, wide in zip(index, grid.spacing[1:], strict=True) if one.size),
-        default=0.0,
-    )
+    spans = [np.flatnonzero(dense.any(axis=axis)) for axis in (1, 0)]
+    pixels = [int(one[-1] - one[0]) + 1 if one.size else 0 for one in spans]
+    if pixels == list(dense.shape):
+        return 0.0
+    return max(n * wide for n, wide in zip(pixels, grid.spacing[1:], strict=True))
