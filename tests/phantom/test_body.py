@@ -57,6 +57,8 @@ def shell(gap):
 
 CASES = {
     "lungs": (chest, CHEST),
+    "a thin wall": (lambda: np.where(ellipse(152, 97) & ~ellipse(50, 60), -850, chest()), CHEST),
+    "a wall thinner than pixels": (lambda: np.where(ellipse(162, 107) & ~ellipse(50, 60), -850, chest()), CHEST),
     "a trachea open to the front": (lambda: np.where((abs(X) < 8) & (Y > 0) & (Z > 20), -1000, chest()), CHEST),
     "a lung open to the top": (
         lambda: np.where(ellipse(75, 90, 80) & ellipse(160, 105) & (Z > 20), -900, chest()),

@@ -98,6 +98,7 @@ WRONG = {
     "HU + 1024, padded with air": (lambda: padded(chest() + 1024, -1000), "hu", "1000 or 1024 was added to HU"),
     "HU + 1000, noise below 0": (lambda: chest(30, None) + 1000, "hu", "1000 or 1024 was added to HU"),
     "HU - 1024": (lambda: chest() - 1024, "hu", "the air in it is at about -2024, not -1000 HU; add 1024 first"),
+    "HU - 1024, no noise": (lambda: cylinder(0) - 1024, "hu", "perhaps HU - 1000 or HU - 1024: add that first"),
     "HU + 500": (lambda: chest() + 500, "hu", "what surrounds the body is at -500 HU"),
     "HU / 1000": (lambda: chest() / 1000, "hu", "perhaps HU / 1000: multiply by 1000"),
     "HU / 10": (lambda: chest() / 10, "hu", "perhaps the scale was lost"),

@@ -103,6 +103,49 @@ def test_arms_and_a_table_are_left_out(desk):
     np.testing.assert_allclose(kept, plain, atol=0)
 
 
+def test_a_chest_is_scanned_whole(desk):
+    """An ellipse of 84 x 64 mm with lungs that end 4 mm under its surface, beside an arm."""
+    z, y, x = np.ix_(*phantom_files.CT_GRID.axes_mm())
+    body, arm = (x / 38) ** 2 + (y / 32) ** 2 + 0 * z < 1, (abs(x - 44) < 3) & (abs(y) < 10) & (abs(z) < 99)
+    lungs = ((abs(x) - 20) / 15) ** 2 + (y / 24) ** 2 + 0 * z < 1
+    hu = np.where(body | arm, 30.0, -1000.0)
+    hu[lungs] = -850
+    nodule = (x + 20) ** 2 + y**2 + z**2 < 9**2
+    hu[nodule] = 40
+    labels = np.where(nodule, 2, np.where(lungs & (x > 0), 1, 0)).astype(np.uint8)
+    phantom_files.write_nifti_array(hu, "chest.nii.gz")
+    phantom_files.write_nifti_array(labels, "chest_labels.nii.gz")
+    found = propose("chest.nii.gz", "chest_labels.nii.gz", names={"1": "lung", "2": "nodule"})
+    assert [one.region.name for one in found.taken] == ["lung", "nodule"]
+    (x_low, x_high), (y_low, y_high) = found.config["phantom"]["ct"]["keep_mm"]
+    assert CENTRE[0] - 46 < x_low <= CENTRE[0] - 38 and CENTRE[0] + 38 <= x_high <= CENTRE[0] + 42
+    assert CENTRE[1] - 40 < y_low <= CENTRE[1] - 32 and CENTRE[1] + 32 <= y_high < CENTRE[1] + 40
+
+
+def test_a_check_of_the_ct_can_be_left_out(desk, capsys):
+    """The CT is that of an animal: a quarter of the size."""
+    small = Grid(phantom_files.CT_GRID.shape, (0.75, 0.5, 0.5), CENTRE)
+    phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz", grid=small)
+    phantom_files.write_nifti_array(labelled(), "labels.nii.gz", grid=small)
+    words = ["init", "ct.nii.gz", "--labels", "labels.nii.gz", "--size", "quick"]
+    assert command.main(words) == 1 and "not_checked: [size])" in capsys.readouterr().err
+    settings = initialised(*words[1:], "--not-checked", "size")
+    assert settings["phantom"]["ct"]["not_checked"] == ["size"] and "--not-checked size" in settings["trial"]
+    assert preflight.problems(settings) == []
+    assert command.main([*words, "--not-checked", "sise", "--force"]) == 1
+    assert "there is no check 'sise'; did you mean 'size'?" in capsys.readouterr().err
+
+
+def test_a_ct_without_air_is_noted(desk, capsys):
+    hu, labels = (array[:, 10:-10, 12:-12] for array in (phantom_files.object_hu(), labelled()))
+    grid = Grid(hu.shape, phantom_files.CT_GRID.spacing, CENTRE)
+    phantom_files.write_nifti_array(hu, "ct.nii.gz", grid=grid)
+    phantom_files.write_nifti_array(labels, "labels.nii.gz", grid=grid)
+    settings = initialised("ct.nii.gz", "--labels", "labels.nii.gz")
+    note = "Note: ct.nii.gz: shows no air (-1000 HU); it is taken as cropped within the body"
+    assert note in capsys.readouterr().err and "keep_mm" not in settings["phantom"]["ct"]
+
+
 def test_a_region_that_is_too_small_is_left_out_and_told(desk):
     initialised("ct.nii.gz", "--labels", "labels.nii.gz")
     text = Path("my.yaml").read_text()

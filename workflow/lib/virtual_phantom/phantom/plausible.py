@@ -31,6 +31,7 @@ SOME_AIR = 0.01  # share of voxels there that counts as air
 # Water and soft tissue stored as HU + 1000 or HU + 1024 lie here; few voxels in HU do (dense bone, PTFE).
 OFFSET_TISSUE = (900.0, 1300.0)
 MOST_DENSE = 0.1  # share of voxels there, in an image without air
+LEAST_DENSE = 0.0005  # share of voxels: a mouse in a field of view of 500 mm has 0.003
 CONTRAST_HU = (700.0, 1400.0)  # of a body over the air around it; water over air is 1000, bone and contrast agents more
 FAINT_HU = 90.0  # contrast of two clearly separate levels: less than fat under muscle (150), so the scale is another
 FAT_HU, ALL_AROUND = 130.0, 0.98  # as little, where the lower level surrounds everything as air does, not fat
@@ -187,6 +188,12 @@ def _shifted(seen: _Values) -> str | None:
     """A line about levels that are elsewhere than in HU: of air, and of what is denser."""
     if not seen.values.size:
         return None
+    padding = seen.array.size - seen.values.size
+    if padding and np.count_nonzero(seen.values > HU_BODY) < LEAST_DENSE * seen.values.size:
+        return (
+            f"apart from {seen.lowest:g} nothing in it is denser than {HU_BODY:g}; perhaps HU - 1000 or HU - 1024: add "
+            "that first"
+        )
     air, body, explained = _levels(seen.values)
     has = seen.share(*AIR_HU) > SOME_AIR and not _is_padding_only(seen)
     dense = seen.share(*OFFSET_TISSUE)
