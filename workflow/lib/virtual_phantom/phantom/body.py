@@ -26,7 +26,7 @@ from ..base.geometry import Grid
 from ..base.units import HU_BODY
 from ..io.volumes import Volume
 
-# The outline is found on blocks: pixels of 2 mm for a CT of 512 x 512 pixels of 0.98 mm. 300 slices take 3 s of CPU time.
+# The outline is found on blocks: pixels of 2 mm for 512 x 512 pixels of 0.98 mm. 300 slices take 3 s of CPU time.
 MOST_PIXELS, MOST_SLICES = 256, 64
 APART_MM = 1e6  # between slices, so that distances are measured within each slice
 # Shares of the radius of the largest circle in the body, R. In config/abdomen.yaml R is 125 mm, an arm has 0.3 R.

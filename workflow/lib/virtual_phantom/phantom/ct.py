@@ -21,7 +21,7 @@ from . import HALF_COVERED, Phantom, Roi, block_mean
 from .dicom_series import read_series
 from .fit import how_to_fit
 from .masks import open_regions
-from .plausible import SIZE, require_plausible
+from .plausible import CHECKS, SIZE, require_plausible
 from .repositioning import to_object
 from .rois import RoiEntry, cut, read_entries, separate, shrink
 
@@ -102,7 +102,7 @@ def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
     InputError
         As `load` does of a region.
     """
-    image, opened = read_hu(Path(settings["image"]), settings.get("not_checked", ())).grid, {}
+    image, opened = read_hu(Path(settings["image"]), CHECKS).grid, {}  # `load` checks its values
     kept = np.ones(image.shape[1:], bool)
     if "keep_mm" in settings:
         kept = kept_columns(settings["keep_mm"], image)
