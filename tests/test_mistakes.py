@@ -81,6 +81,11 @@ def with_nan():
     phantom(written(array, "ct.nii.gz"))
 
 
+def clipped_to_a_window():
+    noise = np.random.default_rng(0).normal(0, 10, phantom_files.CT_GRID.shape)
+    phantom(written(np.clip(np.rint(phantom_files.object_hu() + noise), -160, 240), "ct.nii.gz"))
+
+
 def on_another_grid():
     coarse = phantom_files.ball("bright")[::2].astype(np.uint8)
     phantom(roi={"file": written(coarse, "mask.nii.gz", np.diag([2.0, 2, 6, 1]))})
@@ -146,7 +151,7 @@ def of_two_versions():
     )
 
 
-def study_of_the_ct(**changes):
+def study_of_the_ct(keep_mm=None, **changes):
     """Start a study of the CT, one of whose balls is `lesion` and the other `fat`."""
     rois = [{"name": name, "tissue_class": name, "label": label} for label, name in enumerate(("lesion", "fat"), 1)]
     config = copy.deepcopy(DEFAULT) | {
@@ -155,6 +160,8 @@ def study_of_the_ct(**changes):
         "measured": {"overlay": False},
         "scan": DEFAULT["scan"] | {"columns": 100, "column_pitch_mm": 2.4},
     }
+    if keep_mm:
+        config["phantom"]["ct"]["keep_mm"] = keep_mm
     for section, values in changes.items():
         config[section] = config[section] | values
     if lines := problems(config):
@@ -292,6 +299,12 @@ MISTAKES = {
         lambda: phantom(written(MU_WATER_PER_MM * (1 + phantom_files.object_hu() / 1000), "ct.nii.gz")),
         "ct.nii.gz",
     ),
+    "A CT that was clipped to a display window": (clipped_to_a_window, "ct.nii.gz"),
+    "A CT whose voxel size was lost": (
+        lambda: phantom(written(phantom_files.object_hu(), "ct.nii.gz", np.eye(4))),
+        "ct.nii.gz",
+    ),
+    "A box that cuts the body": (lambda: study_of_the_ct(keep_mm=[[-55, 35], [-80, 0]]), "phantom.ct.keep_mm"),
     "NaN in the CT": (with_nan, "ct.nii.gz"),
     "A mask on another grid": (on_another_grid, "mask.nii.gz"),
     "A label that is not in the map": (lambda: phantom(roi={"label": 7}), "labels.nii.gz"),

@@ -89,6 +89,25 @@ def test_stored_values_are_refused(scanner, offset, padding):
     refused(scanner[0], f"two.nii.gz: {'5' if padding else 'has no value below 0'}")
 
 
+@pytest.mark.parametrize(
+    ("spoil", "check", "message"),
+    [
+        (lambda hu: np.clip(hu, -160, 240), "window", "two.nii.gz: 48 % of the voxels are exactly -160"),
+        (lambda hu: 1000 - hu, "hu", "two.nii.gz: has no value below 0"),
+        (lambda hu: -hu, "hu", "the values are inverted; multiply by -1"),
+        (lambda hu: hu / 1000, "hu", "perhaps HU / 1000: multiply by 1000"),
+        (lambda hu: hu - 1024, "hu", "perhaps HU - 1000 or HU - 1024: add that first"),
+    ],
+)
+def test_images_are_checked_as_a_ct_is_unless_it_is_named(scanner, spoil, check, message):
+    folder, content = scanner
+    array = object_hu()
+    write_nifti_array(spoil(array), folder / "two.nii.gz")
+    refused(folder, message)
+    assert len(load(write_yaml(folder, content | {"not_checked": [check]})).repeats) == 2
+    refused(write_yaml(folder, content | {"not_checked": ["units"]}), "not_checked")
+
+
 def test_dicom_without_its_rescale_is_refused(tmp_path):
     refused(dicom_folder(tmp_path / "r", RescaleIntercept=0)[0], "two: has no value below 0, so these are not HU")
 

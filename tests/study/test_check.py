@@ -1,6 +1,7 @@
 """`virtual-phantom check`: ten configurations with three mistakes each, and every one of them named in one run."""
 
 import copy
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -207,6 +208,15 @@ def checked(settings, capsys):
     return code, (said.out + said.err).splitlines()
 
 
+def lines_and_notes(settings, capsys):
+    """Exit code, mistakes and notes of the command on a configuration."""
+    code, lines = checked(settings, capsys)
+    notes = [line for line in lines if line.startswith("Note: ")]
+    others = [line for line in lines if line not in notes and "nothing wrong was found" not in line]
+    mistakes = [re.sub(r"^(Error: | *\d+\. )", "", line) for line in others]
+    return code, [line for line in mistakes if not line.endswith("mistakes")], notes
+
+
 def test_ten_configurations_have_three_mistakes_each():
     assert len(CASES) == 10 and all(len(lines) == 3 for _, lines in CASES.values())
 
@@ -225,6 +235,55 @@ def test_every_mistake_is_named_in_one_run_and_nothing_else(title, desk, capsys)
 def test_without_a_mistake_it_says_so(desk, capsys):
     assert checked(CT, capsys) == (0, ["my.yaml: nothing wrong was found"])
     assert checked({}, capsys)[0] == 0
+
+
+def test_what_keep_mm_removes_of_the_body_is_a_mistake(desk, capsys):
+    """Of an ellipse, what lies beyond h of its half axis has the share (arccos h - h sqrt(1 - h^2)) / pi.
+
+    The body's half axis is 40 mm along x, and 30 mm of it are kept.
+    """
+    share = 100 * (np.arccos(0.75) - 0.75 * np.sqrt(1 - 0.75**2)) / np.pi
+    settings = ct(phantom__ct__keep_mm=[[-55, 35], [-80, 0]])
+    code, lines, _ = lines_and_notes(settings, capsys)
+    (line,) = lines
+    found = re.fullmatch(
+        r"phantom.ct.keep_mm: makes air of ([\d.]+) % of the body \(voxels above -300 HU in its filled outline\), "
+        r"(\d+) mm from the nearest ROI \((\w+)\); widen it to \[\[-35, 45\], \[-72, -8\]\], or take it out "
+        r"\(if it is right: not_checked: \[keep_mm\]\)",
+        line,
+    )
+    assert code == 1 and found, line
+    assert float(found[1]) == pytest.approx(share, abs=0.5)
+    # The ball `bright` ends 14 + 9 mm from the axis; the first column that is cut is at 31 mm.
+    assert found[3] == "bright" and float(found[2]) == pytest.approx(8, abs=2)
+    settings["phantom"]["ct"]["not_checked"] = ["keep_mm"]
+    code, lines, notes = lines_and_notes(settings, capsys)
+    assert code == 0 and notes == [
+        f"Note: phantom.ct.keep_mm: makes air of {found[1]} % of the tissue (voxels above -300 HU): 0 % apart from the "
+        f"body, as arms and tables are, and {found[1]} % of the body, {found[2]} mm from the nearest ROI (bright)"
+    ]
+
+
+def test_a_table_that_keep_mm_removes_is_a_note_each_time(desk, capsys):
+    hu = phantom_files.object_hu()
+    hu[:, 0] = 200
+    phantom_files.write_nifti_array(hu, "ct.nii.gz")
+    body = np.count_nonzero(phantom_files.object_hu() > -300)
+    settings = ct(phantom__ct__keep_mm=[[-60, 60], [-76, 0]])
+    Path(".snakemake").mkdir()
+    for _ in range(2):
+        code, lines, notes = lines_and_notes(settings, capsys)
+        share = f"{100 * hu[:, 0].size / (hu[:, 0].size + body):.2g}"
+        assert code == 0 and not lines and len(notes) == 1
+        assert f"makes air of {share} % of the tissue (voxels above -300 HU): {share} % apart" in notes[0]
+        assert notes[0].endswith("and 0 % of the body")
+    assert [kept.read_bytes() for kept in Path(".snakemake/virtual_phantom").iterdir()] == [b"notes"]
+
+
+def test_a_ct_that_is_not_in_hu_hides_no_mistake_of_its_regions(desk, capsys):
+    phantom_files.write_nifti_array(phantom_files.object_hu() + 1024, "ct.nii.gz")
+    _, lines, _ = lines_and_notes(with_rois(roi("bright", 1), roi("lost", 9, "fat")), capsys)
+    assert len(lines) == 2 and "perhaps HU + 1024" in lines[0] and "no voxel has the label 9" in lines[1]
 
 
 def test_a_label_map_is_looked_at_and_its_labels_may_be_numbers(desk, capsys):

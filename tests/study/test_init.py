@@ -5,6 +5,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,11 +81,12 @@ def test_regions_of_every_form_become_rois(image, labels, desk, capsys):
 
 
 def test_what_is_scanned_is_the_body(desk):
-    """A cylinder of 80 x 64 mm (x, y) and 42 mm along z, at CENTRE."""
+    """A cylinder of 80 x 64 mm (x, y) and 42 mm along z, at CENTRE, and nothing beside it."""
     settings = initialised("ct.nii.gz", "--labels", "labels.nii.gz")
     phantom = settings["phantom"]["ct"]
+    assert "keep_mm" not in phantom and "keep_mm is not needed" in Path("my.yaml").read_text()
     np.testing.assert_allclose(phantom["centre_mm"], CENTRE, atol=1.5)
-    (x_low, x_high), (y_low, y_high) = phantom["keep_mm"]
+    (x_low, x_high), (y_low, y_high) = propose("ct.nii.gz", "labels.nii.gz").box_mm
     assert CENTRE[0] - 50 < x_low <= CENTRE[0] - 40 and CENTRE[0] + 40 <= x_high < CENTRE[0] + 50
     assert CENTRE[1] - 42 < y_low <= CENTRE[1] - 32 and CENTRE[1] + 32 <= y_high < CENTRE[1] + 42
     assert settings["grid"]["spacing_mm"] == [3.0, 2.0, 2.0]  # not finer than the CT
@@ -96,9 +98,52 @@ def test_arms_and_a_table_are_left_out(desk):
     hu[:, 0] = 200
     hu[:, 14:26, :3] = 50
     phantom_files.write_nifti_array(hu, "arms.nii.gz")
-    plain = propose("ct.nii.gz", "labels.nii.gz").config["phantom"]["ct"]["keep_mm"]
+    plain = propose("ct.nii.gz", "labels.nii.gz").box_mm
     kept = propose("arms.nii.gz", "labels.nii.gz").config["phantom"]["ct"]["keep_mm"]
     np.testing.assert_allclose(kept, plain, atol=0)
+
+
+def test_a_chest_is_scanned_whole(desk):
+    """An ellipse of 84 x 64 mm with lungs that end 4 mm under its surface, beside an arm."""
+    z, y, x = np.ix_(*phantom_files.CT_GRID.axes_mm())
+    body, arm = (x / 38) ** 2 + (y / 32) ** 2 + 0 * z < 1, (abs(x - 44) < 3) & (abs(y) < 10) & (abs(z) < 99)
+    lungs = ((abs(x) - 20) / 15) ** 2 + (y / 24) ** 2 + 0 * z < 1
+    hu = np.where(body | arm, 30.0, -1000.0)
+    hu[lungs] = -850
+    nodule = (x + 20) ** 2 + y**2 + z**2 < 9**2
+    hu[nodule] = 40
+    labels = np.where(nodule, 2, np.where(lungs & (x > 0), 1, 0)).astype(np.uint8)
+    phantom_files.write_nifti_array(hu, "chest.nii.gz")
+    phantom_files.write_nifti_array(labels, "chest_labels.nii.gz")
+    found = propose("chest.nii.gz", "chest_labels.nii.gz", names={"1": "lung", "2": "nodule"})
+    assert [one.region.name for one in found.taken] == ["lung", "nodule"]
+    (x_low, x_high), (y_low, y_high) = found.config["phantom"]["ct"]["keep_mm"]
+    assert CENTRE[0] - 46 < x_low <= CENTRE[0] - 38 and CENTRE[0] + 38 <= x_high <= CENTRE[0] + 42
+    assert CENTRE[1] - 40 < y_low <= CENTRE[1] - 32 and CENTRE[1] + 32 <= y_high < CENTRE[1] + 40
+
+
+def test_a_check_of_the_ct_can_be_left_out(desk, capsys):
+    """The CT is that of an animal: a quarter of the size."""
+    small = Grid(phantom_files.CT_GRID.shape, (0.75, 0.5, 0.5), CENTRE)
+    phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz", grid=small)
+    phantom_files.write_nifti_array(labelled(), "labels.nii.gz", grid=small)
+    words = ["init", "ct.nii.gz", "--labels", "labels.nii.gz", "--size", "quick"]
+    assert command.main(words) == 1 and "not_checked: [size])" in capsys.readouterr().err
+    settings = initialised(*words[1:], "--not-checked", "size")
+    assert settings["phantom"]["ct"]["not_checked"] == ["size"] and "--not-checked size" in settings["trial"]
+    assert preflight.problems(settings) == []
+    assert command.main([*words, "--not-checked", "sise", "--force"]) == 1
+    assert "there is no check 'sise'; did you mean 'size'?" in capsys.readouterr().err
+
+
+def test_a_ct_without_air_is_noted(desk, capsys):
+    hu, labels = (array[:, 10:-10, 12:-12] for array in (phantom_files.object_hu(), labelled()))
+    grid = Grid(hu.shape, phantom_files.CT_GRID.spacing, CENTRE)
+    phantom_files.write_nifti_array(hu, "ct.nii.gz", grid=grid)
+    phantom_files.write_nifti_array(labels, "labels.nii.gz", grid=grid)
+    settings = initialised("ct.nii.gz", "--labels", "labels.nii.gz")
+    note = "Note: ct.nii.gz: shows no air (-1000 HU); it is taken as cropped within the body"
+    assert note in capsys.readouterr().err and "keep_mm" not in settings["phantom"]["ct"]
 
 
 def test_a_region_that_is_too_small_is_left_out_and_told(desk):
@@ -118,14 +163,14 @@ def test_gas_and_tissue_is_no_region(desk):
 
 def test_a_region_in_another_piece_is_left_out_unless_it_is_asked_for(desk):
     hu, labels = phantom_files.object_hu(), labelled()
-    hu[:, 16:24, :4], labels[:, 17:23, :4] = 50, 7
+    hu[:, 16:24, :3], labels[:, 17:23, :3] = 50, 7  # the body begins a column farther
     phantom_files.write_nifti_array(hu, "arm.nii.gz")
     phantom_files.write_nifti_array(labels, "arm_labels.nii.gz")
     found = propose("arm.nii.gz", "arm_labels.nii.gz")
     assert ["trunk" in reason for region, reason in found.left if region.name == "label_7"] == [True]
     asked = propose("arm.nii.gz", "arm_labels.nii.gz", rois=["3", "label_7"])
     assert [one.region.label for one in asked.taken] == [3, 7]
-    assert asked.config["phantom"]["ct"]["keep_mm"][0][0] < found.config["phantom"]["ct"]["keep_mm"][0][0]
+    assert asked.box_mm[0][0] < found.box_mm[0][0] == found.config["phantom"]["ct"]["keep_mm"][0][0]
 
 
 def test_the_file_says_what_the_proposal_is_and_what_it_costs(desk):
@@ -169,10 +214,10 @@ def test_a_region_of_more_than_one_tissue_is_doubted(desk, capsys):
 def test_the_picture_names_in_its_legend_only_what_it_shows(desk):
     """A thin region is left out and outlined, but not where the picture ends before it."""
 
-    def legend(labels, keep_mm=None):
+    def legend(labels, box_mm=None):
         phantom_files.write_nifti_array(labels, "some.nii.gz", flip_y=True)
         proposed = propose("ct.nii.gz", "some.nii.gz")
-        proposed.config["phantom"]["ct"]["keep_mm"] = keep_mm or proposed.config["phantom"]["ct"]["keep_mm"]
+        proposed = replace(proposed, box_mm=box_mm or proposed.box_mm)
         return [one.get_text() for one in drawn(proposed).legends[0].get_texts()]
 
     some, shown = labelled(), ["label 3", "label 5", "what is scanned"]

@@ -126,7 +126,7 @@ def read_phantom(
     shape, spacing_mm, oversampling : optional
         As draw_phantom takes them.
     **places
-        `centre_mm`, `keep_mm`: as in the configuration.
+        `centre_mm`, `keep_mm`, `not_checked`: as in the configuration.
 
     Returns
     -------

@@ -39,6 +39,29 @@ def printed_notes() -> Iterator[None]:
         NOTES.propagate = propagate
 
 
+@contextlib.contextmanager
+def counted_notes() -> Iterator[NoteCount]:
+    """Count the notes made while the block runs; they are printed or logged all the same."""
+    counter = NoteCount()
+    NOTES.addHandler(counter)
+    try:
+        yield counter
+    finally:
+        NOTES.removeHandler(counter)
+
+
+class NoteCount(logging.Handler):
+    """A log handler that counts, as `count`."""
+
+    def __init__(self):
+        super().__init__()
+        self.count = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Count one more note."""
+        self.count += 1
+
+
 class _Printer(logging.Handler):
     def __init__(self):
         super().__init__()

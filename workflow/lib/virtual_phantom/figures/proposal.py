@@ -22,7 +22,7 @@ def draw(
     taken: Sequence[Mapping[str, np.ndarray]],
     left: Sequence[Mapping[str, np.ndarray]],
     tissue_class: Mapping[str, str],
-    keep_mm: Sequence[Sequence[float]],
+    box_mm: Sequence[Sequence[float]],
 ) -> Figure:
     """Draw slices of a CT with outlines of regions.
 
@@ -36,7 +36,7 @@ def draw(
         For each slice, the regions in it that become ROIs, and those that are left out: {name: mask}.
     tissue_class : mapping of str to str
         Of the former.
-    keep_mm : sequence
+    box_mm : sequence
         What is scanned, [[x, x], [y, y]], NIfTI world mm: a dashed box.
 
     Returns
@@ -44,7 +44,7 @@ def draw(
     Figure
     """
     colours = style.assign(tissue_class.values(), style.ON_GREY_IMAGE)
-    box = _around(keep_mm, image)
+    box = _around(box_mm, image)
     columns = min(len(slices), 2)
     rows = -(-len(slices) // columns)
     width_mm = style.DOUBLE_COLUMN_MM if columns == 2 else 120.0
@@ -65,7 +65,7 @@ def draw(
             seen |= _in_box(mask, image, box)
         for name, mask in inside.items():
             outline(axes, mask, image.grid, colours[tissue_class[name]])
-        (x_low, x_high), (y_low, y_high) = keep_mm
+        (x_low, x_high), (y_low, y_high) = box_mm
         axes.add_patch(
             Rectangle((x_low, y_low), x_high - x_low, y_high - y_low, fill=False, edgecolor="white", linestyle="--")
         )
@@ -88,11 +88,11 @@ def _in_box(mask: np.ndarray, image: Volume, box: Sequence[float]) -> bool:
     return bool((there & mask).any())
 
 
-def _around(keep_mm: Sequence[Sequence[float]], image: Volume) -> tuple[float, float, float, float]:
+def _around(box_mm: Sequence[Sequence[float]], image: Volume) -> tuple[float, float, float, float]:
     """The box and a little more, but not beyond the CT: x low, x high, y low, y high."""
     edges = axial.edges_mm(image.grid)
-    more = AROUND * max(high - low for low, high in keep_mm)
-    (x_low, x_high), (y_low, y_high) = keep_mm
+    more = AROUND * max(high - low for low, high in box_mm)
+    (x_low, x_high), (y_low, y_high) = box_mm
     return (
         max(x_low - more, edges[0]),
         min(x_high + more, edges[1]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,16 +16,16 @@ from ..base.pose import IN_PLACE, Pose
 from ..base.units import HU_AIR, HU_BODY
 from ..io.schema import schema_of, validate
 from ..io.simpleitk import itk_image, itk_resample
-from ..io.volumes import Volume, read_nifti
+from ..io.volumes import Volume, length_unit, read_nifti
 from . import HALF_COVERED, Phantom, Roi, block_mean
 from .dicom_series import read_series
 from .fit import how_to_fit
 from .masks import open_regions
+from .plausible import CHECKS, SIZE, require_plausible
 from .repositioning import to_object
 from .rois import RoiEntry, cut, read_entries, separate, shrink
 
 LARGEST_LOSS = 0.01  # share of an ROI that keep_mm or the grid may cut off: rounding of a box to voxels, no more
-LARGEST_ATTENUATION = 10.0  # per mm or cm, of anything but metal; a CT in HU has air or fat in view, and goes farther
 SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
 
 
@@ -45,6 +46,7 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
         * labels: file of the regions whose entry names no file of its own
         * centre_mm: NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
         * keep_mm: [[x, x], [y, y]] in NIfTI world mm; everything outside becomes air (a table, arms)
+        * not_checked: of plausible.CHECKS, what a false alarm of theirs may not stop
     grid : Grid
         Shape and spacing of the study's grid; its centre is put at centre_mm.
     oversampling : int
@@ -65,7 +67,7 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     entries = read_entries(settings["rois"], settings.get("labels"))
     if "image" not in settings:
         raise InputError("phantom: ct: image is missing; name a NIfTI file, or the folder of a DICOM series")
-    image = read_hu(Path(settings["image"]))
+    image = read_hu(Path(settings["image"]), settings.get("not_checked", ()))
     image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     kept = np.ones(image.grid.shape[1:], bool)
     if "keep_mm" in settings:
@@ -100,7 +102,7 @@ def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
     InputError
         As `load` does of a region.
     """
-    image, opened = read_hu(Path(settings["image"])).grid, {}
+    image, opened = read_hu(Path(settings["image"]), CHECKS).grid, {}  # `load` checks its values
     kept = np.ones(image.shape[1:], bool)
     if "keep_mm" in settings:
         kept = kept_columns(settings["keep_mm"], image)
@@ -108,8 +110,14 @@ def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
     return tuple(roi for entry in entries for roi in rois_of(entry, image, grid, kept, opened, pose))
 
 
-def read_hu(path: Path) -> Volume:
-    """A CT in HU from a NIfTI file or the folder of one DICOM series.
+def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
+    """Read a CT in HU from a NIfTI file or the folder of one DICOM series.
+
+    Parameters
+    ----------
+    path : Path
+    not_checked : collection of str, optional
+        Of plausible.CHECKS: what is left to the user.
 
     Returns
     -------
@@ -119,8 +127,8 @@ def read_hu(path: Path) -> Volume:
     Raises
     ------
     InputError
-        If it cannot be read, has voxels that are not finite, or values that cannot be HU: none below 0, or none beyond
-        LARGEST_ATTENUATION.
+        If it cannot be read, has voxels that are not finite, a unit of length other than mm, or values or lengths that
+        no CT has (plausible.require_plausible).
     """
     if path.is_dir():
         image = read_series(path)
@@ -130,16 +138,29 @@ def read_hu(path: Path) -> Volume:
         raise InputError(f"{path}: no such CT; give a NIfTI file (.nii, .nii.gz) or the folder of a DICOM series")
     if bad := int(np.count_nonzero(~np.isfinite(image.array))):
         raise InputError(f"{path}: {bad} voxels are NaN or infinite; replace them (air is -1000 HU)")
-    # NIfTI does not say that its values are HU, and a rescale may get lost; a CT always has some air or fat in view.
-    low, high = float(image.array.min()), float(image.array.max())
-    if max(-low, high) < LARGEST_ATTENUATION:
-        raise InputError(
-            f"{path}: values go from {low:.3g} to {high:.3g}, so these are not HU; perhaps attenuation mu: give "
-            "1000 (mu / mu_water - 1)"
-        )
-    if low >= 0:
-        raise InputError(f"{path}: has no value below 0, so these are not HU; perhaps HU + 1024: subtract 1024 first")
+    check_hu(image, path, not_checked)
     return image
+
+
+def check_hu(image: Volume, path: Path, not_checked: Collection[str] = ()) -> None:
+    """Check that an image can be in HU and mm.
+
+    Parameters
+    ----------
+    image : Volume
+    path : Path
+        Its file, or the folder of its series.
+    not_checked : collection of str, optional
+        As `read_hu` takes it.
+
+    Raises
+    ------
+    InputError
+        For a unit of length other than mm; otherwise a line for each check that fails (InputErrors).
+    """
+    if SIZE not in not_checked and not path.is_dir() and (unit := length_unit(path)) not in ("mm", "unknown"):
+        raise InputError(f"{path}: its header gives lengths in {unit}; write it in mm")
+    require_plausible(image.array, image.grid, path, not_checked)
 
 
 def _world_axes(grid: Grid) -> tuple[np.ndarray, ...]:

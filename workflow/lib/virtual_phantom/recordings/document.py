@@ -18,7 +18,10 @@ from ..io.yaml_files import read_yaml
 FILE_NAME = "recording.yaml"
 SCHEMA = SCHEMAS / "recording.schema.yaml"
 NAME_SHOWN = 60  # characters
-SECTIONS = {"images": {"labels", "rois", "isocentre_mm", "scan"}, "projections": {"isocentre_mm", "scan", "corrected"}}
+SECTIONS = {
+    "images": {"labels", "rois", "isocentre_mm", "scan", "not_checked"},
+    "projections": {"isocentre_mm", "scan", "corrected"},
+}
 SECTIONS["features"] = {"features", "rois"}
 
 

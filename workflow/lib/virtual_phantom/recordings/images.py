@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-
-import numpy as np
 
 from ..base.errors import InputError
 from ..base.geometry import Grid, OrbitGeometry
-from ..io.volumes import Volume, length_unit
+from ..io.volumes import Volume
 from ..phantom import Roi
 from ..phantom.ct import draw, read_hu
 from ..phantom.masks import GRID_TOLERANCE_MM
+from ..phantom.plausible import BELOW_AIR_HU, has_air
 from ..phantom.rois import read_entries
 from .document import Document
 from .provenance import check_nominal, check_shared, checksums, dicom_facts
 from .recording import Provenance, Recording, Repeats
 from .scan import check_lengths, missing_for_geometry, scan_geometry
 
-WIDTH_MM = (40.0, 1500.0)  # in-plane: from a small phantom to the bore of a scanner
-LARGEST_VOXEL_MM = 20.0  # of any side: more are metres or another unit
-# Soft tissue and water stored as HU + 1000 or HU + 1024 lie here; of HU, little does: dense bone, PTFE.
-OFFSET_TISSUE = (900.0, 1300.0)
-MOST_DENSE = 0.1  # share of voxels there; more are stored values, not HU
-BELOW_AIR_HU = -1100.0  # lower than the noise of air goes in numbers: padding outside the scanned circle
 MENTIONED_SHARE = 0.01  # of voxels that is worth a remark
 
 
@@ -66,8 +61,9 @@ def load(document: Document) -> ImagesRecording:
     """
     notes: list[str] = []
     grid, facts = None, {}
+    read_one = partial(read, not_checked=tuple(document.content.get("not_checked", ())))
     for path in (*document.repeats, *document.held_out):
-        image = read(path)
+        image = read_one(path)
         if grid is None:
             grid = image.grid
         elif not image.grid.matches(grid, GRID_TOLERANCE_MM):
@@ -78,6 +74,8 @@ def load(document: Document) -> ImagesRecording:
         if (below := float((image.array < BELOW_AIR_HU).mean())) > MENTIONED_SHARE:
             share = f"{100 * below:.0f} % of the voxels are below {BELOW_AIR_HU:g} HU"
             notes.append(f"{document.relative(path)}: {share}: padding outside the scanned circle")
+        if not has_air(image.array):
+            notes.append(f"{document.relative(path)}: shows no air (-1000 HU) that its CT numbers could be checked by")
         if path.is_dir():
             facts[path] = dicom_facts(path)
     for path, own in facts.items():
@@ -86,12 +84,18 @@ def load(document: Document) -> ImagesRecording:
         check_nominal(own, document.content["nominal"], document.path)
     _rois(document, grid)
     provenance = Provenance(document.content["origin"], checksums(document), next(iter(facts.values()), {}))
-    repeats, held_out = Repeats(document.repeats, read), Repeats(document.held_out, read)
+    repeats, held_out = Repeats(document.repeats, read_one), Repeats(document.held_out, read_one)
     return ImagesRecording(document, provenance, _geometry(document), tuple(notes), repeats, held_out, grid)
 
 
-def read(path: Path) -> Volume:
+def read(path: Path, not_checked: Collection[str] = ()) -> Volume:
     """Read one image in HU.
+
+    Parameters
+    ----------
+    path : Path
+    not_checked : collection of str, optional
+        As recording.yaml names it.
 
     Returns
     -------
@@ -101,32 +105,9 @@ def read(path: Path) -> Volume:
     Raises
     ------
     InputError
-        If it cannot be read or is tilted (volumes.read_nifti, dicom_series.read_series), if its values are not HU or
-        not finite, or if its size cannot be in mm.
+        As phantom.ct.read_hu does.
     """
-    image = read_hu(path)
-    _check_size(path, image.grid)
-    low, high = OFFSET_TISSUE
-    dense = np.count_nonzero((image.array > low) & (image.array < high)) / image.array.size
-    if dense > MOST_DENSE:
-        raise InputError(
-            f"{path}: {100 * dense:.0f} % of the voxels are between {low:g} and {high:g}: 1000 or 1024 was added to "
-            "HU; subtract it first"
-        )
-    return image
-
-
-def _check_size(path: Path, grid: Grid) -> None:
-    if not path.is_dir() and (unit := length_unit(path)) not in ("mm", "unknown"):
-        raise InputError(f"{path}: its header gives lengths in {unit}; write it in mm")
-    for extent in grid.extent_mm[1:]:
-        if not WIDTH_MM[0] <= extent <= WIDTH_MM[1]:
-            raise InputError(
-                f"{path}: is {extent:.3g} mm wide, where {WIDTH_MM[0]:g} to {WIDTH_MM[1]:g} mm are expected; "
-                "are its lengths in mm, not in cm?"
-            )
-    if max(grid.spacing) > LARGEST_VOXEL_MM:
-        raise InputError(f"{path}: has voxels of {max(grid.spacing):g} mm; are its lengths in mm?")
+    return read_hu(path, not_checked)
 
 
 def _geometry(document: Document) -> OrbitGeometry | None:

@@ -18,8 +18,9 @@ from ..io.simpleitk import itk_image, matrix_of
 from ..io.volumes import Volume
 from ..phantom import HALF_COVERED
 from ..phantom.ct import resample
+from ..phantom.plausible import BELOW_AIR_HU
 from .cross_correlation import LEAST_COVERED
-from .images import BELOW_AIR_HU, MENTIONED_SHARE
+from .images import MENTIONED_SHARE
 
 SOFT_HU = (-200.0, 300.0)  # fat to contrast-filled vessels: what soft tissue is aligned by
 DENSEST_HU = 1000.0  # metal and its streaks would outvote soft tissue

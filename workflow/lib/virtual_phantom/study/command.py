@@ -53,6 +53,7 @@ def _parser() -> argparse.ArgumentParser:
         "--rois", action="append", default=[], help="""take these labels or names alone: 5,'"GTV, left"'""" + quoting
     )
     init.add_argument("--size", choices=SIZES, default="normal", help="quick: a trial of minutes; default normal")
+    init.add_argument("--not-checked", default="", help="checks of the CT to leave out, as named in their lines")
     init.add_argument("--force", action="store_true", help="overwrite files that are there")
     check = commands.add_parser("check", help="say all that is wrong with a configuration and its files")
     check.add_argument(
@@ -78,6 +79,7 @@ def _init(arguments: argparse.Namespace) -> int:
         rois=listed(arguments.rois, "--rois"),
         size=arguments.size,
         force=arguments.force,
+        not_checked=[one.strip() for one in arguments.not_checked.split(",") if one.strip()],
     )
     print(told(proposed, arguments.out))
     return 0

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt
+from skimage.measure import block_reduce
 
 from ..base.errors import InputError
 from ..base.geometry import Grid, scan_geometry
@@ -13,8 +16,10 @@ from ..base.parallel_rays import ParallelRays
 from ..base.units import HU_BODY
 from ..base.vectors import FLAT
 from ..io.volumes import Volume
+from ..phantom.body import body_of, edges_mm
 from ..physics.line_integrals import hardest_points, share_seen
 
+TISSUE_HU = -300.0  # fat (-100) and denser, with noise; lungs and air do not count
 MOST_POINTS = 500  # of an ROI, at either extreme; jobs look at all of them again
 MOST_PIXELS = 16384  # rows or columns of a detector, as the configuration's schema allows
 
@@ -43,6 +48,87 @@ def reach_mm(image: Volume, grid: Grid) -> float:
     seen = np.abs(z) <= (grid.extent_mm[0] + image.grid.spacing[0]) / 2
     occupied = (image.array[seen] > HU_BODY).any(axis=0)
     return float(np.max(np.hypot(y[:, None], x[None, :]), where=occupied, initial=0))
+
+
+@dataclass(frozen=True)
+class Removed:
+    """Tissue that keep_mm turns into air, in the slices that are scanned.
+
+    Attributes
+    ----------
+    share : float
+        Of all tissue.
+    apart_share : float
+        Of all tissue, what lies apart from the body, as arms and a table do.
+    body_share : float
+        Of the body's tissue, what is removed of the body.
+    columns : ndarray of bool, shape (y, x)
+        Columns of the CT that lose voxels of the body.
+    box_mm : list
+        [[x, x], [y, y]], NIfTI world mm: holds the whole body.
+    ct : Grid
+    """
+
+    share: float
+    apart_share: float
+    body_share: float
+    columns: np.ndarray
+    box_mm: list
+    ct: Grid
+
+    def distance_mm(self, grid: Grid, mask: np.ndarray) -> float:
+        """Return the least distance in-plane from a mask on a grid to what is removed of the body."""
+        away = distance_transform_edt(~self.columns, sampling=self.ct.spacing[1:])
+        index = []
+        for axis, places in zip((1, 2), np.nonzero(mask.any(axis=0)), strict=True):
+            at = grid.axes_mm()[axis][places] + grid.centre_mm[2 - axis] - self.ct.centre_mm[2 - axis]
+            n = self.ct.shape[axis]
+            index.append(np.clip(np.rint(at / self.ct.spacing[axis] + (n - 1) / 2).astype(int), 0, n - 1))
+        return float(away[tuple(index)].min())
+
+
+def removed_tissue(image: Volume, grid: Grid, kept: np.ndarray) -> Removed:
+    """Measure the tissue that keep_mm removes.
+
+    Parameters
+    ----------
+    image : Volume
+        The whole CT, HU.
+    grid : Grid
+        The study's: slices above and below it are not scanned.
+    kept : ndarray of bool, shape (y, x)
+        Columns of the CT within keep_mm.
+
+    Returns
+    -------
+    Removed
+    """
+    z = image.grid.axes_mm()[0] + image.grid.centre_mm[2] - grid.centre_mm[2]
+    seen = np.flatnonzero(np.abs(z) <= (grid.extent_mm[0] + image.grid.spacing[0]) / 2)
+    first, last = int(seen[0]), int(seen[-1]) + 1
+    body = body_of(image, first, last)
+    tissue = image.array[first:last] > TISSUE_HU
+    total = np.count_nonzero(tissue)
+    counts = block_reduce(tissue, body.blocks, np.count_nonzero)
+    rows, columns = np.nonzero(~kept)
+    lost = tissue[:, rows, columns]
+    z, y, x = body.blocks
+    of_body = body.mask[(np.arange(last - first) // z)[:, None], (rows // y)[None], (columns // x)[None]] & lost
+    cut = np.zeros(kept.shape, bool)
+    cut[rows, columns] = of_body.any(axis=0)
+    own = np.count_nonzero(of_body)
+    box = []
+    for axis in (2, 1):
+        low, high = edges_mm(image.grid, axis, body.pixels_of(axis)) if body.mask.any() else (0.0, 0.0)
+        box.append([math.floor(low), math.ceil(high)])
+    return Removed(
+        share=np.count_nonzero(lost) / max(total, 1),
+        apart_share=(np.count_nonzero(lost) - own) / max(total, 1),
+        body_share=own / max(int(counts[body.mask].sum()), 1),
+        columns=cut,
+        box_mm=box,
+        ct=image.grid,
+    )
 
 
 def columns_for(reach: float, scan: Mapping) -> int | None:

@@ -1,7 +1,7 @@
 """Checks that found nothing wrong are not made again while settings, files and code stay as they are.
 
-Each is an empty file, named by a hash of all that it depends on, in Snakemake's own folder: names of files and settings
-do not go into it.
+Each is a file named by a hash of all that it depends on, in Snakemake's own folder: names of files and settings do not
+go into it. It is empty unless the check made notes, and then `virtual-phantom check` makes it again.
 """
 
 from __future__ import annotations
@@ -12,12 +12,14 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
+from ..base.console import counted_notes
 from ..io.files import files_of
 from .dependencies import LIBRARY
 
 SNAKEMAKE = Path(".snakemake")  # where it runs
 FOLDER = SNAKEMAKE / "virtual_phantom"
 MOST = 100  # that are kept, the newest
+WITH_NOTES = b"notes"
 
 
 def look_once(
@@ -34,7 +36,7 @@ def look_once(
     look : callable
         The check: a line for each mistake.
     keep : bool, optional
-        Make the folder where it is not there.
+        Make the folder where it is not there, and do not look again for the sake of notes.
 
     Returns
     -------
@@ -42,15 +44,16 @@ def look_once(
     """
     try:
         kept = FOLDER / _mark(settings, paths)
-        if kept.exists():
+        if kept.exists() and (keep or not kept.stat().st_size):
             return []
     except OSError:  # a file that is not there: the check says which
         return list(look())
-    lines = list(look())
+    with counted_notes() as notes:
+        lines = list(look())
     if not lines and (keep or SNAKEMAKE.is_dir()):
         with contextlib.suppress(OSError):  # where nothing may be written, the next start looks again
             FOLDER.mkdir(parents=True, exist_ok=True)
-            kept.touch()
+            kept.write_bytes(WITH_NOTES if notes.count else b"")
             for old in sorted(FOLDER.iterdir(), key=lambda path: path.stat().st_mtime)[:-MOST]:
                 old.unlink(missing_ok=True)
     return lines

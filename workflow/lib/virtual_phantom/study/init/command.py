@@ -31,6 +31,7 @@ def initialise(
     rois: Sequence[str] = (),
     size: str = "normal",
     force: bool = False,
+    not_checked: Sequence[str] = (),
 ) -> Proposal:
     """Write a configuration for a CT and its regions, and a picture of them beside it.
 
@@ -40,7 +41,7 @@ def initialise(
         As `propose.propose` takes them.
     out : str or Path
         The configuration. The picture has its name and the suffix .png.
-    names, rois, size
+    names, rois, size, not_checked
         As `propose.propose` takes them.
     force : bool, optional
         Overwrite files that are there.
@@ -68,7 +69,8 @@ def initialise(
         rois=rois,
         size=size,
         results_dir=f"results-{out.stem}",
-        instead=normal(image, labels, out, names or {}, rois),
+        instead=normal(image, labels, out, names or {}, rois, not_checked),
+        not_checked=not_checked,
     )
     style.save(drawn(proposed), [picture])
     with files.replacing(out, checksum=False) as temporary:  # it is the user's, who changes it
@@ -76,13 +78,22 @@ def initialise(
     return proposed
 
 
-def normal(image: str | Path, labels: str | Path, out: Path, names: Mapping[str, str], rois: Sequence[str]) -> str:
+def normal(
+    image: str | Path,
+    labels: str | Path,
+    out: Path,
+    names: Mapping[str, str],
+    rois: Sequence[str],
+    not_checked: Sequence[str] = (),
+) -> str:
     """The command that proposes a normal study of the same CT and regions, beside the quick one."""
     words = ["virtual-phantom", "init", image, "--labels", labels]
     if names:
         words += ["--names", joined(names)]
     if rois:
         words += ["--rois", joined(rois)]
+    if not_checked:
+        words += ["--not-checked", ",".join(not_checked)]
     return typed(*words, "--size", "normal", "--out", out.with_stem(f"{out.stem}-normal"))
 
 
@@ -96,7 +107,7 @@ def drawn(proposed: Proposal):
         [_in_slice(taken, z) for z in slices],
         [_in_slice([region for region, _ in proposed.left], z) for z in slices],
         {one.name: one.tissue_class for one in taken},
-        proposed.config["phantom"]["ct"]["keep_mm"],
+        proposed.box_mm,
     )
 
 

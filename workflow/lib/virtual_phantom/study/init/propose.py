@@ -18,6 +18,7 @@ from ...io.default_study import sizes
 from ...io.schema import defaults_of
 from ...io.volumes import Volume
 from ...phantom.ct import kept_columns, read_hu, rois_of, trimmed
+from ...phantom.plausible import CHECKS, note_without_air
 from ...phantom.rois import read_entries
 from ..config import complete
 from ..costs.rates import read_rates
@@ -26,8 +27,8 @@ from ..coverage import points_of, reach_mm, rows_for, worst_share
 from ..plan import Plan
 from .entries import Chosen, choose, largest
 from .regions import Region, read_regions
-from .sampling import SPARE_ROWS, propose_grid, propose_scan
-from .trunk import keep_box, widened
+from .sampling import SPARE_ROWS, propose_grid, propose_scan, scanned_slices
+from .trunk import is_needed, keep_box, widened
 
 SIZES = ("quick", "normal")
 
@@ -52,6 +53,8 @@ class Proposal:
         Of each ROI on the study's grid.
     reach_mm : float
         How far the body reaches from the isocentre.
+    box_mm : list
+        The body's box, [[x, x], [y, y]], NIfTI world mm: what is scanned.
     config : dict
         What is written.
     cost : dict
@@ -65,6 +68,7 @@ class Proposal:
     left: tuple[tuple[Region, str], ...]
     voxels: dict[str, int]
     reach_mm: float
+    box_mm: list[list[float]]
     config: dict
     cost: dict
 
@@ -78,6 +82,7 @@ def propose(
     size: str = "normal",
     results_dir: str = "results",
     instead: str | None = None,
+    not_checked: Sequence[str] = (),
 ) -> Proposal:
     """Propose a configuration for a CT and the regions drawn on it.
 
@@ -96,6 +101,8 @@ def propose(
     results_dir : str, optional
     instead : str, optional
         The command that begins a normal study of the same, which the pages of a quick one then name.
+    not_checked : sequence of str, optional
+        Checks of the CT to leave out, as phantom.ct.not_checked, where it is written.
 
     Returns
     -------
@@ -110,18 +117,21 @@ def propose(
     if size not in SIZES:
         raise InputError(f"--size: '{size}' is not known; {meant(size, SIZES)}")
     asked = sizes()[size]
-    ct = read_hu(Path(image))
+    if wrong := [one for one in not_checked if one not in CHECKS]:
+        raise InputError(f"--not-checked: there is no check '{wrong[0]}'; {meant(wrong[0], CHECKS)}")
+    ct = read_hu(Path(image), not_checked)
+    note_without_air(ct.array, image)
     ct = Volume(np.maximum(ct.array, np.float32(HU_AIR)), ct.grid)
     regions = read_regions(ct, labels, names or {})
     wanted = _wanted(regions, rois, labels)
-    keep_mm, outside = keep_box(ct, wanted)
+    box, outside = keep_box(ct, wanted, scanned_slices(ct.grid, wanted))
     if rois:
-        keep_mm, outside = widened(keep_mm, outside), []
+        box, outside = widened(box, outside), []
     left = [(one, "lies out of the trunk, as in an arm, and would widen what is scanned") for one in outside]
     wanted = [one for one in wanted if one not in outside]
     if not wanted:
         raise InputError(f"{labels}: no region lies in the trunk; name the ones that you mean by --rois")
-    grid, _ = propose_grid(ct.grid, keep_mm, wanted, asked["voxels_across"])
+    grid, _ = propose_grid(ct.grid, box, wanted, asked["voxels_across"])
     taken, unfit = _fitting(wanted, grid)
     left += unfit
     if not rois:
@@ -131,18 +141,20 @@ def propose(
         region, reason = unfit[0]
         raise InputError(f"--rois: {region.name} {reason}; take it out, or give --size normal or a finer CT")
     _require_classes(taken, labels)
-    grid, oversampling = propose_grid(ct.grid, keep_mm, [one.region for one in taken], asked["voxels_across"])
+    grid, oversampling = propose_grid(ct.grid, box, [one.region for one in taken], asked["voxels_across"])
     common = None if Path(labels).is_dir() else str(labels)
-    body = trimmed(ct, keep_mm)
-    taken, found, lost = _drawn(taken, common, ct.grid, grid, kept_columns(keep_mm, ct.grid))
+    keep = is_needed(ct, box, grid)
+    body = trimmed(ct, box) if keep else ct
+    taken, found, lost = _drawn(taken, common, ct.grid, grid, kept_columns(box, ct.grid))
     left += lost
     _require_classes(taken, labels)
     reach = reach_mm(body, grid)
     phantom = {
         "image": str(image),
         **({"labels": common} if common else {}),
+        **({"not_checked": list(not_checked)} if not_checked else {}),
         "centre_mm": list(grid.centre_mm),
-        "keep_mm": keep_mm,
+        **({"keep_mm": box} if keep else {}),
         "rois": [one.setting(common) for one in taken],
     }
     config = {
@@ -169,6 +181,7 @@ def propose(
         left=tuple(sorted(left, key=lambda one: [region.name for region in regions].index(one[0].name))),
         voxels={name: int(mask.sum()) for name, mask in found.items()},
         reach_mm=reach,
+        box_mm=box,
         config=_with_nulls(config, size),
         cost=cost,
     )

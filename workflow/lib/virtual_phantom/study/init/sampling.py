@@ -25,14 +25,14 @@ COLUMNS_STEP = 4
 
 
 def propose_grid(
-    ct: Grid, keep_mm: Sequence[Sequence[float]], regions: Sequence[Region], voxels_across: int
+    ct: Grid, box_mm: Sequence[Sequence[float]], regions: Sequence[Region], voxels_across: int
 ) -> tuple[Grid, int]:
     """The grid that holds the box in-plane and all regions along z, and its oversampling.
 
     Parameters
     ----------
     ct : Grid
-    keep_mm : sequence
+    box_mm : sequence
         Box that is scanned, [[x, x], [y, y]], NIfTI world mm.
     regions : sequence of Region
     voxels_across : int
@@ -45,23 +45,23 @@ def propose_grid(
     oversampling : int
         That comes near the CT's own pixels.
     """
-    sides = [high - low for low, high in keep_mm]
+    sides = [high - low for low, high in box_mm]
     pixel = min(ct.spacing[1:])
     in_plane = math.ceil(max(max(sides) / (voxels_across - 1), pixel) / STEP_MM) * STEP_MM
     thick = ct.spacing[0] * max(1, round(SLICE_SHARE * in_plane / ct.spacing[0]))
     # Whole slices of the CT, so that nothing is interpolated where the grid's are as thick.
-    first, last = _slices(ct, regions)
+    first, last = scanned_slices(ct, regions)
     count = max(1, round((last - first) * ct.spacing[0] / thick))
     middle = ct.centre_mm[2] + ((first + last) / 2 - ct.shape[0] / 2) * ct.spacing[0]
     shape = (count, *(2 * math.ceil((side / in_plane + 1) / 2) for side in reversed(sides)))
-    centre = (sum(keep_mm[0]) / 2, sum(keep_mm[1]) / 2, middle)
+    centre = (sum(box_mm[0]) / 2, sum(box_mm[1]) / 2, middle)
     grid = Grid(shape, (round(thick, 4), round(in_plane, 4), round(in_plane, 4)), tuple(round(c, 4) for c in centre))
     fine = round(in_plane / pixel)
     return grid, min(max(fine, FINEST_OVERSAMPLING), COARSEST_OVERSAMPLING)
 
 
-def _slices(ct: Grid, regions: Sequence[Region]) -> tuple[int, int]:
-    """From which to which slice of the CT the regions reach, with END_MM where there is more of it."""
+def scanned_slices(ct: Grid, regions: Sequence[Region]) -> tuple[int, int]:
+    """Return from which to which slice of the CT the regions reach, with END_MM where there is more of it."""
     more = round(END_MM / ct.spacing[0])
     first = max(0, min(region.box[0].start for region in regions) - more)
     last = min(ct.shape[0], max(region.box[0].stop for region in regions) + more)

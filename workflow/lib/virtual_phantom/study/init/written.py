@@ -94,9 +94,13 @@ def _phantom(proposal: Proposal) -> str:
     lines += [f"    image: {_scalar(ct['image'])} # HU; paths begin where snakemake is called\n"]
     if "labels" in ct:
         lines += [f"    labels: {_scalar(ct['labels'])} # regions drawn on the CT's own voxels\n"]
+    if "not_checked" in ct:
+        lines += [f"    not_checked: {_flow(ct['not_checked'])} # checks of the CT that are left out\n"]
     lines += [
         f"    centre_mm: {_numbers(ct['centre_mm'])} # world point (x, y, z) at the isocentre: the box's middle\n",
-        f"    keep_mm: {_flow(ct['keep_mm'])} # [x from, to], [y from, to]; outside becomes air: arms, table\n",
+        f"    keep_mm: {_flow(ct['keep_mm'])} # [x from, to], [y from, to]; outside becomes air: arms, table\n"
+        if "keep_mm" in ct
+        else "    # keep_mm is not needed: there is nothing beside the body that would be scanned.\n",
         _comment("name: in files and tables. tissue_class: ROIs of one class count as the same tissue.", 4),
         _comment("label: number or name in the file. margin_mm: shrunk by so much, to lie well inside the organ.", 4),
         _comment("parts: cut into so many, called name_1, name_2, ...", 4),
