@@ -15,7 +15,7 @@ from ..base.pose import IN_PLACE, Pose
 from ..base.units import HU_AIR, HU_BODY
 from ..io.schema import schema_of, validate
 from ..io.simpleitk import itk_image, itk_resample
-from ..io.volumes import Volume, read_nifti
+from ..io.volumes import IMAGE_SUFFIXES, Volume, read_image, suffix_of
 from . import HALF_COVERED, Phantom, Roi, block_mean
 from .dicom_series import read_series
 from .fit import how_to_fit
@@ -40,7 +40,7 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     settings : dict
         As phantom.ct in the configuration, whose schema they are checked against:
 
-        * image: NIfTI file, or folder with one DICOM CT series, in HU; needed here
+        * image: NIfTI, NRRD or MetaImage file, or folder with one DICOM CT series, in HU; needed here
         * rois: list of entries, see rois.RoiEntry
         * labels: file of the regions whose entry names no file of its own
         * centre_mm: NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
@@ -109,7 +109,7 @@ def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
 
 
 def read_hu(path: Path) -> Volume:
-    """A CT in HU from a NIfTI file or the folder of one DICOM series.
+    """A CT in HU from a NIfTI, NRRD or MetaImage file or the folder of one DICOM series.
 
     Returns
     -------
@@ -124,10 +124,13 @@ def read_hu(path: Path) -> Volume:
     """
     if path.is_dir():
         image = read_series(path)
-    elif path.name.endswith((".nii", ".nii.gz")):
-        image = read_nifti(path)
+    elif suffix_of(path):
+        image = read_image(path)
     else:
-        raise InputError(f"{path}: no such CT; give a NIfTI file (.nii, .nii.gz) or the folder of a DICOM series")
+        raise InputError(
+            f"{path}: no such CT; give a NIfTI, NRRD or MetaImage file ({', '.join(IMAGE_SUFFIXES)}) or the folder of "
+            "a DICOM series"
+        )
     if bad := int(np.count_nonzero(~np.isfinite(image.array))):
         raise InputError(f"{path}: {bad} voxels are NaN or infinite; replace them (air is -1000 HU)")
     # NIfTI does not say that its values are HU, and a rescale may get lost; a CT always has some air or fat in view.
@@ -259,7 +262,7 @@ def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
     """
     if entry.file not in opened:
         opened[entry.file] = open_regions(entry.file, grid)
-    region = opened[entry.file].mask(entry.label)
+    region = opened[entry.file].mask(entry.label, entry.fill_gaps)
     _require(region, entry.name, f"is empty in {entry.file}; draw it, or correct its label")
     region = shrink(region, entry.margin_mm, grid)
     _require(region, entry.name, f"is lost by margin_mm {entry.margin_mm:g}; make it smaller")

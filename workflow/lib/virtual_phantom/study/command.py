@@ -45,6 +45,7 @@ def _parser() -> argparse.ArgumentParser:
     init.add_argument("--names", default="", help="names of labels: 5=liver,1=spleen; they go before larger ones")
     init.add_argument("--rois", default="", help="take these labels or names alone: 5,spleen")
     init.add_argument("--size", choices=SIZES, default="normal", help="quick: a trial of minutes; default normal")
+    init.add_argument("--fill-gaps", action="store_true", help="interpolate slices that are not drawn between two")
     init.add_argument("--force", action="store_true", help="overwrite files that are there")
     check = commands.add_parser("check", help="say all that is wrong with a configuration and its files")
     check.add_argument(
@@ -69,6 +70,7 @@ def _init(arguments: argparse.Namespace) -> int:
         rois=[one.strip() for one in arguments.rois.split(",") if one.strip()],
         size=arguments.size,
         force=arguments.force,
+        fill_gaps=arguments.fill_gaps,
     )
     print(told(proposed, arguments.out))
     return 0

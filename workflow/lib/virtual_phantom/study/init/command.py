@@ -29,6 +29,7 @@ def initialise(
     rois: Sequence[str] = (),
     size: str = "normal",
     force: bool = False,
+    fill_gaps: bool = False,
 ) -> Proposal:
     """Write a configuration for a CT and its regions, and a picture of them beside it.
 
@@ -42,6 +43,8 @@ def initialise(
         As `propose.propose` takes them.
     force : bool, optional
         Overwrite files that are there.
+    fill_gaps : bool, optional
+        As `propose.propose` takes it.
 
     Returns
     -------
@@ -66,7 +69,8 @@ def initialise(
         rois=rois,
         size=size,
         results_dir=f"results-{out.stem}",
-        instead=normal(image, labels, out, names or {}, rois),
+        instead=normal(image, labels, out, names or {}, rois, fill_gaps),
+        fill_gaps=fill_gaps,
     )
     style.save(drawn(proposed), [picture])
     with files.replacing(out, checksum=False) as temporary:  # it is the user's, who changes it
@@ -74,13 +78,22 @@ def initialise(
     return proposed
 
 
-def normal(image: str | Path, labels: str | Path, out: Path, names: Mapping[str, str], rois: Sequence[str]) -> str:
+def normal(
+    image: str | Path,
+    labels: str | Path,
+    out: Path,
+    names: Mapping[str, str],
+    rois: Sequence[str],
+    fill_gaps: bool = False,
+) -> str:
     """The command that proposes a normal study of the same CT and regions, beside the quick one."""
     words = ["virtual-phantom", "init", str(image), "--labels", str(labels)]
     if names:
         words += ["--names", ",".join(f"{one}={name}" for one, name in names.items())]
     if rois:
         words += ["--rois", ",".join(rois)]
+    if fill_gaps:
+        words += ["--fill-gaps"]
     words += ["--size", "normal", "--out", str(out.with_stem(f"{out.stem}-normal"))]
     return shlex.join(words)
 

@@ -78,6 +78,7 @@ def propose(
     size: str = "normal",
     results_dir: str = "results",
     instead: str | None = None,
+    fill_gaps: bool = False,
 ) -> Proposal:
     """Propose a configuration for a CT and the regions drawn on it.
 
@@ -96,6 +97,8 @@ def propose(
     results_dir : str, optional
     instead : str, optional
         The command that begins a normal study of the same, which the pages of a quick one then name.
+    fill_gaps : bool, optional
+        Interpolate slices of regions that are not drawn, between two that are.
 
     Returns
     -------
@@ -112,8 +115,7 @@ def propose(
     asked = sizes()[size]
     ct = read_hu(Path(image))
     ct = Volume(np.maximum(ct.array, np.float32(HU_AIR)), ct.grid)
-    regions = read_regions(ct, labels, names or {})
-    wanted = _wanted(regions, rois, labels)
+    regions = wanted = read_regions(ct, labels, names or {}, rois, fill_gaps)
     keep_mm, outside = keep_box(ct, wanted)
     if rois:
         keep_mm, outside = widened(keep_mm, outside), []
@@ -122,7 +124,7 @@ def propose(
     if not wanted:
         raise InputError(f"{labels}: no region lies in the trunk; name the ones that you mean by --rois")
     grid, _ = propose_grid(ct.grid, keep_mm, wanted, asked["voxels_across"])
-    taken, unfit = _fitting(wanted, grid)
+    taken, unfit = _fitting(wanted, grid, fill_gaps)
     left += unfit
     if not rois:
         taken, further = largest(taken, asked["regions"], (names or {}).values())
@@ -174,18 +176,8 @@ def propose(
     )
 
 
-def _wanted(regions: Sequence[Region], rois: Sequence[str], labels: str | Path) -> list[Region]:
-    if not rois:
-        return list(regions)
-    for one in rois:
-        if not any(region.says(one) for region in regions):
-            there = [region.name for region in regions]
-            raise InputError(f"--rois: {labels} has no region '{one}'; {meant(one, there, 'there are')}")
-    return [region for region in regions if any(region.says(one) for one in rois)]
-
-
-def _fitting(regions: Sequence[Region], grid: Grid) -> tuple[list[Chosen], list[tuple[Region, str]]]:
-    found = [(region, choose(region, grid)) for region in regions]
+def _fitting(regions: Sequence[Region], grid: Grid, fill_gaps: bool) -> tuple[list[Chosen], list[tuple[Region, str]]]:
+    found = [(region, choose(region, grid, fill_gaps)) for region in regions]
     return (
         [one for _, one in found if isinstance(one, Chosen)],
         [(region, one) for region, one in found if isinstance(one, str)],
