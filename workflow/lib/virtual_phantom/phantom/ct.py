@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
+from scipy.ndimage import find_objects
 
 from ..base.errors import InputError
 from ..base.geometry import Grid
@@ -302,7 +303,7 @@ def rois_of(
     for name, piece in zip(entry.names, pieces, strict=True):
         _check_whole(name, piece, kept, ct_grid, grid)
     moved = to_object(pose, grid.centre_mm)
-    masks = [resample(Volume(piece.astype(np.float32), ct_grid), grid, 0.0, moved) >= HALF_COVERED for piece in pieces]
+    masks = [resample(_around(piece, ct_grid), grid, 0.0, moved) >= HALF_COVERED for piece in pieces]
     for name, mask in zip(entry.names, masks, strict=True):
         _require(
             mask,
@@ -314,6 +315,17 @@ def rois_of(
         _require(mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer")
     named = zip(entry.names, apart, strict=True)
     return tuple(Roi(name, entry.tissue_class, mask, entry.label) for name, mask in named)
+
+
+def _around(mask: np.ndarray, grid: Grid) -> Volume:
+    """The part of a mask that is not empty, and a voxel around it, where there is one: all that is interpolated."""
+    found = find_objects(mask.astype(np.uint8))
+    if not found:
+        return Volume(mask.astype(np.float32), grid)
+    box = tuple(slice(max(s.start - 1, 0), min(s.stop + 1, n)) for s, n in zip(found[0], mask.shape, strict=True))
+    centre = tuple(float(axis[part].mean()) for axis, part in zip(_world_axes(grid), box, strict=True))[::-1]
+    part = mask[box].astype(np.float32)
+    return Volume(part, replace(grid, shape=part.shape, centre_mm=centre))
 
 
 def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:
@@ -328,7 +340,9 @@ def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, 
             "keep_mm, or draw the ROI within it"
         )
     z, y, x = _shares_inside(ct_grid, grid)
-    lost = 1 - float(np.einsum("zyx,z,y,x->", piece, z, y, x, optimize=True)) / voxels
+    (box,) = find_objects(piece.astype(np.uint8))
+    inside = np.einsum("zyx,z,y,x->", piece[box], z[box[0]], y[box[1]], x[box[2]], optimize=True)
+    lost = 1 - float(inside) / voxels
     if lost > LARGEST_LOSS:
         raise InputError(
             f"ROI {name}: {100 * lost:.3g} % of it lies outside the grid; enlarge grid.shape or grid.spacing_mm, move "
