@@ -140,7 +140,7 @@ def _report_orientation(image: nibabel.Nifti1Image, path: Path) -> None:
             f"{path}: its header has no orientation (sform_code and qform_code are 0); its first axis is taken to run "
             "to the patient's left, the others to anterior and superior, around the origin"
         )
-    elif sform is not None and qform is not None:
+    elif sform is not None and qform is not None and np.isfinite(sform).all():
         ends = np.array(np.meshgrid(*[(0, n - 1) for n in image.shape[:3]])).reshape(3, -1)
         apart = np.abs(
             np.linalg.pinv(sform[:3, :3]) @ ((qform - sform) @ np.vstack([ends, np.ones(ends.shape[1])]))[:3]
@@ -312,9 +312,8 @@ def _pair(path: Path) -> nibabel.Nifti1Pair:
         raise InputError(
             f"{path}: is Analyze 7.5, not NIfTI, and does not say which side is left; convert it to NIfTI or NRRD"
         )
-    image = nibabel.Nifti1Pair.from_files(
-        nibabel.Nifti1Pair.make_file_map({"header": str(files["hdr"]), "image": str(files["img"])})
-    )
+    names = {"header": str(files["hdr"]), "image": str(files["img"])}
+    image = nibabel.Nifti1Pair.from_file_map(nibabel.Nifti1Pair.make_file_map(names))
     most = files["img"].stat().st_size
     _check_size(image, path, most * (GZIP_MOST if packed else 1))
     if not packed and most > _end(image):

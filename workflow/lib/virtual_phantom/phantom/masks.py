@@ -34,7 +34,8 @@ MODALITIES = {"SEG": SegRegions, "RTSTRUCT": StructRegions}
 WHOLE = 1e-3
 # Different values of a label map. TotalSegmentator has 117 labels, FreeSurfer's Destrieux parcellation 192. A CT has
 # thousands, and values below 0.
-MOST_LABELS, MOST_LABELS_AND_NEGATIVE = 1000, 256
+MOST_LABELS = 1000
+MOST_NEGATIVE = 10  # different values below 0: some programs mark what is unlabeled by -1, a CT has one for each HU
 LARGEST_LABEL = 65_535  # up to here boxes are listed by label; larger labels are renumbered first
 
 
@@ -106,11 +107,10 @@ class LabelRegions(Regions):
         labels, names = self._whole(layer.array)
         boxes = find_objects(labels)
         found = {names[stored - 1] if names else stored: (stored, box) for stored, box in enumerate(boxes, 1) if box}
-        low, high = layer.array.min(), layer.array.max()
-        if len(found) > (MOST_LABELS if low >= 0 else MOST_LABELS_AND_NEGATIVE):
+        if len(found) > MOST_LABELS:
             raise InputError(
-                f"{self.path}: has {len(found)} different values above 0, up to {high:g}: an image, not regions; give "
-                "a label map or a mask"
+                f"{self.path}: has {len(found)} different values above 0, up to {layer.array.max():g}: an image, not "
+                "regions; give a label map or a mask"
             )
         self._layers.append(labels)
         self._values.append(found)
@@ -136,11 +136,13 @@ class LabelRegions(Regions):
             )
         if low < 0:
             below = np.unique(array[array < 0].round())
-            if len(below) <= MOST_LABELS_AND_NEGATIVE:
-                some = ", ".join(f"{one:g}" for one in below[:5]) + (", ..." if len(below) > 5 else "")
-                self._remarks.append(
-                    Remark("negative", "", f"labels below 0 are no regions and are passed over: {some}")
+            if len(below) > MOST_NEGATIVE:
+                raise InputError(
+                    f"{self.path}: has {len(below)} different values below 0, from {low:g} on: an image, not regions; "
+                    "give a label map or a mask"
                 )
+            some = ", ".join(f"{one:g}" for one in below)
+            self._remarks.append(Remark("negative", "", f"labels below 0 are no regions and are passed over: {some}"))
         if high > LARGEST_LABEL:
             names, stored = np.unique(np.rint(array), return_inverse=True)
             first = int(np.searchsorted(names, 0.5))

@@ -45,6 +45,8 @@ class SegRegions(Regions):
             if number in names:
                 raise InputError(f"{self.path}: SegmentNumber {number} is given twice; export the SEG again")
             names[number] = str(segment.get("SegmentLabel") or "").strip()
+        if str(self._dataset.get("SegmentationType") or "") == LABEL_MAP:
+            names.pop(0, None)  # the background
         if not names:
             raise InputError(f"{self.path}: has no SegmentSequence with segments; export the SEG again")
         return names
