@@ -140,8 +140,8 @@ def test_frames_of_no_segment_and_repeated_frames_are_reported(slices, tmp_path,
 
     regions = open_regions(changed(path, change), CT_GRID)
     assert regions.mask("bright").any() and regions.mask("dark").sum() < ball("dark").sum()
-    assert "1 frames belong to no segment (number 9) and are passed over" in caplog.text
-    assert "segment 1 (bright): 1 frames lie where another frame of it lies" in caplog.text
+    assert "1 frame of no segment (number 9) passed over" in caplog.text
+    assert "segment 1 (bright): 1 frame at the position of another frame of it" in caplog.text
 
 
 @pytest.mark.parametrize(

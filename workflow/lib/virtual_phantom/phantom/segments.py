@@ -12,6 +12,7 @@ from pydicom.pixels import get_decoder
 
 from ..base.errors import InputError, reading, refusing
 from ..base.geometry import Grid
+from ..base.words import counted
 from ..io.volumes import LPS_TO_RAS
 from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, sequence_of, whole_number
 
@@ -92,7 +93,7 @@ class SegRegions(Regions):
                     unknown.append(number)
             if unknown:
                 numbers = ", ".join(map(str, sorted(set(unknown))))
-                text = f"{len(unknown)} frames belong to no segment (number {numbers}) and are passed over"
+                text = f"{counted(len(unknown), 'frame')} of no segment (number {numbers}) passed over"
                 self._remarks.append(Remark("frames without a segment", "", text))
             return frames
 
@@ -123,7 +124,7 @@ class SegRegions(Regions):
             text = f"is FRACTIONAL; voxels of at least {INSIDE:g} belong to it"
             remarks.append(Remark("fractional segments", name, text))
         if repeated:
-            text = f"{repeated} frames lie where another frame of it lies; they are united"
+            text = f"{counted(repeated, 'frame')} at the position of another frame of it; they are united"
             remarks.append(Remark("repeated frames", name, text))
         low, high = points.min(axis=0), points.max(axis=0) + 1
         mask = np.zeros(high - low, bool)

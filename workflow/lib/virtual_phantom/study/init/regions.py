@@ -15,6 +15,7 @@ import pydicom
 from ...base.console import note, progress
 from ...base.errors import InputError, meant
 from ...base.geometry import Grid
+from ...base.words import counted
 from ...io.volumes import Volume, suffix_of
 from ...phantom.masks import KINDS, open_regions
 from ...phantom.regions import ONE_BY_ONE, Drawn, report
@@ -163,10 +164,6 @@ def read_regions(
         if drawn is None:
             empty.append(found.own)
             continue
-        twin = next((one for one in regions if _is_twin(one, found, drawn)), None)
-        if twin is not None:
-            note(f"{found.path}: is the same mask as {twin.file}; it is passed over")
-            continue
         remarks += [(found.path, one) for one in drawn.remarks]
         regions.append(_region(image, drawn, name, str(found.path), found.label))
     if rois and empty:
@@ -176,7 +173,7 @@ def read_regions(
     if not rois:
         _report_left_out(labels, broken)
     if empty:
-        note(f"{labels}: {len(empty)} regions without voxels are passed over: {', '.join(empty)}")
+        note(f"{labels}: {counted(len(empty), 'region')} without voxels passed over: {', '.join(empty)}")
     if not regions:
         if broken:
             reason = next(iter(broken.values()))
@@ -212,7 +209,12 @@ def _there(labels: Path, grid: Grid, fill_gaps: bool, broken: dict[str, str]) ->
                 except InputError as error:
                     broken[own] = str(error)
                     continue
-                there.append(_Found(path, None if alone else label, own, known, lambda drawn=drawn: drawn))
+                found = _Found(path, None if alone else label, own, known, lambda drawn=drawn: drawn)
+                twin = next((one for one in there if alone and _are_twins(one, found)), None)
+                if twin is None:
+                    there.append(found)
+                else:
+                    note(f"{path}: is the same mask as {twin.path}; it is passed over")
             else:
                 there.append(
                     _Found(path, label, own, known, lambda one=label, reader=reader: reader.crop(one, fill_gaps))
@@ -220,15 +222,14 @@ def _there(labels: Path, grid: Grid, fill_gaps: bool, broken: dict[str, str]) ->
     return there
 
 
-def _is_twin(region: Region, found: _Found, drawn: Drawn) -> bool:
-    """Whether a mask of a folder repeats another one whose file name differs in case or suffix alone."""
-    return (
-        found.label is None
-        and _stem(Path(region.file)).lower() == found.own.lower()
-        and Path(region.file) != found.path
-        and region.box == drawn.box
-        and np.array_equal(region.mask, drawn.mask)
-    )
+def _are_twins(one: _Found, other: _Found) -> bool:
+    """Whether two masks of a folder are equal, and their file names but for case and suffix."""
+    if one.label is not None or other.label is not None or one.own.lower() != other.own.lower():
+        return False
+    first, second = one.draw(), other.draw()
+    if first is None or second is None:
+        return first is second
+    return first.box == second.box and np.array_equal(first.mask, second.mask)
 
 
 def _wanted(
@@ -279,7 +280,7 @@ def _files(labels: Path) -> list[Path]:
     others = [path.name for path in seen if path not in masks and path.suffix.lower() not in (".img", ".raw", ".json")]
     if others:
         some = ", ".join(others[:ONE_BY_ONE]) + (", ..." if len(others) > ONE_BY_ONE else "")
-        note(f"{labels}: {len(others)} files that are no masks are passed over: {some}")
+        note(f"{labels}: {counted(len(others), 'file')} passed over, no masks: {some}")
     return masks
 
 
