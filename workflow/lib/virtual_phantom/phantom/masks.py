@@ -143,6 +143,9 @@ class LabelRegions(Regions):
                 )
             some = ", ".join(f"{one:g}" for one in below)
             self._remarks.append(Remark("negative", "", f"labels below 0 are no regions and are passed over: {some}"))
+        if low > WHOLE:
+            text = f"no voxel is 0: every voxel is of a region, and the lowest label is {low:g}"
+            self._remarks.append(Remark("no background", "", text))
         if high > LARGEST_LABEL:
             names, stored = np.unique(np.rint(array), return_inverse=True)
             first = int(np.searchsorted(names, 0.5))
