@@ -10,7 +10,7 @@ from structure_files import GRID, Z, circle, contour, disc, structure_set
 
 from virtual_phantom.base.console import NOTES
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.phantom.masks import open_regions
+from virtual_phantom.phantom.masks import open_regions, report_other_frame
 
 XOR, INTERPOLATED = "CLOSEDPLANAR_XOR", "INTERPOLATED_PLANAR"
 SLICES = range(4, 9)
@@ -251,3 +251,21 @@ def test_the_balls_agree_with_their_contours(tmp_path):
     regions = open_regions(phantom_files.write_rtstruct(tmp_path / "rt.dcm"), GRID)
     for name in phantom_files.BALLS:
         assert np.array_equal(regions.mask(name), phantom_files.ball(name))
+
+
+def test_another_frame_of_reference_is_reported(written, tmp_path, caplog):
+    slices = phantom_files.ct_slices()
+    series = phantom_files.write_series(slices, tmp_path / "ct")
+    path = written((1, "a", [contour(OUTER)]))
+    report_other_frame(path, series)  # it names none
+    for frame, reported in ((slices[0].FrameOfReferenceUID, False), ("1.2.3", True)):
+        dataset = pydicom.dcmread(path)
+        dataset.StructureSetROISequence[0].ReferencedFrameOfReferenceUID = frame
+        dataset.save_as(path)
+        report_other_frame(path, series)
+        assert ("another frame of reference than" in caplog.text) == reported
+    seg = phantom_files.write_seg(slices, tmp_path / "seg.dcm")
+    caplog.clear()
+    report_other_frame(seg, series)
+    report_other_frame(tmp_path / "missing.dcm", series)
+    assert not caplog.records

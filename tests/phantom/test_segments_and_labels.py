@@ -239,7 +239,9 @@ def test_slicer_segmentations_have_names_and_layers(tmp_path, caplog):
     assert list(regions.there().values()) == ["liver", "lesion é"]
     assert np.array_equal(regions.mask("liver"), ball("bright") & kept)
     assert np.array_equal(regions.mask("lesion é"), (ball("bright") | ball("dark")) & kept)
-    assert "covers 48 x 40 x 11 of the CT's 48 x 40 x 14 voxels (x, y, z); the rest is empty" in caplog.text
+    assert (
+        "has 48 x 40 x 11 voxels (x, y, z) of the CT's grid, which has 48 x 40 x 14; the rest is empty" in caplog.text
+    )
     with pytest.raises(InputError, match=r"segment 'spleen' is not there; there are: liver \(liver\), lesion é"):
         regions.mask("spleen")
 
@@ -272,3 +274,15 @@ def test_stripes_in_a_label_map_are_reported_and_filled_only_if_asked(tmp_path, 
     assert np.array_equal(regions.mask(1), striped)
     assert "label 1: 4 of its 7 slices from z = 289.5 to 307.5 mm are not drawn and stay empty" in caplog.text
     assert np.array_equal(regions.mask(1, fill_gaps=True)[3:10], cylinder[3:10])
+
+
+def test_a_label_beyond_the_ct_does_not_stop_the_others(tmp_path):
+    larger = np.zeros((20, *CT_GRID.shape[1:]), np.uint8)
+    larger[:14] = LABELS
+    larger[12:18, :5, :5] = 3
+    grid = type(CT_GRID)(larger.shape, CT_GRID.spacing, (*CT_GRID.centre_mm[:2], CT_GRID.centre_mm[2] + 9))
+    regions = open_regions(write_nifti_array(larger, tmp_path / "l.nii.gz", grid=grid), CT_GRID)
+    assert np.array_equal(regions.mask(1), ball("bright")) and np.array_equal(regions.mask(2), ball("dark"))
+    for label, name in ((3, "label 3"), (None, "the mask")):
+        with pytest.raises(InputError, match=f"lies on another grid than the CT, and {name} goes beyond the CT"):
+            regions.mask(label)

@@ -1,4 +1,4 @@
-"""A sample of benchmarks/fuzz_files.py: wrong headers end in one line, or leave the phantom as it is, or are reported."""
+"""A sample of benchmarks/fuzz_files.py: wrong headers are refused in one line, reported, or change nothing."""
 
 import importlib.util
 import logging

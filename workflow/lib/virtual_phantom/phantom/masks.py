@@ -7,6 +7,7 @@ RTSTRUCT ROI (None: the only one).
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pydicom
 from pydicom.errors import InvalidDicomError
 from scipy.ndimage import find_objects
 
+from ..base.console import note
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..io.volumes import Volume, read_layers, suffix_of
@@ -22,7 +24,7 @@ from .dicom_series import modality
 from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, placed
 from .segments import SegRegions
 
-__all__ = ["GRID_TOLERANCE_MM", "LabelRegions", "SegRegions", "StructRegions", "open_regions"]
+__all__ = ["GRID_TOLERANCE_MM", "LabelRegions", "SegRegions", "StructRegions", "open_regions", "report_other_frame"]
 
 KINDS = {
     "1.2.840.10008.5.1.4.1.1.66.4": SegRegions,
@@ -72,6 +74,45 @@ def open_regions(path: str | Path, grid: Grid) -> Regions:
     return reader(path, dataset, grid)
 
 
+def report_other_frame(regions: str | Path, ct: str | Path) -> None:
+    """Report regions that were drawn in another frame of reference than a DICOM CT has (PS3.3, C.7.4.1).
+
+    They are read all the same: their positions tell whether they fit, and anonymization often replaces the identifiers
+    of one of both only.
+
+    Parameters
+    ----------
+    regions : str or Path
+        DICOM SEG or RTSTRUCT; other files have no frame of reference.
+    ct : str or Path
+        Folder of the CT; other files have no frame of reference.
+    """
+    regions, ct = Path(regions), Path(ct)
+    if not ct.is_dir() or not regions.is_file() or suffix_of(regions):
+        return
+    drawn, scanned = _frames(regions), None
+    for path in sorted(ct.iterdir()):
+        if drawn and path.is_file() and (scanned := _frames(path)):
+            break
+    if drawn and scanned and not drawn & scanned:
+        note(
+            f"{regions}: was drawn in another frame of reference than {ct} has (FrameOfReferenceUID); compare its "
+            "outlines with the CT"
+        )
+
+
+def _frames(path: Path) -> set[str]:
+    """The frames of reference that a DICOM file names; none of other files."""
+    keys = ("FrameOfReferenceUID", "ReferencedFrameOfReferenceUID")
+    sections = ("ReferencedFrameOfReferenceSequence", "StructureSetROISequence")
+    try:
+        header = pydicom.dcmread(path, stop_before_pixels=True, specific_tags=[*keys, *sections])
+        parts = [header, *(item for one in sections for item in header.get(one) or [])]
+        return {str(part.get(key)) for part in parts for key in keys if part.get(key)}
+    except (InvalidDicomError, OSError, ValueError, TypeError, AttributeError, EOFError, struct.error):
+        return set()  # its reader says what is wrong with it
+
+
 def _dicom(path: Path) -> pydicom.Dataset:
     """Read a DICOM file, with or without a preamble."""
     try:
@@ -100,7 +141,7 @@ class LabelRegions(Regions):
         self._offset = placed(layers[0].grid, grid, path)
         for layer in layers:
             self._add(layer)
-        self._check_inside()
+        self._report_part()
         self._names = _slicer_names(header, self._values)
 
     def _add(self, layer: Volume) -> None:
@@ -157,20 +198,12 @@ class LabelRegions(Regions):
             out[:] = np.maximum(np.rint(plane) if array.dtype.kind == "f" else plane, 0)
         return labels, []
 
-    def _check_inside(self) -> None:
-        """Refuse labels beyond the CT."""
-        for found in self._values:
-            for value, (_, box) in found.items():
-                for one, start, n in zip(box, self._offset, self.grid.shape, strict=True):
-                    if one.start + start < 0 or one.stop + start > n:
-                        raise InputError(
-                            f"{self.path}: lies on another grid than the CT, and label {value} goes beyond the CT; "
-                            "resample it onto the CT"
-                        )
+    def _report_part(self) -> None:
+        """Remark on a file that covers another part of space than the CT."""
         shape = self._layers[0].shape
         if self._offset != (0, 0, 0) or shape != self.grid.shape:
             sizes = " x ".join(map(str, shape[::-1])), " x ".join(map(str, self.grid.shape[::-1]))
-            text = f"covers {sizes[0]} of the CT's {sizes[1]} voxels (x, y, z); the rest is empty"
+            text = f"has {sizes[0]} voxels (x, y, z) of the CT's grid, which has {sizes[1]}; the rest is empty"
             self._remarks.append(Remark("part of the CT", "", text))
 
     def there(self) -> dict[int | str, str | None]:
@@ -181,16 +214,25 @@ class LabelRegions(Regions):
 
     def _draw(self, label: int | str | None) -> tuple[str, Drawn | None, bool]:
         if label is None:
-            return "the mask", self._any(), False
+            found = boxed(np.logical_or.reduce([layer > 0 for layer in self._layers]), self._offset, self._remarks)
+            return "the mask", self._inside(found, "the mask"), False
         layer, value, name = self._find(label)
         stored, box = self._values[layer].get(value, (None, None))
         if box is None:
             return name, None, False
         moved = tuple(slice(s.start + n, s.stop + n) for s, n in zip(box, self._offset, strict=True))
-        return name, Drawn(moved, self._layers[layer][box] == stored, tuple(self._remarks)), False
+        drawn = Drawn(moved, self._layers[layer][box] == stored, tuple(self._remarks))
+        return name, self._inside(drawn, name), False
 
-    def _any(self) -> Drawn | None:
-        return boxed(np.logical_or.reduce([layer > 0 for layer in self._layers]), self._offset, self._remarks)
+    def _inside(self, drawn: Drawn | None, name: str) -> Drawn | None:
+        """The same; InputError if it goes beyond the CT."""
+        if drawn is not None and any(
+            s.start < 0 or s.stop > n for s, n in zip(drawn.box, self.grid.shape, strict=True)
+        ):
+            raise InputError(
+                f"{self.path}: lies on another grid than the CT, and {name} goes beyond the CT; resample it onto the CT"
+            )
+        return drawn
 
     def _find(self, label: int | str) -> tuple[int, int, str]:
         """Layer, value and name of a region."""

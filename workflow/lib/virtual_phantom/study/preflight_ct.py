@@ -14,7 +14,7 @@ from ..base.units import HU_AIR
 from ..features.extraction import MINIMUM_VOXELS
 from ..io.volumes import Volume
 from ..phantom.ct import check_fit, draw, kept_columns, read_hu, rois_of, trimmed
-from ..phantom.masks import open_regions
+from ..phantom.masks import open_regions, report_other_frame
 from ..phantom.rois import RoiEntry, read_entries
 from .coverage import reach_mm
 from .preflight_scan import blind_spots, grid_here
@@ -45,8 +45,11 @@ def ct_problems(config: Mapping) -> Iterator[str]:
         yield f"phantom.ct.image: {error}"
         for file in dict.fromkeys(entry.file for entry in entries):
             if not Path(file).is_file():
-                yield f"phantom.ct: {file}: no such file; give the path of the ROIs (NIfTI, DICOM SEG or RTSTRUCT)"
+                forms = "NIfTI, NRRD, DICOM SEG or RTSTRUCT"
+                yield f"phantom.ct: {file}: no such file; give the path of the ROIs ({forms})"
         return
+    for file in dict.fromkeys(entry.file for entry in entries):
+        report_other_frame(file, settings["image"])
     image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
     kept = np.ones(image.grid.shape[1:], bool)
     if "keep_mm" in settings:

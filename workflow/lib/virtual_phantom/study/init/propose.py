@@ -18,6 +18,7 @@ from ...io.default_study import sizes
 from ...io.schema import defaults_of
 from ...io.volumes import Volume
 from ...phantom.ct import kept_columns, read_hu, rois_of, trimmed
+from ...phantom.masks import report_other_frame
 from ...phantom.rois import read_entries
 from ..config import complete
 from ..costs.rates import read_rates
@@ -115,6 +116,7 @@ def propose(
     asked = sizes()[size]
     ct = read_hu(Path(image))
     ct = Volume(np.maximum(ct.array, np.float32(HU_AIR)), ct.grid)
+    report_other_frame(labels, image)
     regions = wanted = read_regions(ct, labels, names or {}, rois, fill_gaps)
     keep_mm, outside = keep_box(ct, wanted)
     if rois:
