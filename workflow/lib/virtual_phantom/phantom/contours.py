@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pydicom
-from skimage.measure import grid_points_in_poly, points_in_poly
+from skimage.measure import points_in_poly
 
 from ..base.errors import InputError, meant, reading
 from ..base.geometry import Grid
@@ -39,6 +39,7 @@ SAME_PLANE = 0.1  # of the distance of slices: contours nearer than this along z
 SAME = 0.5
 # Coordinates within this length of a voxel center are on it: headers often give them as text with two decimals.
 ON_CENTER_MM = 0.01
+ROUNDING = 1e-9  # voxels, of a crossing worked out in double precision
 ADVICE = "is this the CT on which it was drawn?"
 
 
@@ -381,15 +382,47 @@ def _combine(contours: Sequence[Contour], plane: np.ndarray, first: np.ndarray) 
 
 
 def _rasterized(points: np.ndarray, shape: tuple[int, int]) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:
-    """A box of a plane, and the voxels in it whose centers lie within a contour and on it."""
+    """A box of a plane, and the voxels in it whose centers lie within a contour and on it.
+
+    A center is within if an odd number of edges cross its row to the left of it. This takes a time in proportion to the
+    length of the outline, where skimage.measure.grid_points_in_poly compares each voxel with each edge: 0.2 s for each
+    slice of a body.
+
+    Returns
+    -------
+    box : tuple of 2 slice
+    within, on : ndarray of bool
+    """
     low = np.clip(np.ceil(points.min(axis=0)), 0, shape).astype(int)
     high = np.clip(np.floor(points.max(axis=0)) + 1, low, shape).astype(int)
     box = (slice(low[0], high[0]), slice(low[1], high[1]))
-    if (high <= low).any():
-        empty = np.zeros(high - low, bool)
-        return box, empty, empty
-    found = grid_points_in_poly(tuple(high - low), points - low, binarize=False)
-    return box, found == 1, found > 1
+    rows, columns = high - low
+    on = np.zeros((rows, columns), bool)
+    if not on.size:
+        return box, on, on
+    start = points - low
+    end = np.roll(start, -1, axis=0)
+    upper, lower = np.minimum(start[:, 0], end[:, 0]), np.maximum(start[:, 0], end[:, 0])
+    first, last = np.ceil(upper).astype(int), np.floor(lower).astype(int)
+    count = np.where(lower > upper, np.maximum(last - first + 1, 0), 0)
+    edge = np.repeat(np.arange(len(start)), count)
+    row = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count) + first[edge]
+    seen = (row >= 0) & (row < rows)
+    edge, row = edge[seen], row[seen]
+    slope = (end[edge, 1] - start[edge, 1]) / (end[edge, 0] - start[edge, 0])
+    crossing = start[edge, 1] + (row - start[edge, 0]) * slope
+    # An edge crosses the row of its upper end and not that of its lower end, so that a vertex is crossed once.
+    crossed = row < lower[edge]
+    flips = np.zeros((rows, columns + 1), np.uint8)
+    np.add.at(flips, (row[crossed], np.clip(np.ceil(crossing[crossed]), 0, columns).astype(int)), 1)
+    nearest = crossing.round()
+    touched = (np.abs(crossing - nearest) < ROUNDING) & (nearest >= 0) & (nearest < columns)
+    on[row[touched], nearest[touched].astype(int)] = True
+    for n in np.flatnonzero((lower == upper) & (first == last) & (first >= 0) & (first < rows)):
+        left, right = sorted((start[n, 1], end[n, 1]))
+        on[first[n], max(int(np.ceil(left)), 0) : max(int(np.floor(right)) + 1, 0)] = True
+    within = np.cumsum(flips, axis=1, dtype=np.uint8)[:, :columns] % 2 == 1
+    return box, within & ~on, on
 
 
 def _same(one: Contour, other: Contour) -> bool:
