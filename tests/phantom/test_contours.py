@@ -47,7 +47,11 @@ def written(tmp_path):
         ([(OUTER, XOR), (circle(10, Z[6]), XOR)], RING, None),
         ([(OUTER, XOR), (circle(14, Z[6]), XOR), (circle(8, Z[6]), XOR)], disc(20) & ~disc(14) | disc(8), None),
         ([(circle(12, Z[6], x=-8), XOR), (circle(12, Z[6], x=9), XOR)], disc(12, -8) ^ disc(12, 9), None),
-        ([circle(12, Z[6], x=-8), circle(12, Z[6], x=9)], disc(12, -8) | disc(12, 9), "1 contour of it overlap"),
+        (
+            [circle(12, Z[6], x=-8), circle(12, Z[6], x=9)],
+            disc(12, -8) | disc(12, 9),
+            "1 contour of it overlaps another one in part",
+        ),
         ([circle(8, Z[6], x=-20), circle(8, Z[6], x=20)], disc(8, -20) | disc(8, 20), None),
         ([(OUTER, INTERPOLATED)], disc(20), None),
         ([(OUTER, INTERPOLATED), circle(10, Z[6])], RING, None),

@@ -119,9 +119,10 @@ def test_color_and_complex_images_are_refused(tmp_path):
 
 
 def test_a_pair_of_files_is_read_and_analyze_is_not(tmp_path):
-    nibabel.save(nibabel.Nifti1Pair(HU.T, CT_GRID.affine), tmp_path / "c.hdr")
-    for name in ("c.hdr", "c.img"):
-        assert np.array_equal(read_image(tmp_path / name).array, HU)
+    for kind in (nibabel.Nifti2Pair, nibabel.Nifti1Pair):
+        nibabel.save(kind(HU.T, CT_GRID.affine), tmp_path / "c.hdr")
+        for name in ("c.hdr", "c.img"):
+            assert np.array_equal(read_image(tmp_path / name).array, HU)
     nibabel.save(nibabel.AnalyzeImage(HU.T, None), tmp_path / "a.hdr")
     with pytest.raises(InputError, match=r"a.hdr: is Analyze 7.5, not NIfTI, and does not say which side is left"):
         read_image(tmp_path / "a.hdr")

@@ -308,12 +308,14 @@ def _pair(path: Path) -> nibabel.Nifti1Pair:
             raise InputError(f"{path}: {files[part].name} is missing beside it; a header and its voxels come together")
     with (gzip.open if packed else open)(files["hdr"], "rb") as stream:
         header = stream.read(348)
-    if header[344:347] != b"ni1":
+    second = header[:4] in ((540).to_bytes(4, "little"), (540).to_bytes(4, "big"))
+    if not second and header[344:347] != b"ni1":
         raise InputError(
             f"{path}: is Analyze 7.5, not NIfTI, and does not say which side is left; convert it to NIfTI or NRRD"
         )
     names = {"header": str(files["hdr"]), "image": str(files["img"])}
-    image = nibabel.Nifti1Pair.from_file_map(nibabel.Nifti1Pair.make_file_map(names))
+    kind = nibabel.Nifti2Pair if second else nibabel.Nifti1Pair
+    image = kind.from_file_map(kind.make_file_map(names))
     most = files["img"].stat().st_size
     _check_size(image, path, most * (GZIP_MOST if packed else 1))
     if not packed and most > _end(image):
