@@ -367,7 +367,8 @@ def test_masks_on_another_grid_empty_or_fractional_are_refused(nifti, slices, tm
         refuse(nifti, "o.nii.gz: lies on another grid than the CT")
     nifti["rois"] = [roi(file=write_nifti_array(mask * 0, tmp_path / "e.nii.gz"))]
     refuse(nifti, "ROI bright is empty in .*e.nii.gz")
-    nifti["rois"] = [roi(file=write_nifti_array(mask * 0.4, tmp_path / "p.nii.gz"))]
+    soft = mask * np.linspace(0.2, 0.9, mask.shape[-1], dtype=np.float32)
+    nifti["rois"] = [roi(file=write_nifti_array(soft, tmp_path / "p.nii.gz"))]
     refuse(nifti, "holds fractions")
     nifti["rois"] = [roi(file=write_nifti_array(mask * np.nan, tmp_path / "n.nii.gz"))]
     refuse(nifti, "holds NaN")
@@ -382,12 +383,12 @@ def test_bad_seg_and_rtstruct_are_refused(nifti, slices, tmp_path):
 
     refuse(
         entry(file=seg, label=5),
-        r"segment 5 is not there, or there twice; there are: 1 \(bright\), 2 \(dark\)",
+        r"segment 5 is not there; there are: 1 \(bright\), 2 \(dark\)",
     )
     refuse(entry(file=seg), "label is needed; there are: 1")
     refuse(
         entry(file=rt, label="liver"),
-        "ROI 'liver' is not there, or there twice; there are: bright, dark, nothing",
+        r"ROI 'liver' is not there; there are: bright \(1\), dark \(2\), nothing \(3\)",
     )
     refuse(entry(file=rt, label="nothing"), "ROI bright is empty")
     refuse(

@@ -250,7 +250,7 @@ def test_files_that_are_there_stay(desk, capsys):
     [
         (["nothing.nii.gz", "--labels", "labels.nii.gz"], "nothing.nii.gz: no such file"),
         (["ct.nii.gz", "--labels", "nothing.nii.gz"], "nothing.nii.gz: no such file"),
-        (["ct.nii.gz", "--labels", "config"], "config: holds no NIfTI mask"),
+        (["ct.nii.gz", "--labels", "config"], "config: holds no mask (NIfTI, NRRD, MetaImage)"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "4=liver"], "has no region '4'; there are: 3, 5, 9"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "liver"], "'liver' is not LABEL=NAME"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--names", "3=a/b"], "'a/b' must be of letters"),

@@ -6,6 +6,7 @@ import contextlib
 import logging
 import os
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 
@@ -14,6 +15,7 @@ from .home import expand_home_of_word
 
 DEBUG = "--debug"
 NOTES = logging.getLogger("virtual_phantom.notes")
+PROGRESS_SECONDS = 5  # work that takes less is not reported
 INTERRUPTED = 130  # exit code of a program that Ctrl-C stopped, by the shell's convention (128 + SIGINT)
 
 
@@ -26,9 +28,24 @@ def note(text: object) -> None:
     NOTES.warning("%s", InputError(text))  # on one line, as an error is
 
 
+def progress(what: str, done: int, total: int) -> None:
+    """Report how far long work is: in commands, a line on standard error every PROGRESS_SECONDS; in jobs nothing.
+
+    Parameters
+    ----------
+    what : str
+        The work, such as "reading regions".
+    done, total : int
+        Steps.
+    """
+    for handler in NOTES.handlers:
+        if isinstance(handler, _Printer):
+            handler.progress(what, done, total)
+
+
 @contextlib.contextmanager
 def printed_notes() -> Iterator[None]:
-    """Print notes to standard error while the block runs, each distinct one once."""
+    """Print notes and progress to standard error while the block runs, each distinct note once."""
     handler = _Printer()
     NOTES.addHandler(handler)
     propagate, NOTES.propagate = NOTES.propagate, False
@@ -66,11 +83,20 @@ class _Printer(logging.Handler):
     def __init__(self):
         super().__init__()
         self._seen: set[str] = set()
+        self._work, self._reported = "", 0.0
 
     def emit(self, record: logging.LogRecord) -> None:
         if (text := record.getMessage()) not in self._seen:
             self._seen.add(text)
             print(f"Note: {text}", file=sys.stderr)
+
+    def progress(self, what: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        if what != self._work or done == 0:
+            self._work, self._reported = what, now
+        elif now - self._reported >= PROGRESS_SECONDS:
+            self._reported = now
+            print(f"{what}: {done} of {total}", file=sys.stderr, flush=True)
 
 
 def run_command(command: Callable[[Sequence[str]], int], words: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""Volumes on a Grid, and NIfTI files of them."""
+"""Volumes on a Grid, and files of them: NIfTI, and NRRD and MetaImage through SimpleITK."""
 
 from __future__ import annotations
 
@@ -14,13 +14,23 @@ from typing import BinaryIO
 import nibabel
 import numpy as np
 
+from ..base.console import note
 from ..base.errors import InputError, refusing
 from ..base.geometry import Grid
 from .files import check_unchanged, replacing
 
+NIFTI = (".nii", ".nii.gz", ".hdr", ".img", ".hdr.gz", ".img.gz")
+ITK = (".nrrd", ".nhdr", ".mha", ".mhd")  # read through SimpleITK
+IMAGE_SUFFIXES = (".nii", ".nii.gz", ".hdr", ".nrrd", ".nhdr", ".mha", ".mhd")  # for messages
+LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # from the world frame of DICOM and ITK to that of NIfTI
 SMALLEST_VOXEL_MM3 = 1e-9
 CHUNK = 1 << 20  # bytes
+GZIP = b"\x1f\x8b"  # the first bytes of a gzip file (RFC 1952)
 GZIP_MOST = 1032  # bytes that one of deflate's stands for at most: 258 of them in 2 bits (RFC 1951)
+# Voxels by which a tilted axis may move a voxel center. Up to half a voxel, resampling to the upright grid by nearest
+# neighbor returns the array unchanged. A rotation of 0.3 degrees moves the ends of 190 voxels by as much.
+LARGEST_TILT = 0.5
+SEEN_TILT = 0.05  # voxels; from here on the tilt is reported. Header values in single precision stay below 1e-3.
 
 
 @dataclass(frozen=True)
@@ -48,14 +58,23 @@ class Volume:
             raise ValueError(f"array of shape {self.array.shape} on a grid of shape {self.grid.shape}")
 
 
-def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
-    """Read a 3D NIfTI image, its axes flipped and swapped to run along +x, +y, +z.
+def suffix_of(path: str | Path) -> str | None:
+    """Return the suffix that names a format of images, such as ".nii.gz", in lower case; None if there is none."""
+    name = Path(path).name.lower()
+    return max((one for one in (*NIFTI, *ITK) if name.endswith(one)), key=len, default=None)
+
+
+def read_image(path: str | Path, dtype=np.float32, noted: bool = True) -> Volume:
+    """Read a 3D image, its axes flipped and swapped to run along +x, +y, +z.
 
     Parameters
     ----------
     path : str or Path
+        NIfTI (also as a pair of .hdr and .img), NRRD or MetaImage, by the suffix in upper or lower case.
     dtype : dtype or None, optional
-        Of the result; None: that of the file.
+        Data type of the result; None: the data type of the file.
+    noted : bool, optional
+        Report headers that have no orientation, two orientations, or a small tilt.
 
     Returns
     -------
@@ -64,7 +83,127 @@ def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
     Raises
     ------
     InputError
-        If the file is missing, truncated, not 3D, or its axes are tilted against the scanner's.
+        If the file is missing, truncated, of another format, not 3D, or its axes are tilted against the scanner's.
+    """
+    array, affine = _voxels(Path(path), noted)
+    return upright(array, affine, path, dtype, noted)
+
+
+def read_layers(path: str | Path) -> tuple[list[Volume], dict[str, str]]:
+    """Read an image of labels with the key/value pairs of its header, as 3D Slicer writes them in .seg.nrrd files.
+
+    Parameters
+    ----------
+    path : str or Path
+        As `read_image` takes it.
+
+    Returns
+    -------
+    layers : list of Volume
+        One for each component of a voxel. Slicer writes several if segments overlap.
+    header : dict of str to str
+        Empty for NIfTI.
+
+    Raises
+    ------
+    InputError
+        As `read_image`.
+    """
+    path = Path(path)
+    if suffix_of(path) not in ITK:
+        return [read_image(path, None, noted=False)], {}
+    image = _read_itk(path)
+    header = {key: image.GetMetaData(key) for key in image.GetMetaDataKeys()}
+    array, affine = _of_itk(image)
+    layers = [array] if array.ndim == 3 else list(np.moveaxis(array, -1, 0))
+    return [upright(layer, affine, path, None, noted=False) for layer in layers], header
+
+
+def _voxels(path: Path, noted: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Array (x, y, z) and affine from voxel index to RAS world mm."""
+    if suffix_of(path) in ITK:
+        image = _read_itk(path)
+        if noted and "NRRD_space" not in image.GetMetaDataKeys() and suffix_of(path) in (".nrrd", ".nhdr"):
+            note(f"{path}: its header has no 'space'; its axes are taken to run to the left, posterior and superior")
+        return _of_itk(image)
+    with _opened(path) as image:
+        if noted:
+            _report_orientation(image, path)
+        return np.asarray(image.dataobj), image.affine
+
+
+def _report_orientation(image: nibabel.Nifti1Image, path: Path) -> None:
+    """Report a header without an orientation, or whose sform and qform differ by more than half a voxel."""
+    sform, qform = image.get_sform(coded=True)[0], image.get_qform(coded=True)[0]
+    if sform is None and qform is None:
+        note(
+            f"{path}: its header has no orientation (sform_code and qform_code are 0); its first axis is taken to run "
+            "to the patient's left, the others to anterior and superior, around the origin"
+        )
+    elif sform is not None and qform is not None and np.isfinite(sform).all():
+        ends = np.array(np.meshgrid(*[(0, n - 1) for n in image.shape[:3]])).reshape(3, -1)
+        apart = np.abs(
+            np.linalg.pinv(sform[:3, :3]) @ ((qform - sform) @ np.vstack([ends, np.ones(ends.shape[1])]))[:3]
+        )
+        if not apart.max() <= 0.5:
+            note(
+                f"{path}: sform and qform of its header put voxels up to {apart.max():.3g} voxels apart; sform is used"
+            )
+
+
+def _read_itk(path: Path):
+    """Read an NRRD or MetaImage file; nothing is allocated that the machine cannot hold."""
+    import SimpleITK as sitk  # half a second, which NIfTI does not need
+
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give the path of an image")
+    with refusing(
+        f"{path}: cannot be read as {suffix_of(path)[1:].upper()}",
+        RuntimeError,
+        advice="is the file complete?",
+        quoted=False,
+    ):
+        reader = sitk.ImageFileReader()
+        reader.SetImageIO("NrrdImageIO" if suffix_of(path) in (".nrrd", ".nhdr") else "MetaImageIO")
+        reader.SetFileName(str(path))
+        reader.ReadImageInformation()
+        voxels = math.prod(reader.GetSize()) * reader.GetNumberOfComponents()
+        check_fits(4 * voxels, path)
+        return reader.Execute()
+
+
+def _of_itk(image) -> tuple[np.ndarray, np.ndarray]:
+    """Array (x, y, z) or (x, y, z, component), and affine from voxel index to RAS world mm."""
+    import SimpleITK as sitk
+
+    array = sitk.GetArrayFromImage(image)
+    components = image.GetNumberOfComponentsPerPixel() > 1
+    array = np.moveaxis(array, -1, 0).T if components else array.T  # (x, y, z, component)
+    n = min(image.GetDimension(), 3)
+    affine = np.eye(4)
+    direction = np.reshape(image.GetDirection(), (image.GetDimension(),) * 2)[:n, :n]
+    affine[:n, :n] = direction * np.array(image.GetSpacing())[:n]
+    affine[:n, 3] = image.GetOrigin()[:n]
+    return array, LPS_TO_RAS @ affine
+
+
+def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
+    """Read a 3D NIfTI image as `read_image` does, and refuse other formats.
+
+    Parameters
+    ----------
+    path : str or Path
+    dtype : dtype or None, optional
+        Data type of the result; None: the data type of the file.
+
+    Returns
+    -------
+    Volume
+
+    Raises
+    ------
+    InputError
+        If the file is missing, truncated, not NIfTI, not 3D, or its axes are tilted against the scanner's.
     """
     with _opened(Path(path)) as image:
         array, affine = np.asarray(image.dataobj), image.affine
@@ -72,20 +211,22 @@ def read_nifti(path: str | Path, dtype=np.float32) -> Volume:
 
 
 def length_unit(path: str | Path) -> str:
-    """The unit of lengths in the header of a NIfTI image.
+    """The unit of lengths in the header of an image.
 
-    The header alone is read: the rest is for read_nifti to check.
+    The header alone is read: the rest is for read_image to check.
 
     Returns
     -------
     str
-        As NiBabel names it, such as "mm", or "unknown".
+        As NiBabel names it, such as "mm", or "unknown". NRRD and MetaImage files state none.
 
     Raises
     ------
     InputError
         If the file is missing or has no NIfTI header.
     """
+    if suffix_of(path) in ITK:
+        return "unknown"
     with _opened(Path(path), whole=False) as image:
         return image.header.get_xyzt_units()[0]
 
@@ -132,32 +273,89 @@ def _opened(path: Path, whole: bool = True) -> Iterator[nibabel.Nifti1Image]:
         check_unchanged(path)
     # nibabel raises many types on broken files.
     with refusing(f"{path}: cannot be read as NIfTI", Exception, advice="is the file complete?"):
-        with (gzip.open if path.name.endswith(".gz") else open)(path, "rb") as stream:
-            image = _class_of(stream).from_stream(stream)
-            _check_size(image, path)
+        if (suffix_of(path) or "").startswith((".hdr", ".img")):
+            yield _pair(path)
+            return
+        with path.open("rb") as stream:
+            packed = stream.read(2) == GZIP  # whatever the suffix says
+        with (gzip.open if packed else open)(path, "rb") as stream:
+            image = _class_of(stream, path).from_stream(stream)
+            _check_size(image, path, path.stat().st_size * (GZIP_MOST if packed else 1))
             yield image
-            while whole and stream.read(CHUNK):
-                pass
+            if not whole:
+                return
+            stream.seek(_end(image))
+            surplus = 0
+            while block := stream.read(CHUNK):
+                surplus += len(block)
+            if surplus:
+                raise InputError(
+                    f"{path}: has {surplus} bytes after the voxels that its header describes "
+                    f"({_size(image)} of {image.header.get_data_dtype()} from byte {_end(image, 0)}); its header is "
+                    "damaged: write the file again"
+                )
 
 
-def _class_of(stream: BinaryIO) -> type:
+def _pair(path: Path) -> nibabel.Nifti1Pair:
+    """A NIfTI image in two files, by the name of one of them."""
+    suffix = path.name[-len(suffix_of(path)) :]
+    base, packed = path.name[: -len(suffix)], suffix[4:]
+    upper = suffix[1].isupper()
+    files = {}
+    for part in ("hdr", "img"):
+        files[part] = path.with_name(f"{base}.{part.upper() if upper else part}{packed}")
+        if not files[part].is_file():
+            raise InputError(f"{path}: {files[part].name} is missing beside it; a header and its voxels come together")
+    with (gzip.open if packed else open)(files["hdr"], "rb") as stream:
+        header = stream.read(348)
+    second = header[:4] in ((540).to_bytes(4, "little"), (540).to_bytes(4, "big"))
+    if not second and header[344:347] != b"ni1":
+        raise InputError(
+            f"{path}: is Analyze 7.5, not NIfTI, and does not say which side is left; convert it to NIfTI or NRRD"
+        )
+    names = {"header": str(files["hdr"]), "image": str(files["img"])}
+    kind = nibabel.Nifti2Pair if second else nibabel.Nifti1Pair
+    image = kind.from_file_map(kind.make_file_map(names))
+    most = files["img"].stat().st_size
+    _check_size(image, path, most * (GZIP_MOST if packed else 1))
+    if not packed and most > _end(image):
+        raise InputError(
+            f"{path}: {files['img'].name} has {most - _end(image)} bytes after the voxels that its header describes "
+            f"({_size(image)} of {image.header.get_data_dtype()}); its header is damaged: write the file again"
+        )
+    return image
+
+
+def _end(image: nibabel.Nifti1Image, voxels: int | None = None) -> int:
+    """The byte at which the voxels of an image end; with `voxels` 0, where they begin."""
+    count = math.prod(map(int, image.shape)) if voxels is None else voxels
+    return int(image.dataobj.offset) + count * image.header.get_data_dtype().itemsize
+
+
+def _size(image: nibabel.Nifti1Image) -> str:
+    return f"{' x '.join(map(str, image.shape))} voxels"
+
+
+def _class_of(stream: BinaryIO, path: Path) -> type:
     """NIfTI-1 or NIfTI-2 by the size that the header gives itself, in either byte order."""
-    start = stream.read(4)
+    start = stream.read(352)
     stream.seek(0)
     for kind, size in ((nibabel.Nifti1Image, 348), (nibabel.Nifti2Image, 540)):
-        if start in (size.to_bytes(4, "little"), size.to_bytes(4, "big")):
+        if start[:4] in (size.to_bytes(4, "little"), size.to_bytes(4, "big")):
+            if kind is nibabel.Nifti1Image and start[344:348] not in (b"n+1\0", b"ni1\0"):
+                raise InputError(
+                    f"{path}: is no NIfTI file, as its header lacks the mark 'n+1'; write it again as NIfTI"
+                )
             return kind
-    raise ValueError("no NIfTI header")
+    raise InputError(f"{path}: has no NIfTI header; is it another format, or damaged?")
 
 
-def _check_size(image: nibabel.Nifti1Image, path: Path) -> None:
+def _check_size(image: nibabel.Nifti1Image, path: Path, most: int) -> None:
     """Refuse a header that asks for more than the file can hold, or the machine, before anything is allocated."""
     voxels = math.prod(map(int, image.shape))
     claimed = voxels * image.header.get_data_dtype().itemsize
-    most = path.stat().st_size * (GZIP_MOST if path.name.endswith(".gz") else 1)
     if min(image.shape, default=0) < 1 or claimed > most:
-        size = " x ".join(map(str, image.shape))
-        raise InputError(f"{path}: its header says {size} voxels, which the file does not hold; is the file complete?")
+        raise InputError(f"{path}: its header says {_size(image)}, which the file does not hold; is the file complete?")
     check_fits(max(claimed, 4 * voxels), path)
 
 
@@ -183,8 +381,11 @@ def check_fits(needed: int, source: str | Path) -> None:
         )
 
 
-def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.float32) -> Volume:
+def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.float32, noted: bool = True) -> Volume:
     """The volume of an array and its affine, axes flipped and swapped to run along +x, +y, +z.
+
+    Axes that are tilted by so little that no voxel center moves by more than LARGEST_TILT are taken as upright, about
+    the center of the volume.
 
     Parameters
     ----------
@@ -195,7 +396,9 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     path : str or Path
         What the message begins with.
     dtype : dtype or None, optional
-        Of the result; None: that of the array.
+        Data type of the result; None: the data type of the array.
+    noted : bool, optional
+        Report a small tilt.
 
     Returns
     -------
@@ -208,7 +411,7 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     """
     if array.dtype.kind not in "biuf":
         raise InputError(f"{path}: its voxels are of {array.dtype}, not numbers; give grey values")
-    if array.ndim == 4 and array.shape[3] == 1:
+    while array.ndim > 3 and array.shape[-1] == 1:
         array = array[..., 0]
     if array.ndim != 3:
         raise InputError(f"{path}: has {array.ndim} dimensions; give a 3D image")
@@ -221,9 +424,21 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     array = nibabel.apply_orientation(array, orientation)
     matrix = affine[:3, :3]
     spacing = np.linalg.norm(matrix, axis=0)
-    if np.any(np.abs(matrix - np.diag(spacing)) > 1e-3 * spacing.min()):
-        raise InputError(f"{path}: its axes are tilted against the scanner's; resample it upright first")
-    centre = affine[:3, 3] + matrix @ ((np.array(array.shape) - 1) / 2)
+    half = (np.array(array.shape) - 1) / 2
+    tilted = np.abs(matrix - np.diag(spacing))
+    moved = float((tilted @ half / spacing).max())
+    angle = math.degrees(math.acos(min(1.0, float((np.diag(matrix) / spacing).min()))))
+    if moved > LARGEST_TILT:
+        raise InputError(
+            f"{path}: its axes are tilted against the scanner's by up to {angle:.3g} degrees, which moves voxels by up "
+            f"to {moved:.3g} voxels ({LARGEST_TILT:g} is allowed); resample it upright first"
+        )
+    if noted and moved > SEEN_TILT:
+        note(
+            f"{path}: its axes are tilted by {angle:.2g} degrees and taken as upright, which moves voxels by up to "
+            f"{moved:.2g} of their size"
+        )
+    centre = affine[:3, 3] + matrix @ half
     grid = Grid(shape=array.shape[::-1], spacing=tuple(spacing[::-1]), centre_mm=tuple(centre))
     return Volume(np.ascontiguousarray(array.T, dtype=dtype), grid)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import SimpleITK as sitk
+from scipy.ndimage import find_objects
 
 from ..base.errors import InputError
 from ..base.geometry import Grid
@@ -16,7 +17,7 @@ from ..base.pose import IN_PLACE, Pose
 from ..base.units import HU_AIR, HU_BODY
 from ..io.schema import schema_of, validate
 from ..io.simpleitk import itk_image, itk_resample
-from ..io.volumes import Volume, length_unit, read_nifti
+from ..io.volumes import IMAGE_SUFFIXES, Volume, length_unit, read_image, suffix_of
 from . import HALF_COVERED, Phantom, Roi, block_mean
 from .dicom_series import read_series
 from .fit import how_to_fit
@@ -41,7 +42,7 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     settings : dict
         As phantom.ct in the configuration, whose schema they are checked against:
 
-        * image: NIfTI file, or folder with one DICOM CT series, in HU; needed here
+        * image: NIfTI, NRRD or MetaImage file, or folder with one DICOM CT series, in HU; needed here
         * rois: list of entries, see rois.RoiEntry
         * labels: file of the regions whose entry names no file of its own
         * centre_mm: NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
@@ -111,7 +112,7 @@ def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
 
 
 def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
-    """Read a CT in HU from a NIfTI file or the folder of one DICOM series.
+    """Read a CT in HU from a NIfTI, NRRD or MetaImage file, or the folder of one DICOM series.
 
     Parameters
     ----------
@@ -132,10 +133,13 @@ def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
     """
     if path.is_dir():
         image = read_series(path)
-    elif path.name.endswith((".nii", ".nii.gz")):
-        image = read_nifti(path)
+    elif suffix_of(path):
+        image = read_image(path)
     else:
-        raise InputError(f"{path}: no such CT; give a NIfTI file (.nii, .nii.gz) or the folder of a DICOM series")
+        raise InputError(
+            f"{path}: no such CT; give a NIfTI, NRRD or MetaImage file ({', '.join(IMAGE_SUFFIXES)}) or the folder of "
+            "a DICOM series"
+        )
     if bad := int(np.count_nonzero(~np.isfinite(image.array))):
         raise InputError(f"{path}: {bad} voxels are NaN or infinite; replace them (air is -1000 HU)")
     check_hu(image, path, not_checked)
@@ -280,7 +284,7 @@ def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
     """
     if entry.file not in opened:
         opened[entry.file] = open_regions(entry.file, grid)
-    region = opened[entry.file].mask(entry.label)
+    region = opened[entry.file].mask(entry.label, entry.fill_gaps)
     _require(region, entry.name, f"is empty in {entry.file}; draw it, or correct its label")
     region = shrink(region, entry.margin_mm, grid)
     _require(region, entry.name, f"is lost by margin_mm {entry.margin_mm:g}; make it smaller")
@@ -320,7 +324,7 @@ def rois_of(
     for name, piece in zip(entry.names, pieces, strict=True):
         _check_whole(name, piece, kept, ct_grid, grid)
     moved = to_object(pose, grid.centre_mm)
-    masks = [resample(Volume(piece.astype(np.float32), ct_grid), grid, 0.0, moved) >= HALF_COVERED for piece in pieces]
+    masks = [resample(_around(piece, ct_grid), grid, 0.0, moved) >= HALF_COVERED for piece in pieces]
     for name, mask in zip(entry.names, masks, strict=True):
         _require(
             mask,
@@ -332,6 +336,17 @@ def rois_of(
         _require(mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer")
     named = zip(entry.names, apart, strict=True)
     return tuple(Roi(name, entry.tissue_class, mask, entry.label) for name, mask in named)
+
+
+def _around(mask: np.ndarray, grid: Grid) -> Volume:
+    """The part of a mask that is not empty, and a voxel around it, where there is one: all that is interpolated."""
+    found = find_objects(mask.astype(np.uint8))
+    if not found:
+        return Volume(mask.astype(np.float32), grid)
+    box = tuple(slice(max(s.start - 1, 0), min(s.stop + 1, n)) for s, n in zip(found[0], mask.shape, strict=True))
+    centre = tuple(float(axis[part].mean()) for axis, part in zip(_world_axes(grid), box, strict=True))[::-1]
+    part = mask[box].astype(np.float32)
+    return Volume(part, replace(grid, shape=part.shape, centre_mm=centre))
 
 
 def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:
@@ -346,7 +361,9 @@ def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, 
             "keep_mm, or draw the ROI within it"
         )
     z, y, x = _shares_inside(ct_grid, grid)
-    lost = 1 - float(np.einsum("zyx,z,y,x->", piece, z, y, x, optimize=True)) / voxels
+    (box,) = find_objects(piece.astype(np.uint8))
+    inside = np.einsum("zyx,z,y,x->", piece[box], z[box[0]], y[box[1]], x[box[2]], optimize=True)
+    lost = 1 - float(inside) / voxels
     if lost > LARGEST_LOSS:
         raise InputError(
             f"ROI {name}: {100 * lost:.3g} % of it lies outside the grid; enlarge grid.shape or grid.spacing_mm, move "

@@ -1,39 +1,59 @@
-"""Regions drawn on a CT: NIfTI masks and label maps, DICOM SEG and RTSTRUCT, as bool masks on the CT's grid.
+"""Regions drawn on a CT: masks and label maps (NIfTI, NRRD, MetaImage), DICOM SEG and RTSTRUCT, on the CT's grid.
 
-`open_regions` picks the reader by the file. Every reader has `mask(label)`; the label is a value of a label
-map (none: any non-zero voxel), the number or label of a segment, or the name of an RTSTRUCT ROI (none: the
-only one there is).
+`open_regions` picks the reader by the file. Every reader has `there`, `crop(label)` and `mask(label)`. The label is a
+value of a label map (None: any voxel that is not zero), the number or label of a segment, or the name or number of an
+RTSTRUCT ROI (None: the only one).
 """
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
 import pydicom
-from skimage.draw import polygon2mask
+from pydicom.errors import InvalidDicomError
+from scipy.ndimage import find_objects
 
-from ..base.errors import InputError, reading
+from ..base.console import note
+from ..base.errors import InputError
 from ..base.geometry import Grid
-from ..io.volumes import Volume, read_nifti, upright
-from .dicom_series import LPS_TO_RAS, modality
+from ..io.volumes import Volume, read_layers, suffix_of
+from .contours import StructRegions
+from .dicom_series import modality
+from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, placed
+from .segments import SegRegions
 
-GRID_TOLERANCE_MM = 0.02  # of positions read from different files: single precision and decimal text
+__all__ = ["GRID_TOLERANCE_MM", "LabelRegions", "SegRegions", "StructRegions", "open_regions", "report_other_frame"]
+
+KINDS = {
+    "1.2.840.10008.5.1.4.1.1.66.4": SegRegions,
+    "1.2.840.10008.5.1.4.1.1.66.7": SegRegions,  # Label Map Segmentation
+    "1.2.840.10008.5.1.4.1.1.481.3": StructRegions,
+}
+MODALITIES = {"SEG": SegRegions, "RTSTRUCT": StructRegions}
+# Distance of a label from a whole number. Half precision, the coarsest type of stored values, rounds to 5e-4 of them.
+WHOLE = 1e-3
+# Different values of a label map. TotalSegmentator has 117 labels, FreeSurfer's Destrieux parcellation 192. A CT has
+# thousands, and values below 0.
+MOST_LABELS = 1000
+MOST_NEGATIVE = 10  # different values below 0: some programs mark what is unlabeled by -1, a CT has one for each HU
+LARGEST_LABEL = 65_535  # up to here boxes are listed by label; larger labels are renumbered first
 
 
-def open_regions(path: str | Path, grid: Grid) -> NiftiRegions | SegRegions | StructRegions:
+def open_regions(path: str | Path, grid: Grid) -> Regions:
     """The reader for a file of regions drawn on a CT.
 
     Parameters
     ----------
     path : str or Path
-        NIfTI, DICOM SEG or RTSTRUCT.
+        NIfTI, NRRD, MetaImage, DICOM SEG or RTSTRUCT.
     grid : Grid
         The CT's.
 
     Returns
     -------
-    NiftiRegions, SegRegions or StructRegions
+    LabelRegions, SegRegions or StructRegions
 
     Raises
     ------
@@ -42,197 +62,216 @@ def open_regions(path: str | Path, grid: Grid) -> NiftiRegions | SegRegions | St
     """
     path = Path(path)
     if not path.is_file():
-        raise InputError(f"{path}: no such file; give the path of the ROIs (NIfTI, DICOM SEG or RTSTRUCT)")
-    if path.name.endswith((".nii", ".nii.gz")):
-        return NiftiRegions(path, grid)
+        raise InputError(f"{path}: no such file; give the path of the ROIs (NIfTI, NRRD, DICOM SEG or RTSTRUCT)")
+    if suffix_of(path):
+        return LabelRegions(path, grid)
+    dataset = _dicom(path)
+    reader = KINDS.get(str(dataset.get("SOPClassUID", ""))) or MODALITIES.get(str(dataset.get("Modality", "")))
+    if reader is None:
+        raise InputError(
+            f"{path}: modality is {modality(dataset)}; ROIs are read from DICOM SEG or RTSTRUCT, or from NIfTI or NRRD"
+        )
+    return reader(path, dataset, grid)
+
+
+def report_other_frame(regions: str | Path, ct: str | Path) -> None:
+    """Report regions that were drawn in another frame of reference than a DICOM CT has (PS3.3, C.7.4.1).
+
+    They are read all the same: their positions tell whether they fit, and anonymization often replaces the identifiers
+    of one of both only.
+
+    Parameters
+    ----------
+    regions : str or Path
+        DICOM SEG or RTSTRUCT; other files have no frame of reference.
+    ct : str or Path
+        Folder of the CT; other files have no frame of reference.
+    """
+    regions, ct = Path(regions), Path(ct)
+    if not ct.is_dir() or not regions.is_file() or suffix_of(regions):
+        return
+    drawn, scanned = _frames(regions), None
+    for path in sorted(ct.iterdir()):
+        if drawn and path.is_file() and (scanned := _frames(path)):
+            break
+    if drawn and scanned and not drawn & scanned:
+        note(
+            f"{regions}: was drawn in another frame of reference than {ct} has (FrameOfReferenceUID); compare its "
+            "outlines with the CT"
+        )
+
+
+def _frames(path: Path) -> set[str]:
+    """The frames of reference that a DICOM file names; none of other files."""
+    keys = ("FrameOfReferenceUID", "ReferencedFrameOfReferenceUID")
+    sections = ("ReferencedFrameOfReferenceSequence", "StructureSetROISequence")
     try:
-        dataset = pydicom.dcmread(path)
-    except Exception as error:  # not DICOM at all, or cut short
-        raise InputError(f"{path}: neither NIfTI nor readable DICOM ({type(error).__name__})") from None
-    kind = dataset.get("Modality")
-    if kind == "SEG":
-        return SegRegions(path, dataset, grid)
-    if kind == "RTSTRUCT":
-        return StructRegions(path, dataset, grid)
-    raise InputError(
-        f"{path}: modality is {modality(dataset)}; ROIs are read from DICOM SEG or RTSTRUCT, or from NIfTI"
-    )
+        header = pydicom.dcmread(path, stop_before_pixels=True, specific_tags=[*keys, *sections])
+        parts = [header, *(item for one in sections for item in header.get(one) or [])]
+        return {str(part.get(key)) for part in parts for key in keys if part.get(key)}
+    except (InvalidDicomError, OSError, ValueError, TypeError, AttributeError, EOFError, struct.error):
+        return set()  # its reader says what is wrong with it
 
 
-class NiftiRegions:
-    """A mask or label map on the CT's own grid."""
+def _dicom(path: Path) -> pydicom.Dataset:
+    """Read a DICOM file, with or without a preamble."""
+    try:
+        try:
+            return pydicom.dcmread(path)
+        except InvalidDicomError:
+            dataset = pydicom.dcmread(path, force=True)
+            if "SOPClassUID" in dataset:
+                return dataset
+    except Exception as error:  # of many types; cut short, or not DICOM
+        raise InputError(
+            f"{path}: neither an image of labels nor readable DICOM ({type(error).__name__}); is the file complete?"
+        ) from None
+    raise InputError(f"{path}: neither NIfTI nor readable DICOM; give NIfTI, NRRD, DICOM SEG or RTSTRUCT")
+
+
+class LabelRegions(Regions):
+    """Masks and label maps whose voxels coincide with the CT's."""
 
     def __init__(self, path: Path, grid: Grid):
-        self._path = path
-        volume = read_nifti(path, dtype=np.float64)
-        if not np.isfinite(volume.array).all():
-            raise InputError(f"{path}: holds NaN or infinite values; give whole numbers")
-        if not volume.grid.matches(grid, GRID_TOLERANCE_MM):
+        super().__init__(path, grid)
+        layers, header = read_layers(path)
+        self._remarks: list[Remark] = []
+        self._layers: list[np.ndarray] = []
+        self._values: list[dict[int, tuple[int, tuple[slice, slice, slice]]]] = []  # {value: (stored, box)} per layer
+        self._offset = placed(layers[0].grid, grid, path)
+        for layer in layers:
+            self._add(layer)
+        self._report_part()
+        self._names = _slicer_names(header, self._values)
+
+    def _add(self, layer: Volume) -> None:
+        labels, names = self._whole(layer.array)
+        boxes = find_objects(labels)
+        found = {names[stored - 1] if names else stored: (stored, box) for stored, box in enumerate(boxes, 1) if box}
+        if len(found) > MOST_LABELS:
             raise InputError(
-                f"{path}: lies on another grid than the CT ({volume.grid}; CT: {grid}); resample it onto the CT"
+                f"{self.path}: has {len(found)} different values above 0, up to {layer.array.max():g}: an image, not "
+                "regions; give a label map or a mask"
             )
-        if not np.array_equal(volume.array, volume.array.round()):
-            raise InputError(f"{path}: holds fractions; give whole numbers (threshold it first)")
-        self._labels = volume.array.astype(np.int32)
+        self._layers.append(labels)
+        self._values.append(found)
+
+    def _whole(self, array: np.ndarray) -> tuple[np.ndarray, list[int]]:
+        """Labels as stored, from 1 on and 0 elsewhere, and the label of each stored number (empty: the same)."""
+        if array.dtype.kind == "f" and not np.isfinite(array).all():
+            raise InputError(f"{self.path}: holds NaN or infinite values; give whole numbers")
+        low, high = float(array.min()), float(array.max())
+        fractions = array.dtype.kind == "f" and any(np.abs(plane - np.rint(plane)).max() > WHOLE for plane in array)
+        if fractions or (low < 0 and high <= 0):
+            value = low if high <= 0 else high
+            two = all((np.minimum(np.abs(plane), np.abs(plane - value)) <= WHOLE * abs(value)).all() for plane in array)
+            if two:
+                self._remarks.append(
+                    Remark("two values", "", f"has the two values 0 and {value:.6g}; it is read as a mask, label 1")
+                )
+                return (np.abs(array) > abs(value) / 2).astype(np.uint8), []
+        if fractions:
+            raise InputError(
+                f"{self.path}: holds fractions from {low:.4g} to {high:.4g}, as probabilities or an interpolated mask "
+                "do; give whole numbers (threshold it first, for example at half of its maximum)"
+            )
+        if low < 0:
+            below = np.unique(array[array < 0].round())
+            if len(below) > MOST_NEGATIVE:
+                raise InputError(
+                    f"{self.path}: has {len(below)} different values below 0, from {low:g} on: an image, not regions; "
+                    "give a label map or a mask"
+                )
+            some = ", ".join(f"{one:g}" for one in below)
+            self._remarks.append(Remark("negative", "", f"labels below 0 are no regions and are passed over: {some}"))
+        if low > WHOLE:
+            text = f"no voxel is 0: every voxel is of a region, and the lowest label is {low:g}"
+            self._remarks.append(Remark("no background", "", text))
+        if high > LARGEST_LABEL:
+            names, stored = np.unique(np.rint(array), return_inverse=True)
+            first = int(np.searchsorted(names, 0.5))
+            stored = np.maximum(stored.reshape(array.shape) - (first - 1), 0).astype(np.int32)
+            return stored, [int(one) for one in names[first:]]
+        kind = np.uint8 if high <= np.iinfo(np.uint8).max else np.uint16
+        labels = np.empty(array.shape, kind)
+        for plane, out in zip(array, labels, strict=True):
+            out[:] = np.maximum(np.rint(plane) if array.dtype.kind == "f" else plane, 0)
+        return labels, []
+
+    def _report_part(self) -> None:
+        """Remark on a file that covers another part of space than the CT."""
+        shape = self._layers[0].shape
+        if self._offset != (0, 0, 0) or shape != self.grid.shape:
+            sizes = " x ".join(map(str, shape[::-1])), " x ".join(map(str, self.grid.shape[::-1]))
+            text = f"has {sizes[0]} voxels (x, y, z) of the CT's grid, which has {sizes[1]}; the rest is empty"
+            self._remarks.append(Remark("part of the CT", "", text))
 
     def there(self) -> dict[int | str, str | None]:
-        """Every region: {label, as `mask` takes it: its name; None, as the file has none}."""
-        return dict.fromkeys(np.unique(self._labels[self._labels > 0]).tolist())
+        """Every region: {label, as `mask` takes it: its name; None, as only 3D Slicer's files have names}."""
+        if self._names:
+            return {key: name for key, (name, _, _) in self._names.items()}
+        return {value: None for found in self._values for value in sorted(found)}
 
-    def mask(self, label: int | str | None) -> np.ndarray:
-        """The region of a value of the label map; None: of any but 0.
-
-        Returns
-        -------
-        ndarray of bool, shape (z, y, x)
-
-        Raises
-        ------
-        InputError
-            If the label is no whole number, or no voxel has it.
-        """
+    def _draw(self, label: int | str | None) -> tuple[str, Drawn | None, bool]:
         if label is None:
-            return self._labels != 0
+            found = boxed(np.logical_or.reduce([layer > 0 for layer in self._layers]), self._offset, self._remarks)
+            return "the mask", self._inside(found, "the mask"), False
+        layer, value, name = self._find(label)
+        stored, box = self._values[layer].get(value, (None, None))
+        if box is None:
+            return name, None, False
+        moved = tuple(slice(s.start + n, s.stop + n) for s, n in zip(box, self._offset, strict=True))
+        drawn = Drawn(moved, self._layers[layer][box] == stored, tuple(self._remarks))
+        return name, self._inside(drawn, name), False
+
+    def _inside(self, drawn: Drawn | None, name: str) -> Drawn | None:
+        """The same; InputError if it goes beyond the CT."""
+        if drawn is not None and any(
+            s.start < 0 or s.stop > n for s, n in zip(drawn.box, self.grid.shape, strict=True)
+        ):
+            raise InputError(
+                f"{self.path}: lies on another grid than the CT, and {name} goes beyond the CT; resample it onto the CT"
+            )
+        return drawn
+
+    def _find(self, label: int | str) -> tuple[int, int, str]:
+        """Layer, value and name of a region."""
+        if self._names:
+            matching = [k for k, (name, _, value) in self._names.items() if str(label) in (str(k), name, str(value))]
+            matching = [label] if label in self._names else matching
+            if len(matching) != 1:
+                there = ", ".join(f"{key} ({name})" for key, (name, _, _) in self._names.items())
+                problem = "is not there" if not matching else f"means {len(matching)} segments"
+                raise InputError(f"{self.path}: segment {label!r} {problem}; there are: {there}")
+            name, layer, value = self._names[matching[0]]
+            return layer, value, name
         if isinstance(label, bool) or not isinstance(label, int):
-            raise InputError(f"{self._path}: label {label!r} must be a whole number, as it is in the NIfTI file")
-        mask = self._labels == label
-        if not mask.any():
-            there = ", ".join(map(str, np.unique(self._labels[self._labels != 0])))
-            raise InputError(f"{self._path}: no voxel has the label {label}; there are: {there or 'none'}")
-        return mask
+            raise InputError(f"{self.path}: label {label!r} must be a whole number, as it is in the file")
+        for layer, found in enumerate(self._values):
+            if label in found:
+                return layer, label, f"label {label}"
+        there = ", ".join(str(value) for found in self._values for value in sorted(found))
+        raise InputError(f"{self.path}: no voxel has the label {label}; there are: {there or 'none'}")
 
 
-class SegRegions:
-    """A DICOM Segmentation (PS3.3, A.51); it may leave out slices but must meet the CT's voxels."""
-
-    def __init__(self, path: Path, dataset: pydicom.Dataset, grid: Grid):
-        import highdicom  # a third of a second, for those who have such a file
-
-        self._path, self._grid = path, grid
-        with reading(path, "DICOM SEG"):
-            self._seg = highdicom.seg.Segmentation.from_dataset(dataset)
-            self._names = {
-                n: str(self._seg.get_segment_description(n).segment_label) for n in self._seg.segment_numbers
-            }
-
-    def there(self) -> dict[int | str, str | None]:
-        """Every region: {segment number, as `mask` takes it: its label}."""
-        return {int(number): name for number, name in self._names.items()}
-
-    def mask(self, label: int | str | None) -> np.ndarray:
-        """The region of a segment, by its number or label; None: of the only one.
-
-        Returns
-        -------
-        ndarray of bool, shape (z, y, x)
-
-        Raises
-        ------
-        InputError
-            If there is no such segment, or two, or it lies on another grid than the CT.
-        """
-        number = self._number(label)
-        try:
-            volume = self._seg.get_volume(segment_numbers=[number])
-        except Exception as error:  # frames that do not make a regular volume
-            raise InputError(
-                f"{self._path}: segment {number} cannot be read as a volume ({type(error).__name__})"
-            ) from None
-        # highdicom orders arrays (slice, row, column) with an affine in LPS to match
-        part = upright(
-            volume.array[..., 0] if volume.array.ndim == 4 else volume.array,
-            LPS_TO_RAS @ volume.affine,
-            self._path,
-        )
-        return _place(part, self._grid, self._path) >= 0.5
-
-    def _number(self, label: int | str | None) -> int:
-        matching = [n for n, name in self._names.items() if label in (n, name)]
-        if label is None and len(self._names) == 1:
-            matching = list(self._names)
-        if len(matching) != 1:
-            there = ", ".join(f"{n} ({name})" for n, name in self._names.items())
-            problem = "label is needed" if label is None else f"segment {label!r} is not there, or there twice"
-            raise InputError(f"{self._path}: {problem}; there are: {there}")
-        return matching[0]
-
-
-class StructRegions:
-    """A DICOM RT Structure Set (PS3.3, A.19): closed contours, one or more per slice.
-
-    A voxel is inside if its centre is within an odd number of the slice's contours, so that an inner contour
-    is a hole. Nothing is filled in between slices.
-    """
-
-    def __init__(self, path: Path, dataset: pydicom.Dataset, grid: Grid):
-        self._path, self._grid = path, grid
-        with reading(path, "DICOM RTSTRUCT"):
-            self._collect(dataset)
-
-    def _collect(self, dataset: pydicom.Dataset) -> None:
-        contours = {int(c.ReferencedROINumber): c for c in dataset.get("ROIContourSequence", [])}
-        self._rois: dict[str, list[pydicom.Dataset | None]] = {}
-        for roi in dataset.get("StructureSetROISequence", []):
-            self._rois.setdefault(str(roi.ROIName), []).append(contours.get(int(roi.ROINumber)))
-
-    def there(self) -> dict[int | str, str | None]:
-        """Every region: {ROI name, as `mask` takes it: the same}; names that are there twice are left out."""
-        return {name: name for name, contours in self._rois.items() if len(contours) == 1}
-
-    def mask(self, label: int | str | None) -> np.ndarray:
-        """The region of an ROI, by its name; None: of the only one.
-
-        Returns
-        -------
-        ndarray of bool, shape (z, y, x)
-
-        Raises
-        ------
-        InputError
-            If there is no such ROI, or two, or a contour does not lie in a slice of the CT.
-        """
-        if label is None and len(self._rois) == 1:
-            label = next(iter(self._rois))
-        if label not in self._rois or len(self._rois[label]) != 1:
-            problem = "label is needed" if label is None else f"ROI {label!r} is not there, or there twice"
-            raise InputError(f"{self._path}: {problem}; there are: {', '.join(self._rois) or 'none'}")
-        mask = np.zeros(self._grid.shape, bool)
-        with reading(self._path, "DICOM RTSTRUCT"):
-            for contour in getattr(self._rois[label][0], "ContourSequence", None) or []:
-                if contour.get("ContourGeometricType", "CLOSED_PLANAR") == "CLOSED_PLANAR":
-                    self._draw(np.array(contour.ContourData, float).reshape(-1, 3), label, mask)
-        return mask
-
-    def _draw(self, points_lps: np.ndarray, label: str, mask: np.ndarray) -> None:
-        homogeneous = np.column_stack([points_lps, np.ones(len(points_lps))])
-        x, y, z = (np.linalg.inv(self._grid.affine) @ LPS_TO_RAS @ homogeneous.T)[:3]
-        k = int(round(float(z.mean())))
-        if np.ptp(z) > 0.1 or abs(z.mean() - k) > 0.25 or not 0 <= k < self._grid.shape[0]:
-            raise InputError(
-                f"{self._path}: a contour of ROI {label} at z = {points_lps[:, 2].mean():g} mm does not lie "
-                "in a slice of the CT; is this the CT on which it was drawn?"
-            )
-        ny, nx = self._grid.shape[1:]
-        if min(x.min(), y.min()) < -0.5 or x.max() > nx - 0.5 or y.max() > ny - 0.5:
-            raise InputError(
-                f"{self._path}: a contour of ROI {label} leaves the CT; is this the CT on which it was drawn?"
-            )
-        mask[k] ^= polygon2mask((ny, nx), np.column_stack([y, x]))
-
-
-def _place(part: Volume, grid: Grid, path: Path) -> np.ndarray:
-    """Put a volume whose voxels coincide with some of the grid's in its place; zero elsewhere."""
-    offset = (np.array(part.grid.affine[:3, 3]) - grid.affine[:3, 3])[::-1] / np.array(grid.spacing)
-    index = offset.round().astype(int)
-    last = index + np.array(part.grid.shape)
-    steps = np.array(part.grid.shape) * (np.array(part.grid.spacing) - np.array(grid.spacing))
-    if (
-        np.abs((offset - index) * np.array(grid.spacing)).max() > GRID_TOLERANCE_MM
-        or np.abs(steps).max() > GRID_TOLERANCE_MM
-        or index.min() < 0
-        or np.any(last > grid.shape)
-    ):
-        raise InputError(f"{path}: lies on another grid than the CT ({part.grid}; CT: {grid}); resample it onto the CT")
-    full = np.zeros(grid.shape, np.float32)
-    full[tuple(slice(a, b) for a, b in zip(index, last, strict=True))] = part.array
-    return full
+def _slicer_names(header: dict[str, str], values: list[dict]) -> dict[int | str, tuple[str, int, int]]:
+    """Segments of a file of 3D Slicer: {label: (name, layer, value)}; empty if its header describes none."""
+    segments = []
+    while (start := f"Segment{len(segments)}_") and f"{start}Name" in header:
+        numbers = [header.get(f"{start}{key}", default) for key, default in (("Layer", "0"), ("LabelValue", "1"))]
+        layer, value = (int(one) if one.isdecimal() else -1 for one in numbers)
+        segments.append((header[f"{start}Name"].strip(), layer, value))
+    segments = [one for one in segments if one[1] < len(values)]
+    described = {(layer, value) for _, layer, value in segments}
+    segments += [
+        (f"label {value}", layer, value)
+        for layer, found in enumerate(values)
+        for value in sorted(found)
+        if segments and (layer, value) not in described
+    ]
+    keys = [value for _, _, value in segments]
+    names = [name for name, _, _ in segments]
+    return {
+        (value if keys.count(value) == 1 else name if names.count(name) == 1 else f"{name} {n}"): (name, layer, value)
+        for n, (name, layer, value) in enumerate(segments, 1)
+    }

@@ -29,6 +29,8 @@ class RoiEntry:
         Leave out what is nearer than this to the region's surface, mm: a conservative ROI.
     parts : int
         Cut into this many compact ROIs, named name_1, name_2, ...
+    fill_gaps : bool
+        Interpolate slices of the region that are not drawn, between two that are.
     """
 
     name: str
@@ -37,6 +39,7 @@ class RoiEntry:
     label: int | str | None = None
     margin_mm: float = 0.0
     parts: int = 1
+    fill_gaps: bool = False
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -54,6 +54,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     init.add_argument("--size", choices=SIZES, default="normal", help="quick: a trial of minutes; default normal")
     init.add_argument("--not-checked", default="", help="checks of the CT to leave out, as named in their lines")
+    init.add_argument("--fill-gaps", action="store_true", help="interpolate slices that are not drawn between two")
     init.add_argument("--force", action="store_true", help="overwrite files that are there")
     check = commands.add_parser("check", help="say all that is wrong with a configuration and its files")
     check.add_argument(
@@ -80,6 +81,7 @@ def _init(arguments: argparse.Namespace) -> int:
         size=arguments.size,
         force=arguments.force,
         not_checked=[one.strip() for one in arguments.not_checked.split(",") if one.strip()],
+        fill_gaps=arguments.fill_gaps,
     )
     print(told(proposed, arguments.out))
     return 0

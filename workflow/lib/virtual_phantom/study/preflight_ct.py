@@ -15,7 +15,7 @@ from ..base.units import HU_AIR
 from ..features.extraction import MINIMUM_VOXELS
 from ..io.volumes import Volume
 from ..phantom.ct import check_fit, check_hu, draw, kept_columns, read_hu, rois_of, trimmed
-from ..phantom.masks import open_regions
+from ..phantom.masks import open_regions, report_other_frame
 from ..phantom.plausible import CHECKS, note_without_air
 from ..phantom.rois import RoiEntry, read_entries
 from .coverage import TISSUE_HU, reach_mm, removed_tissue
@@ -53,8 +53,11 @@ def ct_problems(config: Mapping) -> Iterator[str]:
         yield from (f"phantom.ct.image: {line}" for line in lines_of(error))
         for file in dict.fromkeys(entry.file for entry in entries):
             if not Path(file).is_file():
-                yield f"phantom.ct: {file}: no such file; give the path of the ROIs (NIfTI, DICOM SEG or RTSTRUCT)"
+                forms = "NIfTI, NRRD, DICOM SEG or RTSTRUCT"
+                yield f"phantom.ct: {file}: no such file; give the path of the ROIs ({forms})"
         return
+    for file in dict.fromkeys(entry.file for entry in entries):
+        report_other_frame(file, settings["image"])
     in_hu = True
     try:
         check_hu(image, path, not_checked)

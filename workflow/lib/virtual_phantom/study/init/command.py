@@ -32,6 +32,7 @@ def initialise(
     size: str = "normal",
     force: bool = False,
     not_checked: Sequence[str] = (),
+    fill_gaps: bool = False,
 ) -> Proposal:
     """Write a configuration for a CT and its regions, and a picture of them beside it.
 
@@ -45,6 +46,8 @@ def initialise(
         As `propose.propose` takes them.
     force : bool, optional
         Overwrite files that are there.
+    fill_gaps : bool, optional
+        As `propose.propose` takes it.
 
     Returns
     -------
@@ -69,8 +72,9 @@ def initialise(
         rois=rois,
         size=size,
         results_dir=f"results-{out.stem}",
-        instead=normal(image, labels, out, names or {}, rois, not_checked),
+        instead=normal(image, labels, out, names or {}, rois, not_checked, fill_gaps),
         not_checked=not_checked,
+        fill_gaps=fill_gaps,
     )
     style.save(drawn(proposed), [picture])
     with files.replacing(out, checksum=False) as temporary:  # it is the user's, who changes it
@@ -85,6 +89,7 @@ def normal(
     names: Mapping[str, str],
     rois: Sequence[str],
     not_checked: Sequence[str] = (),
+    fill_gaps: bool = False,
 ) -> str:
     """The command that proposes a normal study of the same CT and regions, beside the quick one."""
     words = ["virtual-phantom", "init", image, "--labels", labels]
@@ -94,6 +99,8 @@ def normal(
         words += ["--rois", joined(rois)]
     if not_checked:
         words += ["--not-checked", ",".join(not_checked)]
+    if fill_gaps:
+        words += ["--fill-gaps"]
     return typed(*words, "--size", "normal", "--out", out.with_stem(f"{out.stem}-normal"))
 
 

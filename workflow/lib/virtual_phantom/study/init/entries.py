@@ -33,11 +33,13 @@ class Chosen:
     region : Region
     margin_mm : float
     parts : int
+    fill_gaps : bool
     """
 
     region: Region
     margin_mm: float
     parts: int
+    fill_gaps: bool = False
 
     @property
     def names(self) -> list[str]:
@@ -57,6 +59,8 @@ class Chosen:
             entry["margin_mm"] = int(self.margin_mm) if self.margin_mm.is_integer() else self.margin_mm
         if self.parts > 1:
             entry["parts"] = self.parts
+        if self.fill_gaps:
+            entry["fill_gaps"] = True
         return entry
 
 
@@ -74,7 +78,7 @@ def doubtful(region: Region) -> str | None:
     return None
 
 
-def choose(region: Region, grid: Grid) -> Chosen | str:
+def choose(region: Region, grid: Grid, fill_gaps: bool = False) -> Chosen | str:
     """A region as an ROI on a grid, or why it is none.
 
     Parameters
@@ -82,6 +86,8 @@ def choose(region: Region, grid: Grid) -> Chosen | str:
     region : Region
     grid : Grid
         Of the study.
+    fill_gaps : bool, optional
+        Whether slices of the region that are not drawn were interpolated.
 
     Returns
     -------
@@ -103,7 +109,7 @@ def choose(region: Region, grid: Grid) -> Chosen | str:
     if voxels < least:
         return f"is too small: about {voxels:.0f} voxels of this grid, {least} are wanted"
     parts = max(1, min(MOST_PARTS, math.floor(volume / 1000 / PART_ML)))
-    return Chosen(region, margin, parts)
+    return Chosen(region, margin, parts, fill_gaps)
 
 
 def largest(chosen: Sequence[Chosen], most: int, first: Collection[str] = ()) -> tuple[list[Chosen], list[Chosen]]:

@@ -18,6 +18,7 @@ from ...io.default_study import sizes
 from ...io.schema import defaults_of
 from ...io.volumes import Volume
 from ...phantom.ct import kept_columns, read_hu, rois_of, trimmed
+from ...phantom.masks import report_other_frame
 from ...phantom.plausible import CHECKS, note_without_air
 from ...phantom.rois import read_entries
 from ..config import complete
@@ -83,6 +84,7 @@ def propose(
     results_dir: str = "results",
     instead: str | None = None,
     not_checked: Sequence[str] = (),
+    fill_gaps: bool = False,
 ) -> Proposal:
     """Propose a configuration for a CT and the regions drawn on it.
 
@@ -103,6 +105,8 @@ def propose(
         The command that begins a normal study of the same, which the pages of a quick one then name.
     not_checked : sequence of str, optional
         Checks of the CT to leave out, as phantom.ct.not_checked, where it is written.
+    fill_gaps : bool, optional
+        Interpolate slices of regions that are not drawn, between two that are.
 
     Returns
     -------
@@ -122,8 +126,8 @@ def propose(
     ct = read_hu(Path(image), not_checked)
     note_without_air(ct.array, image)
     ct = Volume(np.maximum(ct.array, np.float32(HU_AIR)), ct.grid)
-    regions = read_regions(ct, labels, names or {})
-    wanted = _wanted(regions, rois, labels)
+    report_other_frame(labels, image)
+    regions = wanted = read_regions(ct, labels, names or {}, rois, fill_gaps)
     box, outside = keep_box(ct, wanted, scanned_slices(ct.grid, wanted))
     if rois:
         box, outside = widened(box, outside), []
@@ -132,7 +136,7 @@ def propose(
     if not wanted:
         raise InputError(f"{labels}: no region lies in the trunk; name the ones that you mean by --rois")
     grid, _ = propose_grid(ct.grid, box, wanted, asked["voxels_across"])
-    taken, unfit = _fitting(wanted, grid)
+    taken, unfit = _fitting(wanted, grid, fill_gaps)
     left += unfit
     if not rois:
         taken, further = largest(taken, asked["regions"], (names or {}).values())
@@ -187,18 +191,8 @@ def propose(
     )
 
 
-def _wanted(regions: Sequence[Region], rois: Sequence[str], labels: str | Path) -> list[Region]:
-    if not rois:
-        return list(regions)
-    for one in rois:
-        if not any(region.says(one) for region in regions):
-            there = [region.name for region in regions]
-            raise InputError(f"--rois: {labels} has no region '{one}'; {meant(one, there, 'there are')}")
-    return [region for region in regions if any(region.says(one) for one in rois)]
-
-
-def _fitting(regions: Sequence[Region], grid: Grid) -> tuple[list[Chosen], list[tuple[Region, str]]]:
-    found = [(region, choose(region, grid)) for region in regions]
+def _fitting(regions: Sequence[Region], grid: Grid, fill_gaps: bool) -> tuple[list[Chosen], list[tuple[Region, str]]]:
+    found = [(region, choose(region, grid, fill_gaps)) for region in regions]
     return (
         [one for _, one in found if isinstance(one, Chosen)],
         [(region, one) for region, one in found if isinstance(one, str)],

@@ -1,0 +1,466 @@
+"""Users' files with wrong headers: how many are refused in one line, reported, or change the phantom in silence.
+
+    python benchmarks/fuzz_files.py --format nifti --runs 1000
+    python benchmarks/fuzz_files.py --format rtstruct --runs 500
+    python benchmarks/fuzz_files.py --format seg --runs 500
+
+Each run changes one to three fields of a header: to a wrong value, an empty one, a value of another type, or one that
+disagrees with the rest. What comes of it is counted as
+
+* refused: an InputError of one line
+* same: no voxel differs by more than 1 HU, lies more than one voxel elsewhere, or changes its region
+* reported: the result differs, and a note says why
+* stated: the result differs as the header says, and an independent reader gives the same voxels and positions. The file
+  is then a valid file of something else
+* silent: the result differs, and nothing says so
+* traceback: any other exception
+
+The last two are faults; they are printed and the exit status is 1.
+"""
+
+import argparse
+import copy
+import logging
+import sys
+import tempfile
+import traceback
+import warnings
+from collections import Counter
+from pathlib import Path
+
+import nibabel
+import numpy as np
+import pydicom
+import SimpleITK as sitk
+from pydicom.datadict import dictionary_VR
+from pydicom.dataelem import RawDataElement
+from pydicom.tag import Tag
+
+from virtual_phantom.base.console import NOTES
+from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.geometry import Grid
+from virtual_phantom.phantom.ct import draw, read_hu
+from virtual_phantom.phantom.rois import RoiEntry
+
+GRID = Grid((12, 30, 34), (3.0, 2.0, 2.0), (5.0, -40.0, 300.0))
+LARGEST_HU = 1.0
+FAULTS = ("silent", "traceback")
+
+
+class Notes(logging.Handler):
+    """Notes of one run."""
+
+    def __init__(self):
+        super().__init__()
+        self.lines = []
+
+    def emit(self, record):
+        self.lines.append(record.getMessage())
+
+
+def object_hu():
+    """A cylinder with two balls and noise, int16 [z, y, x], and the regions: 1 and 2."""
+    z, y, x = np.ix_(*GRID.axes_mm())
+    hu = np.where((x / 28) ** 2 + (y / 24) ** 2 + 0 * z < 1, 0.0, -1000.0)
+    labels = np.zeros(GRID.shape, np.uint8)
+    for label, (x0, y0, z0) in {1: (11, 6, 3), 2: (-12, -7, -3)}.items():
+        labels[(x - x0) ** 2 + (y - y0) ** 2 + (z - z0) ** 2 < 81] = label
+    hu += 40 * (labels == 1) - 60 * (labels == 2) + np.random.default_rng(0).normal(0, 8, GRID.shape)
+    return np.rint(hu).astype(np.int16), labels
+
+
+def outcome(read, same, independent=None):
+    """What came of one file, and the text to print for a fault.
+
+    Parameters
+    ----------
+    read : callable
+        Returns the result.
+    same : callable
+        Whether a result is that of the unmodified file.
+    independent : callable, optional
+        Whether another reader takes the file for what the result is.
+    """
+    notes = Notes()
+    NOTES.addHandler(notes)
+    try:
+        result = read()
+    except InputError as error:
+        text = str(error)
+        return ("refused", "") if text and text.isprintable() else ("traceback", text)
+    except Exception:
+        return "traceback", traceback.format_exc()
+    finally:
+        NOTES.removeHandler(notes)
+    if same(result):
+        return "same", ""
+    if notes.lines:
+        return "reported", ""
+    return ("stated", "") if independent and independent(result) else ("silent", "")
+
+
+# NIfTI
+
+# Every field of a NIfTI-1 header but those of Analyze that no reader uses (data_type, db_name, extents, glmax, ...).
+NIFTI_FIELDS = (
+    *("sizeof_hdr", "dim_info", "dim", "intent_p1", "intent_p2", "intent_p3", "intent_code", "datatype", "bitpix"),
+    *(
+        "slice_start",
+        "pixdim",
+        "vox_offset",
+        "scl_slope",
+        "scl_inter",
+        "slice_end",
+        "slice_code",
+        "xyzt_units",
+        "cal_max",
+    ),
+    *(
+        "cal_min",
+        "slice_duration",
+        "toffset",
+        "descrip",
+        "aux_file",
+        "qform_code",
+        "sform_code",
+        "quatern_b",
+        "quatern_c",
+    ),
+    *("quatern_d", "qoffset_x", "qoffset_y", "qoffset_z", "srow_x", "srow_y", "srow_z", "intent_name", "magic"),
+)
+INTEGERS = (0, 1, -1, 2, 3, 4, 8, 16, 32, 64, 128, 255, 256, 512, 768, 1024, 1280, 2304, 32767, -32768)
+FLOATS = (0.0, -1.0, 0.5, 1.0, 2.0, 352.0, 368.0, 1e-3, 1e3, 1e30, -1e30, np.nan, np.inf, 3.4e38, 1e-40)
+TEXTS = (b"", b"n+1", b"ni1", b"n+2", b"\xff" * 4, b"\x00" * 4)
+
+
+def odd_nifti(header, random):
+    """Change one field of a header, or one number of a field with several."""
+    field = NIFTI_FIELDS[random.integers(len(NIFTI_FIELDS))]
+    value = header[field].reshape(-1)  # a view of the header
+    if value.dtype.kind == "S":
+        value[0] = TEXTS[random.integers(len(TEXTS))]
+        return
+    choices = FLOATS if value.dtype.kind == "f" else INTEGERS
+    odd = np.array(choices[random.integers(len(choices))])
+    near = random.random() < 0.4  # wrong by a little, or by a sign
+    for place in random.integers(value.size, size=random.integers(1, 3)):
+        old = value[place]
+        changed = old * random.choice([-1, 2, 0.1, 1000]) + random.choice([0, 1, -1]) if near else odd
+        with np.errstate(all="ignore"):
+            value[place] = np.array(changed).astype(value.dtype)
+
+
+def fuzz_nifti(runs, seed, folder):
+    """Headers of a CT and of its label map, in turns."""
+    hu, labels = object_hu()
+    paths = {"ct": folder / "ct.nii", "labels": folder / "labels.nii"}
+    contents = {}
+    for name, array in (("ct", hu), ("labels", labels)):
+        image = nibabel.Nifti1Image(array.T, GRID.affine)
+        image.set_sform(GRID.affine, 1)
+        image.set_qform(GRID.affine, 1)
+        contents[name] = image.to_bytes()
+    random, counts, faults = np.random.default_rng(seed), Counter(), []
+    for number in range(runs):
+        name = ("ct", "labels")[number % 2]
+        header = np.frombuffer(contents[name][:348], nibabel.nifti1.header_dtype).copy()
+        for _ in range(random.choice([1, 1, 1, 2, 3])):
+            odd_nifti(header, random)
+        paths[name].write_bytes(header.tobytes() + contents[name][348:])
+        if name == "ct":
+            found, text = outcome(lambda: read_hu(paths["ct"]), same_ct(hu), by_simpleitk(paths["ct"]))
+        else:
+            found, text = outcome(lambda: masks(paths["labels"]), same_masks(labels))
+        counts[found] += 1
+        if found in FAULTS:
+            faults.append((found, name, changes(contents[name], header), text))
+    return counts, faults
+
+
+def changes(content, header):
+    """The fields of a header that differ from those of the original."""
+    before = np.frombuffer(content[:348], nibabel.nifti1.header_dtype)
+    return {
+        key: (before[key], header[key]) for key in before.dtype.names if before[key].tobytes() != header[key].tobytes()
+    }
+
+
+def same_ct(hu):
+    """Whether a volume is the object's: values to 1 HU, every corner to one voxel."""
+
+    def same(volume):
+        if volume.array.shape != hu.shape or np.abs(volume.array - hu).max() > LARGEST_HU:
+            return False
+        ends = np.array([(i, j, k, 1) for i in (0, 33) for j in (0, 29) for k in (0, 11)]).T
+        apart = np.abs(((volume.grid.affine - GRID.affine) @ ends)[:3]).max(axis=1)
+        return bool((apart <= GRID.spacing[::-1]).all())
+
+    return same
+
+
+def by_simpleitk(path):
+    """Whether SimpleITK reads the same values at the same positions."""
+
+    def agrees(volume):
+        try:
+            image = sitk.DICOMOrient(
+                sitk.ReadImage(str(path), sitk.sitkFloat64), "LPS"
+            )  # axes to the left, posterior and superior
+        except RuntimeError:
+            return False
+        if image.GetDimension() != 3:
+            return False
+        array = sitk.GetArrayFromImage(image)[:, ::-1, ::-1]
+        nz, ny, nx = array.shape
+        first = image.TransformIndexToPhysicalPoint((nx - 1, ny - 1, 0))
+        start = np.array([-first[0], -first[1], first[2]])
+        return (
+            array.shape == volume.array.shape
+            and np.allclose(array, volume.array, rtol=1e-5, atol=LARGEST_HU)
+            and np.allclose(image.GetSpacing(), volume.grid.spacing[::-1], rtol=1e-3)
+            and bool((np.abs(start - volume.grid.affine[:3, 3]) <= volume.grid.spacing[::-1]).all())
+        )
+
+    return agrees
+
+
+def masks(path, names=(1, 2)):
+    """Both regions of a file, as a study reads them: an empty one is refused."""
+    opened = {}
+    return [draw(RoiEntry("roi", "class", str(path), name), GRID, opened)[0] for name in names]
+
+
+def same_masks(labels):
+    """Whether masks are those of the object, voxel by voxel."""
+    return lambda found: all(np.array_equal(mask, labels == label) for label, mask in enumerate(found, 1))
+
+
+# DICOM SEG and RTSTRUCT
+
+ODD_DICOM = (
+    "",
+    None,
+    "0",
+    "-1",
+    "1",
+    "2",
+    "3",
+    "1e400",
+    "nan",
+    "a",
+    "x" * 70,
+    "1\\2",
+    "1\\2\\3",
+    "0.5",
+    "1\\0\\0\\0\\1\\0",
+)
+ODD_BYTES = (b"\x00", b"\xff\xff", b"\x01\x00\x00", b"\x00" * 40)
+
+
+def elements(dataset, keywords):
+    """Every data set within a data set, with each keyword that it has."""
+    found = []
+    for element in dataset:
+        if element.keyword in keywords:
+            found.append((dataset, element.keyword))
+        if element.VR == "SQ":
+            for item in element.value:
+                found += elements(item, keywords)
+    return found
+
+
+def odd_dicom(all_there, keywords, random):
+    """Change one attribute anywhere: missing, empty, of another type, or inconsistent; returns what was done."""
+    keyword = keywords[random.integers(len(keywords))]
+    there = [one for one in all_there if one[1] == keyword] or all_there
+    section, keyword = there[random.integers(len(there))]
+    change = random.choice(["missing", "value", "value", "bytes", "twice", "shorter"])
+    tag, kind = Tag(keyword), dictionary_VR(Tag(keyword))[:2]
+    if change == "missing":
+        del section[tag]
+    elif kind == "SQ" and change in ("twice", "shorter"):
+        items = list(section[tag].value)
+        section[tag].value = items + copy.deepcopy(items[-1:]) if change == "twice" else items[:-1]
+    else:
+        value = ODD_DICOM[random.integers(len(ODD_DICOM))]
+        raw = ODD_BYTES[random.integers(len(ODD_BYTES))] if change == "bytes" or kind in ("US", "OB", "OW") else None
+        raw = (value or "").encode() if raw is None else raw
+        kind = "LO" if kind == "SQ" else kind
+        section[tag] = RawDataElement(tag, kind, len(raw), raw, 0, False, True)
+    return keyword, str(change)
+
+
+RTSTRUCT_KEYWORDS = (
+    *(
+        "StructureSetROISequence",
+        "ROINumber",
+        "ROIName",
+        "ROIContourSequence",
+        "ReferencedROINumber",
+        "ContourSequence",
+    ),
+    *(
+        "ContourGeometricType",
+        "NumberOfContourPoints",
+        "ContourData",
+        "SOPClassUID",
+        "Modality",
+        "SpecificCharacterSet",
+    ),
+)
+SEG_KEYWORDS = (
+    *("SegmentSequence", "SegmentNumber", "SegmentLabel", "SegmentationType", "NumberOfFrames", "Rows", "Columns"),
+    *("BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation", "SamplesPerPixel", "PhotometricInterpretation"),
+    *("SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence", "PlanePositionSequence", "PixelSpacing"),
+    *("ImagePositionPatient", "PlaneOrientationSequence", "ImageOrientationPatient", "PixelMeasuresSequence"),
+    *("SegmentIdentificationSequence", "ReferencedSegmentNumber", "SOPClassUID", "Modality", "PixelData"),
+    *("SegmentsOverlap", "DimensionIndexSequence", "FrameOfReferenceUID", "SliceThickness", "FrameContentSequence"),
+)
+
+
+def fuzz_dicom(write, keywords, runs, seed, folder):
+    """Attributes of a file of regions.
+
+    Parameters
+    ----------
+    write : callable
+        Writes the file; takes the labels, [z, y, x], and the path.
+    keywords : sequence of str
+        Attributes.
+    """
+    _, labels = object_hu()
+    path = folder / "regions.dcm"
+    write(labels, path)
+    whole = path.read_bytes()
+    random, counts, faults = np.random.default_rng(seed), Counter(), []
+    for _ in range(runs):
+        path.write_bytes(whole)
+        dataset = pydicom.dcmread(path)
+        there = elements(dataset, keywords)
+        try:
+            done = [odd_dicom(there, keywords, random) for _ in range(random.choice([1, 1, 1, 2]))]
+            dataset.save_as(path)
+        except Exception:  # two changes of one place, or nothing that pydicom writes
+            counts["not written"] += 1
+            continue
+        found, text = outcome(lambda: masks(path, ("a", "b")), same_masks(labels), lambda _: valid(whole, path))
+        counts[found] += 1
+        if found in FAULTS:
+            faults.append((found, path.name, done, text))
+    return counts, faults
+
+
+def valid(whole, path):
+    """Whether a file states its regions consistently, though others than the original: contours or frames fewer."""
+    before, after = pydicom.dcmread(pydicom.filebase.DicomBytesIO(whole)), pydicom.dcmread(path)
+    if "SegmentSequence" in before:
+        return False
+    own = [len(item.get("ContourSequence") or ()) for item in before.ROIContourSequence]
+    now = [len(item.get("ContourSequence") or ()) for item in after.get("ROIContourSequence") or ()]
+    return now != own  # a contour at an end of the region is missing; a gap within would be reported
+
+
+def rtstruct(labels, path):
+    """Outlines of both regions by scikit-image."""
+    from skimage.measure import find_contours
+
+    ds = pydicom.Dataset()
+    ds.file_meta = pydicom.dataset.FileMetaDataset()
+    ds.file_meta.TransferSyntaxUID = pydicom.uid.ExplicitVRLittleEndian
+    ds.SOPClassUID = ds.file_meta.MediaStorageSOPClassUID = pydicom.uid.RTStructureSetStorage
+    ds.SOPInstanceUID = ds.file_meta.MediaStorageSOPInstanceUID = pydicom.uid.generate_uid()
+    ds.Modality, ds.SpecificCharacterSet = "RTSTRUCT", "ISO_IR 100"
+    ds.StructureSetROISequence, ds.ROIContourSequence = [], []
+    for number, name in enumerate("ab", 1):
+        roi, item = pydicom.Dataset(), pydicom.Dataset()
+        roi.ROINumber, roi.ROIName = number, name
+        item.ReferencedROINumber, item.ContourSequence = number, []
+        for k, plane in enumerate(labels == number):
+            for outline in find_contours(plane.astype(float), 0.5):
+                voxels = np.column_stack([outline[:, ::-1], np.full(len(outline), k), np.ones(len(outline))])
+                world = (GRID.affine @ voxels.T)[:3].T * [-1, -1, 1]
+                contour = pydicom.Dataset()
+                contour.ContourGeometricType, contour.NumberOfContourPoints = "CLOSED_PLANAR", len(world)
+                contour.ContourData = [f"{value:.3f}" for value in world.ravel()]
+                item.ContourSequence.append(contour)
+        ds.StructureSetROISequence.append(roi)
+        ds.ROIContourSequence.append(item)
+    ds.save_as(path, enforce_file_format=True)
+
+
+def seg(labels, path):
+    """Both regions by highdicom."""
+    import highdicom
+    from pydicom.sr.codedict import codes
+
+    study, series, frame = (pydicom.uid.generate_uid() for _ in range(3))
+    slices = []
+    z, y, x = (axis + c for axis, c in zip(GRID.axes_mm(), GRID.centre_mm[::-1], strict=True))
+    for k in range(len(z)):
+        ds = pydicom.Dataset()
+        ds.file_meta = pydicom.dataset.FileMetaDataset()
+        ds.file_meta.TransferSyntaxUID = pydicom.uid.ExplicitVRLittleEndian
+        ds.SOPClassUID, ds.SOPInstanceUID = pydicom.uid.CTImageStorage, pydicom.uid.generate_uid()
+        ds.StudyInstanceUID, ds.SeriesInstanceUID, ds.FrameOfReferenceUID = study, series, frame
+        ds.PatientID, ds.PatientName, ds.PatientBirthDate, ds.PatientSex = "1", "", "", ""
+        ds.StudyID, ds.StudyDate, ds.StudyTime, ds.AccessionNumber, ds.ReferringPhysicianName = "1", "", "", "", ""
+        ds.Modality, ds.Rows, ds.Columns, ds.SliceThickness = "CT", len(y), len(x), GRID.spacing[0]
+        ds.PixelSpacing, ds.ImageOrientationPatient = list(GRID.spacing[1:]), [1, 0, 0, 0, 1, 0]
+        ds.ImagePositionPatient = [-x[-1], -y[-1], z[k]]
+        slices.append(ds)
+    manual = highdicom.seg.SegmentAlgorithmTypeValues.MANUAL
+    highdicom.seg.Segmentation(
+        source_images=slices,
+        pixel_array=np.stack([(labels == label)[:, ::-1, ::-1] for label in (1, 2)], axis=-1).astype(np.uint8),
+        segmentation_type="BINARY",
+        segment_descriptions=[
+            highdicom.seg.SegmentDescription(n, name, codes.SCT.Tissue, codes.SCT.Liver, manual)
+            for n, name in enumerate("ab", 1)
+        ],
+        series_instance_uid=pydicom.uid.generate_uid(),
+        series_number=2,
+        sop_instance_uid=pydicom.uid.generate_uid(),
+        instance_number=1,
+        manufacturer="none",
+        manufacturer_model_name="none",
+        software_versions="1",
+        device_serial_number="1",
+    ).save_as(path)
+
+
+def fuzz_rtstruct(runs, seed, folder):
+    """Attributes of an RT Structure Set."""
+    return fuzz_dicom(rtstruct, RTSTRUCT_KEYWORDS, runs, seed, folder)
+
+
+def fuzz_seg(runs, seed, folder):
+    """Attributes of a DICOM Segmentation."""
+    return fuzz_dicom(seg, SEG_KEYWORDS, runs, seed, folder)
+
+
+FORMATS = {"nifti": fuzz_nifti, "rtstruct": fuzz_rtstruct, "seg": fuzz_seg}
+
+
+def main():
+    """Run, and print how many files had which outcome."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--format", choices=FORMATS, required=True)
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--seed", type=int, default=0)
+    arguments = parser.parse_args()
+    warnings.simplefilter("ignore")
+    logging.disable(logging.NOTSET)
+    logging.getLogger("pydicom").setLevel(logging.CRITICAL)
+    logging.getLogger("nibabel").setLevel(logging.CRITICAL)
+    NOTES.propagate = False
+    with tempfile.TemporaryDirectory() as folder:
+        counts, faults = FORMATS[arguments.format](arguments.runs, arguments.seed, Path(folder))
+    for found, count in counts.most_common():
+        print(f"{found}: {count}")
+    for fault in faults:
+        print(*fault, sep="  ")
+    return int(any(counts[one] for one in FAULTS))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
