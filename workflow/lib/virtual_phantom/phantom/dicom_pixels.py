@@ -1,0 +1,313 @@
+"""Turn the stored values of a CT slice into HU, or refuse them.
+
+pydicom reads the bytes and this module their bits. SimpleITK decodes compressed pixel data only: as a reader of whole
+files, it inverts MONOCHROME1, which concerns the display alone (PS3.3, C.7.6.3.1.2).
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pydicom
+import SimpleITK as sitk
+from pydicom.uid import UID, DeflatedExplicitVRLittleEndian, SecondaryCaptureImageStorage
+from scipy import ndimage
+
+from ..base.console import note
+from ..base.errors import InputError
+from ..base.units import HU_AIR
+from .dicom_files import BROKEN, HOUNSFIELD, Slice
+
+DEFLATE_MOST = 1032  # bytes that one byte of deflate represents at most: 258 of them in 2 bits (RFC 1951)
+# Between these, padding looks like tissue. Below is air, and what scanners write outside of the scanned circle.
+TISSUE_HU = (-900.0, 3071.0)
+# Scanners store HU - 1024 in 12 bits, or up to 30,710 HU in the extended scale (Siemens); more is no CT number.
+HIGHEST_HU = 31_743.0  # 2^15 - 1 - 1024
+
+
+def check_pixels(slices: Sequence[Slice], name: object) -> None:
+    """Check, before pixels are read, that all slices are stored in one way that can be turned into HU.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+    name : object
+        What messages about the whole series begin with.
+
+    Raises
+    ------
+    InputError
+        If an attribute is missing, has no meaning for CT, or differs between slices.
+    """
+    first = slices[0]
+    for one in slices:
+        _check(one)
+        if one.whole("PixelRepresentation") != first.whole("PixelRepresentation"):
+            raise InputError(
+                f"{one.path}: PixelRepresentation differs from {first.path.name}, so one of them has the wrong sign; "
+                "correct it"
+            )
+    pairs = {(one.number("RescaleSlope"), one.number("RescaleIntercept")) for one in slices}
+    if len(pairs) > 1:
+        (low, base), (high, top) = min(pairs), max(pairs)
+        note(
+            f"{name}: RescaleSlope and RescaleIntercept differ between slices ({low:g} and {base:g} to {high:g} and "
+            f"{top:g}); each slice is read with its own"
+        )
+    _note(slices, name, "PhotometricInterpretation", ("MONOCHROME1",), "it concerns the display; values are as stored")
+    _note(slices, name, "LossyImageCompression", ("01",), "values were changed by lossy compression")
+    _note(slices, name, "BurnedInAnnotation", ("YES",), "there may be text in the image")
+    for word in ("MPR", "AVERAGE", "REFORMATTED"):
+        some = [one for one in slices if word in one.text("ImageType").split("/")]
+        if some:
+            note(f"{name}: ImageType is {word}: a reformatted image, whose noise is not the scanner's")
+
+
+def _note(slices: Sequence[Slice], name: object, keyword: str, value: tuple[str, ...], meaning: str) -> None:
+    count = sum(one.values.get(keyword) == value for one in slices)
+    if count:
+        note(f"{name}: {keyword} is {value[0]} in {count} of {len(slices)} slices: {meaning}")
+
+
+def _check(one: Slice) -> None:
+    if one.has("ModalityLUTSequence"):
+        raise InputError(f"{one.path}: has a ModalityLUTSequence instead of RescaleSlope; export it with HU")
+    if not one.has("RescaleSlope") or not one.has("RescaleIntercept"):
+        raise InputError(
+            f"{one.path}: has no RescaleSlope and RescaleIntercept, so its values cannot be turned into HU"
+        )
+    slope, intercept = one.number("RescaleSlope"), one.number("RescaleIntercept")
+    if slope == 0:
+        raise InputError(f"{one.path}: RescaleSlope is 0, so all its values are equal; correct it")
+    if not one.has("PhotometricInterpretation"):
+        raise InputError(f"{one.path}: has no PhotometricInterpretation; export the series again")
+    if one.text("PhotometricInterpretation") not in ("MONOCHROME1", "MONOCHROME2"):
+        raise InputError(f"{one.path}: PhotometricInterpretation is not MONOCHROME1 or MONOCHROME2; correct it")
+    if one.whole("SamplesPerPixel") != 1:
+        raise InputError(f"{one.path}: SamplesPerPixel is {one.whole('SamplesPerPixel')}; a CT slice has 1")
+    if one.whole("NumberOfFrames", 1) != 1:
+        raise InputError(f"{one.path}: NumberOfFrames is {one.whole('NumberOfFrames')}; give one file per slice")
+    allocated, stored, high = (one.whole(key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
+    if allocated not in (16, 32):
+        raise InputError(f"{one.path}: BitsAllocated is {allocated}; CT slices have 16")
+    if not 8 < stored <= allocated or not stored - 1 <= high < allocated:
+        raise InputError(
+            f"{one.path}: BitsStored {stored} and HighBit {high} do not fit BitsAllocated {allocated}; correct them"
+        )
+    if one.whole("PixelRepresentation") not in (0, 1):
+        raise InputError(f"{one.path}: PixelRepresentation is {one.whole('PixelRepresentation')}; it must be 0 or 1")
+    _check_length(one)
+    if one.has("RealWorldValueMappingSequence"):
+        _check_mapping(one, slope, intercept)
+
+
+def _check_mapping(one: Slice, slope: float, intercept: float) -> None:
+    """Refuse slices whose real world values (PS3.3, C.7.6.16.2.11) are not HU, or not as the rescale gives them."""
+    mappings = one.values["RealWorldValueMappingSequence"]
+    if mappings is BROKEN:
+        raise InputError(f"{one.path}: RealWorldValueMappingSequence is not readable; remove it if values are in HU")
+    for mapping in mappings:
+        unit, *numbers = mapping.split("|")
+        if unit != HOUNSFIELD:
+            raise InputError(f"{one.path}: RealWorldValueMappingSequence gives another unit than HU; give images in HU")
+        try:
+            same = np.allclose([float(number) for number in numbers], [slope, intercept], rtol=1e-6)
+        except ValueError:
+            same = False
+        if not same:
+            raise InputError(
+                f"{one.path}: RealWorldValueMappingSequence and RescaleSlope disagree on HU; remove the wrong one"
+            )
+
+
+def read_into(slices: Sequence[Slice], array: np.ndarray, name: object) -> None:
+    """Read the HU of all slices.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+        Checked by `check_pixels`.
+    array : ndarray of float32, shape (slices, rows, columns)
+        Filled.
+    name : object
+        What notes begin with.
+
+    Raises
+    ------
+    InputError
+        If pixel data are missing, damaged, of another size than the header says, or not in HU.
+    """
+    padded = 0
+    for one, target in zip(slices, array, strict=True):
+        stored, padding = _stored(one)
+        scaled = stored * np.float64(one.number("RescaleSlope"))
+        scaled += one.number("RescaleIntercept")
+        target[:] = scaled
+        if padding is not None:
+            outside = _outside(stored, padding, scaled)
+            target[outside] = HU_AIR
+            padded += np.count_nonzero(outside)
+        if (highest := float(target.max())) > HIGHEST_HU:
+            raise InputError(
+                f"{one.path}: values reach {highest:.0f} HU, which no CT has; is PixelRepresentation (signed or not) "
+                "or RescaleSlope wrong?"
+            )
+    if padded:
+        note(
+            f"{name}: {padded} voxels at the border of the slices have PixelPaddingValue, which would be tissue in HU; "
+            "they are read as air"
+        )
+
+
+def same_pixels(one: Slice, other: Slice) -> bool:
+    """True if two slices have the same values in HU."""
+    hu = [_stored(each)[0] * each.number("RescaleSlope") + each.number("RescaleIntercept") for each in (one, other)]
+    return np.array_equal(*hu)
+
+
+def _outside(stored: np.ndarray, padding: tuple[int, int], hu: np.ndarray) -> np.ndarray:
+    """The pixels that hold the padding value, if it looks like tissue or metal, and are connected to the border."""
+    # Tissue may hold the same value by chance, so what lies within the body is left as it is.
+    mask = (stored >= padding[0]) & (stored <= padding[1])
+    if not mask.any() or hu[mask].max() < TISSUE_HU[0]:
+        return np.zeros_like(mask)
+    labels, _ = ndimage.label(mask)
+    border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    return np.isin(labels, border[border > 0])
+
+
+def _stored(one: Slice) -> tuple[np.ndarray, tuple[int, int] | None]:
+    """Stored values of a slice as int32 or int64, and the range of padding."""
+    try:
+        with pydicom.config.disable_value_validation():
+            dataset = pydicom.dcmread(one.path, force=True, specific_tags=["PixelData"])
+            element = dataset.get_item("PixelData")
+    except Exception as error:  # of many types; its words may quote the header
+        raise InputError(
+            f"{one.path}: cannot be read as DICOM ({type(error).__name__}); is the file complete?"
+        ) from None
+    if element is None or not element.value:
+        raise InputError(f"{one.path}: has no PixelData; is the file complete?")
+    rows, columns = one.whole("Rows"), one.whole("Columns")
+    allocated, signed = one.whole("BitsAllocated"), one.whole("PixelRepresentation") == 1
+    if getattr(element, "is_undefined_length", False):
+        return _trimmed(one, _decompressed(one, element.value), None)
+    little = dataset.original_encoding[1] is not False
+    kind = np.dtype(f"{'<' if little else '>'}{'i' if signed else 'u'}{allocated // 8}")
+    needed, there = rows * columns * kind.itemsize, len(element.value)
+    # Writers pad to an even length, some to a longer unit.
+    if not needed <= there < needed + columns * kind.itemsize:
+        raise InputError(
+            f"{one.path}: its header says {rows} x {columns} pixels, which the file does not hold ({there} bytes of "
+            f"PixelData, {needed} are needed); is the file complete?"
+        )
+    return _trimmed(one, np.frombuffer(element.value, kind, rows * columns).reshape(rows, columns), allocated)
+
+
+def _trimmed(one: Slice, raw: np.ndarray, allocated: int | None) -> tuple[np.ndarray, tuple[int, int] | None]:
+    """The values of the stored bits alone, and the range of padding in the same numbers."""
+    # Bits above and below them may hold an overlay (retired, but archives have it); a decoder of compressed data
+    # (`allocated` is None) leaves them out.
+    stored, high, signed = (one.whole(key) for key in ("BitsStored", "HighBit", "PixelRepresentation"))
+    padding = _padding(one, stored, signed)
+    values = raw.astype(np.int64 if raw.dtype.itemsize > 2 else np.int32)
+    if allocated is None or stored == allocated:
+        return values, padding
+    values >>= high - stored + 1
+    low, top = (-(1 << stored - 1), (1 << stored - 1) - 1) if signed else (0, (1 << stored) - 1)
+    if low <= values.min() and values.max() <= top:
+        return values, padding
+    kept = values & (1 << stored) - 1
+    if signed:
+        kept = np.where(kept > top, kept - (1 << stored), kept)
+    beyond = (values < low) | (values > top)
+    if padding is not None:
+        beyond &= (values < padding[0]) | (values > padding[1])
+        kept = np.where((values >= padding[0]) & (values <= padding[1]), values, kept)
+    # A negative value may be stored with zeros above its sign bit; then the value is what the stored bits say.
+    if signed and not (beyond & ((values < 0) | (values >= 1 << stored))).any():
+        return kept, padding
+    if not beyond.any():
+        return kept, padding
+    raise InputError(
+        f"{one.path}: holds values beyond its {stored} bits stored: BitsStored is wrong, or the bits above hold an "
+        "overlay; export it without overlay"
+    )
+
+
+def _padding(one: Slice, stored: int, signed: int) -> tuple[int, int] | None:
+    """The range of values that stand for no pixel, in the sign of the pixels; None if there is none."""
+    if not one.has("PixelPaddingValue"):
+        return None
+    ends = []
+    for keyword in ("PixelPaddingValue", "PixelPaddingRangeLimit"):
+        value = one.whole(keyword, ends[0] if ends else None)
+        # The attribute is written as US or SS, not always as PixelRepresentation says.
+        value %= 1 << 16
+        ends.append(value - (1 << 16) if signed and value >= 1 << 15 else value)
+    return min(ends), max(ends)
+
+
+def _decompressed(one: Slice, encoded: bytes) -> np.ndarray:
+    """Decode pixel data with SimpleITK."""
+    # It reads a file with these pixel data alone: no rescale and no MONOCHROME1, which it would apply.
+    syntax = UID(one.text("TransferSyntaxUID"))
+    if not syntax:
+        raise InputError(
+            f"{one.path}: has no TransferSyntaxUID, so its compressed pixels cannot be read; export it again"
+        )
+    bare = pydicom.Dataset()
+    bare.file_meta = pydicom.dataset.FileMetaDataset()
+    bare.file_meta.TransferSyntaxUID = syntax
+    bare.SOPClassUID = bare.file_meta.MediaStorageSOPClassUID = SecondaryCaptureImageStorage
+    bare.SOPInstanceUID = bare.file_meta.MediaStorageSOPInstanceUID = "1.2.3"
+    bare.Modality, bare.PhotometricInterpretation = "OT", "MONOCHROME2"
+    for keyword in (
+        "Rows",
+        "Columns",
+        "SamplesPerPixel",
+        "BitsAllocated",
+        "BitsStored",
+        "HighBit",
+        "PixelRepresentation",
+    ):
+        setattr(bare, keyword, one.whole(keyword))
+    bare.PixelData = encoded
+    bare["PixelData"].VR = "OB"
+    bare["PixelData"].is_undefined_length = True
+    try:
+        with tempfile.TemporaryDirectory(prefix="virtual-phantom-") as folder:
+            bare.save_as(Path(folder) / "slice.dcm", enforce_file_format=True)
+            array = sitk.GetArrayFromImage(sitk.ReadImage(str(Path(folder) / "slice.dcm")))
+    except OSError as error:
+        raise InputError(f"{one.path}: no room for temporary files ({error.strerror}); set TMPDIR") from None
+    except (RuntimeError, ValueError) as error:
+        raise InputError(
+            f"{one.path}: pixel data ({syntax.name}) cannot be decoded ({type(error).__name__}); is the file complete?"
+        ) from None
+    array = array.reshape(array.shape[-2:]) if array.ndim == 3 and array.shape[0] == 1 else array
+    if array.shape != (one.whole("Rows"), one.whole("Columns")):
+        raise InputError(
+            f"{one.path}: its header says {one.whole('Rows')} x {one.whole('Columns')} pixels, its compressed data "
+            f"hold {' x '.join(map(str, array.shape))}; is the file complete?"
+        )
+    return array
+
+
+def _check_length(one: Slice) -> None:
+    """Refuse a header that says more pixels than the file can hold, before memory is taken for them."""
+    syntax = UID(one.text("TransferSyntaxUID"))
+    if syntax and not (syntax.is_valid and not syntax.is_private and syntax.is_transfer_syntax):
+        raise InputError(f"{one.path}: TransferSyntaxUID is no known one; export it as Explicit VR Little Endian")
+    rows, columns = one.whole("Rows"), one.whole("Columns")
+    if syntax and syntax.is_encapsulated and syntax != DeflatedExplicitVRLittleEndian:
+        return
+    most = one.path.stat().st_size * (DEFLATE_MOST if syntax == DeflatedExplicitVRLittleEndian else 1)
+    if rows * columns * one.whole("BitsAllocated") / 8 > most:
+        raise InputError(
+            f"{one.path}: cannot be read as DICOM (its header says {rows} x {columns} pixels, which the file does not "
+            "hold); is the file complete?"
+        )
