@@ -26,6 +26,7 @@ from ..base.console import note
 from ..base.errors import InputError
 
 LONGEST_CODE = 16  # characters of a DICOM code string
+LONGEST_FIRST = 1024  # bytes of the first element of a file, a length, a version, a character set or a UID
 LONGEST_QUOTE = 40  # characters of a number that a message quotes
 NUMBER_CHARACTERS = frozenset("0123456789+-.,eE \\")
 NEEDED = ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "Rows", "Columns")
@@ -301,13 +302,20 @@ def not_dicom(path: Path) -> str:
         raise InputError(f"{path}: cannot be opened ({error.strerror}); change its permissions") from None
     if not start:
         return "an empty file"
-    if start[128:] == b"DICM" or start[:4] in (b"\x02\x00\x00\x00", b"\x02\x00\x01\x00"):
-        return ""
-    if len(start) > 8 and (start[:2] == b"\x08\x00" or start[:3] == b"\x00\x08\x00") and b"\0" in start[2:8]:
+    if start[128:] == b"DICM" or _starts_with_element(start):
         return ""
     if start[:2] == b"PK" or start[:2] == b"\x1f\x8b" or start[:6] in (b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07"):
         return "an archive; unpack it to use what is in it"
     return "not DICOM"
+
+
+def _starts_with_element(start: bytes) -> bool:
+    """True if bytes are an element of group 2 or 8, with a value representation or with a short length."""
+    for order, group in (("little", start[:2]), ("big", start[1::-1])):
+        if group in (b"\x02\x00", b"\x08\x00") and len(start) >= 8:
+            letters = start[4:6].isalpha() and start[4:6].isupper()
+            return letters or int.from_bytes(start[4:8], order) <= LONGEST_FIRST
+    return False
 
 
 def read_header(path: Path) -> Slice | None:

@@ -93,7 +93,7 @@ def _check(one: Slice) -> None:
     allocated, stored, high = (one.whole(key) for key in ("BitsAllocated", "BitsStored", "HighBit"))
     if allocated not in (16, 32):
         raise InputError(f"{one.path}: BitsAllocated is {allocated}; CT slices have 16")
-    if not 8 < stored <= allocated or not stored - 1 <= high < allocated:
+    if not 8 < stored <= allocated or high != stored - 1:
         raise InputError(
             f"{one.path}: BitsStored {stored} and HighBit {high} do not fit BitsAllocated {allocated}; correct them"
         )
@@ -209,14 +209,13 @@ def _stored(one: Slice) -> tuple[np.ndarray, tuple[int, int] | None]:
 
 def _trimmed(one: Slice, raw: np.ndarray, allocated: int | None) -> tuple[np.ndarray, tuple[int, int] | None]:
     """The values of the stored bits alone, and the range of padding in the same numbers."""
-    # Bits above and below them may hold an overlay (retired, but archives have it); a decoder of compressed data
+    # Bits above them may hold an overlay (retired, but archives have it); a decoder of compressed data
     # (`allocated` is None) leaves them out.
-    stored, high, signed = (one.whole(key) for key in ("BitsStored", "HighBit", "PixelRepresentation"))
+    stored, signed = one.whole("BitsStored"), one.whole("PixelRepresentation")
     padding = _padding(one, stored, signed)
     values = raw.astype(np.int64 if raw.dtype.itemsize > 2 else np.int32)
     if allocated is None or stored == allocated:
         return values, padding
-    values >>= high - stored + 1
     low, top = (-(1 << stored - 1), (1 << stored - 1) - 1) if signed else (0, (1 << stored) - 1)
     if low <= values.min() and values.max() <= top:
         return values, padding
