@@ -45,8 +45,8 @@ ATTRIBUTES = """SOPClassUID SOPInstanceUID SeriesInstanceUID StudyInstanceUID Fr
 SeriesNumber AcquisitionNumber InstanceNumber ImagePositionPatient ImageOrientationPatient PixelSpacing SliceThickness
 SliceLocation SpacingBetweenSlices Rows Columns SamplesPerPixel PhotometricInterpretation BitsAllocated BitsStored
 HighBit PixelRepresentation RescaleSlope RescaleIntercept RescaleType PixelPaddingValue WindowCenter WindowWidth
-NumberOfFrames GantryDetectorTilt KVP ConvolutionKernel Manufacturer ManufacturerModelName XRayTubeCurrent Exposure CTDIvol
-PatientPosition LossyImageCompression SpecificCharacterSet PixelData""".split()
+NumberOfFrames GantryDetectorTilt KVP ConvolutionKernel Manufacturer ManufacturerModelName XRayTubeCurrent Exposure
+CTDIvol PatientPosition LossyImageCompression SpecificCharacterSet PixelData""".split()
 KINDS = ("missing", "empty", "wrong type", "inconsistent")
 ODD_TEXTS = (
     "0",
@@ -243,12 +243,20 @@ def spoil(slices: list[pydicom.Dataset], attribute: str, kind: str, random: np.r
         else:
             with pydicom.config.disable_value_validation():
                 value = _other(one, attribute, np.random.default_rng(drawn))
-                one[tag].value = value
+                if tag in one:
+                    one[tag].value = value
     return f"{attribute} {kind} {str(value)[:60]} as {vr} in {'all slices' if len(some) > 1 else f'slice {place}'}"
 
 
 def _other(one: pydicom.Dataset, attribute: str, random: np.random.Generator) -> object:
     """Another value that the attribute may have."""
+    try:
+        return _another(one, attribute, random)
+    except (TypeError, ValueError):  # an attribute that an earlier damage has left without numbers
+        return None
+
+
+def _another(one: pydicom.Dataset, attribute: str, random: np.random.Generator) -> object:
     if attribute in OTHER_VALUES:
         return OTHER_VALUES[attribute][random.integers(len(OTHER_VALUES[attribute]))]
     if attribute == "PixelData":

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import struct
+import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,8 @@ KEYWORDS = (
     *("CTDIvol", *NEEDED, *PIXEL),
 )
 TAGS = {keyword: tag_for_keyword(keyword) for keyword in KEYWORDS}
+OVERLAY = "OverlayBitPosition"
+OVERLAYS = [(group << 16) + 0x0102 for group in range(0x6000, 0x6020, 2)]  # of up to 16 overlays (PS3.5, 7.6)
 TEXTS = {"Manufacturer", "ManufacturerModelName", "ConvolutionKernel"}  # their characters depend on the character set
 SEQUENCES = {"ModalityLUTSequence", "RealWorldValueMappingSequence"}
 BINARY = {"US": "H", "SS": "h", "UL": "I", "SL": "i", "FL": "f", "FD": "d", "UV": "Q", "SV": "q"}
@@ -332,14 +335,24 @@ def read_header(path: Path) -> Slice | None:
         If its header is damaged.
     """
     try:
-        header = pydicom.dcmread(path, stop_before_pixels=True, force=True, specific_tags=list(TAGS))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pydicom's quote the header; values are checked here
+            header = pydicom.dcmread(
+                path, stop_before_pixels=True, force=True, specific_tags=[*TAGS.values(), *OVERLAYS]
+            )
+            return _header(path, header)
     except Exception as error:  # of many types; its words may quote the header
         raise InputError(f"{path}: cannot be read as DICOM ({type(error).__name__}); is the file complete?") from None
+
+
+def _header(path: Path, header: pydicom.Dataset) -> Slice | None:
     little = header.original_encoding[1] is not False
     values = {}
     for keyword, tag in TAGS.items():
         if tag in header and (value := _plain(header, keyword, little)):
             values[keyword] = value
+    if any(tag in header and (header.get_item(tag).value or b"\0\0") != b"\0\0" for tag in OVERLAYS):
+        values[OVERLAY] = ("there",)
     if "SOPClassUID" not in values and (stored := header.file_meta.get("MediaStorageSOPClassUID")):
         values["SOPClassUID"] = (str(stored),)
     if syntax := header.file_meta.get("TransferSyntaxUID"):

@@ -7,6 +7,7 @@ files, it inverts MONOCHROME1, which concerns the display alone (PS3.3, C.7.6.3.
 from __future__ import annotations
 
 import tempfile
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,8 +20,9 @@ from scipy import ndimage
 from ..base.console import note
 from ..base.errors import InputError
 from ..base.units import HU_AIR
-from .dicom_files import BROKEN, HOUNSFIELD, Slice
+from .dicom_files import BROKEN, HOUNSFIELD, OVERLAY, Slice
 
+UNDEFINED_LENGTH = 0xFFFFFFFF  # of encapsulated, that is compressed, pixel data (PS3.5, A.4)
 DEFLATE_MOST = 1032  # bytes that one byte of deflate represents at most: 258 of them in 2 bits (RFC 1951)
 # Between these, padding looks like tissue. Below is air, and what scanners write outside of the scanned circle.
 TISSUE_HU = (-900.0, 3071.0)
@@ -142,7 +144,7 @@ def read_into(slices: Sequence[Slice], array: np.ndarray, name: object) -> None:
     """
     padded = 0
     for one, target in zip(slices, array, strict=True):
-        stored, padding = _stored(one)
+        stored, padding = _stored(one), _padding(one)
         scaled = stored * np.float64(one.number("RescaleSlope"))
         scaled += one.number("RescaleIntercept")
         target[:] = scaled
@@ -164,7 +166,7 @@ def read_into(slices: Sequence[Slice], array: np.ndarray, name: object) -> None:
 
 def same_pixels(one: Slice, other: Slice) -> bool:
     """True if two slices have the same values in HU."""
-    hu = [_stored(each)[0] * each.number("RescaleSlope") + each.number("RescaleIntercept") for each in (one, other)]
+    hu = [_stored(each) * each.number("RescaleSlope") + each.number("RescaleIntercept") for each in (one, other)]
     return np.array_equal(*hu)
 
 
@@ -179,10 +181,11 @@ def _outside(stored: np.ndarray, padding: tuple[int, int], hu: np.ndarray) -> np
     return np.isin(labels, border[border > 0])
 
 
-def _stored(one: Slice) -> tuple[np.ndarray, tuple[int, int] | None]:
-    """Stored values of a slice as int32 or int64, and the range of padding."""
+def _stored(one: Slice) -> np.ndarray:
+    """Stored values of a slice, in 64 bits, so that no arithmetic wraps."""
     try:
-        with pydicom.config.disable_value_validation():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             dataset = pydicom.dcmread(one.path, force=True, specific_tags=["PixelData"])
             element = dataset.get_item("PixelData")
     except Exception as error:  # of many types; its words may quote the header
@@ -193,60 +196,54 @@ def _stored(one: Slice) -> tuple[np.ndarray, tuple[int, int] | None]:
         raise InputError(f"{one.path}: has no PixelData; is the file complete?")
     rows, columns = one.whole("Rows"), one.whole("Columns")
     allocated, signed = one.whole("BitsAllocated"), one.whole("PixelRepresentation") == 1
-    if getattr(element, "is_undefined_length", False):
-        return _trimmed(one, _decompressed(one, element.value), None)
+    if getattr(element, "length", 0) == UNDEFINED_LENGTH:
+        return _decompressed(one, element.value).astype(np.int64)
     little = dataset.original_encoding[1] is not False
     kind = np.dtype(f"{'<' if little else '>'}{'i' if signed else 'u'}{allocated // 8}")
     needed, there = rows * columns * kind.itemsize, len(element.value)
-    # Writers pad to an even length, some to a longer unit.
-    if not needed <= there < needed + columns * kind.itemsize:
+    # Writers pad with zeros, to an even length or, rarely, by a row.
+    padded = needed <= there < needed + 2 * columns * kind.itemsize and not any(element.value[needed:])
+    if not padded:
         raise InputError(
             f"{one.path}: its header says {rows} x {columns} pixels, which the file does not hold ({there} bytes of "
             f"PixelData, {needed} are needed); is the file complete?"
         )
-    return _trimmed(one, np.frombuffer(element.value, kind, rows * columns).reshape(rows, columns), allocated)
+    raw = np.frombuffer(element.value, kind, rows * columns).reshape(rows, columns)
+    return _trimmed(one, raw.astype(np.int64))
 
 
-def _trimmed(one: Slice, raw: np.ndarray, allocated: int | None) -> tuple[np.ndarray, tuple[int, int] | None]:
-    """The values of the stored bits alone, and the range of padding in the same numbers."""
-    # Bits above them may hold an overlay (retired, but archives have it); a decoder of compressed data
-    # (`allocated` is None) leaves them out.
+def _trimmed(one: Slice, raw: np.ndarray) -> np.ndarray:
+    """The values of the stored bits alone: bits above them may hold an overlay (retired, but archives have it)."""
     stored, signed = one.whole("BitsStored"), one.whole("PixelRepresentation")
-    padding = _padding(one, stored, signed)
-    values = raw.astype(np.int64 if raw.dtype.itemsize > 2 else np.int32)
-    if allocated is None or stored == allocated:
-        return values, padding
+    if stored == one.whole("BitsAllocated"):
+        return raw
     low, top = (-(1 << stored - 1), (1 << stored - 1) - 1) if signed else (0, (1 << stored) - 1)
-    if low <= values.min() and values.max() <= top:
-        return values, padding
-    kept = values & (1 << stored) - 1
-    if signed:
-        kept = np.where(kept > top, kept - (1 << stored), kept)
-    beyond = (values < low) | (values > top)
-    if padding is not None:
-        beyond &= (values < padding[0]) | (values > padding[1])
-        kept = np.where((values >= padding[0]) & (values <= padding[1]), values, kept)
-    # A negative value may be stored with zeros above its sign bit; then the value is what the stored bits say.
-    if signed and not (beyond & ((values < 0) | (values >= 1 << stored))).any():
-        return kept, padding
+    beyond = (raw < low) | (raw > top)
     if not beyond.any():
-        return kept, padding
-    raise InputError(
-        f"{one.path}: holds values beyond its {stored} bits stored: BitsStored is wrong, or the bits above hold an "
-        "overlay; export it without overlay"
-    )
+        return raw
+    if one.has(OVERLAY):
+        kept = raw & (1 << stored) - 1
+        return np.where(kept > top, kept - (1 << stored), kept)
+    if (padding := _padding(one)) is not None:
+        beyond &= (raw < padding[0]) | (raw > padding[1])
+    if beyond.any():
+        raise InputError(
+            f"{one.path}: holds values beyond its {stored} bits stored, so BitsStored or PixelRepresentation is wrong; "
+            "correct it"
+        )
+    return raw
 
 
-def _padding(one: Slice, stored: int, signed: int) -> tuple[int, int] | None:
+def _padding(one: Slice) -> tuple[int, int] | None:
     """The range of values that stand for no pixel, in the sign of the pixels; None if there is none."""
     if not one.has("PixelPaddingValue"):
         return None
-    ends = []
+    bits, signed, ends = one.whole("BitsAllocated"), one.whole("PixelRepresentation"), []
     for keyword in ("PixelPaddingValue", "PixelPaddingRangeLimit"):
         value = one.whole(keyword, ends[0] if ends else None)
         # The attribute is written as US or SS, not always as PixelRepresentation says.
-        value %= 1 << 16
-        ends.append(value - (1 << 16) if signed and value >= 1 << 15 else value)
+        value %= 1 << bits if value >= 0 or bits == 32 else 1 << 16
+        ends.append(value - (1 << bits) if signed and value >= 1 << bits - 1 else value)
     return min(ends), max(ends)
 
 
