@@ -49,6 +49,7 @@ SEQUENCES = {"ModalityLUTSequence", "RealWorldValueMappingSequence"}
 BINARY = {"US": "H", "SS": "h", "UL": "I", "SL": "i", "FL": "f", "FD": "d", "UV": "Q", "SV": "q"}
 BROKEN = object()  # the attribute is there, but its bytes are no value
 HOUNSFIELD = "[hnsf'U]"  # code of the Hounsfield unit in UCUM, which DICOM uses
+EMPTY, MISSING = "an empty file", "a link to a file that is missing"
 MULTI_FRAME = {EnhancedCTImageStorage, LegacyConvertedEnhancedCTImageStorage}
 
 # Beginnings of words in ImageType, blanks as underscores, of images whose values are not HU of the location: material
@@ -216,23 +217,26 @@ def folders_under(root: Path, unused: Unused) -> Iterator[Path]:
             inner.clear()
             continue
         seen.add(real)
-        for hidden in sorted(one for one in inner if _is_hidden(one)):
+        for hidden in sorted(one for one in inner if is_hidden(one)):
             unused.add(folder / hidden, "a hidden or system folder")
-        inner[:] = sorted(one for one in inner if not _is_hidden(one))
+        inner[:] = sorted(one for one in inner if not is_hidden(one))
         yield folder
 
 
 def files_in(folder: Path) -> list[Path]:
     """Everything in a folder that is not a folder, in the order of the names; links to nothing too."""
     try:
-        return sorted(path for path in folder.iterdir() if not path.is_dir())
+        # A .sha256 is the checksum that Virtual Phantom keeps of a file that it wrote.
+        paths = sorted(path for path in folder.iterdir() if not (is_hidden(path.name) and path.suffix == ".sha256"))
+        return [path for path in paths if not path.is_dir()]
     except NotADirectoryError:
         raise InputError(f"{folder}: is not a folder; give a folder with one CT series") from None
     except OSError as error:
         raise InputError(f"{folder}: cannot be opened ({error.strerror}); give a folder with one CT series") from None
 
 
-def _is_hidden(name: str) -> bool:
+def is_hidden(name: str) -> bool:
+    """True for files and folders of the system: names that start with a dot, and those of Windows and macOS."""
     return name.startswith(".") or name.lower() in ("thumbs.db", "desktop.ini", "__macosx")
 
 
@@ -257,9 +261,8 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
     """
     slices, others = [], []
     for path in paths:
-        if _is_hidden(path.name):
-            if not path.name.endswith(".sha256"):  # the checksum that Virtual Phantom keeps of a file that it wrote
-                unused.add(path, "a hidden or system file")
+        if is_hidden(path.name):
+            unused.add(path, "a hidden or system file")
             continue
         if reason := not_dicom(path):
             others.append((path, reason))
@@ -271,14 +274,33 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
             unused.add(path, reason, header)
         else:
             slices.append(header)
-    suffixes = {one.path.suffix.lower() for one in slices}
+    add_others(others, [one.path for one in slices], unused)
+    return slices
+
+
+def add_others(others: Iterable[tuple[Path, str]], used: Iterable[Path], unused: Unused) -> None:
+    """Add files that are not DICOM to those that are not used.
+
+    Parameters
+    ----------
+    others : iterable of (Path, str)
+        Each with its reason.
+    used : iterable of Path
+        The files that are read.
+    unused : Unused
+
+    Raises
+    ------
+    InputError
+        If a file is named as those that are read, so that it may be a damaged one.
+    """
+    suffixes = {path.suffix.lower() for path in used}
     suffixes = {suffix for suffix in suffixes if not suffix[1:].isdigit()}  # names that are UIDs end in a number
     for path, reason in others:
-        bare = path.with_suffix("") if path.suffix.lower() == ".gz" else path
-        if bare.suffix.lower() in suffixes and (bare.suffix or "empty" in reason):
+        suffix = (path.with_suffix("") if path.suffix.lower() == ".gz" else path).suffix.lower()
+        if suffix in suffixes and (suffix or reason in (EMPTY, MISSING)):
             raise InputError(f"{path}: {reason}, but named as the slices are; copy it again, or move it elsewhere")
         unused.add(path, reason)
-    return slices
 
 
 def not_dicom(path: Path) -> str:
@@ -297,14 +319,14 @@ def not_dicom(path: Path) -> str:
         If the file cannot be opened.
     """
     if not path.is_file():
-        return "a link to a file that is missing" if path.is_symlink() and not path.exists() else "not a regular file"
+        return MISSING if path.is_symlink() and not path.exists() else "not a regular file"
     try:
         with path.open("rb") as file:
             start = file.read(132)
     except OSError as error:
         raise InputError(f"{path}: cannot be opened ({error.strerror}); change its permissions") from None
     if not start:
-        return "an empty file"
+        return EMPTY
     if start[128:] == b"DICM" or _starts_with_element(start):
         return ""
     if start[:2] == b"PK" or start[:2] == b"\x1f\x8b" or start[:6] in (b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07"):
