@@ -9,6 +9,7 @@ lists them and exits with 1.
 """
 
 import argparse
+import contextlib
 import logging
 import shutil
 import sys
@@ -215,7 +216,8 @@ def write(slices: list[pydicom.Dataset], folder: Path) -> None:
     """Write slices without any check of their attributes."""
     folder.mkdir()
     for number, one in enumerate(slices):
-        with pydicom.config.disable_value_validation():
+        with pydicom.config.disable_value_validation(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             one.preamble = bytes(128)
             one.save_as(folder / f"{number}.dcm")
 
@@ -241,7 +243,8 @@ def spoil(slices: list[pydicom.Dataset], attribute: str, kind: str, random: np.r
             value = words + b" " * (len(words) % 2)
             one[tag] = RawDataElement(tag, vr, len(value), value, 0, False, True)
         else:
-            with pydicom.config.disable_value_validation():
+            # An attribute that an earlier damage has left with another type takes no such value.
+            with pydicom.config.disable_value_validation(), contextlib.suppress(TypeError, ValueError):
                 value = _other(one, attribute, np.random.default_rng(drawn))
                 if tag in one:
                     one[tag].value = value
@@ -250,13 +253,6 @@ def spoil(slices: list[pydicom.Dataset], attribute: str, kind: str, random: np.r
 
 def _other(one: pydicom.Dataset, attribute: str, random: np.random.Generator) -> object:
     """Another value that the attribute may have."""
-    try:
-        return _another(one, attribute, random)
-    except (TypeError, ValueError):  # an attribute that an earlier damage has left without numbers
-        return None
-
-
-def _another(one: pydicom.Dataset, attribute: str, random: np.random.Generator) -> object:
     if attribute in OTHER_VALUES:
         return OTHER_VALUES[attribute][random.integers(len(OTHER_VALUES[attribute]))]
     if attribute == "PixelData":

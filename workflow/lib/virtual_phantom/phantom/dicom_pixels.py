@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pydicom
 import SimpleITK as sitk
+from pydicom.dataelem import RawDataElement
 from pydicom.uid import UID, DeflatedExplicitVRLittleEndian, SecondaryCaptureImageStorage
 from scipy import ndimage
 
@@ -77,10 +78,8 @@ def _note(slices: Sequence[Slice], name: object, keyword: str, value: tuple[str,
 def _check(one: Slice) -> None:
     if one.has("ModalityLUTSequence"):
         raise InputError(f"{one.path}: has a ModalityLUTSequence instead of RescaleSlope; export it with HU")
-    if not one.has("RescaleSlope") or not one.has("RescaleIntercept"):
-        raise InputError(
-            f"{one.path}: has no RescaleSlope and RescaleIntercept, so its values cannot be turned into HU"
-        )
+    if missing := [keyword for keyword in ("RescaleSlope", "RescaleIntercept") if not one.has(keyword)]:
+        raise InputError(f"{one.path}: has no {' and '.join(missing)}, so its values cannot be turned into HU")
     slope, intercept = one.number("RescaleSlope"), one.number("RescaleIntercept")
     if slope == 0:
         raise InputError(f"{one.path}: RescaleSlope is 0, so all its values are equal; correct it")
@@ -183,22 +182,11 @@ def _outside(stored: np.ndarray, padding: tuple[int, int], hu: np.ndarray) -> np
 
 def _stored(one: Slice) -> np.ndarray:
     """Stored values of a slice, in 64 bits, so that no arithmetic wraps."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            dataset = pydicom.dcmread(one.path, force=True, specific_tags=["PixelData"])
-            element = dataset.get_item("PixelData")
-    except Exception as error:  # of many types; its words may quote the header
-        raise InputError(
-            f"{one.path}: cannot be read as DICOM ({type(error).__name__}); is the file complete?"
-        ) from None
-    if element is None or not element.value:
-        raise InputError(f"{one.path}: has no PixelData; is the file complete?")
+    element, little = _pixel_data(one)
     rows, columns = one.whole("Rows"), one.whole("Columns")
     allocated, signed = one.whole("BitsAllocated"), one.whole("PixelRepresentation") == 1
     if getattr(element, "length", 0) == UNDEFINED_LENGTH:
         return _decompressed(one, element.value).astype(np.int64)
-    little = dataset.original_encoding[1] is not False
     kind = np.dtype(f"{'<' if little else '>'}{'i' if signed else 'u'}{allocated // 8}")
     needed, there = rows * columns * kind.itemsize, len(element.value)
     # Writers pad with zeros, to an even length or, rarely, by a row.
@@ -210,6 +198,22 @@ def _stored(one: Slice) -> np.ndarray:
         )
     raw = np.frombuffer(element.value, kind, rows * columns).reshape(rows, columns)
     return _trimmed(one, raw.astype(np.int64))
+
+
+def _pixel_data(one: Slice) -> tuple[RawDataElement, bool]:
+    """The element with the pixels, and whether its bytes are little-endian."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            dataset = pydicom.dcmread(one.path, force=True, specific_tags=["PixelData"])
+            element = dataset.get_item("PixelData")
+    except Exception as error:  # of many types; its words may quote the header
+        raise InputError(
+            f"{one.path}: cannot be read as DICOM ({type(error).__name__}); is the file complete?"
+        ) from None
+    if element is None or not element.value:
+        raise InputError(f"{one.path}: has no PixelData; is the file complete?")
+    return element, dataset.original_encoding[1] is not False
 
 
 def _trimmed(one: Slice, raw: np.ndarray) -> np.ndarray:
@@ -303,6 +307,7 @@ def _check_length(one: Slice) -> None:
         return
     most = one.path.stat().st_size * (DEFLATE_MOST if syntax == DeflatedExplicitVRLittleEndian else 1)
     if rows * columns * one.whole("BitsAllocated") / 8 > most:
+        _pixel_data(one)
         raise InputError(
             f"{one.path}: cannot be read as DICOM (its header says {rows} x {columns} pixels, which the file does not "
             "hold); is the file complete?"
