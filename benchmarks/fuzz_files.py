@@ -150,11 +150,12 @@ def run_dicom(runs: int, seed: int, scratch: Path) -> Iterator[tuple[str, Result
     whole = scratch / "whole"
     write(slices, whole)
     undamaged = read_hu(whole)
+    pairs = [(attribute, kind) for attribute in ATTRIBUTES for kind in KINDS]
+    random.shuffle(pairs)
     for number in range(runs):
         folder = scratch / "series"
         shutil.rmtree(folder, ignore_errors=True)
         damaged = [pydicom.dcmread(path) for path in sorted(whole.iterdir())]
-        pairs = [(attribute, kind) for attribute in ATTRIBUTES for kind in KINDS]
         # Each attribute and kind once, then combinations.
         chosen = [pairs[number]] if number < len(pairs) else []
         while not chosen or (number >= len(pairs) and len(chosen) < 3 and random.random() < 0.5):

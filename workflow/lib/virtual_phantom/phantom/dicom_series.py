@@ -40,6 +40,7 @@ LARGEST_DISPLACEMENT = 0.5
 # Largest disagreement between slices, in voxels at the border of a slice or in distance between slices. A missing slice
 # moves its neighbors by at least a third of a voxel from the line that fits best (3 slices), by more with more slices.
 LARGEST_DISAGREEMENT = 0.1
+SQUARE = 0.01  # share by which sides of a pixel may differ: reconstructed CT has square pixels, up to rounding
 LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 LISTED = 4  # series that a message names
 
@@ -402,6 +403,8 @@ def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
             f"{name}: slices are slightly tilted or unevenly placed; reading them as upright moves voxels by at most "
             f"{moved:.2g} mm"
         )
+    if abs(row_spacing / column_spacing - 1) > SQUARE:
+        note(f"{name}: PixelSpacing is {row_spacing:g} x {column_spacing:g} mm; CT pixels are square: is it right?")
     affine = np.eye(4)
     affine[:3, 0], affine[:3, 1] = axes[0] * column_spacing, axes[1] * row_spacing
     affine[:3, 2], affine[:3, 3] = (0, 0, step), positions[0] + shift
