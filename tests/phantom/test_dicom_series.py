@@ -148,7 +148,7 @@ def test_every_transfer_syntax_gives_the_stored_values(syntax, signed, slices, t
     assert_object(folder)
 
 
-def test_values_are_those_of_pydicom(slices, tmp_path):
+def test_values_are_those_of_pydicom(slices, tmp_path, notes):
     """Slopes that differ, MONOCHROME1, and as pydicom's own rescale has it."""
     for k, one in enumerate(slices):
         one.PhotometricInterpretation, one.RescaleSlope, one.RescaleIntercept = "MONOCHROME1", 1 + k / 8, -1024 - 7 * k
@@ -157,6 +157,18 @@ def test_values_are_those_of_pydicom(slices, tmp_path):
     for k, one in enumerate(slices):
         expected = pydicom.pixels.apply_rescale(one.pixel_array, one)
         np.testing.assert_allclose(array[k], expected[::-1, ::-1], atol=1e-3)
+    assert notes() == [
+        "RescaleSlope and RescaleIntercept differ between slices; each slice is read with its own",
+        "PhotometricInterpretation is MONOCHROME1 in 14 of 14 slices: it concerns the display; values are as stored",
+    ]
+
+
+def test_a_rescale_that_differs_in_a_few_slices_is_refused(slices, tmp_path):
+    slices[5].RescaleIntercept = -1000
+    message = (
+        "009.dcm: RescaleSlope and RescaleIntercept are 1 and -1000, those of most slices 1 and -1024; correct them"
+    )
+    refused(write_series(slices, tmp_path / "series"), message)
 
 
 def test_a_slice_that_looks_damaged_is_refused_and_not_passed_over(slices, tmp_path):
@@ -265,9 +277,13 @@ def test_the_folder_below_is_named(slices, tmp_path):
         ({"NumberOfFrames": 14}, "multi-frame (14 frames)"),
         ({"BitsAllocated": 8}, "BitsAllocated is 8: a screen capture or a display window"),
         ({"SamplesPerPixel": 3}, "three samples per pixel"),
-        ({"RescaleSlope": 0}, "RescaleSlope is 0, so all its values are equal"),
+        (
+            {"RescaleSlope": 0},
+            "RescaleSlope is 0, so all values of 12 bits lie within 0 HU, less than from air to water",
+        ),
+        ({"RescaleSlope": "1e-30"}, "RescaleSlope is 1e-30, so all values of 12 bits lie within"),
         ({"PixelRepresentation": 7}, "PixelRepresentation is 7; it must be 0 or 1"),
-        ({"BitsStored": 9, "HighBit": 8}, "holds values beyond its 9 bits stored"),
+        ({"BitsStored": 10, "HighBit": 9}, "holds values beyond its 10 bits stored"),
         ({"HighBit": 15}, "BitsStored 12 and HighBit 15 do not fit BitsAllocated 16"),
         ({"RescaleSlope": 40}, "which no CT has; is PixelRepresentation (signed or not) or RescaleSlope wrong?"),
         (

@@ -269,7 +269,7 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
             continue
         header = read_header(path)
         if header is None:
-            others.append((path, "not DICOM"))
+            others.append((path, "DICOM without a SOP class or a modality, so no image"))
         elif reason := _unusable(header):
             unused.add(path, reason, header)
         else:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import warnings
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -27,6 +28,7 @@ UNDEFINED_LENGTH = 0xFFFFFFFF  # of encapsulated, that is compressed, pixel data
 DEFLATE_MOST = 1032  # bytes that one byte of deflate represents at most: 258 of them in 2 bits (RFC 1951)
 # Between these, padding looks like tissue. Below is air, and what scanners write outside of the scanned circle.
 TISSUE_HU = (-900.0, 3071.0)
+WATER_TO_AIR_HU = 1000.0  # by the definition of the scale
 # Scanners store HU - 1024 in 12 bits, or up to 30,710 HU in the extended scale (Siemens); more is no CT number.
 HIGHEST_HU = 31_743.0  # 2^15 - 1 - 1024
 
@@ -53,13 +55,7 @@ def check_pixels(slices: Sequence[Slice], name: object) -> None:
                 f"{one.path}: PixelRepresentation differs from {first.path.name}, so one of them has the wrong sign; "
                 "correct it"
             )
-    pairs = {(one.number("RescaleSlope"), one.number("RescaleIntercept")) for one in slices}
-    if len(pairs) > 1:
-        (low, base), (high, top) = min(pairs), max(pairs)
-        note(
-            f"{name}: RescaleSlope and RescaleIntercept differ between slices ({low:g} and {base:g} to {high:g} and "
-            f"{top:g}); each slice is read with its own"
-        )
+    _check_rescale(slices, name)
     _note(slices, name, "PhotometricInterpretation", ("MONOCHROME1",), "it concerns the display; values are as stored")
     _note(slices, name, "LossyImageCompression", ("01",), "values were changed by lossy compression")
     _note(slices, name, "BurnedInAnnotation", ("YES",), "there may be text in the image")
@@ -67,6 +63,22 @@ def check_pixels(slices: Sequence[Slice], name: object) -> None:
         some = [one for one in slices if word in one.text("ImageType").split("/")]
         if some:
             note(f"{name}: ImageType is {word}: a reformatted image, whose noise is not the scanner's")
+
+
+def _check_rescale(slices: Sequence[Slice], name: object) -> None:
+    """Refuse a rescale that differs in a minority of slices; programs that scale slice by slice have no majority."""
+    pairs = [(one.number("RescaleSlope"), one.number("RescaleIntercept")) for one in slices]
+    (usual, count), *others = Counter(pairs).most_common()
+    if not others:
+        return
+    odd = pairs.index(others[0][0])
+    words = "RescaleSlope and RescaleIntercept"
+    if count > len(slices) / 2:
+        raise InputError(
+            f"{slices[odd].path}: {words} are {pairs[odd][0]:g} and {pairs[odd][1]:g}, those of most slices {usual[0]:g} "
+            f"and {usual[1]:g}; correct them"
+        )
+    note(f"{name}: {words} differ between slices; each slice is read with its own")
 
 
 def _note(slices: Sequence[Slice], name: object, keyword: str, value: tuple[str, ...], meaning: str) -> None:
@@ -81,8 +93,6 @@ def _check(one: Slice) -> None:
     if missing := [keyword for keyword in ("RescaleSlope", "RescaleIntercept") if not one.has(keyword)]:
         raise InputError(f"{one.path}: has no {' and '.join(missing)}, so its values cannot be turned into HU")
     slope, intercept = one.number("RescaleSlope"), one.number("RescaleIntercept")
-    if slope == 0:
-        raise InputError(f"{one.path}: RescaleSlope is 0, so all its values are equal; correct it")
     if not one.has("PhotometricInterpretation"):
         raise InputError(f"{one.path}: has no PhotometricInterpretation; export the series again")
     if one.text("PhotometricInterpretation") not in ("MONOCHROME1", "MONOCHROME2"):
@@ -97,6 +107,11 @@ def _check(one: Slice) -> None:
     if not 8 < stored <= allocated or high != stored - 1:
         raise InputError(
             f"{one.path}: BitsStored {stored} and HighBit {high} do not fit BitsAllocated {allocated}; correct them"
+        )
+    if abs(slope) * 2**stored < WATER_TO_AIR_HU:
+        raise InputError(
+            f"{one.path}: RescaleSlope is {slope:g}, so all values of {stored} bits lie within "
+            f"{abs(slope) * 2**stored:.3g} HU, less than from air to water; correct it"
         )
     if one.whole("PixelRepresentation") not in (0, 1):
         raise InputError(f"{one.path}: PixelRepresentation is {one.whole('PixelRepresentation')}; it must be 0 or 1")
