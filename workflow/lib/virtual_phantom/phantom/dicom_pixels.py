@@ -75,8 +75,8 @@ def _check_rescale(slices: Sequence[Slice], name: object) -> None:
     words = "RescaleSlope and RescaleIntercept"
     if count > len(slices) / 2:
         raise InputError(
-            f"{slices[odd].path}: {words} are {pairs[odd][0]:g} and {pairs[odd][1]:g}, those of most slices {usual[0]:g} "
-            f"and {usual[1]:g}; correct them"
+            f"{slices[odd].path}: {words} are {pairs[odd][0]:g} and {pairs[odd][1]:g}, those of most slices "
+            f"{usual[0]:g} and {usual[1]:g}; correct them"
         )
     note(f"{name}: {words} differ between slices; each slice is read with its own")
 
