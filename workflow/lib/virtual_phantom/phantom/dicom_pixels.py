@@ -6,11 +6,12 @@ files, it inverts MONOCHROME1, which concerns the display alone (PS3.3, C.7.6.3.
 
 from __future__ import annotations
 
+import functools
+import io
 import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pydicom
@@ -25,6 +26,9 @@ from ..base.units import HU_AIR
 from .dicom_files import BROKEN, HOUNSFIELD, OVERLAY, Slice
 
 UNDEFINED_LENGTH = 0xFFFFFFFF  # of encapsulated, that is compressed, pixel data (PS3.5, A.4)
+START = b"\xe0\x7f\x10\x00OB\0\0\xff\xff\xff\xff"  # of the element of encapsulated pixel data
+END = b"\xfe\xff\xdd\xe0\0\0\0\0"  # its delimiter
+SIZE = ("Rows", "Columns", "SamplesPerPixel", "BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation")
 DEFLATE_MOST = 1032  # bytes that one byte of deflate represents at most: 258 of them in 2 bits (RFC 1951)
 # Between these, padding looks like tissue. Below is air, and what scanners write outside of the scanned circle.
 TISSUE_HU = (-900.0, 3071.0)
@@ -266,6 +270,22 @@ def _padding(one: Slice) -> tuple[int, int] | None:
     return min(ends), max(ends)
 
 
+@functools.lru_cache(maxsize=4)
+def _bare_header(syntax: str, size: tuple[int, ...]) -> bytes:
+    """A DICOM file with nothing but what a decoder needs, up to the pixel data; `size` has the values of SIZE."""
+    bare = pydicom.Dataset()
+    bare.file_meta = pydicom.dataset.FileMetaDataset()
+    bare.file_meta.TransferSyntaxUID = syntax
+    bare.SOPClassUID = bare.file_meta.MediaStorageSOPClassUID = SecondaryCaptureImageStorage
+    bare.SOPInstanceUID = bare.file_meta.MediaStorageSOPInstanceUID = "1.2.3"
+    bare.Modality, bare.PhotometricInterpretation = "OT", "MONOCHROME2"
+    for keyword, value in zip(SIZE, size, strict=True):
+        setattr(bare, keyword, value)
+    file = io.BytesIO()
+    bare.save_as(file, enforce_file_format=True)
+    return file.getvalue()
+
+
 def _decompressed(one: Slice, encoded: bytes) -> np.ndarray:
     """Decode pixel data with SimpleITK."""
     # It reads a file with these pixel data alone: no rescale and no MONOCHROME1, which it would apply.
@@ -274,29 +294,12 @@ def _decompressed(one: Slice, encoded: bytes) -> np.ndarray:
         raise InputError(
             f"{one.path}: has no TransferSyntaxUID, so its compressed pixels cannot be read; export it again"
         )
-    bare = pydicom.Dataset()
-    bare.file_meta = pydicom.dataset.FileMetaDataset()
-    bare.file_meta.TransferSyntaxUID = syntax
-    bare.SOPClassUID = bare.file_meta.MediaStorageSOPClassUID = SecondaryCaptureImageStorage
-    bare.SOPInstanceUID = bare.file_meta.MediaStorageSOPInstanceUID = "1.2.3"
-    bare.Modality, bare.PhotometricInterpretation = "OT", "MONOCHROME2"
-    for keyword in (
-        "Rows",
-        "Columns",
-        "SamplesPerPixel",
-        "BitsAllocated",
-        "BitsStored",
-        "HighBit",
-        "PixelRepresentation",
-    ):
-        setattr(bare, keyword, one.whole(keyword))
-    bare.PixelData = encoded
-    bare["PixelData"].VR = "OB"
-    bare["PixelData"].is_undefined_length = True
+    size = tuple(one.whole(keyword) for keyword in SIZE)
     try:
-        with tempfile.TemporaryDirectory(prefix="virtual-phantom-") as folder:
-            bare.save_as(Path(folder) / "slice.dcm", enforce_file_format=True)
-            array = sitk.GetArrayFromImage(sitk.ReadImage(str(Path(folder) / "slice.dcm")))
+        with tempfile.NamedTemporaryFile(prefix="virtual-phantom-", suffix=".dcm") as file:
+            file.write(_bare_header(syntax, size) + START + encoded + END)
+            file.flush()
+            array = sitk.GetArrayFromImage(sitk.ReadImage(file.name, imageIO="GDCMImageIO"))
     except OSError as error:
         raise InputError(f"{one.path}: no room for temporary files ({error.strerror}); set TMPDIR") from None
     except (RuntimeError, ValueError) as error:
