@@ -182,6 +182,14 @@ def test_a_slice_that_looks_damaged_is_refused_and_not_passed_over(slices, tmp_p
     refused(folder, "015.dcm: a link to a file that is missing, but named as the slices are")
 
 
+@pytest.mark.parametrize("length", [300, 700, 1000, 3000])
+def test_a_slice_that_is_cut_short_is_refused_at_the_end_too(length, slices, tmp_path):
+    folder = tmp_path / "series"
+    write_series(slices, folder)
+    (folder / "001.dcm").write_bytes((folder / "001.dcm").read_bytes()[:length])
+    refused(folder, "001.dcm: ")
+
+
 @pytest.mark.parametrize("number", [0, 6, 13])
 @pytest.mark.parametrize(
     ("attributes", "reason"),

@@ -48,6 +48,7 @@ TEXTS = {"Manufacturer", "ManufacturerModelName", "ConvolutionKernel"}  # their 
 SEQUENCES = {"ModalityLUTSequence", "RealWorldValueMappingSequence"}
 BINARY = {"US": "H", "SS": "h", "UL": "I", "SL": "i", "FL": "f", "FD": "d", "UV": "Q", "SV": "q"}
 BROKEN = object()  # the attribute is there, but its bytes are no value
+UNDEFINED_LENGTH = 0xFFFFFFFF  # of sequences, and of encapsulated, that is compressed, pixel data (PS3.5, 7.5 and A.4)
 HOUNSFIELD = "[hnsf'U]"  # code of the Hounsfield unit in UCUM, which DICOM uses
 EMPTY, MISSING = "an empty file", "a link to a file that is missing"
 MULTI_FRAME = {EnhancedCTImageStorage, LegacyConvertedEnhancedCTImageStorage}
@@ -371,7 +372,12 @@ def _header(path: Path, header: pydicom.Dataset) -> Slice | None:
     little = header.original_encoding[1] is not False
     values = {}
     for keyword, tag in TAGS.items():
-        if tag in header and (value := _plain(header, keyword, little)):
+        if tag not in header:
+            continue
+        raw = header.get_item(tag)
+        if isinstance(raw, RawDataElement) and UNDEFINED_LENGTH > raw.length > len(raw.value or b""):
+            raise EOFError
+        if value := _plain(header, keyword, little):
             values[keyword] = value
     if any(tag in header and (header.get_item(tag).value or b"\0\0") != b"\0\0" for tag in OVERLAYS):
         values[OVERLAY] = ("there",)

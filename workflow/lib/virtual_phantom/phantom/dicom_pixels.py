@@ -23,9 +23,8 @@ from scipy import ndimage
 from ..base.console import note
 from ..base.errors import InputError
 from ..base.units import HU_AIR
-from .dicom_files import BROKEN, HOUNSFIELD, OVERLAY, Slice
+from .dicom_files import BROKEN, HOUNSFIELD, OVERLAY, UNDEFINED_LENGTH, Slice
 
-UNDEFINED_LENGTH = 0xFFFFFFFF  # of encapsulated, that is compressed, pixel data (PS3.5, A.4)
 START = b"\xe0\x7f\x10\x00OB\0\0\xff\xff\xff\xff"  # of the element of encapsulated pixel data
 END = b"\xfe\xff\xdd\xe0\0\0\0\0"  # its delimiter
 SIZE = ("Rows", "Columns", "SamplesPerPixel", "BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation")

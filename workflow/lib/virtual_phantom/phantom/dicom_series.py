@@ -159,6 +159,8 @@ def series_among(slices: Sequence[Slice], unused: Unused, top: Path) -> list[Ser
     for group in groups:
         if group in stacks:
             continue
+        if not group[0].has("SeriesInstanceUID"):
+            raise InputError(f"{group[0].path}: has no SeriesInstanceUID, as other slices have; is the file complete?")
         if continued := next((stack for stack in stacks if _continues(group[0], stack)), None):
             series = f"{_label(group)}, which continues the series of {continued[0].path.name}"
             raise InputError(
