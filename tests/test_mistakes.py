@@ -86,6 +86,20 @@ def clipped_to_a_window():
     phantom(written(np.clip(np.rint(phantom_files.object_hu() + noise), -160, 240), "ct.nii.gz"))
 
 
+def series(second_kernel=None, **attributes):
+    """The CT as DICOM slices in the folder `series`, with a second series beside them if it has a kernel."""
+    slices = phantom_files.ct_slices()
+    for one in slices:
+        one.ConvolutionKernel = "Br38f"
+        for name, value in attributes.items():
+            setattr(one, name, value)
+    phantom_files.write_series(slices, Path("series"))
+    for number, one in enumerate(phantom_files.ct_slices() if second_kernel else ()):
+        one.ConvolutionKernel, one.SeriesNumber = second_kernel, 2
+        one.save_as(f"series/sharp{number + 1:03d}.dcm", enforce_file_format=True)
+    return phantom("series")
+
+
 def on_another_grid():
     coarse = phantom_files.ball("bright")[::2].astype(np.uint8)
     phantom(roi={"file": written(coarse, "mask.nii.gz", np.diag([2.0, 2, 6, 1]))})
@@ -305,6 +319,8 @@ MISTAKES = {
         "ct.nii.gz",
     ),
     "A box that cuts the body": (lambda: study_of_the_ct(keep_mm=[[-55, 35], [-80, 0]]), "phantom.ct.keep_mm"),
+    "Several series in one folder": (lambda: series("Br59d"), "series"),
+    "A DICOM image that is not in HU": (lambda: series(RescaleType="MGML"), "series"),
     "NaN in the CT": (with_nan, "ct.nii.gz"),
     "A mask on another grid": (on_another_grid, "mask.nii.gz"),
     "A label that is not in the map": (lambda: phantom(roi={"label": 7}), "labels.nii.gz"),

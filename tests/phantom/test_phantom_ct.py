@@ -286,7 +286,7 @@ def _unplaced(s):
     ("spoil", "match"),
     [
         (_drop, "slices are 3 mm apart, but those at z = 292.5 and 298.5 mm 6 mm: a slice is missing"),
-        (_drop_rescale, "has no RescaleSlope and RescaleIntercept"),
+        (_drop_rescale, "has no RescaleIntercept, so its values cannot be turned into HU"),
         (_second_series, "more than one DICOM series"),
         (_double, "two slices at z = "),
         (_tilt, "tilted or not axial"),

@@ -3,6 +3,7 @@
 import gzip
 import resource
 
+import fuzz_dicom
 import h5py
 import nibabel
 import numpy as np
@@ -10,7 +11,7 @@ import phantom_files
 import pydicom
 import pytest
 import recording_folders as folders
-from hostile import EXAMPLES, outcome
+from hostile import EXAMPLES, outcome, outcomes
 from pydicom.dataelem import RawDataElement
 
 from virtual_phantom.base.errors import InputError
@@ -157,3 +158,11 @@ def test_an_empty_dataset_that_claims_the_moon_is_refused(tmp_path, little_memor
         ] = True
     with pytest.raises(InputError, match="GB of memory"):
         load(folder)
+
+
+def test_damaged_dicom_attributes_change_no_phantom_in_silence(tmp_path):
+    """A sample of benchmarks/fuzz_dicom.py, which counts 2000 runs."""
+    for reader, result in fuzz_dicom.run_dicom(EXAMPLES, 1, tmp_path):
+        outcomes[f"DICOM attributes, {reader}", result.outcome] += 1
+        assert result.outcome not in fuzz_dicom.FAULTS, f"{result.damage}: {result.outcome}: {result.words}"
+        assert "A^B" not in result.words

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
-import pydicom
-
-from ..base.errors import InputError, reading
+from ..base.errors import InputError
 from ..io.files import files_of, sha256
-from ..phantom.dicom_series import read_headers
+from ..phantom.dicom_series import Series, find_series
 from .document import Document
 
 # Nothing but what is listed here leaves a DICOM header (attributes of PS3.3 C.7.5.1, C.7.6.2 and C.8.2.1).
@@ -23,6 +22,8 @@ NUMBERS = {
 # Tube current modulation changes these from slice to slice: their mean is kept.
 MEANS = {"tube_current_ma": "XRayTubeCurrent", "mas": "Exposure", "dose_mgy": "CTDIvol"}
 LONGEST_TEXT = 128  # characters: two values of a DICOM long string
+# Share by which numbers of different headers may differ. Over 512 pixels it adds up to a twentieth of a pixel.
+ROUNDING = 1e-4
 # Repeats share these, or they are no repeats.
 SHARED = ("tube_kvp", "kernel", "slice_thickness_mm", "manufacturer", "model")
 
@@ -48,6 +49,11 @@ def checksums(document: Document) -> dict[str, str | list[str]]:
 
 
 def dicom_facts(folder: Path) -> dict[str, str | float | list[float]]:
+    """What the headers of the one series in a folder say of the scan, as `series_facts`."""
+    return series_facts(find_series(folder))
+
+
+def series_facts(series: Series) -> dict[str, str | float | list[float]]:
     """What the headers of one series say of the scan.
 
     Returns
@@ -59,42 +65,43 @@ def dicom_facts(folder: Path) -> dict[str, str | float | list[float]]:
     Raises
     ------
     InputError
-        If the slices disagree on a fact that one scan has only one of.
+        If an attribute is no number or text, or the slices disagree on a fact that one scan has only one of.
     """
-    with reading(folder, "a DICOM series"):
-        return _facts(folder, list(read_headers(folder).values()))
-
-
-def _facts(folder: Path, headers: list[pydicom.Dataset]) -> dict[str, str | float | list[float]]:
     facts: dict = {}
-    for name, tag in {**TEXTS, **NUMBERS, "kernel": "ConvolutionKernel", "spacing_mm": "PixelSpacing"}.items():
-        values = {_plain(name, header[tag].value) for header in headers if tag in header} - {None, ""}
+    for name, keyword in {**TEXTS, "kernel": "ConvolutionKernel"}.items():
+        # A kernel may be a name and a strength, ['Br38f', '3'].
+        values = {one.text(keyword) for one in series.slices if one.has(keyword)}
+        for text in values:
+            if len(text) > LONGEST_TEXT or not text.isprintable():  # of a broken header, all that follows
+                raise InputError(f"{series.name}: {keyword} is no text of DICOM; correct it")
         if len(values) > 1:
-            there = ", ".join(sorted(map(str, values)))
-            raise InputError(f"{folder}: its slices disagree on {tag} ({there}); give one uniform series")
+            _disagree(series, keyword, sorted(values))
         if values:
             facts[name] = values.pop()
-    for name, tag in MEANS.items():
-        values = [float(header[tag].value) for header in headers if tag in header and header[tag].value is not None]
+    for name, keyword in {**NUMBERS, "spacing_mm": "PixelSpacing"}.items():
+        count = 2 if name == "spacing_mm" else 1
+        values = [one.numbers(keyword, count) for one in series.slices if one.has(keyword)]
+        for other in values[1:]:
+            if not all(map(_same, other, values[0])):
+                both = sorted({values[0], other}, key=str)
+                _disagree(series, keyword, [str(one if count > 1 else one[0]) for one in both])
+        if values:
+            facts[name] = list(values[0]) if count > 1 else values[0][0]
+    for name, keyword in MEANS.items():
+        values = [one.number(keyword) for one in series.slices if one.has(keyword)]
         if values:
             facts[name] = sum(values) / len(values)
-    if "spacing_mm" in facts:
-        facts["spacing_mm"] = list(facts["spacing_mm"])
     return facts
 
 
-def _plain(name: str, value):
-    if value is None:
-        return None
-    if name in NUMBERS:
-        return float(value)
-    if name == "spacing_mm":
-        return tuple(float(number) for number in value)
-    # A kernel may be a name and a strength, ['Br38f', '3'].
-    text = str(value) if isinstance(value, str) else "/".join(map(str, value))
-    if len(text) > LONGEST_TEXT or not text.isprintable():  # of a broken header, all that follows
-        raise ValueError(f"{name} is no text of DICOM")
-    return text
+def _disagree(series: Series, keyword: str, values: list[str]) -> None:
+    raise InputError(f"{series.name}: its slices disagree on {keyword} ({', '.join(values)}); give one uniform series")
+
+
+def _same(one: object, other: object) -> bool:
+    """True if two facts differ by no more than decimal text is rounded."""
+    numbers = isinstance(one, float | int) and isinstance(other, float | int)
+    return math.isclose(one, other, rel_tol=ROUNDING) if numbers else one == other
 
 
 def check_shared(facts: dict, first: dict, path: Path, first_path: Path) -> None:
@@ -113,7 +120,7 @@ def check_shared(facts: dict, first: dict, path: Path, first_path: Path) -> None
         If they do not.
     """
     for name in SHARED:
-        if facts.get(name) != first.get(name):
+        if not _same(facts.get(name), first.get(name)):
             raise InputError(
                 f"{path}: {name} is {facts.get(name)}, that of {first_path} is {first.get(name)}: these are not "
                 "repeats of one scan; make a recording of each"
@@ -138,7 +145,7 @@ def check_nominal(facts: dict, nominal: dict, source: Path) -> None:
         If they do not.
     """
     for name in SHARED:
-        if name in facts and name in nominal and facts[name] != nominal[name]:
+        if name in facts and name in nominal and not _same(facts[name], nominal[name]):
             raise InputError(
                 f"{source}: nominal.{name} is {nominal[name]}, the DICOM headers say {facts[name]}; correct or drop it"
             )

@@ -19,14 +19,16 @@ import pydicom
 from pydicom.dataset import Dataset
 from pydicom.multival import MultiValue
 from pydicom.tag import Tag
+from pydicom.uid import CTImageStorage
 
 from ...base.errors import InputError, reading
 from ...base.geometry import SPOT_KEYS
 from ...base.vectors import CYLINDRICAL, FLAT
 from ...io import dicom_ct_pd as pd
-from ...io.files import files_of, sha256
+from ...io.files import sha256
 from ...io.hdf5 import new_file
 from ...io.volumes import check_fits
+from ...phantom.dicom_files import Unused, add_others, files_in, is_hidden, not_dicom
 from ..recording import Recording
 from . import write_folder
 
@@ -152,16 +154,31 @@ def _read(source: Path) -> list[View]:
     if not source.is_dir():
         raise InputError(f"{source}: no such folder; give one with the DICOM-CT-PD files of a scan")
     views: list[View] = []
-    for path in files_of(source):
-        if not pydicom.misc.is_dicom(path):
+    unused, others = Unused(), []
+    for path in files_in(source):
+        if is_hidden(path.name):
+            unused.add(path, "a hidden or system file")
+            continue
+        if reason := not_dicom(path):
+            others.append((path, reason))
             continue
         with reading(path, "DICOM"):
-            header = pydicom.dcmread(path, stop_before_pixels=True)
+            header = pydicom.dcmread(path, stop_before_pixels=True, force=True)
+            kind = header.get("SOPClassUID") or header.file_meta.get("MediaStorageSOPClassUID")
         if pd.ROWS not in header and FRAMES not in header:
-            raise InputError(f"{path}: has no detector rows (7029,1010); is it DICOM-CT-PD?")
+            if kind in (None, CTImageStorage):
+                raise InputError(f"{path}: has no detector rows (7029,1010); is it DICOM-CT-PD?")
+            unused.add(path, f"SOP class is {kind.name if kind.is_valid else 'not readable'}, and no projection")
+            continue
         views += _views(path, header)
+    add_others(others, {view.path for view in views}, unused)
     if not views:
-        raise InputError(f"{source}: holds no DICOM file; give a folder with the DICOM-CT-PD files of a scan")
+        there = "; ".join(unused.lines(source))
+        raise InputError(
+            f"{source}: holds no DICOM file{f' of projections ({there})' if there else ''}; give a folder with the "
+            "DICOM-CT-PD files of a scan"
+        )
+    unused.report(source)
     views.sort(key=lambda view: view.number)
     for one, following in zip(views, views[1:], strict=False):
         if one.number == following.number:
@@ -440,7 +457,7 @@ def _lines(views: list[View], rows: int, columns: int, transposed: bool) -> np.n
     for place, view in enumerate(views):
         if view.path != opened:
             with reading(view.path, "DICOM-CT-PD"):
-                dataset = pydicom.dcmread(view.path)
+                dataset = pydicom.dcmread(view.path, force=True)
                 kind = {0: "<u2", 1: "<i2"}[int(dataset.get("PixelRepresentation") or 0)]
                 if int(dataset.BitsAllocated) != 16:
                     raise ValueError

@@ -6,20 +6,22 @@ recording.
 
 from __future__ import annotations
 
+import hashlib
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pydicom
 
+from ...base.console import note
 from ...base.errors import InputError
 from ...base.geometry import Grid
-from ...io.files import files_of, sha256
+from ...io.files import sha256
 from ...io.volumes import Volume, write_nifti
-from ...phantom.dicom_series import read_series
+from ...phantom.dicom_files import Unused, files_in, folders_under, slices_of
+from ...phantom.dicom_series import Series, read_slices, series_among
 from ...phantom.masks import GRID_TOLERANCE_MM
-from ..provenance import SHARED, check_shared, dicom_facts
+from ..provenance import SHARED, check_shared, series_facts
 from ..recording import Recording
 from . import write_folder
 
@@ -28,10 +30,10 @@ SCAN = ("source_to_isocentre_mm", "source_to_detector_mm")
 
 
 @dataclass(frozen=True)
-class Series:
-    """A folder with one series, the facts of its headers, and the checksums of its files."""
+class Scan:
+    """A series, the facts of its headers, and the checksums of its files."""
 
-    folder: Path
+    series: Series
     facts: dict
     sha256: list[str]
 
@@ -44,8 +46,8 @@ def import_dicom_tree(
     Parameters
     ----------
     root : str or Path
-        Every folder under it (or itself) that holds CT slices is one series, as archives lay them out; folders of other
-        modalities (SEG, RTSTRUCT) are passed over.
+        Every series of CT slices in it and in the folders below is a repeat. Notes say which files are not used (other
+        modalities, scouts, copies).
     folder : str or Path
         The recording's, which is made.
     phantom : str, optional
@@ -60,72 +62,72 @@ def import_dicom_tree(
     Raises
     ------
     InputError
-        If there is no series, if one cannot be read (dicom_series.read_series), or if two differ in grid, kernel, tube
+        If there is no series, if one cannot be read (dicom_series.read_slices), or if two differ in grid, kernel, tube
         voltage, slice thickness or scanner.
     """
     root, target_folder = Path(root), Path(folder)
     if not root.is_dir():
         raise InputError(f"{root}: no such folder; give the top of a tree of DICOM series")
     found = _find(root)
-    chosen = [series for series in found if kernel is None or series.facts.get("kernel") == kernel]
+    chosen = [scan for scan in found if kernel is None or scan.facts.get("kernel") == kernel]
     if not chosen:
-        have = ", ".join(sorted({str(series.facts.get("kernel")) for series in found}))
+        have = ", ".join(sorted({str(scan.facts.get("kernel")) for scan in found}))
         raise InputError(f"{root}: holds no series of kernel {kernel}; there are: {have}")
     first = chosen[0]
-    for series in chosen[1:]:
-        check_shared(series.facts, first.facts, series.folder, first.folder)
+    for scan in chosen[1:]:
+        check_shared(scan.facts, first.facts, scan.series.name, first.series.name)
     names = [f"repeat{number:02d}.nii.gz" for number in range(1, len(chosen) + 1)]
 
     def write(target: Path) -> None:
         grid: Grid | None = None
-        for series, name in zip(chosen, names, strict=True):
-            image = read_series(series.folder)
+        seen: dict[bytes, str] = {}
+        for scan, name in zip(chosen, names, strict=True):
+            own, image = scan.series.name, read_slices(scan.series)
             if grid is not None and not image.grid.matches(grid, GRID_TOLERANCE_MM):
-                raise InputError(f"{series.folder}: is on another grid ({image.grid}) than {first.folder} ({grid})")
-            grid = image.grid
+                raise InputError(f"{own}: is on another grid ({image.grid}) than {first.series.name} ({grid})")
+            digest = hashlib.sha256(image.array).digest()
+            if digest in seen:
+                note(f"{own}: has the same voxels as {seen[digest]}; if it is a copy, it is no repeat: remove it")
+            seen[digest], grid = own, image.grid
             write_nifti(_smallest_type(image), target / name)
 
     means = defaultdict(list)
-    for series in chosen:
+    for scan in chosen:
         for key in (*NOMINAL, *SCAN):
-            if key in series.facts:
-                means[key].append(series.facts[key])
+            if key in scan.facts:
+                means[key].append(scan.facts[key])
     typical = {key: values[0] if key in (*SHARED, *SCAN) else float(np.mean(values)) for key, values in means.items()}
-    scan = {key: typical[key] for key in SCAN if key in typical}
+    lengths = {key: typical[key] for key in SCAN if key in typical}
     content = {
         "kind": "images",
         **({"phantom": phantom} if phantom else {}),
-        **({"scan": scan} if scan else {}),
+        **({"scan": lengths} if lengths else {}),
         "nominal": {key: typical[key] for key in NOMINAL if key in typical},
-        "origin": {"importer": "dicom", "sha256": [digest for series in chosen for digest in series.sha256]},
+        "origin": {"importer": "dicom", "sha256": [digest for scan in chosen for digest in scan.sha256]},
         "repeats": names,
     }
     return write_folder(target_folder, content, write)
 
 
-def _find(root: Path) -> list[Series]:
-    """Every folder whose first DICOM file is a CT slice, in the order of their paths."""
-    found = []
-    for folder in (root, *sorted(path for path in root.rglob("*") if path.is_dir())):
-        files = [path for path in files_of(folder) if _is_dicom(path)]
-        if files and _modality(files[0]) == "CT":
-            found.append(Series(folder, dicom_facts(folder), sorted(map(sha256, files))))
-    if not found:
-        raise InputError(f"{root}: holds no CT slice in DICOM, and no folder under it does")
+def _find(root: Path) -> list[Scan]:
+    """Every series below a folder, in the order of their folders."""
+    unused = Unused()
+    slices = [one for folder in folders_under(root, unused) for one in slices_of(files_in(folder), unused)]
+    if not slices:
+        there = "; ".join(unused.lines(root))
+        raise InputError(
+            f"{root}: holds no CT slice in DICOM, and no folder under it does" + (f" ({there})" if there else "")
+        )
+    found, copies = [], {}
+    for series in series_among(slices, unused, root):
+        digests = sorted(sha256(one.path) for one in series.slices)
+        if tuple(digests) in copies:
+            note(f"{series.name}: not used: a copy of {copies[tuple(digests)]}")
+            continue
+        copies[tuple(digests)] = series.name
+        found.append(Scan(series, series_facts(series), digests))
+    unused.report(root)
     return found
-
-
-def _is_dicom(path: Path) -> bool:
-    """True if the file has DICOM's mark behind its preamble (PS3.10, 7.1)."""
-    with path.open("rb") as file:
-        return file.read(132)[128:] == b"DICM"
-
-
-def _modality(path: Path) -> str:
-    try:
-        return str(pydicom.dcmread(path, specific_tags=["Modality"], stop_before_pixels=True).get("Modality"))
-    except Exception as error:  # of many types; its words may quote the header
-        raise InputError(f"{path}: cannot be read as DICOM ({type(error).__name__}); is the file complete?") from None
 
 
 def _smallest_type(image: Volume) -> Volume:

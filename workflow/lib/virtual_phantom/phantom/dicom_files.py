@@ -1,0 +1,479 @@
+"""Decide which files are CT slices, by SOP class, and read the attributes that are used as plain text.
+
+Only the attributes in KEYWORDS are taken from a header, so that nothing about the patient is kept or quoted. SOP
+classes as in DICOM PS3.4, B.5; attributes as in PS3.3, C.7.6 and C.8.2.1.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import warnings
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pydicom
+from pydicom.datadict import dictionary_VR, tag_for_keyword
+from pydicom.dataelem import RawDataElement
+from pydicom.uid import (
+    UID,
+    CTImageStorage,
+    EnhancedCTImageStorage,
+    LegacyConvertedEnhancedCTImageStorage,
+)
+
+from ..base.console import note
+from ..base.errors import InputError
+
+LONGEST_CODE = 16  # characters of a DICOM code string
+LONGEST_FIRST = 1024  # bytes of the first element of a file, a length, a version, a character set or a UID
+LONGEST_QUOTE = 40  # characters of a number that a message quotes
+NUMBER_CHARACTERS = frozenset("0123456789+-.,eE \\")
+NEEDED = ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "Rows", "Columns")
+PIXEL = ("SamplesPerPixel", "BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation")
+KEYWORDS = (
+    *("SOPClassUID", "SOPInstanceUID", "SeriesInstanceUID", "FrameOfReferenceUID", "SeriesNumber", "AcquisitionNumber"),
+    *("Modality", "ImageType", "RescaleType", "RescaleSlope", "RescaleIntercept", "ModalityLUTSequence"),
+    *("PhotometricInterpretation", "NumberOfFrames", "PixelPaddingValue", "PixelPaddingRangeLimit"),
+    *("GantryDetectorTilt", "LossyImageCompression", "BurnedInAnnotation", "RealWorldValueMappingSequence"),
+    *("Manufacturer", "ManufacturerModelName", "ConvolutionKernel", "KVP", "SliceThickness"),
+    *("DistanceSourceToDetector", "DistanceSourceToPatient", "SpiralPitchFactor", "XRayTubeCurrent", "Exposure"),
+    *("CTDIvol", *NEEDED, *PIXEL),
+)
+TAGS = {keyword: tag_for_keyword(keyword) for keyword in KEYWORDS}
+OVERLAY = "OverlayBitPosition"
+OVERLAYS = [(group << 16) + 0x0102 for group in range(0x6000, 0x6020, 2)]  # of up to 16 overlays (PS3.5, 7.6)
+TEXTS = {"Manufacturer", "ManufacturerModelName", "ConvolutionKernel"}  # their characters depend on the character set
+SEQUENCES = {"ModalityLUTSequence", "RealWorldValueMappingSequence"}
+BINARY = {"US": "H", "SS": "h", "UL": "I", "SL": "i", "FL": "f", "FD": "d", "UV": "Q", "SV": "q"}
+BROKEN = object()  # the attribute is there, but its bytes are no value
+UNDEFINED_LENGTH = 0xFFFFFFFF  # of sequences, and of encapsulated, that is compressed, pixel data (PS3.5, 7.5 and A.4)
+HOUNSFIELD = "[hnsf'U]"  # code of the Hounsfield unit in UCUM, which DICOM uses
+EMPTY, MISSING = "an empty file", "a link to a file that is missing"
+MULTI_FRAME = {EnhancedCTImageStorage, LegacyConvertedEnhancedCTImageStorage}
+
+# Beginnings of words in ImageType, blanks as underscores, of images whose values are not HU of the location: material
+# and other maps of multi-energy CT (PS3.3, C.8.15.3.10, and vendors' words), projections through a volume, renderings,
+# differences, and parametric maps of perfusion. Virtual monoenergetic (VMI) and virtual non-contrast images
+# (MAT_REMOVED) are in HU.
+NOT_HU = (
+    *(
+        "MAT_SPEC",
+        "MAT_FRAC",
+        "MAT_VALUE",
+        "MAT_MODIF",
+        "EFF_ATOMIC",
+        "EFFECTIVE_Z",
+        "Z_EFF",
+        "ZEFF",
+        "RHO_Z",
+        "IODINE",
+    ),
+    *("ELECTRON_DENS", "RELATIVE_ED", "URIC_ACID", "MIP", "MINIP", "MIN_IP", "MAXIP", "MAX_IP", "PROJECTION_IMAGE"),
+    *("VRT", "SSD", "VOLUME_REND", "CURVED", "SCREEN_SAVE", "SUBTRACT", "PERFUSION", "CBF", "CBV", "MTT", "TTP", "PBV"),
+    *("TMAX", "DOSE_INFO", "DOSE_REPORT"),
+)
+SCOUTS = {"LOCALIZER", "SCOUT", "TOPOGRAM", "SURVIEW", "SCANOGRAM"}
+
+
+@dataclass(frozen=True)
+class Slice:
+    """A DICOM file and those attributes of its header that are used.
+
+    Attributes
+    ----------
+    path : Path
+    values : dict of str to tuple of str
+        By keyword. Attributes that are missing or empty are left out.
+    """
+
+    path: Path
+    values: dict[str, object]
+
+    def has(self, keyword: str) -> bool:
+        """True if the attribute is in the header and is not empty."""
+        return keyword in self.values
+
+    def text(self, keyword: str) -> str:
+        """The attribute as text, several values joined by a slash; empty if it is missing."""
+        value = self.values.get(keyword, ())
+        if value is BROKEN:
+            raise InputError(f"{self.path}: {keyword} is not readable; correct it, or export the series again")
+        return "/".join(value)
+
+    def numbers(self, keyword: str, count: int = 1) -> tuple[float, ...]:
+        """The numbers of an attribute.
+
+        Parameters
+        ----------
+        keyword : str
+        count : int, optional
+            How many there are.
+
+        Returns
+        -------
+        tuple of float
+
+        Raises
+        ------
+        InputError
+            If the attribute is missing, has another number of values, or one of them is not a finite number.
+        """
+        if keyword not in self.values:
+            raise InputError(f"{self.path}: has no {keyword}; export the series again with all attributes of CT slices")
+        values = self.values[keyword]
+        try:
+            found = tuple(float(value) for value in values) if values is not BROKEN else ()
+        except ValueError:
+            found = ()
+        if len(found) != count or not all(abs(value) < float("inf") for value in found):
+            what = "a finite number" if count == 1 else f"{count} finite numbers"
+            raise InputError(f"{self.path}: {keyword}{self.quoted(keyword)} is not {what}; correct it")
+        return found
+
+    def number(self, keyword: str, default: float | None = None) -> float:
+        """The number of an attribute that has one value; `default`, if there is one, where the attribute is missing."""
+        return default if default is not None and keyword not in self.values else self.numbers(keyword)[0]
+
+    def whole(self, keyword: str, default: int | None = None) -> int:
+        """The whole number of an attribute that has one value, as `number`."""
+        value = self.number(keyword, default)
+        if value != int(value):
+            raise InputError(f"{self.path}: {keyword} is {value:g}; it must be a whole number")
+        return int(value)
+
+    def quoted(self, keyword: str) -> str:
+        """The value in brackets for a message, if it can only be numbers: a broken header may hold a name in it."""
+        values = self.values[keyword]
+        text = "" if values is BROKEN else "\\".join(values)
+        return f" ({text})" if 0 < len(text) <= LONGEST_QUOTE and NUMBER_CHARACTERS.issuperset(text) else ""
+
+
+class Unused:
+    """Files that are not read, by reason."""
+
+    def __init__(self):
+        self.by_reason: dict[str, list[Path]] = {}
+        self.headers: list[tuple[Slice, str]] = []
+
+    def add(self, path: Path, reason: str, header: Slice | None = None) -> None:
+        """Add a file, with its header if it is DICOM."""
+        self.by_reason.setdefault(reason, []).append(path)
+        if header is not None:
+            self.headers.append((header, reason))
+
+    def lines(self, top: Path) -> list[str]:
+        """One line for each reason, with the number of files and the first of them."""
+        found = []
+        for reason, paths in self.by_reason.items():
+            first = paths[0].relative_to(top) if paths[0].is_relative_to(top) else paths[0]
+            count = f"{len(paths)} files, the first of them {first}" if len(paths) > 1 else str(first)
+            found.append(f"{count}: {reason}")
+        return found
+
+    def report(self, top: Path) -> None:
+        """Print a note for each reason."""
+        for line in self.lines(top):
+            note(f"{top}: not used: {line}")
+
+
+def modality(header: pydicom.Dataset) -> str:
+    """The modality of a header, for messages: of a broken one it may hold all that follows, the patient's name too."""
+    return _code(str(header.get("Modality", "not given")))
+
+
+def _code(code: str) -> str:
+    return code if code.isalpha() and len(code) <= LONGEST_CODE else code if code == "not given" else "unreadable"
+
+
+def folders_under(root: Path, unused: Unused) -> Iterator[Path]:
+    """The folder and all folders below it, through links too, each once.
+
+    Parameters
+    ----------
+    root : Path
+    unused : Unused
+        Folders that are reached a second time, and hidden ones, are added.
+
+    Yields
+    ------
+    Path
+        In the order of their names.
+
+    Raises
+    ------
+    InputError
+        If a folder cannot be opened.
+    """
+
+    def refuse(error: OSError) -> None:
+        raise InputError(f"{error.filename}: cannot be opened ({error.strerror}); change its permissions")
+
+    seen = set()
+    for name, inner, _ in os.walk(root, followlinks=True, onerror=refuse):
+        folder, real = Path(name), os.path.realpath(name)
+        if real in seen:
+            unused.add(folder, "a link to a folder that is read already")
+            inner.clear()
+            continue
+        seen.add(real)
+        for hidden in sorted(one for one in inner if is_hidden(one)):
+            unused.add(folder / hidden, "a hidden or system folder")
+        inner[:] = sorted(one for one in inner if not is_hidden(one))
+        yield folder
+
+
+def files_in(folder: Path) -> list[Path]:
+    """Everything in a folder that is not a folder, in the order of the names; links to nothing too."""
+    try:
+        # A .sha256 is the checksum that Virtual Phantom keeps of a file that it wrote.
+        paths = sorted(path for path in folder.iterdir() if not (is_hidden(path.name) and path.suffix == ".sha256"))
+        return [path for path in paths if not path.is_dir()]
+    except NotADirectoryError:
+        raise InputError(f"{folder}: is not a folder; give a folder with one CT series") from None
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be opened ({error.strerror}); give a folder with one CT series") from None
+
+
+def is_hidden(name: str) -> bool:
+    """True for files and folders of the system: names that start with a dot, and those of Windows and macOS."""
+    return name.startswith(".") or name.lower() in ("thumbs.db", "desktop.ini", "__macosx")
+
+
+def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
+    """The CT slices among files.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    unused : Unused
+        All other files are added, each with a reason.
+
+    Returns
+    -------
+    list of Slice
+        In the order of the paths.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or looks like a damaged slice.
+    """
+    slices, others = [], []
+    for path in paths:
+        if is_hidden(path.name):
+            unused.add(path, "a hidden or system file")
+            continue
+        if reason := not_dicom(path):
+            others.append((path, reason))
+            continue
+        header = read_header(path)
+        if header is None:
+            others.append((path, "DICOM without a SOP class or a modality, so no image"))
+        elif reason := _unusable(header):
+            unused.add(path, reason, header)
+        else:
+            slices.append(header)
+    add_others(others, [one.path for one in slices], unused)
+    return slices
+
+
+def add_others(others: Iterable[tuple[Path, str]], used: Iterable[Path], unused: Unused) -> None:
+    """Add files that are not DICOM to those that are not used.
+
+    Parameters
+    ----------
+    others : iterable of (Path, str)
+        Each with its reason.
+    used : iterable of Path
+        The files that are read.
+    unused : Unused
+
+    Raises
+    ------
+    InputError
+        If a file is named as those that are read, so that it may be a damaged one.
+    """
+    suffixes = {path.suffix.lower() for path in used}
+    suffixes = {suffix for suffix in suffixes if not suffix[1:].isdigit()}  # names that are UIDs end in a number
+    for path, reason in others:
+        suffix = (path.with_suffix("") if path.suffix.lower() == ".gz" else path).suffix.lower()
+        if suffix in suffixes and (suffix or reason in (EMPTY, MISSING)):
+            raise InputError(f"{path}: {reason}, but named as the slices are; copy it again, or move it elsewhere")
+        unused.add(path, reason)
+
+
+def not_dicom(path: Path) -> str:
+    """Why a file is not DICOM, by its first bytes; empty if it may be.
+
+    DICOM has a mark after a preamble of 128 bytes (PS3.10, 7.1). Files without the preamble start with an element of
+    group 2 or 8.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        If the file cannot be opened.
+    """
+    if not path.is_file():
+        return MISSING if path.is_symlink() and not path.exists() else "not a regular file"
+    try:
+        with path.open("rb") as file:
+            start = file.read(132)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be opened ({error.strerror}); change its permissions") from None
+    if not start:
+        return EMPTY
+    if start[128:] == b"DICM" or _starts_with_element(start):
+        return ""
+    if start[:2] == b"PK" or start[:2] == b"\x1f\x8b" or start[:6] in (b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07"):
+        return "an archive; unpack it to use what is in it"
+    return "not DICOM"
+
+
+def _starts_with_element(start: bytes) -> bool:
+    """True if bytes are an element of group 2 or 8, with a value representation or with a short length."""
+    for order, group in (("little", start[:2]), ("big", start[1::-1])):
+        if group in (b"\x02\x00", b"\x08\x00") and len(start) >= 8:
+            letters = start[4:6].isalpha() and start[4:6].isupper()
+            return letters or int.from_bytes(start[4:8], order) <= LONGEST_FIRST
+    return False
+
+
+def read_header(path: Path) -> Slice | None:
+    """Read the attributes in KEYWORDS.
+
+    Returns
+    -------
+    Slice or None
+        None if the file is not DICOM.
+
+    Raises
+    ------
+    InputError
+        If its header is damaged.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # pydicom's quote the header; values are checked here
+            header = pydicom.dcmread(
+                path, stop_before_pixels=True, force=True, specific_tags=[*TAGS.values(), *OVERLAYS]
+            )
+            return _header(path, header)
+    except Exception as error:  # of many types; its words may quote the header
+        raise InputError(f"{path}: cannot be read as DICOM ({type(error).__name__}); is the file complete?") from None
+
+
+def _header(path: Path, header: pydicom.Dataset) -> Slice | None:
+    little = header.original_encoding[1] is not False
+    values = {}
+    for keyword, tag in TAGS.items():
+        if tag not in header:
+            continue
+        raw = header.get_item(tag)
+        if isinstance(raw, RawDataElement) and UNDEFINED_LENGTH > raw.length > len(raw.value or b""):
+            raise EOFError
+        if value := _plain(header, keyword, little):
+            values[keyword] = value
+    if any(tag in header and (header.get_item(tag).value or b"\0\0") != b"\0\0" for tag in OVERLAYS):
+        values[OVERLAY] = ("there",)
+    if "SOPClassUID" not in values and (stored := header.file_meta.get("MediaStorageSOPClassUID")):
+        values["SOPClassUID"] = (str(stored),)
+    if syntax := header.file_meta.get("TransferSyntaxUID"):
+        values["TransferSyntaxUID"] = (str(syntax),)
+    # Every DICOM image has one of these; without any of them other bytes were taken for DICOM.
+    if not {"SOPClassUID", "SeriesInstanceUID", "Modality"}.intersection(values):
+        return None
+    return Slice(path, values)
+
+
+def _plain(header: pydicom.Dataset, keyword: str, little: bool):
+    """The values of an element as text; empty if there is none, BROKEN if its bytes are no value."""
+    # The bytes are parsed here, not by pydicom: it warns, raises or rounds, depending on the kind of value.
+    tag = TAGS[keyword]
+    if keyword in SEQUENCES:
+        return _mapping(header, tag) if keyword == "RealWorldValueMappingSequence" else ("there",)
+    raw = header.get_item(tag)
+    if keyword in TEXTS or not isinstance(raw, RawDataElement):
+        try:
+            with pydicom.config.disable_value_validation():
+                value = header[tag].value
+                values = [value] if isinstance(value, str | int | float) else list(value or ())
+                return tuple(text for one in values if (text := str(one).strip(" \0")))
+        except Exception:  # of many types
+            return BROKEN
+    content = raw.value or b""
+    kind = dictionary_VR(tag) if raw.VR in (None, "UN") else raw.VR
+    code = BINARY.get(kind[:2])
+    if code is None:
+        values = content.decode("latin-1").strip(" \0").split("\\")
+        return tuple(value.strip(" \0") for value in values) if any(value.strip(" \0") for value in values) else ()
+    size = struct.calcsize(code)
+    if len(content) % size:
+        return BROKEN
+    return tuple(map(str, struct.unpack(f"{'<' if little else '>'}{len(content) // size}{code}", content)))
+
+
+def _mapping(header: pydicom.Dataset, tag: int):
+    """For each real world value mapping its unit, slope and intercept."""
+    try:
+        with pydicom.config.disable_value_validation():
+            return tuple(
+                "|".join(
+                    (
+                        str(item.MeasurementUnitsCodeSequence[0].CodeValue),
+                        str(item.get("RealWorldValueSlope", "")),
+                        str(item.get("RealWorldValueIntercept", "")),
+                    )
+                )
+                for item in header[tag].value
+            )
+    except Exception:  # an attribute that is missing, or of another type
+        return BROKEN
+
+
+def _unusable(header: Slice) -> str:
+    """Why a DICOM file is no slice in HU by its kind; empty if it is one."""
+    said, kind = header.values.get("SOPClassUID", ()), header.values.get("Modality", ())
+    code = _code(kind[0]) if kind and kind is not BROKEN else "not given"
+    if not said or said is BROKEN:
+        if code != "CT":
+            return f"no SOP class, and modality is {code}, not CT"
+    elif said[0] in MULTI_FRAME:
+        return f"{UID(said[0]).name}, multi-frame; convert it to one file per slice (dcm4che: emf2sf), or to NIfTI"
+    elif said[0] != CTImageStorage:
+        name = UID(said[0]).name if UID(said[0]).is_valid else "not readable"
+        return f"SOP class is {name}, not CT"
+    elif code not in ("CT", "not given"):
+        return f"modality is {code}, not CT"
+    words = header.values.get("ImageType", ())
+    words = {word.upper().replace(" ", "_") for word in words} if words is not BROKEN else set()
+    if scout := words & SCOUTS:
+        return f"ImageType is {min(scout)}"
+    if other := sorted(word[:LONGEST_CODE] for word in words if word.startswith(NOT_HU)):
+        return f"ImageType is {other[0]}, not an image in HU"
+    unit = header.values.get("RescaleType", ())
+    unit = "" if unit is BROKEN or not unit else unit[0].upper()
+    # US is "unspecified" (PS3.3, C.11.1.1.2).
+    if unit not in ("", "HU", "US") and not unit.startswith("HOUNSFIELD"):
+        return f"RescaleType is {unit if len(unit) <= LONGEST_CODE else 'not readable'}, not HU"
+    return _not_grey(header)
+
+
+def _not_grey(header: Slice) -> str:
+    """Why pixels are not the stored values of one slice, by attributes that a screen capture or a color image has."""
+    frames, samples, bits = (header.values.get(one) for one in ("NumberOfFrames", "SamplesPerPixel", "BitsAllocated"))
+    grey = header.values.get("PhotometricInterpretation", ("MONOCHROME2",))
+    if frames not in (None, BROKEN) and frames[0].isdigit() and int(frames[0]) > 1:
+        return f"multi-frame ({int(frames[0])} frames); convert it to one file per slice, or to NIfTI"
+    if grey is not BROKEN and grey[0] not in ("MONOCHROME1", "MONOCHROME2"):
+        return "PhotometricInterpretation is neither MONOCHROME1 nor MONOCHROME2: a color image or screen capture"
+    if samples not in (None, BROKEN) and samples[0] == "3":
+        return "three samples per pixel: a color image or screen capture"
+    if bits not in (None, BROKEN) and bits[0] in ("1", "8"):
+        return f"BitsAllocated is {bits[0]}: a screen capture or a display window, CT slices have 16"
+    return ""
