@@ -212,7 +212,7 @@ class StructRegions(Regions):
             remarks.append(Remark("contours stored more than once", roi.title, text))
         if overlaps:
             verb = "overlaps" if overlaps == 1 else "overlap"
-            text = f"{counted(overlaps, 'contour')} of it {verb} another one in part; united"
+            text = f"{counted(overlaps, 'contour')} of it {verb} another one in part; they are united"
             remarks.append(Remark("contours that overlap in part", roi.title, text))
         if not mask.any():
             raise InputError(f"{self.path}: {roi.title} encloses no voxel center; draw it larger, or take a finer CT")
