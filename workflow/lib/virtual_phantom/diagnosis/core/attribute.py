@@ -27,8 +27,8 @@ AS_GOOD = 3.0  # log score by which an effect may be worse and still stand for a
 # proof's seeds 13 and 15 none was there.
 RULED_OUT = 10.0
 # Share of an effect's change that another one must make too, to first order, to be fitted again from the settings that
-# equal the effect's. Detector offset and center of rotation are the same in a parallel beam; by slopes, which sharp
-# edges make inexact, they shared 0.82 to 0.99 of a water disc. What is less alike loses a fifth of a gain.
+# equal the effect's; what is less alike loses a fifth of a gain. A choice. Detector offset and center of rotation share
+# over 0.99 in parallel and fan beams (tests/diagnosis/test_exchanged.py).
 LIKE = 0.8
 MOST_EFFECTS = 4  # named at once; a choice that bounds the time
 MOST_SWAPS = 2  # of a chosen effect for a better one that only pays beside the others

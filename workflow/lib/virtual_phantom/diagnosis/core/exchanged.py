@@ -12,9 +12,9 @@ from ...physics.effect import load
 from .fit import Fit, Fitter, Problem
 from .templates import SMALL, data_changes, strength, templates, varied, with_knowledge
 
-# Strength over that of first order, and the search for it. At the edges of a disc, slopes to either side differ, by
-# which strengths were off by 0.1 to 4 %.
-NEAR_FIRST_ORDER, SEARCH = (0.8, 1.25), {"xatol": 1e-5, "maxiter": 30}
+# Logarithm of a strength over that of first order, and the search for it. At the edges of a disc, slopes to either side
+# differ, by which strengths were off by 0.1 to 25 %.
+NEAR_FIRST_ORDER, SEARCH = (-np.log(4.0), np.log(4.0)), {"xatol": 1e-5, "maxiter": 30}
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,9 @@ class Exchange:
         Where a fit with the other effect begins.
     share : float
         Of the squared change of the data that the effect makes beside all other numbers of the fit, what the other
-        effect makes too: the square of their partial correlation. 1: to first order they are the same.
+        effect makes too: the square of their partial correlation. 1: to first order they are the same. Of two that move
+        rays or the object, if that is larger, of the chi-square that taking the effect out costs, what the other effect
+        restores where it begins: slopes to either side of a sharp edge differ, and two that are the same shared 0.6.
     """
 
     start: Fit
@@ -78,6 +80,9 @@ def exchanged(fitter: Fitter, fit: Fit, effect: str, others: Sequence[str], leas
     alone = wanted - beside @ np.linalg.lstsq(beside, wanted, rcond=None)[0]
     if not alone @ alone > SMALL * (wanted @ wanted):
         return {}
+    none = {one.name: one.value(one.neutral) for one in (problem.unknowns[index] for index in amounts)}
+    taken_out = replace(fit, physics=fit.physics | {effect: fit.physics[effect] | none})
+    here, without = (_chi_square(fitter, one) for one in (fit, taken_out))
     found = {}
     for name in others:
         rows = templates(fitter, fit, name)
@@ -86,9 +91,10 @@ def exchanged(fitter: Fitter, fit: Fit, effect: str, others: Sequence[str], leas
         solved = np.linalg.lstsq(design / scale, wanted, rcond=None)[0] / scale
         left = wanted - design @ solved
         share = max(0.0, 1 - float(left @ left) / float(alone @ alone))
-        if share < least:
-            continue
         plain = np.linalg.lstsq(rows.T / scale[: len(rows)], change, rcond=None)[0] / scale[: len(rows)]
+        moving = load(effect).kinematic and load(name).kinematic
+        if share < least and not moving:
+            continue
         effects = (*(key for key in fit.effects if key != effect), name)
 
         def begun(amount: np.ndarray, moved: np.ndarray | float = 0.0, effects=effects, name=name) -> Fit:
@@ -103,14 +109,16 @@ def exchanged(fitter: Fitter, fit: Fit, effect: str, others: Sequence[str], leas
             nuisance = {one.name: float(value) for one, value in zip(problem.aligned, point[count:], strict=True)}
             return replace(fit, effects=effects, physics=physics, nuisance=fit.nuisance | nuisance)
 
-        times = minimize_scalar(
-            lambda times, begun=begun, plain=plain: _chi_square(fitter, begun(times * plain)),
-            bounds=NEAR_FIRST_ORDER,
-            method="bounded",
-            options=SEARCH,
-        ).x
+        def off(log_times: float, begun=begun, plain=plain) -> float:
+            return _chi_square(fitter, begun(np.exp(log_times) * plain))
+
+        times = np.exp(minimize_scalar(off, bounds=NEAR_FIRST_ORDER, method="bounded", options=SEARCH).x)
         starts = [begun(times * plain), begun(solved[: len(rows)], solved[len(rows) :])]
-        found[name] = Exchange(min(starts, key=lambda start: _chi_square(fitter, start)), share)
+        reached = [_chi_square(fitter, start) for start in starts]
+        if moving:
+            share = max(share, 1 - (min(reached) - here) / max(without - here, SMALL))
+        if share >= least:
+            found[name] = Exchange(starts[int(np.argmin(reached))], share)
     return found
 
 

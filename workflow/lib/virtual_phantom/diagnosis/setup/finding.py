@@ -90,7 +90,7 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
             if by_grid:
                 break
             first = anywhere.unlike(stated)
-            if found.kind == AS_STATED and not (comparison.beyond_reach(first) and _explains(first, found.best)):
+            if not (comparison.beyond_reach(first) and _explains(first, found.best)):
                 break
         other = _found(anywhere, scan, log, largest)
         if other.kind not in (OBJECT, EMPTY_BEAM) and (lost or _explains(other.best, found.best)):
