@@ -172,3 +172,62 @@ def test_a_white_field_shows_how_the_detector_is_lit(stated, exponent, expected)
     bowtie = np.exp(-3 * np.linspace(-1, 1, SCAN["columns"]) ** 2)  # shapes the field too, and is no mistake
     if stated == "even" and not exponent:
         assert wrong_illumination(1e5 * gains * bowtie, geometry, wide) is None
+
+
+PARALLEL = {
+    "trajectory": "circular",
+    "beam": "parallel",
+    "columns": 80,
+    "rows": 1,
+    "column_pitch_mm": 3.0,
+    "row_pitch_mm": 3.0,
+    "views": 60,
+    "views_per_rotation": 120,
+    "start_angle_deg": 0.0,
+    "direction": 1,
+}
+FAN = {**SCAN, "rows": 1, "columns": 80, "column_pitch_mm": 7.0, "column_offset_px": 0.0}
+DISC = DiscScene(80.0, "pmma")
+HARDENED = {"spectrum": {"kvp": 120.0, "filtration_mm": 6.0, "sensor_mm": 0.6}}
+
+
+@pytest.mark.parametrize(
+    "scan, scene, place",
+    [
+        (PARALLEL, DISC, (9.5, -6.5)),
+        (FAN, DISC, (-70.0, 25.0)),  # half of it lies outside of the circle that every view sees
+        (PARALLEL, DiscScene(50.0, "aluminium"), (-30.0, 40.0)),
+    ],
+)
+def test_an_object_is_found_in_the_whole_field_of_view(scan, scene, place):
+    lines = scanned(scene, HARDENED, scan, Pose(*place))
+    found = finding(lines, scan, scene)
+    assert found.kind == "as stated" and found.share < 0.003
+    assert found.location["z_mm"] == 0.0
+    assert (found.location["x_mm"], found.location["y_mm"]) == pytest.approx(place, abs=0.3)
+
+
+def test_an_object_is_found_where_the_detector_is_shifted_too():
+    lines = scanned(DISC, HARDENED, {**PARALLEL, "column_offset_px": 2.5}, Pose(15.0, -20.0))
+    found = finding(lines, PARALLEL, DISC)  # an offset that an effect may explain
+    assert found.kind == "as stated"
+    assert (found.location["x_mm"], found.location["y_mm"]) == pytest.approx((15.0, -20.0), abs=0.3)
+    lines = scanned(DISC, HARDENED, {**PARALLEL, "column_offset_px": 15.0}, Pose(15.0, -20.0))
+    found = finding(lines, PARALLEL, DISC)  # one that none may
+    assert (found.kind, found.best.name) == ("description", "detector offset")
+    assert float(found.best.line.removeprefix("scan.column_offset_px: ")) == pytest.approx(15.0, abs=0.1)
+
+
+def test_a_body_is_found_in_space_and_beside_a_mistake():
+    wide = {**SCAN, "columns": 64}
+    lines = scanned(scan=wide, pose=Pose(25.0, -18.0, 8.0))
+    found = finding(lines, wide)
+    assert found.kind == "as stated"
+    assert tuple(found.location.values()) == pytest.approx((25.0, -18.0, 8.0), abs=0.6)
+    found = finding(lines[..., ::-1], wide)
+    assert (found.kind, found.best.name) == ("description", "mirrored columns") and not found.location
+
+
+def test_another_disc_elsewhere_is_another_object():
+    found = finding(scanned(DiscScene(100.0, "pmma"), HARDENED, PARALLEL, Pose(20.0, 10.0)), PARALLEL, DISC)
+    assert found.kind == "object" and not found.location

@@ -71,6 +71,9 @@ FRAME = np.full(SHAPE[1:], 1000.0)
         ({"theta": np.deg2rad(angles_deg())}, "/exchange/theta of view"),
         ({"theta": angles_deg(SCAN | {"direction": 1})}, "/exchange/theta of view"),
         ({"theta": np.full(24, np.nan)}, "/exchange/theta of view"),
+        ({"theta": np.float64(15.0)}, "holds 1 angles for 24 views"),
+        ({"theta": np.tile(angles_deg(), (2, 1))}, "/exchange/theta has the shape (2, 24); store one angle per view"),
+        ({"theta": np.array([b"0"] * 24)}, "/exchange/theta holds |S1, not numbers"),
         ({"data_white": FRAME[:, :-1]}, "/exchange/data_white is (4, 39), the projections (4, 40)"),
         ({"data_white": np.full((1, 4, 40), 20.0)}, "white field is not above the dark one in 100 % of pixels"),
         ({"data_white": FRAME * np.nan}, "/exchange/data_white holds NaN"),
@@ -182,3 +185,28 @@ def test_a_stated_sensor_reaches_the_model(tmp_path):
     write_yaml(folder, content | {"nominal": {"sensor": {"thickness_mm": 0.4}}})
     with pytest.raises(InputError, match="nominal.sensor"):
         load(folder)
+
+
+@pytest.mark.parametrize(
+    "theta, units",
+    [
+        (angles_deg()[:, None], None),
+        (angles_deg()[None], "degree"),
+        (angles_deg().astype(np.int64), b"deg"),
+        (np.deg2rad(angles_deg())[:, None].astype(np.float32), np.array([b"Radians"])),
+    ],
+)
+def test_angles_are_read_as_a_row_or_a_column_and_in_the_units_stated(tmp_path, theta, units):
+    folder, content = projections_folder(tmp_path / "r", theta=theta)
+    if units is not None:
+        with h5py.File(folder / "b.h5", "a") as file:
+            file["exchange/theta"].attrs["units"] = units
+    geometry = load(folder).geometry
+    assert np.rad2deg(geometry.angles_rad) == pytest.approx(angles_deg())
+
+
+def test_angles_in_unknown_units_are_refused(tmp_path):
+    folder, _ = projections_folder(tmp_path / "r", theta=angles_deg())
+    with h5py.File(folder / "b.h5", "a") as file:
+        file["exchange/theta"].attrs["units"] = "steps"
+    refused(folder, "the attribute units of /exchange/theta is 'steps'; state degrees or radians")

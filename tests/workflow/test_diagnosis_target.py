@@ -86,6 +86,18 @@ def test_what_was_concealed_is_named_and_the_report_is_there(bench):
     assert (before**2).mean() > 2 > (after**2).mean()  # standard deviations of noise
 
 
+def test_verdicts_of_fail_on_end_with_an_error_once_all_is_written(bench):
+    overlay = yaml.safe_load((bench / "overlay" / "overlay.yaml").read_text())
+    for verdict, code in (("mismatch explained", 1), ("another object", 0)):
+        overlay["diagnosis"]["fail_on"] = [verdict]
+        process = tiny(bench / "results", "diagnosis", overlay=overlay, beside=bench / "failing")
+        assert process.returncode == code, process.stderr[-4000:]
+        assert ("verdicts of diagnosis.fail_on: bench (mismatch explained)" in process.stderr + process.stdout) == bool(
+            code
+        )
+        assert (bench / "results" / "diagnosis" / "bench" / "report.html").is_file()
+
+
 def test_its_time_is_told_before_it_fits_and_by_the_plan(bench):
     (said,) = re.findall(
         r"^diagnosis of bench: .* with 2 processes \(CPU time (.*); (.*)\)$", (bench / "said").read_text(), re.M

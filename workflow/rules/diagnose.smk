@@ -89,8 +89,22 @@ rule diagnose_scanner:
         "../scripts/diagnose_scanner.py"
 
 
-rule diagnosis:
-    """Every recording and comparison under diagnosis."""
-    input:
-        context.diagnosis.all(),
-    localrule: True
+if context.diagnosis.fail_on:
+
+    rule diagnosis:
+        """Every recording and comparison under diagnosis; exit code 1 for a verdict of diagnosis.fail_on."""
+        input:
+            context.diagnosis.all(),
+        localrule: True
+        params:
+            fail_on=context.diagnosis.fail_on,
+        script:
+            "../scripts/verdicts.py"
+
+else:
+
+    rule diagnosis:
+        """Every recording and comparison under diagnosis."""
+        input:
+            context.diagnosis.all(),
+        localrule: True

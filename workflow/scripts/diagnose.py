@@ -16,7 +16,7 @@ from virtual_phantom.diagnosis.matters import in_practice
 from virtual_phantom.diagnosis.projections.scanned import labelled_object, shaped_object
 from virtual_phantom.diagnosis.ready import agreement, ready
 from virtual_phantom.diagnosis.setup.recorded import set_up
-from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, VERDICTS, doubted, verdict, write_setup
+from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, VERDICTS, doubted, verdict, with_location, write_setup
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.report.diagnosis import page, residual_maps
 from virtual_phantom.report.setup import setup_page
@@ -40,12 +40,14 @@ with job(snakemake) as log:
         content, shown = verdict(doubt, recording, asked), doubt.maps()
         write_diagnosis(output, content, {}, setup_page(content, *shown), dict(zip(RESIDUAL_MAPS, shown, strict=True)))
     else:
+        stated, asked = asked.settings.location, asked.located(setup["location"])
         kept, how_far = None, HowFar()
         if "kept" in params.keys():  # somebody waits for it, as nobody does for a case of the proof
             name = snakemake.wildcards.recording
             how_far = HowFar(saying(snakemake.log[0], name))
             scanned = filter(None, (given.get(what) for what in ("phantom", "mask", "labels", "shapes")))
-            kept = kept_fits(params.kept, model, [*given.files, *scanned])
+            placed = {**model, "settings": {**model["settings"], "location": dict(asked.settings.location)}}
+            kept = kept_fits(params.kept, placed, [*given.files, *scanned])
             if "physics" not in given.keys() and asked.protocol is None:
                 shape, phantom = recording.geometry.shape, given.get("phantom")
                 if line := beforehand(name, model, shape, len(effects), snakemake.threads, phantom):
@@ -65,8 +67,6 @@ with job(snakemake) as log:
             found = replace(found, content=with_coverage(found.content, read(given.record)))
         tried = [] if "physics" in given.keys() else effects
         found.content["modelled"] = described(asked, recording, prepared, tried)
-        if doubt is not None:
-            found.content["setup"] = setup
         scanned = None
         if "phantom" in given.keys():
             scanned = Scanned.read(given.phantom, given.image, given.rois)
@@ -83,6 +83,8 @@ with job(snakemake) as log:
         found = replace(found, content=found.content | {"agreement": table})
         if practice:
             found = replace(found, content=in_practice(found.content, params.matters))
+        if doubt is not None:
+            found = replace(found, content=with_location(found.content, setup, stated))
         fit = found.choice.chosen.fit
         overlay = {"physics": prepared.fitter.model.of_study(fit.physics, fit.nuisance), "noise": {"model": "physical"}}
         if found.content["verdict"] == PRACTICAL:

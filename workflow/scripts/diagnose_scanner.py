@@ -14,11 +14,12 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
-    for name, setup in zip(params.models, given.setups, strict=True):
-        if (kind := read_setup(setup)["kind"]) in VERDICTS:
+    setups = {name: read_setup(path) for name, path in zip(params.models, given.setups, strict=True)}
+    for name, setup in setups.items():
+        if (kind := setup["kind"]) in VERDICTS:
             raise InputError(f"{name}: {VERDICTS[kind]}; see its own diagnosis, and mend that first")
     prepared = {
-        name: ready(Asked.of(model, given.get("phantom"), snakemake.threads))[1]
+        name: ready(Asked.of(model, given.get("phantom"), snakemake.threads).located(setups[name]["location"]))[1]
         for name, model in params.models.items()
     }
     found = explain_scanner(

@@ -10,6 +10,7 @@ from virtual_phantom.diagnosis.next_measurement import alikeness, found_in, poss
 from virtual_phantom.diagnosis.next_written import alike_table, first_words, recording_to_fill_in, table
 from virtual_phantom.diagnosis.ready import ready
 from virtual_phantom.diagnosis.scanner import protocols_of
+from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, read_setup
 from virtual_phantom.figures.next_measurement import draw_ranking
 from virtual_phantom.figures.style import save
 from virtual_phantom.io.files import read_text, write_text
@@ -23,7 +24,12 @@ with job(snakemake) as log:
     sentence = f"{params.what}: no effect was named, so that there is nothing to tell apart"
     if named:
         models = {name: with_declared(model, given.get("declared")) for name, model in params.models.items()}
-        made = {name: ready(Asked.of(model, given.get("phantom"), snakemake.threads)) for name, model in models.items()}
+        paths = given.get("setups")
+        setups = [diagnosis.get("setup", NOT_LOOKED)] if paths is None else [read_setup(path) for path in paths]
+        made = {
+            name: ready(Asked.of(model, given.get("phantom"), snakemake.threads).located(setup["location"]))
+            for (name, model), setup in zip(models.items(), setups, strict=True)
+        }
         known = {effect for model in models.values() for effect in model["settings"].get("baseline", {})}
         effects = [name for name in params.effects if name not in known]
         prepared = {name: one[1] for name, one in made.items()}

@@ -17,7 +17,7 @@ from ..diagnosis.matters import in_practice
 from ..diagnosis.projections.scanned import labelled_object, shaped_object
 from ..diagnosis.ready import agreement, ready
 from ..diagnosis.setup.recorded import set_up
-from ..diagnosis.setup.verdict import VERDICTS, verdict
+from ..diagnosis.setup.verdict import VERDICTS, verdict, with_location
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import read_nifti
 from ..physics.material_names import named
@@ -70,7 +70,7 @@ def diagnose(
         Thresholds in the place of those under `diagnosis.matters` in the configuration.
     **settings
         As under `diagnosis.recordings` in the configuration: `samples`, `view_step`, `nominal_photons`, `alignment`,
-        `check_setup`, `object_may_differ`.
+        `location`, `check_setup`, `object_may_differ`.
 
     Returns
     -------
@@ -132,12 +132,15 @@ def diagnose(
         setup = set_up(read, asked)
         if setup.kind in VERDICTS:
             return Diagnosis(None, [], [], verdict(setup, read, asked))
-    _, prepared = ready(asked, read)
+    located = asked.located(setup.content["location"] if setup is not None else {})
+    _, prepared = ready(located, read)
     accuracy, differ = defaults_of("diagnosis", "model_accuracy"), asked.settings.object_may_differ
     prepared, found = explain(read.name, prepared, tried, accuracy, processes, object_may_differ=differ)
     table = agreement(read, prepared, found.choice, asked, Branch.AGREEMENT, _regions(asked, read), practice=True)
     content = in_practice(found.content | {"agreement": table}, defaults_of("diagnosis", "matters") | dict(thresholds))
-    return replace(found, content=content if setup is None else content | {"setup": setup.content})
+    if setup is not None:
+        content = with_location(content, setup.content, asked.settings.location)
+    return replace(found, content=content)
 
 
 def _regions(asked: Asked, recording: Recording) -> Scanned | None:

@@ -174,6 +174,8 @@ def check_kinds(diagnosed: Mapping, recordings: Mapping) -> None:
             )
         if kind == "images" and {"disc", "object"} & set(settings):
             raise InputError(f"{where}: images are simulated of the study's phantom; take disc or object out")
+        if kind == "images" and settings.get("location"):
+            raise InputError(f"{where}.location: images have their location in the files; shift their affine instead")
         if settings.get("baseline", {}) and other is not None:
             raise InputError(f"{where}: physics_from takes all physics from {other}; take it or baseline out")
         declared(settings.get("baseline", {}), f"{where}.baseline")

@@ -20,6 +20,9 @@ from .recording import Provenance, Recording, Repeats
 from .scan import assumed, scan_geometry
 
 ADVICE = "copy it again from where it was made"
+# By the attribute units of theta; without it, angles are in degrees, as the Data Exchange format has them.
+TO_DEGREES = dict.fromkeys(("", "deg", "degs", "degree", "degrees", "°"), 1.0)
+TO_DEGREES |= dict.fromkeys(("rad", "rads", "radian", "radians"), 180 / math.pi)
 THETA_TOLERANCE = 0.05  # of the step between views: more is another scan, or other units
 LARGEST_LINE_INTEGRAL = 30.0  # exp(-30) is no photon of any scan: what is above are counts
 MOST_DEAD = 0.01  # share of pixels without signal; more means that fields are swapped or saturated
@@ -199,7 +202,7 @@ def _has_theta(path: Path) -> bool:
 def _check_theta(path: Path, file: h5py.File, geometry: OrbitGeometry) -> None:
     if "exchange/theta" not in file:
         return
-    theta = np.asarray(file["exchange/theta"][...], float)
+    theta = _theta(path, file["exchange/theta"])
     if theta.shape != (geometry.views,):
         raise InputError(f"{path}: /exchange/theta holds {theta.size} angles for {geometry.views} views")
     off = (theta - np.rad2deg(geometry.angles_rad) + 180) % 360 - 180
@@ -209,6 +212,23 @@ def _check_theta(path: Path, file: h5py.File, geometry: OrbitGeometry) -> None:
             f"{path}: /exchange/theta of view {worst} is {theta[worst]:g}, recording.yaml makes it "
             f"{np.rad2deg(geometry.angles_rad[worst]):g} degrees; correct start, direction, views_per_rotation or units"
         )
+
+
+def _theta(path: Path, data: h5py.Dataset) -> np.ndarray:
+    """Angles in degrees, shape (angles,), of a dataset in degrees or, by its attribute units, in radians."""
+    if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "uif":
+        held = data.dtype if isinstance(data, h5py.Dataset) else "a group"
+        raise InputError(f"{path}: /exchange/theta holds {held}, not numbers; store one angle per view, in degrees")
+    if data.shape is None or max(data.shape, default=1) != data.size:
+        raise InputError(
+            f"{path}: /exchange/theta has the shape {data.shape}; store one angle per view, as one row or column"
+        )
+    units = data.attrs.get("units", "")
+    units = np.ravel(units)[0] if np.size(units) == 1 else str(units)  # some writers store text in arrays of one
+    word = (units.decode(errors="replace") if isinstance(units, bytes) else str(units)).strip().lower().rstrip(".")
+    if word not in TO_DEGREES:
+        raise InputError(f"{path}: the attribute units of /exchange/theta is {word!r}; state degrees or radians")
+    return np.asarray(data[...], float).ravel() * TO_DEGREES[word]
 
 
 def _field(path: Path, file: h5py.File, name: str, frame: tuple[int, ...]) -> np.ndarray:

@@ -23,6 +23,8 @@ COLOURS = {
 }
 OTHER_COLOUR = "#D55E00"
 
+MOST_ROUNDED = 0.05  # of a number: what rounding to an interval's digits may change
+
 
 def render(template: str, filters: Mapping[str, Callable], *, strict: bool = True, **values) -> str:
     """A page or a part of one, of a template in `templates`.
@@ -83,11 +85,16 @@ def number(value: float) -> str:
 
 
 def within(value: float, interval: list[float]) -> str:
-    """A number to two digits of its interval's width."""
+    """A number to two digits of its interval's width, or to those of its own that a one-sided interval would hide."""
     width = interval[1] - interval[0]
     if not 0 < width < np.inf:
         return number(value)
-    return f"{value:.{max(0, 1 - int(np.floor(np.log10(width))))}f}".replace("-", "−")
+    text = f"{value:.{max(0, 1 - int(np.floor(np.log10(width))))}f}"
+    # Of 0.354 in 0.01 to 100, the width says nothing of the digits: the interval is one of factors.
+    one_sided = interval[0] >= 0 or interval[1] <= 0
+    if one_sided and abs(float(text) - value) > MOST_ROUNDED * abs(value):
+        return number(value)
+    return text.replace("-", "−")
 
 
 def _chance(p: float) -> str:

@@ -266,6 +266,11 @@ class Diagnosis:
         return self.plan.config["diagnosis"]["matters"]
 
     @property
+    def fail_on(self) -> list[str]:
+        """Verdicts by which the target `diagnosis` fails."""
+        return self.plan.config["diagnosis"]["fail_on"]
+
+    @property
     def properties(self) -> tuple[str, ...]:
         """Effects that change one property of images each, for comparisons of features."""
         return ("photon_flux", *image_effects())

@@ -16,7 +16,8 @@ SURE = 5.0
 # voxels, but with sharp edges, by h^2/12 (0.22).
 NUMERICAL = {"rays": (1.0, 1 / 3), "voxels": (0.28, 0.06)}
 NOMINAL_PHOTONS_SD = 0.02  # of the logarithm: how well a stated number of photons is taken to be known
-PLACE = ("x_mm", "y_mm", "z_mm", "turn_deg")
+LOCATION = ("x_mm", "y_mm", "z_mm")
+PLACE = (*LOCATION, "turn_deg")
 POSES = (*PLACE, "size")
 PIECE = "piece_"  # begins the names of what pieces of the object attenuate more than was stated
 
@@ -43,7 +44,11 @@ class Nuisance:
 
 
 def nuisances(
-    log_photons: float, photons_sd: float, known: Mapping[str, float], numerical: Iterable[str] = ()
+    log_photons: float,
+    photons_sd: float,
+    known: Mapping[str, float],
+    numerical: Iterable[str] = (),
+    location: Mapping[str, float] | None = None,
 ) -> tuple[Nuisance, ...]:
     """The alignment of a recording of projections.
 
@@ -55,6 +60,8 @@ def nuisances(
         Standard deviations that the configuration gives instead of the defaults.
     numerical : iterable of str, optional
         Names of the model's numerical distortions, of NUMERICAL.
+    location : mapping of str to float, optional
+        Where the object is expected, by name of LOCATION, mm; 0 where it is not stated.
 
     Returns
     -------
@@ -68,6 +75,8 @@ def nuisances(
         "z_mm": ("mm", 0.0, 1.0),
         "turn_deg": ("degrees", 0.0, 0.5),
     }
+    for name, value in (location or {}).items():
+        defaults[name] = ("mm", value, defaults[name][2])
     if "size" in known:  # of the object; an image states the size of its voxels
         defaults["size"] = ("1", 1.0, known["size"])
     defaults |= {name: ("1", *NUMERICAL[name]) for name in numerical}

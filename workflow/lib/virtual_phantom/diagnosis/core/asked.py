@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from ...base.geometry import OrbitGeometry, grid_of, scan_geometry
@@ -92,6 +92,8 @@ class Settings:
         What was scanned; without both of them, the study's phantom.
     protocol : str or None
         Name of the protocol that simulates a recording of images.
+    location : mapping of str to float
+        Where the object lies, by name of alignment.LOCATION, mm from the isocenter; 0 where it is not stated.
     check_setup : bool
         Whether the description of the scan is doubted first.
     object_may_differ : bool or float
@@ -107,6 +109,7 @@ class Settings:
     disc: Disc | None = None
     object: MaskedObject | LabelledObject | ShapesObject | None = None
     protocol: str | None = None
+    location: Mapping[str, float] = field(default_factory=dict)
     check_setup: bool = False
     object_may_differ: bool | float = False
     baseline: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
@@ -198,6 +201,10 @@ class Asked:
     seed: int = 0
     protocol: Protocol | None = None
     threads: int = 1
+
+    def located(self, location: Mapping[str, float]) -> Asked:
+        """The same with the object where its scan shows it; this one for no location."""
+        return replace(self, settings=replace(self.settings, location=dict(location))) if location else self
 
     @classmethod
     def of(cls, model: Mapping, phantom: str | Path | None, threads: int) -> Asked:

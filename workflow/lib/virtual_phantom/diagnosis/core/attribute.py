@@ -9,6 +9,7 @@ from functools import partial
 from ...io.schema import defaults_of
 from ...physics.effect import load, offered
 from .change import Change
+from .exchanged import exchanged
 from .fit import Fit, Fitter
 from .how_far import HowFar
 from .inexact import Errors
@@ -25,6 +26,10 @@ AS_GOOD = 3.0  # log score by which an effect may be worse and still stand for a
 # Log score that an effect must lose in the best place: odds of 22,000 to 1. Of 1735 effects that were ruled out in the
 # proof's seeds 13 and 15 none was there.
 RULED_OUT = 10.0
+# Share of an effect's change that another one must make too, to first order, to be fitted again from the settings that
+# equal the effect's; what is less alike loses a fifth of a gain. A choice. Detector offset and center of rotation share
+# over 0.99 in parallel and fan beams (tests/diagnosis/test_exchanged.py).
+LIKE = 0.8
 MOST_EFFECTS = 4  # named at once; a choice that bounds the time
 MOST_SWAPS = 2  # of a chosen effect for a better one that only pays beside the others
 SCREEN = 0.01  # of the matched filter, times the candidates: what does worse is not fitted beside the chosen ones
@@ -203,7 +208,7 @@ def choose(
         tried = fits.beside(current, list(dict.fromkeys(hopeful)))
     apart.intersection_update(current.fit.effects)
     for _ in range(MOST_SWAPS + 1):
-        choice, best = _with_stand_ins(fits, current, apart)
+        choice, best = _with_stand_ins(fits, current, apart, max(RULED_OUT, blur(current)))
         idle = [name for name in apart - choice.apart if choice.gains[name] < blur(current)]
         if idle:
             (best,) = fits.of([_less(current.fit.effects, idle[0])], current)
@@ -245,6 +250,9 @@ class _Fits:
     ):
         self.baseline, self.candidates = baseline, tuple(candidates)
         self._make = partial(trials, fitter, processes=processes, kept=kept, how_far=how_far)
+        # Not kept: those of the same effects that were begun elsewhere are.
+        self._refit = partial(trials, fitter, processes=processes, how_far=how_far)
+        self._fitter = fitter
         self._screen = partial(screened, fitter, processes=processes, how_far=how_far)
         self._accuracy = accuracy
         self._whole = fitter.model.whole
@@ -308,6 +316,27 @@ class _Fits:
         made |= {(name,): one for name, one in self.single([one[0] for one in sets if len(one) == 1]).items()}
         return [made[effects] if effects else self.baseline for effects in sets]
 
+    def in_place(self, current: Trial, effect: str, others: Sequence[str]) -> dict[str, Trial]:
+        """Fits with another effect in the place of one, begun where they are equal to first order.
+
+        Only those that share LIKE of its change.
+
+        Parameters
+        ----------
+        current : Trial
+        effect : str
+        others : sequence of str
+
+        Returns
+        -------
+        dict of str to Trial
+        """
+        if not others:
+            return {}
+        found = exchanged(self._fitter, current.fit, effect, others, LIKE)
+        tasks = [(one.start.effects, replace(current, fit=one.start)) for one in found.values()]
+        return dict(zip(found, self._refit(tasks), strict=True))
+
     def gain_alone(self) -> dict[str, float]:
         """Held-out log score that every candidate alone gains; to first order where it was not fitted."""
         return {
@@ -316,8 +345,27 @@ class _Fits:
         }
 
 
-def _with_stand_ins(fits: _Fits, current: Trial, apart: Set[str]) -> tuple[Choice, Trial | None]:
-    """These effects, with what each is worth and what could stand in; and the best fit with a stand-in."""
+def _with_stand_ins(
+    fits: _Fits, current: Trial, apart: Set[str], ruled_out: float = RULED_OUT
+) -> tuple[Choice, Trial | None]:
+    """These effects, with what each is worth and what could stand in; and the best fit with a stand-in.
+
+    No stand-in is ruled out by a fit that ended beside its best (or by a filter, of what moves rays): one that changes
+    the data as the effect does, about the current fit, is fitted again from the settings that equal the effect's.
+
+    Parameters
+    ----------
+    fits : _Fits
+    current : Trial
+    apart : set of str
+    ruled_out : float, optional
+        Log score that a stand-in must lose to be ruled out.
+
+    Returns
+    -------
+    choice : Choice
+    best : Trial or None
+    """
     rests = {effect: _less(current.fit.effects, effect) for effect in current.fit.effects}
     without = dict(zip(rests, fits.of(list(rests.values()), current), strict=True))
     gains, stand_ins, p, swapped = {}, {}, {}, []
@@ -341,8 +389,19 @@ def _with_stand_ins(fits: _Fits, current: Trial, apart: Set[str]) -> tuple[Choic
         likely = list(dict.fromkeys([*could_win(found, 2 * gains[effect]), *close]))
         fitted = fits.of([(*rest, name) for name in likely], without[effect])
         stand_ins[effect] = {name: max(lost, 0.0) for name, lost in first_order.items()}
-        stand_ins[effect] |= {name: current.score - one.score for name, one in zip(likely, fitted, strict=True)}
-        swapped += fitted
+        fitted = dict(zip(likely, fitted, strict=True))
+        stand_ins[effect] |= {name: current.score - one.score for name, one in fitted.items()}
+        moving = load(effect).kinematic
+        doubtful = [
+            name
+            for name, lost in stand_ins[effect].items()
+            if lost >= ruled_out and (name in fitted or (moving and load(name).kinematic))
+        ]
+        for name, one in fits.in_place(current, effect, doubtful).items():
+            if name not in fitted or one.fit.chi_square < fitted[name].fit.chi_square:
+                fitted[name] = one
+                stand_ins[effect][name] = current.score - one.score
+        swapped += fitted.values()
     # Without one of them it may be better, too: not every fit ends at its best.
     best = max([*swapped, *without.values()], key=lambda one: one.score, default=None)
     known = {effect: one.fit for effect, one in without.items()}

@@ -255,7 +255,7 @@ class Problem:
         self.fitter, self.effects = fitter, tuple(effects)
         self.model, self.data, self.weights = fitter.model, fitter.data, fitter.weights
         self.patterned = any(load(name).pattern for name in effects)
-        self.linearisation, self.linearised = BASE if given is None else given.linearisation, 0
+        self.linearisation, self.linearised = self.model.nominal if given is None else given.linearisation, 0
         self.whole = self.model.whole(self.effects)
         self.unknowns = self.model.unknowns(self.whole)
         aligned = self.model.alignment(self.effects if beside is None else (*self.effects, beside))

@@ -13,7 +13,7 @@ from ...base.recent import Kept
 from ...physics.chain import Chain
 from ...physics.effect import READOUT_UNITS, Parameter, acts_on_images, load
 from ...physics.spectra import KVP, TUNGSTEN, Anode
-from .alignment import SURE, Nuisance, pose_of
+from .alignment import LOCATION, SURE, Nuisance, pose_of
 from .linearisation import BASE, Linearisation, LinearisationPoint, before_images
 from .observed import Observed
 from .prediction import Prediction
@@ -127,6 +127,14 @@ class Model(ABC):
             name: {key: value * photons / state.unit if key in counted else value for key, value in values.items()}
             for name, values in physics.items()
         }
+
+    @property
+    def nominal(self) -> Linearisation:
+        """Where predictions are linearised before anything is fitted: BASE, or the object where it is expected."""
+        place = {one.name: one.expected for one in self.aligned if one.name in LOCATION}
+        if not any(place.values()):
+            return BASE
+        return Linearisation(LinearisationPoint({}, place), LinearisationPoint({}, place))
 
     def unknowns(self, effects: tuple[str, ...]) -> list[Unknown]:
         """The effects' numbers that are fitted, in order: no fixed ones, and none of a gain pattern."""

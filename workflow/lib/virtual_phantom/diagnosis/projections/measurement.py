@@ -14,7 +14,7 @@ from ...physics.state import MOST_NOISE, PHOTONS
 from ..core.alignment import Nuisance
 from ..core.fit import Fit, Fitter, Problem
 from ..core.information import Told, keys_of, slope, told
-from ..core.linearisation import BASE, before_images
+from ..core.linearisation import before_images
 from ..core.observed import Blocks
 from .model import ScansModel
 from .observed import PARTS, ObservedScans, white_shape
@@ -192,7 +192,7 @@ class Scan:
                         physics[name][parameter.name] = parameter.neutral
             expected = {number.name: number.expected for number in further.alignment(effects)}
             nuisance = {name: one.nuisance[name] if again else value for name, value in expected.items()}
-            return replace(one, effects=effects, physics=physics, nuisance=nuisance, linearisation=BASE)
+            return replace(one, effects=effects, physics=physics, nuisance=nuisance, linearisation=model.nominal)
 
         fitter = _expecting(further, here(weighed or fit), conditions, step)
         return Problem(fitter, effects, here(fit))

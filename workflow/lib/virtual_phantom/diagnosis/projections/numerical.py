@@ -102,15 +102,19 @@ class Numerical:
         """
         return self._made(linearisation)[0]
 
-    def left(self) -> tuple[np.ndarray, ...]:
+    def left(self, linearisation: LinearisationPoint = NOMINAL) -> tuple[np.ndarray, ...]:
         """What is left of each error once it is fitted, in the order of `names`.
+
+        Parameters
+        ----------
+        linearisation : LinearisationPoint, optional
 
         Returns
         -------
         tuple of ndarray, shape (views, rows, columns)
             Standard deviations.
         """
-        return tuple(LEFT[name] * error for name, error in self.at().items())
+        return tuple(LEFT[name] * error for name, error in self.at(linearisation).items())
 
     def strayed(self, linearisation: LinearisationPoint, lines: np.ndarray, weights: np.ndarray) -> bool:
         """Whether line integrals lie too far off those of a linearisation point.

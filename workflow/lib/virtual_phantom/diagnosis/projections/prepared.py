@@ -10,6 +10,7 @@ import numpy as np
 from scipy.sparse import sparray
 
 from ...base.errors import InputError
+from ...base.pose import Pose
 from ...physics.chain import Chain
 from ...physics.sampling import sources
 from ...physics.spectra import TUNGSTEN, Anode
@@ -17,7 +18,7 @@ from ..core.alignment import NOMINAL_PHOTONS_SD, PIECE, Nuisance, nuisances, pos
 from ..core.change import PieceOfObject
 from ..core.correlated import WHITE, Correlations, Whitening, estimated, of_state
 from ..core.fit import Fit, Fitter
-from ..core.linearisation import before_images
+from ..core.linearisation import LinearisationPoint, before_images
 from ..core.locate import Half, Location
 from ..core.look import Look
 from ..core.observed import FEWEST, Blocks
@@ -211,7 +212,8 @@ class PreparedScans(Prepared):
         if not correlations.stands_out(before, int(self.usable.sum())):
             return self
         stated = before_images(stated_physics(model.declared))
-        clean = model.chain.state(stated, photons=1.0, anode=model.anode).line_integrals()
+        place = pose_of(model.nominal.rays.nuisance)
+        clean = model.chain.state(stated, place, photons=1.0, anode=model.anode).line_integrals()
         data, held_out = (
             _whitened(
                 replace(one, whitening=None), correlations, clean, [one.as_recorded(error) for error in one.numerical]
@@ -269,6 +271,7 @@ def prepare(
     lacking: str | None = None,
     voxels: str | None = None,
     declared: Mapping[str, Mapping[str, Statement]] | None = None,
+    location: Mapping[str, float] | None = None,
 ) -> PreparedScans:
     """Noise, floor and alignment of a recording.
 
@@ -296,6 +299,8 @@ def prepare(
         As Prepared has them.
     declared : mapping of str to mapping of str to Statement, optional
         As Model takes it.
+    location : mapping of str to float, optional
+        As alignment.nuisances takes it.
 
     Returns
     -------
@@ -306,14 +311,14 @@ def prepare(
     InputError
         If the repeats do not vary.
     """
-    stated = before_images(stated_physics(declared or {}))
+    stated, place = before_images(stated_physics(declared or {})), pose_of(location or {})
     large = step > 1 and rays_of(chain.geometry.shape, chain.samples) > MOST_LOOKED_AT
     residuals, looked = None, chain
     if large:
         if len(taken) == 1:
-            residuals = _around(taken, chain, step, stated, anode)
+            residuals = _around(taken, chain, step, stated, anode, place)
         taken, looked = taken.every(step), every(chain, step)
-    state = looked.state(stated, photons=1.0, anode=anode)
+    state = looked.state(stated, place, photons=1.0, anode=anode)
     clean = state.line_integrals()
     unit = np.exp(clean)  # variance of one photon per pixel in air
     if declared:  # and of as many as a filter leaves of it
@@ -324,7 +329,9 @@ def prepare(
     of_rows = _of_rows(taken.usable)
     between = WHITE.of_second_differences(of_rows)
     if single:
-        declares = of_state(looked.state(stated, photons=photons, anode=anode), apart=1).of_second_differences(of_rows)
+        declares = of_state(looked.state(stated, place, photons=photons, anode=anode), apart=1).of_second_differences(
+            of_rows
+        )
         noise, photons, between = noise * between / declares, photons * declares / between, declares
     if not np.isfinite(photons) or photons > MOST_PHOTONS:
         raise InputError("the repeats of the recording do not vary: are they copies of one file?")
@@ -340,10 +347,10 @@ def prepare(
     whole = observe(taken, reference, blocks)
     variance = reference * (blocks.spread(_filled(whole.variance)) if not single else noise / reference)
     numerical = Numerical(chain, floor_chain, coarse_chain, anode)
-    left = numerical.left()
+    left = numerical.left(LinearisationPoint({}, location or {}))
     fitted, held, words = split(taken, further)
     if single:
-        correlations = of_state(chain.state(stated, photons=photons, anode=anode))
+        correlations = of_state(chain.state(stated, place, photons=photons, anode=anode))
     else:
         correlations = _correlations(taken, clean, variance)
     data, held_out = (
@@ -369,6 +376,7 @@ def prepare(
         NOMINAL_PHOTONS_SD if nominal_photons or single else np.inf,
         {"size": SIZE_SD} | (known or {}),
         numerical.names,
+        location,
     )
     model = ScansModel(chain, aligned, anode, tube_kvp, numerical=numerical, declared=declared)
     fitter = Fitter(model, data, held_out, weighed, floor)
@@ -393,7 +401,7 @@ def every(chain: Chain, step: int) -> Chain:
 
 
 def _around(
-    taken: Scans, chain: Chain, step: int, stated: Mapping[str, Mapping[str, float]], anode: Anode
+    taken: Scans, chain: Chain, step: int, stated: Mapping[str, Mapping[str, float]], anode: Anode, place: Pose
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What the baseline leaves of a single repeat in one view of so many, and in those before and after it.
 
@@ -406,6 +414,8 @@ def _around(
     stated : mapping of str to mapping of str to float
         Physics of the baseline.
     anode : Anode
+    place : Pose
+        Where the object is expected.
 
     Returns
     -------
@@ -415,7 +425,7 @@ def _around(
     middles = np.clip(np.arange(0, chain.geometry.views, step), 1, chain.geometry.views - 2)
 
     def left(views: np.ndarray) -> np.ndarray:
-        lines = chain.copy(chain.geometry.at(views)).state(stated, photons=1.0, anode=anode).line_integrals()
+        lines = chain.copy(chain.geometry.at(views)).state(stated, place, photons=1.0, anode=anode).line_integrals()
         return taken.repeats[0][views] - lines
 
     return left(middles - 1), left(middles), left(middles + 1)

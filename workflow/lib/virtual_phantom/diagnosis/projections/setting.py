@@ -58,6 +58,7 @@ def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedS
         tube_kvp=labels.tube_kvp,
         nominal_photons=settings.nominal_photons or recording.nominal.get("photons"),
         known=settings.alignment,
+        location=settings.location,
         declared=declared(settings.baseline, BASELINE),
         floor_chain=floor,
         coarse_chain=coarse,

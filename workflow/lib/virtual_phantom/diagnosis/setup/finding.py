@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ...base.errors import InputError
+from ..core.alignment import LOCATION
 from .descriptions import Description, descriptions
 from .unlike import GEOMETRY, Comparison, Unlike
 
@@ -28,6 +29,7 @@ EMPTY = 0.02  # scale of the line integrals below which nothing stood in the bea
 ALIKE = 5.0  # log likelihood by which this object must tell two descriptions apart
 NEAR = 2.0  # times as much left: of descriptions for which that is tried with the geometry fitted
 CONTENDERS = 4  # descriptions that are fitted with the geometry
+LOCATION_DIGITS = 1  # of a location that is found, mm: the alignment is fitted from there
 SCALE_WITHIN = 0.2  # logarithm of a factor that line integrals are off by: hardening and scatter change them too
 
 
@@ -45,6 +47,9 @@ class Finding:
         own where that is little.
     alike : tuple of Unlike
         Other descriptions that fit as well: this object cannot tell them from the best.
+    location : dict of str to float
+        Where the object lies, mm by name of LOCATION, if it lies farther off its stated location than the alignment
+        allows and the scan is described right; empty otherwise.
     """
 
     kind: str
@@ -52,10 +57,66 @@ class Finding:
     stated: Unlike
     share: float
     alike: tuple[Unlike, ...] = ()
+    location: Mapping[str, float] = field(default_factory=dict)
 
 
 def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
-    """Compare a recording with every description of it that could be meant.
+    """Compare a recording with every description of it that could be meant, wherever the object lies.
+
+    First the object is looked for where it is stated, within what the alignment allows, then in the whole field of
+    view: by the centroids of the views, and, before another object is named, on a grid of locations.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    scan : mapping
+        The scan section of recording.yaml.
+    log : bool
+    largest : float
+        As descriptions takes them.
+
+    Returns
+    -------
+    Finding
+    """
+    found = _found(comparison, scan, log, largest)
+    if found.kind in (AS_STATED, DESCRIPTION) and min(found.best.share, found.share) <= MISTAKEN:
+        return found
+    stated = next(descriptions(scan, log, largest))
+    for by_grid in (False, True):
+        anywhere = comparison.anywhere(by_grid)
+        lost = found.kind in (OBJECT, EMPTY_BEAM)
+        if not lost:
+            if by_grid:
+                break
+            first = anywhere.unlike(stated)
+            if not (comparison.beyond_reach(first) and _explains(first, found.best)):
+                break
+        other = _found(anywhere, scan, log, largest)
+        if other.kind not in (OBJECT, EMPTY_BEAM) and (lost or _explains(other.best, found.best)):
+            found = replace(other, stated=found.stated) if other.kind == DESCRIPTION else other
+            if other.kind == AS_STATED and comparison.beyond_reach(other.best):
+                found = replace(other, location=_location(anywhere, other.best))
+            break
+        if lost and other.share < found.share:
+            found = other
+    return found
+
+
+def _location(anywhere: Comparison, found: Unlike) -> dict[str, float]:
+    """Where the object lies; a shift of the detector, which a scan of half a turn trades against it, is fitted too."""
+    shifted = anywhere.unlike(found.description, also=("columns_px",))
+    place = shifted.place if _explains(shifted, found) else found.place
+    return {name: round(place[name], LOCATION_DIGITS) + 0.0 for name in LOCATION}
+
+
+def _explains(other: Unlike, found: Unlike) -> bool:
+    """Whether another location explains so much of what is left that it is no chance."""
+    return other.share < (1 - REMOVED) * found.share and found.worse_than(other) > LIKELIER
+
+
+def _found(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
+    """As `find`, of the locations that a comparison allows.
 
     Parameters
     ----------
@@ -84,7 +145,8 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
         return Finding(EMPTY_BEAM if empty else OBJECT, best, first, share)
     others = [one for one in (first, *tried) if one.name != best.name]
     alike = tuple(_alike(comparison, best, others))
-    return Finding(AS_STATED if chosen is None else DESCRIPTION, best, first, share, alike)
+    right = chosen is None and not best.shifted
+    return Finding(AS_STATED if right else DESCRIPTION, best, first, share, alike)
 
 
 def _chosen(comparison: Comparison, first: Unlike, tried: Sequence[Unlike]) -> Unlike | None:

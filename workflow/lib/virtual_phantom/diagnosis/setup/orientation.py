@@ -15,6 +15,7 @@ from skimage.registration import phase_cross_correlation
 from ...base.geometry import Grid
 from ...base.units import HU_AIR, HU_BODY
 from ...physics.scene import Pose
+from ..core.caveats import ALIKE
 from ..images.compared_regions import sampled
 from .finding import AS_STATED, DESCRIPTION, OBJECT
 
@@ -109,6 +110,7 @@ class OrientationFound:
             "alike": list(self.alike),
             "share_stated": self.share_stated,
             "share": self.share,
+            "location": {},
         }
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
@@ -126,12 +128,18 @@ class Laid:
         Of the variance inside the body, what the phantom leaves beyond noise; 1 where the bodies hardly overlap.
     overlap : float
         Of the bodies (Dice).
+    off_mm : tuple of 3 float
+        How far the images lie off the isocenter (z, y, x), mm.
+    correlation : float
+        Of images and phantom over all coarse voxels, air among them.
     rest : ndarray, shape (z, y, x)
         Images less phantom, HU.
     """
 
     share: float
     overlap: float
+    off_mm: tuple[float, float, float]
+    correlation: float
     rest: np.ndarray
 
 
@@ -165,11 +173,20 @@ def orientation(repeats: np.ndarray, phantom: np.ndarray, of: Grid, grid: Grid) 
     best = others[nearest]
     telling = float(expected[_inside(expected)].std()) > TOLD if _inside(expected).any() else False
     found, kind, mistakes, chosen = stated, AS_STATED, {}, None
-    if max(one.overlap for one in (stated, *others.values())) < SAME_BODY:
-        kind = OBJECT
+    nearer = min(stated, best, key=lambda one: one.share)
+    other = telling and nearer.share > 1 - ALIKE**2 and nearer.correlation < ALIKE
+    if other or max(one.overlap for one in (stated, *others.values())) < SAME_BODY:
+        kind, found = OBJECT, nearer
     elif telling and best.share < min(MOST_LEFT, REMOVED * stated.share):
         found, kind, chosen = best, DESCRIPTION, nearest
         mistakes = {nearest.name: CHANGE.format(nearest.line)}
+    if kind == OBJECT:
+        far = _laid(mean, expected, spacing, noise, far=True)
+        if far.overlap >= SAME_BODY and not (telling and far.share > MOST_LEFT):
+            z, y, x = (round(one) + 0.0 for one in far.off_mm)
+            where = f"{x:g}, {y:g}, {z:g} mm off the isocenter in x, y, z"
+            found, kind = far, DESCRIPTION
+            mistakes = {"location": f"repeats: crop or pad the images, whose center is the isocenter; they lie {where}"}
     # Those that leave hardly more than what is taken for right.
     near = (one for one, laid in others.items() if one is not chosen and laid.share * REMOVED < found.share)
     alike = [] if kind == OBJECT else [one.name for one in near]
@@ -191,23 +208,28 @@ def _inside(image: np.ndarray) -> np.ndarray:
     return ndimage.binary_erosion(body, disc, iterations=INSIDE)
 
 
-def _laid(images: np.ndarray, expected: np.ndarray, spacing: list[float], noise: float) -> Laid:
-    """Images moved onto the phantom, and what a cubic polynomial of the phantom's HU leaves of them inside."""
-    moved = images
-    shift = phase_cross_correlation(expected, images, upsample_factor=FINE, normalization=None)[0]
-    if (np.abs(shift * spacing) <= WITHIN_MM).all():
-        moved = ndimage.shift(images, shift, order=1, mode="nearest")
-    bodies = moved > HU_BODY, expected > HU_BODY
+def _overlap(images: np.ndarray, expected: np.ndarray) -> float:
+    """Of the bodies (Dice)."""
+    bodies = images > HU_BODY, expected > HU_BODY
     both, count = (bodies[0] & bodies[1]).sum(), bodies[0].sum() + bodies[1].sum()
-    overlap = float(2 * both / count) if count else 0.0
+    return float(2 * both / count) if count else 0.0
+
+
+def _laid(images: np.ndarray, expected: np.ndarray, spacing: list[float], noise: float, far: bool = False) -> Laid:
+    """Images moved onto the phantom, and what a cubic polynomial of the phantom's HU leaves of them inside."""
+    shift = phase_cross_correlation(expected, images, upsample_factor=FINE, normalization=None)[0]
+    moved = ndimage.shift(images, shift, order=1, mode="nearest")
+    overlap, off_mm = _overlap(moved, expected), tuple(map(float, -shift * spacing))
+    if max(map(abs, off_mm)) > WITHIN_MM and not far:
+        moved, overlap, off_mm = images, _overlap(images, expected), (0.0, 0.0, 0.0)
     inside = _inside(expected) & _inside(moved)
-    rest = moved - expected
+    rest, alike = moved - expected, float(np.corrcoef(moved.ravel(), expected.ravel())[0, 1])
     if inside.sum() < 2 * len(SHAPES):
-        return Laid(1.0, overlap, rest)
+        return Laid(1.0, overlap, off_mm, alike, rest)
     theirs, ours = moved[inside], expected[inside]
     scale = max(float(ours.std()), 1.0)
     design = np.stack([((ours - ours.mean()) / scale) ** power for power in SHAPES], axis=1)
     left = theirs - design @ np.linalg.lstsq(design, theirs, rcond=None)[0]
     total = float(theirs.var()) - noise
     share = (float((left**2).mean()) - noise) / total if total > 0 else 1.0
-    return Laid(float(np.clip(share, 0.0, 1.0)), overlap, rest)
+    return Laid(float(np.clip(share, 0.0, 1.0)), overlap, off_mm, alike, rest)

@@ -36,6 +36,8 @@ class SetUp:
         Of the variance of line integrals, what the description leaves as it stands, and as it should be.
     comparison : Comparison
     finding : Finding
+    location : dict of str to float
+        As Finding.location.
     """
 
     kind: str
@@ -45,6 +47,7 @@ class SetUp:
     share: float
     comparison: Comparison = field(repr=False)
     finding: Finding = field(repr=False)
+    location: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def content(self) -> dict:
@@ -56,6 +59,7 @@ class SetUp:
             "alike": list(self.alike),
             "share_stated": self.share_stated,
             "share": self.share,
+            "location": dict(self.location),
         }
 
     def maps(self) -> tuple[np.ndarray, np.ndarray]:
@@ -84,7 +88,7 @@ def set_up(recording: ProjectionsRecording | ImagesRecording, asked: Asked) -> S
     taken = scans(recording.repeats)
     known = {one.name: SURE * one.sd for one in nuisances(0.0, 1.0, asked.settings.alignment)}
     reach = {name: known[name] for name in (*PLACE, "scale")}
-    comparison = Comparison(scene_of(asked), taken.repeats, taken.usable, MOST, reach)
+    comparison = Comparison(scene_of(asked), taken.repeats, taken.usable, MOST, reach, asked.settings.location)
     scan = recording.document.content["scan"]
     finding = find(comparison, scan, recording.log, float(taken.repeats[:, taken.usable].max()))
     mistakes = {}
@@ -100,6 +104,7 @@ def set_up(recording: ProjectionsRecording | ImagesRecording, asked: Asked) -> S
         finding.share,
         comparison,
         finding,
+        {} if mistakes else finding.location,
     )
 
 

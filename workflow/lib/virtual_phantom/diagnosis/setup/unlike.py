@@ -8,6 +8,7 @@ or object leaves other rays where there should be none.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -16,7 +17,7 @@ import numpy as np
 from ...base.geometry import OrbitGeometry
 from ...physics.scene import Pose
 from ...recordings.scan import scan_geometry
-from ..core.alignment import PLACE, POSES
+from ..core.alignment import LOCATION, PLACE, POSES
 from .descriptions import STATED, Description
 
 ORDER = 3  # of the polynomial
@@ -33,9 +34,13 @@ REACH = {"columns_px": 6.0, "rows_px": 6.0, "size": 0.08, "drift_x_mm": 20.0, "d
 MOST_ATTENUATED = 6.0  # line integral beyond which rays weigh no less: noise of a few photons is no longer exp(-l)
 QUARTER_DEG, ROUNDED_DEG = 90.0, 1.0  # start angles that are off by nearly quarter turns are off by just these
 HALVINGS = 4  # of a step that makes it worse
+CENTROID_UNSEEN = 1e-3  # of the largest slope of centroids: below is what rounding and truncation leave
 UNSEEN = 1e-6  # of the largest slope: of what the object does not show
 SCALED = 0.3  # logarithm of line integrals' scale that hardening, scatter and glare reach
 SAMPLES = 2  # rays of a pixel along its columns and rows
+NUDGE_MM = 5.0  # by which the object is moved to see how the centroids of views follow
+CENTROIDS = 4  # steps by which they are matched: a fan beam magnifies what is nearer to the source
+GRID, FINER = 7, 4  # locations along x and y of a search over the field of view, and times that it is refined
 HOPELESS = 4.0  # times as much left as of the best so far after a first step: no further step makes up for that
 
 
@@ -88,21 +93,32 @@ class Unlike:
     @property
     def name(self) -> str:
         """Of the mistake that is undone."""
-        if not self.turned:
-            return self.description.name
-        return "start angle" if self.description.name == STATED else f"{self.description.name}, start angle"
+        more = [*(["start angle"] if self.turned else []), *(["detector offset"] if self.shifted else [])]
+        return ", ".join([*([self.description.name] if self.description.name != STATED or not more else []), *more])
+
+    @property
+    def shifted(self) -> bool:
+        """Whether the detector's columns are off by more than effects of the library mend."""
+        return abs(self.place.get("columns_px", 0.0)) > REACH["columns_px"]
 
     @property
     def line(self) -> str:
         """What to change in recording.yaml or in the data."""
-        if not self.turned:
-            return self.description.line
+        lines = [self.description.line]
+        if self.turned:
+            lines.append(self._start_angle())
+        if self.shifted:
+            offset = self.description.scan.get("column_offset_px", 0.0) + self.place["columns_px"]
+            lines.append(f"scan.column_offset_px: {offset:.4g}")
+        return "; ".join(filter(None, lines))
+
+    def _start_angle(self) -> str:
         # An object turned by t and seen at angle b is the object seen at b - t.
         change = -self.place["turn_deg"]
         quarters = QUARTER_DEG * round(change / QUARTER_DEG)
         change = quarters if abs(change - quarters) < ROUNDED_DEG else change
         angle = (self.description.scan["start_angle_deg"] + change + 180) % 360 - 180
-        return "; ".join(filter(None, (self.description.line, f"scan.start_angle_deg: {angle:.4g}")))
+        return f"scan.start_angle_deg: {angle:.4g}"
 
     @property
     def share(self) -> float:
@@ -130,15 +146,146 @@ class Comparison:
     reach : mapping of str to float
         How far the object may lie off its place, by name of PLACE (mm, degrees), and line integrals off their scale
         ("scale"). What is not in it may be anything.
+    location : mapping of str to float, optional
+        Of the object as stated, by name of LOCATION, mm; 0 where it is not stated.
     """
 
-    def __init__(self, scene, lines: np.ndarray, usable: np.ndarray, most: Sequence[int], reach: Mapping[str, float]):
+    def __init__(
+        self,
+        scene,
+        lines: np.ndarray,
+        usable: np.ndarray,
+        most: Sequence[int],
+        reach: Mapping[str, float],
+        location: Mapping[str, float] | None = None,
+    ):
         self._scene, self._lines, self._usable, self._most, self._reach = scene, lines, usable, tuple(most), reach
-        self._mu = scene.attenuation_per_mm
+        self._mu, self.location = scene.attenuation_per_mm, dict(location or {})
+        self._anywhere, self._by_grid, self._kept = False, False, {}
 
     def coarser(self, most: Sequence[int]) -> Comparison:
         """The same of fewer rays."""
-        return Comparison(self._scene, self._lines, self._usable, most, self._reach)
+        found = copy(self)
+        found._most, found._kept = tuple(most), {}
+        return found
+
+    def anywhere(self, by_grid: bool = False) -> Comparison:
+        """The same with the object anywhere in the field of view.
+
+        Parameters
+        ----------
+        by_grid : bool, optional
+            Search a grid of locations; False: match the centroids of the views' line integrals, which is exact for a
+            parallel beam that sees the whole object (first-moment condition of Helgason and Ludwig).
+
+        Returns
+        -------
+        Comparison
+        """
+        found = copy(self)
+        found._anywhere, found._by_grid, found._kept = True, by_grid, {}
+        return found
+
+    def beyond_reach(self, found: Unlike) -> bool:
+        """Whether the object was found farther off its stated location than the alignment allows."""
+        return any(
+            abs(found.place[name] - self.location.get(name, 0.0)) > self._reach.get(name, np.inf) for name in LOCATION
+        )
+
+    def begun(self, description: Description, turn_deg: float = 0.0) -> dict[str, float]:
+        """Where a fit begins: the stated location, or, where the object may lie anywhere, the one found first."""
+        start = {**self.location, "turn_deg": turn_deg}
+        if not self._anywhere:
+            return start
+        key = description.name, turn_deg
+        if key not in self._kept:
+            if not turn_deg:
+                self._kept[key] = (
+                    self._on_grid(description, start) if self._by_grid else self._centred(description, start)
+                )
+            else:  # the location of an object that is not turned serves as a start
+                other = self.begun(description) | {"turn_deg": turn_deg}
+                self._kept[key] = other if self._by_grid else self._centred(description, other, steps=1)
+        return self._kept[key]
+
+    def _centred(
+        self, description: Description, start: Mapping[str, float], steps: int = CENTROIDS
+    ) -> dict[str, float]:
+        """The location at which the centroids of the simulated views are those of the recorded ones.
+
+        A shift of the detector's columns is fitted beside it, and kept where it is larger than effects of the library
+        mend.
+
+        Parameters
+        ----------
+        description : Description
+        start : mapping of str to float
+        steps : int, optional
+
+        Returns
+        -------
+        dict of str to float
+        """
+        rays = self.rays(description)
+        mean, _, weight = self.data(description)
+        there = weight > 0
+        wanted = _centroids(mean, there)
+
+        def centroids(place: Mapping[str, float]) -> np.ndarray:
+            return _centroids(self._simulated(rays, {**place, "columns_px": 0.0}), there)
+
+        place, shift = dict(start), start.get("columns_px", 0.0)
+        here, key = centroids(place), ("slopes", description.name)
+        if key not in self._kept:
+            nudged = [{**place, name: place.get(name, 0.0) + NUDGE_MM} for name in LOCATION]
+            # Columns that lie farther along see the object earlier.
+            of_columns = np.repeat([-1 / rays.column_step, 0.0], wanted.size // 2)
+            self._kept[key] = np.stack([*((centroids(one) - here) / NUDGE_MM for one in nudged), of_columns])
+        slopes = self._kept[key]
+        for _ in range(steps):
+            off = wanted - here - shift * slopes[-1]
+            seen = np.isfinite(off) & np.isfinite(slopes).all(axis=0)
+            if not seen.any():
+                return dict(start)
+            sizes = np.sqrt((slopes[:, seen] ** 2).sum(axis=1))
+            known = sizes > CENTROID_UNSEEN * sizes.max()  # a cylinder shows no z
+            change = np.zeros(len(slopes))
+            change[known] = np.linalg.lstsq(slopes[known][:, seen].T, off[seen], rcond=1e-6)[0]
+            place |= {name: place.get(name, 0.0) + by for name, by in zip(LOCATION, change, strict=False)}
+            shift += change[-1]
+            here = centroids(place)
+        radius = self._field_radius_mm(rays)
+        if not np.isfinite([place[name] for name in LOCATION]).all() or np.hypot(place["x_mm"], place["y_mm"]) > radius:
+            return dict(start)
+        place.pop("columns_px", None)
+        return place | ({"columns_px": shift} if abs(shift) > REACH["columns_px"] else {})
+
+    def _on_grid(self, description: Description, start: Mapping[str, float]) -> dict[str, float]:
+        """The location on a grid over the field of view, refined about the best, that leaves least."""
+        rays = self.rays(description)
+        mean, _, weight = self.data(description)
+        radius, best = self._field_radius_mm(rays), self._centred(description, start)
+
+        def left(place: Mapping[str, float]) -> float:
+            return self._left(rays, mean, weight, place).squares
+
+        least, pitch = left(best), 2 * radius / GRID
+        offsets = pitch * (np.arange(GRID) - (GRID - 1) / 2)
+        middle = (0.0, 0.0)
+        for _ in range(1 + FINER):
+            for x, y in product(offsets, offsets):
+                place = {**start, "z_mm": best.get("z_mm", 0.0), "x_mm": middle[0] + x, "y_mm": middle[1] + y}
+                if np.hypot(place["x_mm"], place["y_mm"]) < radius and (squares := left(place)) < least:
+                    best, least = place, squares
+            middle, pitch = (best.get("x_mm", 0.0), best.get("y_mm", 0.0)), pitch / 2
+            offsets = pitch * np.array([-1.0, 0.0, 1.0])
+        return best
+
+    @staticmethod
+    def _field_radius_mm(rays: Rays) -> float:
+        """Radius of the circle at the isocenter that the detector sees where it is not shifted."""
+        geometry = rays.geometry
+        return geometry.columns * geometry.column_pitch_mm / 2 / geometry.magnification
 
     def scaled_right(self, found: Unlike) -> bool:
         """Whether the scale of line integrals is one that physics and what is known of it allow."""
@@ -218,9 +365,11 @@ class Comparison:
         rays = self.rays(description)
         mean, variance, weight = self.data(description)
         root = np.sqrt(weight).ravel()
-        names = (*PLACE, *also)
-        start = np.array([{**START, "turn_deg": turn_deg}.get(name, 0.0) for name in names])
-        reach = np.array([{**REACH, **self._reach}.get(name, np.inf) for name in names])
+        begun = self.begun(description, turn_deg)
+        names = tuple(dict.fromkeys((*PLACE, *also, *(name for name in begun if name not in PLACE))))
+        start = np.array([{**START, **begun}.get(name, 0.0) for name in names])
+        reach = {**REACH, **self._reach} | (dict.fromkeys(LOCATION, np.inf) if self._anywhere else {})
+        reach = np.array([reach.get(name, np.inf) for name in names])
         place, found = start, self._left(rays, mean, weight, dict(zip(names, start, strict=True)))
         for _ in range(STEPS):
             slopes = []
@@ -270,7 +419,7 @@ class Comparison:
         """Share of the squares that is left with the object in its place, turned by each angle."""
         rays = self.rays(description)
         mean, _, weight = self.data(description)
-        left = [self._left(rays, mean, weight, {"turn_deg": turn}) for turn in turns_deg]
+        left = [self._left(rays, mean, weight, self.begun(description, float(turn))) for turn in turns_deg]
         return np.array([one.squares / one.total for one in left])
 
     def _steps(self, shape: Sequence[int]) -> tuple[int, ...]:
@@ -322,6 +471,32 @@ class _Left:
     squares: float
     total: float
     scale: float
+
+
+def _centroids(lines: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Centroids of every view's line integrals along columns, then along rows.
+
+    Parameters
+    ----------
+    lines : ndarray, shape (views, rows, columns)
+    there : ndarray of bool, shape (views, rows, columns)
+        Rays that count.
+
+    Returns
+    -------
+    ndarray, shape (2 * views,)
+        In pixels compared; NaN where a view attenuates nothing, and along rows where there is one.
+    """
+    values = np.where(there, lines, 0.0)
+    mass = values.sum(axis=(1, 2))
+    columns, rows = np.arange(lines.shape[2]), np.arange(lines.shape[1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        across = (values.sum(axis=1) * columns).sum(axis=1) / mass
+        down = (values.sum(axis=2) * rows).sum(axis=1) / mass
+    alone = lines.shape[1] == 1
+    return np.where(
+        np.tile(mass, 2) > 0, np.concatenate([across, np.full_like(down, np.nan) if alone else down]), np.nan
+    )
 
 
 def _powers(simulated: np.ndarray) -> np.ndarray:

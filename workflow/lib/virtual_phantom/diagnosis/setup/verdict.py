@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,10 +17,27 @@ from ..described import object_of, scan_of
 from .finding import AS_STATED, DESCRIPTION, EMPTY_BEAM, OBJECT
 from .orientation import OrientationFound
 from .recorded import SetUp
+from .unlike import REACH
 
 VERDICTS = {DESCRIPTION: "description wrong", OBJECT: "another object", EMPTY_BEAM: "nothing in the beam"}
 # Of recordings that are not looked at.
-NOT_LOOKED = {"of": "line integrals", "kind": AS_STATED, "mistakes": {}, "alike": [], "share_stated": 0.0, "share": 0.0}
+NOT_LOOKED = {
+    "of": "line integrals",
+    "kind": AS_STATED,
+    "mistakes": {},
+    "alike": [],
+    "share_stated": 0.0,
+    "share": 0.0,
+    "location": {},
+}
+
+
+# What was searched before another object is named.
+SEARCHED = {
+    "line integrals": f"fits no location in the field of view, no turn, no size within {100 * REACH['size']:.0f} % and "
+    "no other geometry that was tried",
+    "HU inside the body": "fits no order of the voxels and no location",
+}
 
 
 def doubted(recording: Recording, asked: Asked) -> bool:
@@ -107,8 +125,8 @@ def sentence(name: str, content: Mapping, scanned: str) -> str:
         )
     if content["kind"] == OBJECT:
         return (
-            f"{name}: what was scanned is not {scanned}: {share} of the variance of its {content['of']} fits no place, "
-            "turn, size or geometry of it. Name the right object in the configuration. No effect was tried."
+            f"{name}: what was scanned is not {scanned}: {share} of the variance of its {content['of']} "
+            f"{SEARCHED[content['of']]}. Name the right object in the configuration. No effect was tried."
         )
     lines = "; ".join(content["mistakes"].values())
     left = f" Of the variance of {content['of']} {stated} does not fit as described, {share} so changed."
@@ -116,3 +134,33 @@ def sentence(name: str, content: Mapping, scanned: str) -> str:
         f"{name}: the description of the scan is wrong. Change: {lines}.{'' if stated == share else left} "
         "No effect was tried."
     )
+
+
+def with_location(content: Mapping, setup: Mapping, stated: Mapping[str, float]) -> dict:
+    """What diagnosis.json holds of a diagnosis that went on where the object was found.
+
+    Parameters
+    ----------
+    content : mapping
+    setup : mapping
+        SetUp.content.
+    stated : mapping of str to float
+        The location that the configuration states.
+
+    Returns
+    -------
+    dict
+        The content with its setup and, where the object lies elsewhere than stated, a sentence more.
+    """
+    content = {**content, "setup": dict(setup)}
+    location = setup["location"]
+    if not location:
+        return content
+    distance = math.dist(location.values(), [stated.get(name, 0.0) for name in location])
+    where = "its stated location" if any(stated.values()) else "the isocenter"
+    line = ", ".join(f"{name}: {value:g}" for name, value in location.items() if value or stated.get(name))
+    content["sentence"] += (
+        f" The object lies {distance:.3g} mm off {where}, and was compared there. State it: "
+        f"diagnosis.recordings.{content['recording']}.location: {{{line}}}."
+    )
+    return content
