@@ -245,7 +245,8 @@ def spoil(slices: list[pydicom.Dataset], attribute: str, kind: str, random: np.r
             one[tag] = RawDataElement(tag, vr, len(value), value, 0, False, True)
         else:
             # An attribute that an earlier damage has left with another type takes no such value.
-            with pydicom.config.disable_value_validation(), contextlib.suppress(TypeError, ValueError):
+            expected = (TypeError, ValueError, pydicom.errors.BytesLengthException)
+            with pydicom.config.disable_value_validation(), contextlib.suppress(*expected):
                 value = _other(one, attribute, np.random.default_rng(drawn))
                 if tag in one:
                     one[tag].value = value

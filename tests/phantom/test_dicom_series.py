@@ -82,7 +82,9 @@ def test_files_of_other_kinds_are_not_used_and_named(slices, tmp_path, notes):
     (folder / "report.txt").write_text("a report")
     with zipfile.ZipFile(folder / "more.zip", "w") as archive:
         archive.writestr("a", "b")
+    (folder / "empty").mkdir()
     (folder / "inner").mkdir()
+    (folder / "inner" / "a").write_text("a")
     assert_object(folder)
     assert sorted(notes()) == sorted(
         [
@@ -291,7 +293,7 @@ def test_the_folder_below_is_named(slices, tmp_path):
         ),
         ({"RescaleSlope": "1e-30"}, "RescaleSlope is 1e-30, so all values of 12 bits lie within"),
         ({"PixelRepresentation": 7}, "PixelRepresentation is 7; it must be 0 or 1"),
-        ({"BitsStored": 10, "HighBit": 9}, "holds values beyond its 10 bits stored"),
+        ({"BitsStored": 10, "HighBit": 9}, "has values beyond its 10 bits stored"),
         ({"HighBit": 15}, "BitsStored 12 and HighBit 15 do not fit BitsAllocated 16"),
         ({"RescaleSlope": 40}, "which no CT has; is PixelRepresentation (signed or not) or RescaleSlope wrong?"),
         (
@@ -353,7 +355,7 @@ def test_an_overlay_in_the_unused_bits_is_left_out(slices, tmp_path):
         pixels = np.frombuffer(one.PixelData, "<u2").copy()
         pixels[::7] |= 1 << 12
         one.PixelData = pixels.tobytes()
-    refused(write_series(slices, tmp_path / "a"), "holds values beyond its 12 bits stored")
+    refused(write_series(slices, tmp_path / "a"), "has values beyond its 12 bits stored")
     for one in slices:
         one.add_new(0x60000102, "US", 12)
     assert_object(write_series(slices, tmp_path / "b"))

@@ -82,14 +82,14 @@ def test_three_scans_are_three_repeats(kind, tree, expected, tmp_path, caplog):
         for path in one.iterdir():
             path.rename(path.with_suffix(".IMA"))
     assert means(tree, tmp_path) == expected
-    said = {
+    expected_notes = {
         "regions first": [
             f"{tree}: not used: scan1/000.dcm.RS: SOP class is RT Structure Set Storage, not CT",
             f"{tree}: not used: scan1/000_seg: SOP class is Segmentation Storage, not CT",
         ],
         "loop": [f"{tree}: not used: scan1/again: a link to a folder that is read already"],
     }
-    assert notes(caplog) == said.get(kind, [])
+    assert notes(caplog) == expected_notes.get(kind, [])
 
 
 def test_a_copy_of_a_scan_is_no_repeat(tree, expected, tmp_path, caplog):

@@ -438,15 +438,15 @@ def _mapping(header: pydicom.Dataset, tag: int):
 
 def _unusable(header: Slice) -> str:
     """Why a DICOM file is no slice in HU by its kind; empty if it is one."""
-    said, kind = header.values.get("SOPClassUID", ()), header.values.get("Modality", ())
+    uid, kind = header.values.get("SOPClassUID", ()), header.values.get("Modality", ())
     code = _code(kind[0]) if kind and kind is not BROKEN else "not given"
-    if not said or said is BROKEN:
+    if not uid or uid is BROKEN:
         if code != "CT":
             return f"no SOP class, and modality is {code}, not CT"
-    elif said[0] in MULTI_FRAME:
-        return f"{UID(said[0]).name}, multi-frame; convert it to one file per slice (dcm4che: emf2sf), or to NIfTI"
-    elif said[0] != CTImageStorage:
-        name = UID(said[0]).name if UID(said[0]).is_valid else "not readable"
+    elif uid[0] in MULTI_FRAME:
+        return f"{UID(uid[0]).name}, multi-frame; convert it to one file per slice (dcm4che: emf2sf), or to NIfTI"
+    elif uid[0] != CTImageStorage:
+        name = UID(uid[0]).name if UID(uid[0]).is_valid else "not readable"
         return f"SOP class is {name}, not CT"
     elif code not in ("CT", "not given"):
         return f"modality is {code}, not CT"

@@ -250,7 +250,7 @@ def _trimmed(one: Slice, raw: np.ndarray) -> np.ndarray:
         beyond &= (raw < padding[0]) | (raw > padding[1])
     if beyond.any():
         raise InputError(
-            f"{one.path}: holds values beyond its {stored} bits stored, so BitsStored or PixelRepresentation is wrong; "
+            f"{one.path}: has values beyond its {stored} bits stored, so BitsStored or PixelRepresentation is wrong; "
             "correct it"
         )
     return raw

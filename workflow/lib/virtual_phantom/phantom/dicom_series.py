@@ -107,15 +107,17 @@ def find_series(folder: str | Path) -> Series:
             f"{folder}: holds more than one DICOM series: {described(found)}; copy or link the files of one series "
             "into a new folder and give that"
         )
-    inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and not path.name.startswith(".")]
+    inner = [path for path in folders_under(folder, Unused()) if path != folder and files_in(path)]
     if inner:
-        note(f"{folder}: folders in it are not read ({', '.join(path.name for path in inner[:LISTED])})")
+        names = ", ".join(str(path.relative_to(folder)) for path in inner[:LISTED])
+        more = f" and {len(inner) - LISTED} more" if len(inner) > LISTED else ""
+        note(f"{folder}: folders in it are not read ({names}{more})")
     unused.report(folder)
     return found[0]
 
 
 def _nothing(folder: Path, unused: Unused) -> str:
-    """What is said of a folder without CT slices: what is in it, and which folders below have some."""
+    """The message about a folder without CT slices: what is in it, and which folders below have some."""
     lines = unused.lines(folder)
     below = []
     for inner in itertools.islice(folders_under(folder, Unused()), 1, 200):
@@ -147,7 +149,7 @@ def series_among(slices: Sequence[Slice], unused: Unused, top: Path) -> list[Ser
     -------
     list of Series
         In the order of folders, then of series numbers. If none is a stack of axial slices, all are returned, and
-        `read_slices` tells why each cannot be read.
+        `read_slices` says why each cannot be read.
 
     Raises
     ------
@@ -189,7 +191,7 @@ def series_among(slices: Sequence[Slice], unused: Unused, top: Path) -> list[Ser
 
 
 def _groups(slices: Sequence[Slice]) -> list[list[Slice]]:
-    """Slices by SeriesInstanceUID; by folder too if folders hold slices of one UID at the same position."""
+    """Slices by SeriesInstanceUID; by folder too if folders have slices of one UID at the same position."""
     # Exports spread one series over folders; anonymization may give one UID to all series.
     by_uid = defaultdict(lambda: defaultdict(list))
     for one in slices:
