@@ -11,7 +11,7 @@ from phantom_files import CT_GRID, lps
 
 from virtual_phantom.base.console import NOTES
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.io.volumes import read_image, read_nifti
+from virtual_phantom.io.volumes import read_image, read_nifti, upright
 from virtual_phantom.phantom.ct import read_hu
 
 HU = phantom_files.object_hu()
@@ -162,6 +162,19 @@ def test_a_small_tilt_is_taken_as_upright_and_reported(degrees, axes, moved, tmp
 def test_a_tilt_that_moves_voxels_by_more_than_half_of_one_is_refused(affine, tmp_path):
     with pytest.raises(InputError, match=r"tilted against the scanner's by up to .* degrees, which moves voxels by up"):
         read_image(nifti(tmp_path / "c.nii", affine=affine))
+
+
+def test_a_rotation_without_shear_may_move_voxels_farther():
+    """0.3 degrees move the end of 400 voxels by 1.04 voxels."""
+    angle, array = np.radians(0.3), np.arange(400.0 * 4 * 4).reshape(400, 4, 4)
+    affine = np.eye(4)
+    affine[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    volume = upright(array, affine, "c.nii")
+    assert np.array_equal(volume.array, array.T) and volume.grid.spacing == pytest.approx((1, 1, 1))
+    assert volume.grid.centre_mm == pytest.approx((affine @ [199.5, 1.5, 1.5, 1])[:3])
+    affine[0, 1] = 0
+    with pytest.raises(InputError, match="or a rotation of 1 degrees without shear"):
+        upright(array, affine, "c.nii")
 
 
 def test_two_orientations_and_none_are_reported(tmp_path, notes):

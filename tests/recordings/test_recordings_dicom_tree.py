@@ -151,3 +151,14 @@ def test_rounding_in_headers_makes_no_difference(tmp_path):
 def test_a_wrong_fact_is_named(attributes, message, tmp_path):
     with pytest.raises(InputError, match=message):
         means(scan(tmp_path / "tree", 0, **attributes), tmp_path)
+
+
+def test_numbers_that_no_scan_has_are_reported_and_left_out(tmp_path, caplog):
+    """Scanners write 0 for what they do not know."""
+    known = {"DistanceSourceToPatient": 0, "DistanceSourceToDetector": 1500, "SpiralPitchFactor": 0, "CTDIvol": -1}
+    recording = import_dicom_tree(scan(tmp_path / "tree" / "scan", 0, **known), tmp_path / "recording")
+    content = recording.document.content
+    assert content["scan"] == {"source_to_detector_mm": 1500} and content["nominal"]["tube_kvp"] == 120
+    assert not {"pitch", "dose_mgy"} & content["nominal"].keys()
+    (line,) = (one for one in caplog.messages if "not kept" in one)
+    assert "pitch (0.0), dose_mgy (-1.0), source_to_isocentre_mm (0.0)" in line

@@ -30,6 +30,10 @@ GZIP_MOST = 1032  # bytes that one of deflate's stands for at most: 258 of them 
 # Voxels by which a tilted axis may move a voxel center. Up to half a voxel, resampling to the upright grid by nearest
 # neighbor returns the array unchanged. A rotation of 0.3 degrees moves the ends of 190 voxels by as much.
 LARGEST_TILT = 0.5
+# Degrees by which a whole volume may be rotated against the scanner's axes, as by a couch: the tolerance of couch angles
+# (AAPM TG-142; Klein et al., Med. Phys. 36, 4197, 2009). The volume itself is not distorted.
+LARGEST_ROTATION = 1.0
+ORTHOGONAL = 1e-4  # largest cosine between two axes of a volume that is rotated and not sheared: 10 um in 100 mm
 SEEN_TILT = 0.05  # voxels; from here on the tilt is reported. Header values in single precision stay below 1e-3.
 
 
@@ -385,7 +389,7 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     """The volume of an array and its affine, axes flipped and swapped to run along +x, +y, +z.
 
     Axes that are tilted by so little that no voxel center moves by more than LARGEST_TILT are taken as upright, about
-    the center of the volume.
+    the center of the volume. So are axes that are rotated together, by LARGEST_ROTATION at most.
 
     Parameters
     ----------
@@ -428,10 +432,11 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     tilted = np.abs(matrix - np.diag(spacing))
     moved = float((tilted @ half / spacing).max())
     angle = math.degrees(math.acos(min(1.0, float((np.diag(matrix) / spacing).min()))))
-    if moved > LARGEST_TILT:
+    if moved > LARGEST_TILT and not is_small_rotation(matrix / spacing):
         raise InputError(
             f"{path}: its axes are tilted against the scanner's by up to {angle:.3g} degrees, which moves voxels by up "
-            f"to {moved:.3g} voxels ({LARGEST_TILT:g} is allowed); resample it upright first"
+            f"to {moved:.3g} voxels ({LARGEST_TILT:g} is allowed, or a rotation of {LARGEST_ROTATION:g} degrees without "
+            "shear); resample it upright first"
         )
     if noted and moved > SEEN_TILT:
         note(
@@ -441,6 +446,22 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     centre = affine[:3, 3] + matrix @ half
     grid = Grid(shape=array.shape[::-1], spacing=tuple(spacing[::-1]), centre_mm=tuple(centre))
     return Volume(np.ascontiguousarray(array.T, dtype=dtype), grid)
+
+
+def is_small_rotation(axes: np.ndarray) -> bool:
+    """Whether three axes are the frame's own, rotated together by at most LARGEST_ROTATION and not sheared.
+
+    Parameters
+    ----------
+    axes : ndarray, shape (3, 3)
+        Unit vectors in columns, in the order of the frame's axes.
+
+    Returns
+    -------
+    bool
+    """
+    angle = math.degrees(math.acos(np.clip((np.trace(axes) - 1) / 2, -1.0, 1.0)))
+    return bool(np.abs(axes.T @ axes - np.eye(3)).max() <= ORTHOGONAL) and angle <= LARGEST_ROTATION
 
 
 def write_nifti(volume: Volume, path: str | Path) -> None:

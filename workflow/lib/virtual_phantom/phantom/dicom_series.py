@@ -18,7 +18,7 @@ import numpy as np
 
 from ..base.console import note
 from ..base.errors import InputError
-from ..io.volumes import Volume, check_fits, upright
+from ..io.volumes import ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
 from .dicom_files import (
     NEEDED,
     Slice,
@@ -393,7 +393,8 @@ def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
     tilts = [abs(one.number("GantryDetectorTilt", 0.0)) for one in slices]
     turned = math.sin(math.radians(min(max(tilts), 90))) * ends[1] * row_spacing / 2
     sideways = np.ptp(positions[:, :2], axis=0).max() / 2
-    if (np.append(away, turned) / np.append(size, step)).max() > LARGEST_DISPLACEMENT:
+    rotated = turned == 0 and _rotated_together(cosines, positions, axes)
+    if not rotated and (np.append(away, turned) / np.append(size, step)).max() > LARGEST_DISPLACEMENT:
         if sideways > (away.max() + turned) / 2:
             raise InputError(
                 f"{name}: slices are shifted sideways against each other (gantry tilt); resample the series onto "
@@ -403,16 +404,27 @@ def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
             f"{slices[0].path}: slices are tilted or not axial; resample the series onto upright axial slices first"
         )
     if (moved := max(away.max(), turned)) > max(POSITION_TOLERANCE_MM, 0.01 * step):
-        note(
-            f"{name}: slices are slightly tilted or unevenly placed; reading them as upright moves voxels by at most "
-            f"{moved:.2g} mm"
-        )
+        what = "the volume is slightly rotated" if rotated else "slices are slightly tilted or unevenly placed"
+        note(f"{name}: {what}; reading it as upright moves voxels by at most {moved:.2g} mm")
     if abs(row_spacing / column_spacing - 1) > SQUARE:
         note(f"{name}: PixelSpacing is {row_spacing:g} x {column_spacing:g} mm; CT pixels are square: is it right?")
     affine = np.eye(4)
     affine[:3, 0], affine[:3, 1] = axes[0] * column_spacing, axes[1] * row_spacing
     affine[:3, 2], affine[:3, 3] = (0, 0, step), positions[0] + shift
     return affine
+
+
+def _rotated_together(cosines: np.ndarray, positions: np.ndarray, axes: np.ndarray) -> bool:
+    """Whether all slices lie above each other along their common normal, rotated as a whole by a small angle."""
+    if np.ptp(cosines, axis=0).max() > ORTHOGONAL:
+        return False
+    normal = np.cross(*cosines[0])
+    offsets = positions - positions[0]
+    if np.abs(offsets - np.outer(offsets @ normal, normal)).max() > POSITION_TOLERANCE_MM:
+        return False
+    # The frame's axes in their order: what remains is the rotation.
+    actual, upright_axes = (np.column_stack([*one, np.cross(*one)]) for one in (cosines[0], axes))
+    return is_small_rotation(actual @ upright_axes.T)
 
 
 def _slice_spacing(name: str, positions: np.ndarray) -> float:

@@ -12,15 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from jsonschema import Draft202012Validator
 
 from ...base.console import note
 from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...io.files import sha256
+from ...io.schema import read_schema
 from ...io.volumes import Volume, write_nifti
 from ...phantom.dicom_files import Unused, files_in, folders_under, slices_of
 from ...phantom.dicom_series import Series, read_slices, series_among
 from ...phantom.masks import GRID_TOLERANCE_MM
+from ..document import SCHEMA
 from ..provenance import SHARED, check_shared, series_facts
 from ..recording import Recording
 from . import write_folder
@@ -97,6 +100,7 @@ def import_dicom_tree(
             if key in scan.facts:
                 means[key].append(scan.facts[key])
     typical = {key: values[0] if key in (*SHARED, *SCAN) else float(np.mean(values)) for key, values in means.items()}
+    typical = _possible(typical, first.series.name)
     lengths = {key: typical[key] for key in SCAN if key in typical}
     content = {
         "kind": "images",
@@ -107,6 +111,17 @@ def import_dicom_tree(
         "repeats": names,
     }
     return write_folder(target_folder, content, write)
+
+
+def _possible(facts: dict, name: str) -> dict:
+    """The facts that recording.yaml can state. Scanners write 0 for what they do not know; the others are reported."""
+    sections = read_schema(SCHEMA)["properties"]
+    known = {key: sections["scan" if key in SCAN else "nominal"]["properties"][key] for key in facts}
+    left_out = [key for key, value in facts.items() if not Draft202012Validator(known[key]).is_valid(value)]
+    if left_out:
+        values = ", ".join(f"{key} ({facts[key]})" for key in left_out)
+        note(f"{name}: not kept, as no scan has this value: {values}")
+    return {key: value for key, value in facts.items() if key not in left_out}
 
 
 def _find(root: Path) -> list[Scan]:
