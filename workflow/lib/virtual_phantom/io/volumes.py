@@ -30,8 +30,8 @@ GZIP_MOST = 1032  # bytes that one of deflate's stands for at most: 258 of them 
 # Voxels by which a tilted axis may move a voxel center. Up to half a voxel, resampling to the upright grid by nearest
 # neighbor returns the array unchanged. A rotation of 0.3 degrees moves the ends of 190 voxels by as much.
 LARGEST_TILT = 0.5
-# Degrees by which a whole volume may be rotated against the scanner's axes, as by a couch: the tolerance of couch angles
-# (AAPM TG-142; Klein et al., Med. Phys. 36, 4197, 2009). The volume itself is not distorted.
+# Degrees by which a whole volume may be rotated against the scanner's axes, as by a couch: the tolerance of couch
+# angles (AAPM TG-142; Klein et al., Med. Phys. 36, 4197, 2009). The volume itself is not distorted.
 LARGEST_ROTATION = 1.0
 ORTHOGONAL = 1e-4  # largest cosine between two axes of a volume that is rotated and not sheared: 10 um in 100 mm
 SEEN_TILT = 0.05  # voxels; from here on the tilt is reported. Header values in single precision stay below 1e-3.
@@ -435,8 +435,8 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
     if moved > LARGEST_TILT and not is_small_rotation(matrix / spacing):
         raise InputError(
             f"{path}: its axes are tilted against the scanner's by up to {angle:.3g} degrees, which moves voxels by up "
-            f"to {moved:.3g} voxels ({LARGEST_TILT:g} is allowed, or a rotation of {LARGEST_ROTATION:g} degrees without "
-            "shear); resample it upright first"
+            f"to {moved:.3g} voxels ({LARGEST_TILT:g} is allowed, or a rotation of {LARGEST_ROTATION:g} degrees "
+            "without shear); resample it upright first"
         )
     if noted and moved > SEEN_TILT:
         note(
