@@ -87,6 +87,23 @@ def test_another_body_is_told(phantom):
     assert orientation(recorded(8, axes=(35, 30), inserts=[]), phantom, PHANTOM, IMAGES).kind == OBJECT
 
 
+def test_a_body_of_another_width_with_other_organs_is_another_object(phantom):
+    """Bodies overlap by over 0.6, but images and phantom correlate by less than 0.9."""
+    others = [((-10, 10, 0), 22, 800.0), ((30, -25, 10), 18, -80.0)]
+    found = orientation(recorded(9, axes=(70, 60), inserts=others), phantom, PHANTOM, IMAGES)
+    assert found.kind == OBJECT and found.share > 0.19
+
+
+@pytest.mark.parametrize("shift, where", [((0.0, 0.0, 40.0), "40, 0, 0"), ((0.0, -45.0, 20.0), "20, -45, 0")])
+def test_images_far_off_the_isocenter_are_reported_with_their_shift(shift, where):
+    small = [((20, 5, 10), 14, 800.0), ((-15, -10, -15), 12, -80.0)]
+    of = body(PHANTOM, (50, 40), 20.0, small).array
+    found = orientation(recorded(10, shift=shift, axes=(50, 40), inserts=small), of, PHANTOM, IMAGES)
+    assert (found.kind, list(found.mistakes)) == (DESCRIPTION, ["location"])
+    told = [float(one) for one in found.mistakes["location"].split("they lie ")[1].split(" mm")[0].split(", ")]
+    assert told == pytest.approx([float(one) for one in where.split(", ")], abs=2.0)
+
+
 def test_undone_is_the_inverse():
     image = np.random.default_rng(1).normal(size=(3, 4, 4))
     for one in (STATED, *OTHERS):

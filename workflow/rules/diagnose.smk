@@ -95,6 +95,8 @@ if context.diagnosis.fail_on:
         """Every recording and comparison under diagnosis; exit code 1 for a verdict of diagnosis.fail_on."""
         input:
             context.diagnosis.all(),
+        log:
+            context.log("diagnosis/verdicts"),
         localrule: True
         params:
             fail_on=context.diagnosis.fail_on,

@@ -83,12 +83,14 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
     if found.kind in (AS_STATED, DESCRIPTION) and min(found.best.share, found.share) <= MISTAKEN:
         return found
     stated = next(descriptions(scan, log, largest))
+    if found.kind == EMPTY_BEAM and comparison.attenuated(stated) < EMPTY:
+        return found
     for by_grid in (False, True):
         anywhere = comparison.anywhere(by_grid)
         lost = found.kind in (OBJECT, EMPTY_BEAM)
+        if by_grid and (not lost or anywhere.begun(stated) == comparison.anywhere().begun(stated)):
+            break  # the grid has nothing better
         if not lost:
-            if by_grid:
-                break
             first = anywhere.unlike(stated)
             if not (comparison.beyond_reach(first) and _explains(first, found.best)):
                 break

@@ -192,6 +192,12 @@ class Comparison:
             abs(found.place[name] - self.location.get(name, 0.0)) > self._reach.get(name, np.inf) for name in LOCATION
         )
 
+    def attenuated(self, description: Description) -> float:
+        """Sum of the recorded line integrals over that of the simulated ones, of the rays that count."""
+        mean, _, weight = self.data(description)
+        simulated = self._simulated(self.rays(description), self.location)
+        return float(mean[weight > 0].sum() / max(simulated[weight > 0].sum(), 1e-300))
+
     def begun(self, description: Description, turn_deg: float = 0.0) -> dict[str, float]:
         """Where a fit begins: the stated location, or, where the object may lie anywhere, the one found first."""
         start = {**self.location, "turn_deg": turn_deg}

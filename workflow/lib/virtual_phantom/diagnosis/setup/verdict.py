@@ -14,7 +14,7 @@ from ...recordings.projections import ProjectionsRecording
 from ...recordings.recording import Recording
 from ..core.asked import Asked
 from ..described import object_of, scan_of
-from .finding import AS_STATED, DESCRIPTION, EMPTY_BEAM, OBJECT
+from .finding import AS_STATED, DESCRIPTION, EMPTY_BEAM, LOCATION_DIGITS, OBJECT
 from .orientation import OrientationFound
 from .recorded import SetUp
 from .unlike import REACH
@@ -156,6 +156,11 @@ def with_location(content: Mapping, setup: Mapping, stated: Mapping[str, float])
     location = setup["location"]
     if not location:
         return content
+    # As fitted, with all effects; a direction that the scan does not show stays where it was.
+    location = {
+        name: round(content["alignment"][name]["value"], LOCATION_DIGITS) if value else value
+        for name, value in location.items()
+    }
     distance = math.dist(location.values(), [stated.get(name, 0.0) for name in location])
     where = "its stated location" if any(stated.values()) else "the isocenter"
     line = ", ".join(f"{name}: {value:g}" for name, value in location.items() if value or stated.get(name))
