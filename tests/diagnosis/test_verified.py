@@ -272,6 +272,7 @@ def scored(monkeypatch):
         return {name: Screened(0.0, gain, beside_errors=made_up) for name, gain in gains.items()}
 
     monkeypatch.setattr(attribute, "screened", filtered)
+    monkeypatch.setattr(attribute, "exchanged", lambda *_: {})  # scores have no data that effects could change alike
     return made
 
 
