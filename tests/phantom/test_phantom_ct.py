@@ -329,7 +329,7 @@ def test_broken_slice_and_empty_folder_are_refused(slices, nifti, tmp_path):
         ({"label": 3, "name": "dark"}, "the name dark is given twice"),
         ({"label": 3, "name": "DARK"}, "the names DARK and dark differ only in case; rename one of them"),
         ({"label": 3, "name": "a-b"}, "rois.0.name: 'a-b' must be of letters"),
-        ({"label": 3, "tissue_class": None}, "rois.0.tissue_class: None is not of type 'string'"),
+        ({"label": 3, "tissue_class": None}, "rois.0.tissue_class: is null or empty to YAML; give text"),
         ({"file": "nowhere.nii.gz"}, "nowhere.nii.gz: no such file"),
     ],
 )
