@@ -349,7 +349,7 @@ def test_bad_settings_are_refused(nifti):
     refuse({**nifti, "rois": []}, "phantom: ct: rois: ")
     refuse({k: v for k, v in nifti.items() if k != "labels"}, "bright: has no file")
     refuse({**nifti, "centre_mm": [0, 0]}, "centre_mm")
-    refuse({**nifti, "centre_mm": [np.nan, 0, 0]}, "misses the CT|does not fit|nothing in the CT")
+    refuse({**nifti, "centre_mm": [np.nan, 0, 0]}, "phantom: ct: centre_mm.0 is nan; give a finite number")
     refuse({**nifti, "centre_mm": [CENTRE[0], CENTRE[1], 0]}, "misses the CT")
     refuse({**nifti, "keep_mm": [0, 1]}, "keep_mm")
     refuse({**nifti, "keep_mm": [[900, 990], [0, 1]]}, "leaves nothing of the CT")
