@@ -94,6 +94,58 @@ def test_a_comparison_and_a_recording_that_are_diagnosed_have_names_of_their_own
     refuse(config, "diagnosis.comparisons names 'scanner', as diagnosis.recordings does")
 
 
+SCANNED = {name: {} for name in ("a", "b", "c", "scanners")}
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"protocols": {"SIRT_300": DEFAULT["protocols"]["sirt_300"]}}, "protocols: sirt_300 and SIRT_300 differ only"),
+        ({"noise": {"levels": {"Dose10": {"A": 1e-6, "repeats": 3}}}}, "noise.levels: dose10 and Dose10 differ only"),
+        (
+            {
+                "protocols": {"sirt_300_without_physics": {"algorithm": "sirt", "projections": 300}},
+                "physics": {"scatter": None},
+                "analyses": {"stability": {"without_physics": True}},
+            },
+            "analyses.stability.without_physics makes a protocol of this name from sirt_300; rename it",
+        ),
+        ({"recordings": {"a": "x", "A": "y"}}, "recordings: a and A differ only in case"),
+        (
+            {"analyses": {"comparison": dict.fromkeys(("a", "a_features"), COMPARISON)}},
+            "analyses.comparison.a and analyses.comparison.a_features both write to tables/comparison_a_features.csv",
+        ),
+        (
+            {"analyses": {"comparison": dict.fromkeys(("b_families", "b"), COMPARISON)}},
+            "analyses.comparison.b and analyses.comparison.b_families both write to tables/comparison_b_families.csv",
+        ),
+        (
+            {"diagnosis": {"recordings": SCANNED, "scanners": {"next_measurement": {"recordings": ["a", "b", "c"]}}}},
+            "diagnosis.recordings.scanners and diagnosis.scanners.next_measurement both write to "
+            "diagnosis/scanners/next_measurement",
+        ),
+        (
+            {"diagnosis": {"recordings": SCANNED, "scanners": {"maps": {"recordings": ["a", "b", "c"]}}}},
+            "diagnosis.recordings.scanners and diagnosis.scanners.maps both write to diagnosis/scanners/maps",
+        ),
+    ],
+)
+def test_names_that_lead_to_one_file_are_refused(changes, message):
+    config = copy.deepcopy(DEFAULT)
+    update_config(config, {"recordings": {**dict.fromkeys(SCANNED, "x"), "scanner": "y"}})
+    update_config(config, changes)
+    refuse(config, f"{message}")
+
+
+def test_names_that_only_look_as_if_they_lead_to_one_file_are_taken():
+    config = copy.deepcopy(DEFAULT)
+    names = ("features", "index", "cells", "scanner", "a", "a_scores", "maps")
+    config["recordings"] = dict.fromkeys(names, "x")
+    config["analyses"]["comparison"] = dict.fromkeys(names, COMPARISON)
+    config["diagnosis"] = {"recordings": dict.fromkeys(names, {}), "scanners": {"maps": {"recordings": ["a", "cells"]}}}
+    check(config)
+
+
 @pytest.mark.parametrize(
     "path, value, message",
     [

@@ -6,6 +6,7 @@ import pytest
 
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.io.volumes import Volume
+from virtual_phantom.statistics.noise import EVERY_ROI
 
 CLASSES = {
     "normal_1": "normal_liver",
@@ -49,8 +50,8 @@ def calibration():
     rows = []
     for protocol, slope, intercept in (("sirt_450", 1.5e6, 40.0), ("fbp_450", 2.6e6, 60.0)):
         for level in (0.5e-4, 1e-4, 2e-4, 3e-4, 4e-4):
-            for roi in ("all", *CLASSES):
-                variance = (intercept + slope * level) * (1 + (0.02 if roi == "all" else 0.2) * rng.normal())
+            for roi in (EVERY_ROI, *CLASSES):
+                variance = (intercept + slope * level) * (1 + (0.02 if roi == EVERY_ROI else 0.2) * rng.normal())
                 rows.append(
                     {
                         "protocol": protocol,

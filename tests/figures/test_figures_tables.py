@@ -15,6 +15,7 @@ from scipy.stats import hypergeom
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.figures import noise_calibration, pca, stability_discrimination, style
 from virtual_phantom.figures import overlap as overlap_figure
+from virtual_phantom.statistics.noise import EVERY_ROI
 
 
 def points(axes):
@@ -46,7 +47,7 @@ def line(slope, intercept, levels, protocol="sirt_450", scatter=0.0):
             "noise": "n",
             "noise_level": levels,
             "repeats": 10,
-            "roi": "all",
+            "roi": EVERY_ROI,
             "variance_hu2": variance,
             "standard_error": 1.0,
         }
@@ -75,14 +76,14 @@ def test_r_squared_by_hand():
 
 
 def test_only_rows_of_all_rois_are_fitted(calibration):
-    alone = calibration[calibration["roi"] == "all"]
+    alone = calibration[calibration["roi"] == EVERY_ROI]
     assert sorted(texts(noise_calibration.draw(calibration))) == sorted(texts(noise_calibration.draw(alone)))
     assert sum(text.startswith("fit: ") for text in texts(noise_calibration.draw(calibration))) == 2  # legend
 
 
 def test_calibration_refuses(calibration):
     with pytest.raises(InputError, match="no rows"):
-        noise_calibration.draw(calibration[calibration["roi"] != "all"])
+        noise_calibration.draw(calibration[calibration["roi"] != EVERY_ROI])
     with pytest.raises(InputError, match="no rows"):
         noise_calibration.draw(calibration.iloc[:0])
     with pytest.raises(InputError, match="at least two"):

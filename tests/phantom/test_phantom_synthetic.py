@@ -258,6 +258,7 @@ def refuse(layout, match, grid=SMALL_GRID):
         (("shapes", 0, "semi_axes_mm"), [40, -1], "positive"),
         (("rois", 0, "name"), "a b", "letters, digits and underscores"),
         (("rois", 0, "name"), "rough", "rois: rough: the name is given twice"),
+        (("rois", 0, "name"), "Rough", "differs from Rough only in case; rename one of them"),
         (("rois", 0, "margin_mm"), "wide", "rois: plain"),
         (("rois", 0, "size"), 3, "rois: plain: unknown key size"),
         (("rois",), [], "at least one shape and one ROI"),

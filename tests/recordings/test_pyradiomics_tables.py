@@ -180,6 +180,11 @@ def spoiled(**columns):
         (lambda t: t.drop(columns="Image"), ROIS, "lacks the column image or Image"),
         (lambda t: t.assign(**dict.fromkeys([c for c in t if c.startswith("original")])), ROIS, "row 2 (image "),
         (lambda t: t[[c for c in t if not c.startswith("original")]], ROIS, "holds no feature of pyradiomics"),
+        (
+            lambda t: t.iloc[:0],
+            ROIS,
+            "has no rows below the names of its columns; give the table that pyradiomics wrote",
+        ),
         (lambda t: t.drop(columns=list(FEATURES)), ROIS, "have none of the 86 features of the study in common"),
         (spoiled(**{FEATURES[3]: float("nan")}), ROIS, f"{FEATURES[3]} is nan for roi liver"),
         (

@@ -132,7 +132,11 @@ REFUSED = {
     ),
     "two rows in one": (
         lambda text, table: "".join(text.splitlines(keepends=True)[:3]).rstrip() + "," + text.splitlines()[3],
-        "row 3 has 264 fields and the header 132; is a decimal comma",
+        "row 3 has 264 fields and the header 132; are several rows in one line?",
+    ),
+    "a title between separators": (
+        lambda text, table: "My cohort,,\n" + text,
+        "row 2 has 132 fields and the header 3 (and 6 more rows); is the first line a title? Delete what precedes the",
     ),
     "a second table": (lambda text, table: "\n\n" + text + text, "row 10 repeats the names of the columns"),
     "one name twice": (

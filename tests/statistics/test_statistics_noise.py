@@ -14,7 +14,7 @@ def test_variance_by_hand():
     ramp = np.where(left, 1.0, 2.0)
     table = noise.repeat_variance((ramp * k for k in (1, 2, 3)), {"left": left, "right": ~left}).set_index("roi")
     # 1 2 3 has variance 1, 2 4 6 has 4.
-    assert table["variance_hu2"].to_dict() == pytest.approx({"left": 1, "right": 4, "all": 2.5})
+    assert table["variance_hu2"].to_dict() == pytest.approx({"left": 1, "right": 4, noise.EVERY_ROI: 2.5})
     assert (table["repeats"] == 3).all()
     # Leaving one of 1 2 3 out gives variances 0.5, 2 and 0.5: mean 1, jackknife variance 2/3 x (0.25 + 1 +
     # 0.25).
@@ -26,7 +26,16 @@ def test_overlapping_rois_count_each_voxel_once_in_all():
     inner[0] = False
     image = np.where(inner, 1.0, 2.0)
     table = noise.repeat_variance((image * k for k in (1, 2, 3)), {"outer": BOX, "inner": inner}).set_index("roi")
-    assert table.loc["all", "variance_hu2"] == pytest.approx(table.loc["outer", "variance_hu2"])
+    assert table.loc[noise.EVERY_ROI, "variance_hu2"] == pytest.approx(table.loc["outer", "variance_hu2"])
+
+
+@pytest.mark.parametrize("name", ["all", "All", "roi", "variance_hu2", "EVERY_ROI"])
+def test_an_roi_of_any_name_keeps_its_row(name):
+    half = BOX.copy()
+    half[0] = False
+    image = np.where(half, 1.0, 2.0)
+    table = noise.repeat_variance((image * k for k in (1, 2, 3)), {name: half, "other": ~half}).set_index("roi")
+    assert table["variance_hu2"].to_dict() == pytest.approx({name: 1, "other": 4, noise.EVERY_ROI: 2.5})
 
 
 def test_known_noise_is_recovered_and_its_error_is_honest_for_correlated_voxels():

@@ -164,6 +164,38 @@ def test_null_is_named_in_every_section(content, line, capsys):
     assert code == 1 and sum(line in one for one in lines) == 1, lines
 
 
+@pytest.mark.parametrize(
+    "content, name, advice",
+    [
+        ("protocols: {sirt_30O: null}", "protocols.sirt_30O", "did you mean 'sirt_300'?"),
+        ("noise: {levels: {Dose10: null}}", "noise.levels.Dose10", "did you mean 'dose10'?"),
+        ("analyses: {optimall: null}", "analyses.optimall", "did you mean 'optimal'?"),
+        ("recordings: {mine: null}", "recordings.mine", ""),
+    ],
+)
+def test_null_that_removes_nothing_is_noted(content, name, advice, capsys, tmp_path):
+    path = tmp_path / "my.yaml"
+    path.write_text(content)
+    assert command.main(["check", str(path)]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"Note: {path}: {name}: null removes nothing, as there is no such entry; ")
+    assert line.endswith(advice)
+    read_config.note_idle_nulls([ROOT / "config" / "config.yaml", path])
+
+
+@pytest.mark.parametrize("files", [("tiny",), ("printed_phantom",), ("recordings", "tiny"), ("controls",)])
+def test_nulls_of_the_shipped_configurations_remove_something(files, capsys):
+    read_config.read_configs([ROOT / "config" / f"{file}.yaml" for file in files])
+    assert "null removes nothing" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("entry", ["{name: no, tissue_class: x}", "{name: a b, tissue_class: x}", "{name: ~}", "3"])
+def test_an_entry_that_is_refused_is_the_only_mistake(entry, capsys):
+    rois = f"[{entry}, {{name: b, tissue_class: y, label: 3}}]"
+    _, lines = checked(f"phantom: {{source: ct, ct: {{image: a.nii.gz, labels: b.nii.gz, rois: {rois}}}}}", capsys)
+    assert not [line for line in lines if "are all of tissue_class" in line], lines
+
+
 def test_removing_a_protocol_as_the_docs_say_works(capsys):
     text = (ROOT / "docs" / "protocols.md").read_text()
     (block,) = [one for one in text.split("```yaml\n")[1:] if "sirt_300: null" in one]

@@ -202,7 +202,7 @@ def test_seeds_make_different_images_with_the_same_mean(study):
 
 
 def test_noise_variance_is_linear_in_the_noise_level(study):
-    table = pd.read_csv(study / "tables" / "noise_calibration.csv").query("roi == 'all'")
+    table = pd.read_csv(study / "tables" / "noise_calibration.csv").query("roi == 'all ROIs'")
     assert np.corrcoef(table["noise_level"], table["variance_hu2"])[0, 1] ** 2 > 0.98
 
 

@@ -5,7 +5,7 @@ import os
 import sys
 from pathlib import Path
 
-from virtual_phantom.base.console import check_names
+from virtual_phantom.base.console import check_names, printed_notes
 from virtual_phantom.base.errors import InputError, printed
 from virtual_phantom.study.context import read_context
 
@@ -17,9 +17,10 @@ try:
         *map(str, workflow.configfiles),
         json.dumps(config, ensure_ascii=False, default=str),
     )
-    context = read_context(
-        config, WORKFLOW, workflow.configfiles, here=workflow.is_main_process
-    )
+    with printed_notes():
+        context = read_context(
+            config, WORKFLOW, workflow.configfiles, here=workflow.is_main_process
+        )
 except InputError as error:
     sys.exit(printed(error))
 

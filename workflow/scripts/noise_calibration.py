@@ -27,6 +27,6 @@ with job(snakemake) as log:
     table = pd.concat(parts).sort_values(["protocol", "noise_level"], kind="stable")
     table = table[KEYS + [column for column in table if column not in KEYS]]
     files.write_csv(table, snakemake.output[0])
-    for protocol, pooled in table[table["roi"] == "all"].groupby("protocol"):
+    for protocol, pooled in table[table["roi"] == noise.EVERY_ROI].groupby("protocol"):
         fit = noise.linear_fit(pooled["noise_level"], pooled["variance_hu2"])
         log.info("%s: variance = %.6g + %.6g A, R2 = %.4f", protocol, fit.intercept, fit.slope, fit.r_squared)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 WRITTEN = {
     "sirt": "SIRT",
@@ -27,6 +27,27 @@ def label(name: object) -> str:
 def counted(number: int, thing: str) -> str:
     """So many things, in words: 1 repeat, 2 repeats."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def same_but_for_case(names: Iterable[str]) -> tuple[str, str] | None:
+    """Return the first two names that differ only in case.
+
+    Files named after them would be one file on a file system that ignores case, such as that of macOS.
+
+    Parameters
+    ----------
+    names : iterable of str
+
+    Returns
+    -------
+    tuple of str or None
+        None if there are no such names.
+    """
+    seen: dict[str, str] = {}
+    for name in names:
+        if (other := seen.setdefault(name.casefold(), name)) != name:
+            return other, name
+    return None
 
 
 def enumerated(phrases: Sequence[str]) -> str:

@@ -270,8 +270,16 @@ def _whole_rows(header: list[str], rows: list[Record], path: Path) -> tuple[list
         )
     if wrong:
         line, number = wrong[0]
-        advice = "is a value missing, or was the file cut off?" if number < width else "is a decimal comma among them?"
-        more = f" (and {len(wrong) - 1} more rows)" if len(wrong) > 1 else ""
+        lengths = {number for _, number in wrong}
+        if number < width:
+            advice = "is a value missing, or was the file cut off?"
+        elif len(wrong) == len(whole) > 1 and len(lengths) == 1:
+            advice = "is the first line a title? Delete what precedes the names of the columns"
+        elif number % width == 0:
+            advice = "are several rows in one line?"
+        else:
+            advice = "is a decimal comma among them?"
+        more = f" (and {counted(len(wrong) - 1, 'more row')})" if len(wrong) > 1 else ""
         raise InputError(f"{path}: row {line} has {number} fields and the header {width}{more}; {advice}")
     return header, whole
 

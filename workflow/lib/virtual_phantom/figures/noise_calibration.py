@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ..base.errors import InputError
-from ..statistics.noise import LinearFit, linear_fit
+from ..statistics.noise import EVERY_ROI, LinearFit, linear_fit
 from . import style, tables
 
 MEASURED_LINES = ("--", "-.", ":", (0, (6, 2, 1, 2, 1, 2)))
@@ -32,7 +32,7 @@ def draw(
     table: pandas.DataFrame,
     study_levels: Mapping[str, float] | None = None,
     measured: Sequence[tuple[str, float]] = (),
-    roi: str = "all",
+    roi: str = EVERY_ROI,
 ) -> Figure:
     """Variance against A for each protocol with its fit, and where the fits cross measured variances.
 

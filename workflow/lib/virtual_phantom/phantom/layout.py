@@ -13,6 +13,7 @@ import numpy as np
 from ..base.data import RESOURCES
 from ..base.errors import InputError
 from ..base.streams import Stream
+from ..base.words import same_but_for_case
 from ..io.yaml_files import read_yaml
 from .shapes import Ellipsoid, Tube
 from .texture import Component, Texture
@@ -114,6 +115,8 @@ def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
             raise InputError(f"phantom layout, {where}: names are of letters, digits and underscores only")
         if roi.name in {r.name for r in rois}:
             raise InputError(f"phantom layout, {where}: the name is given twice")
+        if alike := same_but_for_case([*(r.name for r in rois), roi.name]):
+            raise InputError(f"phantom layout, {where}: differs from {alike[0]} only in case; rename one of them")
         rois.append(roi)
         hu, texture = _look_up(tissues, entry, where)
         texture.condition(roi.shape)

@@ -9,6 +9,7 @@ from scipy.ndimage import binary_dilation, distance_transform_edt, find_objects
 
 from ..base.errors import InputError
 from ..base.geometry import Grid
+from ..base.words import same_but_for_case
 from ..io.schema import schema_of, validate
 
 FIT_VOXELS = 20_000  # enough to place a few cluster centres
@@ -65,8 +66,8 @@ def read_entries(entries: list[dict], default_file: str | None, source: str = "p
     Raises
     ------
     InputError
-        For what the configuration's schema refuses, a name given twice (parts have names too), and an entry without a
-        file.
+        For what the configuration's schema refuses, names that are equal or differ only in case (parts have names too),
+        and an entry without a file.
     """
     validate({"rois": entries}, {**schema_of("phantom", "ct"), "required": ["rois"]}, source)
     read = [RoiEntry(**{"file": default_file, **entry}) for entry in entries]
@@ -78,6 +79,8 @@ def read_entries(entries: list[dict], default_file: str | None, source: str = "p
     names = [name for entry in read for name in entry.names]
     if doubled := sorted({name for name in names if names.count(name) > 1}):
         raise InputError(f"{source}: rois: the name {doubled[0]} is given twice; names must differ")
+    if alike := same_but_for_case(names):
+        raise InputError(f"{source}: rois: the names {alike[0]} and {alike[1]} differ only in case; rename one of them")
     return tuple(read)
 
 

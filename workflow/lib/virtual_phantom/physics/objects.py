@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from ..base.data import SCHEMAS
 from ..base.errors import InputError, meant
+from ..base.words import same_but_for_case
 from ..io.schema import fill_defaults, read_schema, validate
 from ..io.yaml_files import read_yaml
 from . import shapes
@@ -131,6 +132,10 @@ def read_phantom_object(settings: Mapping) -> tuple[ShapedObject, tuple[ShapedRo
         check_roi(roi, shaped.names)
         if roi.name in [one.name for one in rois[:number]]:
             raise InputError(f"phantom.object.rois: the name {roi.name} is given twice")
+    if alike := same_but_for_case(roi.name for roi in rois):
+        raise InputError(
+            f"phantom.object.rois: the names {alike[0]} and {alike[1]} differ only in case; rename one of them"
+        )
     return shaped, rois
 
 

@@ -113,6 +113,8 @@ def _advice(table: pd.DataFrame) -> str:
 
 
 def _check_extracted(table: pd.DataFrame, image: str, source: str) -> None:
+    if table.empty:
+        raise InputError(f"{source}: has no rows below the names of its columns; give the table that pyradiomics wrote")
     features = [name for name in table.columns if is_feature(name)]
     if not features:
         raise InputError(f"{source}: holds no feature of pyradiomics; give the table that it wrote")

@@ -12,6 +12,8 @@ import scipy
 from ..base.errors import InputError
 from . import MINIMUM_LEVELS, MINIMUM_REPEATS
 
+EVERY_ROI = "all ROIs"  # names of ROIs have no spaces, so that none is equal to it
+
 
 def repeat_variance(
     images: Iterable[np.ndarray], masks: dict[str, np.ndarray], name: str = "noise calibration"
@@ -30,10 +32,10 @@ def repeat_variance(
     Returns
     -------
     DataFrame
-        One row per ROI and one for "all" (the union of the ROIs): roi, repeats, variance_hu2 (n - 1 in the denominator,
-        so unbiased), standard_error (jackknife over repeats: neighbouring voxels share noise and cannot be counted as
-        independent), spatial_variance_hu2 (among the voxels of one image, n in the denominator, as pyradiomics'
-        Variance: noise and what the object varies by; mean over repeats).
+        One row per ROI and one for their union, whose roi is EVERY_ROI. Columns: roi, repeats, variance_hu2 (n - 1 in
+        the denominator, so unbiased), standard_error (jackknife over repeats: neighboring voxels share noise and cannot
+        be counted as independent), spatial_variance_hu2 (among the voxels of one image, n in the denominator, as
+        pyradiomics' Variance: noise and variation of the object; mean over repeats).
 
     Raises
     ------
@@ -58,7 +60,7 @@ def repeat_variance(
     # Leaving repeat k out lowers a voxel's sum of squares by n/(n - 1) times its squared deviation.
     left_out = (squares - deviation * n / (n - 1)) / (n - 2)
     result = []
-    for roi, mask in {**masks, "all": union}.items():
+    for roi, mask in {**masks, EVERY_ROI: union}.items():
         inside = mask[union]
         if not inside.any():
             raise InputError(f"{name}: ROI {roi} is empty")

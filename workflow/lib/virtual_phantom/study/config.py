@@ -16,6 +16,7 @@ from .config_rules import Names, Rules
 from .outputs import Files
 from .plan import without_physics
 from .public_scans import made_folders
+from .read_config import REMOVABLE
 
 # Sections of entries by names of the user's.
 NAMED = (("protocols",), ("noise", "levels"), ("scans",), ("diagnosis", "recordings"))
@@ -81,9 +82,7 @@ def complete(settings: Mapping) -> dict:
 def _without_nulls(settings: Mapping) -> dict:
     """A copy without the keys that are taken away."""
     config = copy.deepcopy(dict(settings))
-    paths = [("protocols",), ("noise", "levels"), ("analyses",), ("analyses", "pca"), ("scans",), ("recordings",)]
-    paths += [("analyses", "comparison"), ("public_scans",), ("public_scans", "phantom"), ("public_scans", "compared")]
-    paths += [("diagnosis", "recordings"), ("diagnosis", "scanners")]
+    paths: list[tuple[str, ...]] = list(REMOVABLE)
     if isinstance(config.get("protocols"), dict):
         paths += [("protocols", name) for name in config["protocols"]]
     for path in paths:

@@ -7,12 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import PurePosixPath
 
 from ..base.errors import InputError, meant
 from ..base.geometry import PARALLEL
 from ..base.vectors import FLAT
+from ..base.words import same_but_for_case
 from ..physics.effect import OF_A_SPOT, check_readings, checked, image_effects
 from ..statistics import COMPARED_REPEATS, MINIMUM_REPEATS, RANKSUM_REPEATS
+from .outputs import OUTPUTS, WILDCARD
+from .plan import WITHOUT_PHYSICS
 
 
 @dataclass(frozen=True)
@@ -104,6 +108,8 @@ class Rules:
     def lines(self) -> Iterator[str]:
         """What is wrong, a line each."""
         for rule in (
+            self._case,
+            self._files,
             self._levels,
             self._repositioned,
             self._protocols,
@@ -155,6 +161,44 @@ class Rules:
             yield f"config: noise.levels.{level}.repeats is {repeats}; {reason}"
 
     # Rules
+
+    def _case(self) -> Iterator[str]:
+        """Names that files are called after differ in more than case."""
+        names = self.names
+        for section in (
+            names.protocols,
+            names.levels,
+            names.scans,
+            names.recordings,
+            names.diagnosed,
+            names.scanners,
+            names.comparisons,
+        ):
+            if alike := same_but_for_case(section):
+                yield f"config: {section.path}: {alike[0]} and {alike[1]} differ only in case; rename one of them"
+
+    def _files(self) -> Iterator[str]:
+        """Recordings, scanners and comparisons write different files, and none into a folder that another writes."""
+        names, compared = self.names, self.config["diagnosis"]["comparisons"]
+        written: list[tuple[str, Entries, str]] = []
+        for output in OUTPUTS:
+            wildcards = WILDCARD.findall(output.pattern)
+            section = {
+                ("recording",): names.diagnosed if output.pattern.startswith("diagnosis/") else names.recordings,
+                ("scanner",): names.scanners,
+                ("comparison",): names.comparisons,
+            }.get(tuple(wildcards), ())
+            for name in section:
+                if output.rule != "diagnose_features" or name in compared:
+                    written += [(path, section, name) for path in output.paths(**{wildcards[0]: name})]
+        owners = {path: (section, name) for path, section, name in written}
+        for path, section, name in written:
+            for known in (path, *map(str, PurePosixPath(path).parents)):
+                other, others_name = owners.get(known, (section, name))
+                if others_name != name:  # _diagnosed_comparisons has the equal ones
+                    both = sorted((f"{other.path}.{others_name}", f"{section.path}.{name}"))
+                    yield f"config: {both[0]} and {both[1]} both write to {known}; rename one of them"
+                    return
 
     def _levels(self) -> Iterator[str]:
         for name, level in self.levels.items():
@@ -254,6 +298,12 @@ class Rules:
             if not any(protocol.get("physics", self.config["physics"]) for protocol in every):
                 where = "config: analyses.stability.without_physics"
                 yield f"{where}: no protocol with a group has physics; state some, or take it out"
+            for name in self.protocols:
+                if name + WITHOUT_PHYSICS in self.protocols and "group" in self.protocols[name]:
+                    yield (
+                        f"config: protocols.{name}{WITHOUT_PHYSICS}: analyses.stability.without_physics makes a "
+                        f"protocol of this name from {name}; rename it"
+                    )
 
     def _optimal(self) -> Iterator[str]:
         if "optimal" in self.analyses:

@@ -27,7 +27,7 @@ from .phantom_sources import PhantomSources
 from .plan import Plan
 from .proof import Proof
 from .public_scans import PublicScans
-from .read_config import doubtful_entries
+from .read_config import doubtful_entries, note_idle_nulls
 from .recorded import Comparisons, Recordings
 from .selections import Selections
 
@@ -275,6 +275,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
         doubtful = [line for path in files for line in doubtful_entries(path)]
         if lines := doubtful + problems(config, keep=True):
             raise InputErrors(lines)
+        note_idle_nulls(files)
     plan = Plan(complete(config))
     # On a cluster, jobs that need no device may be where there is none.
     backprojector = plan.config["reconstruction"]["sirt"]["backprojector"]

@@ -44,7 +44,10 @@ def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list
     """
     lines, config = inspected(settings)
     if config:
-        phantom, recordings = partial(_phantom, keep=keep), partial(_recordings, keep=keep)
+        phantom, recordings = (
+            partial(_phantom, keep=keep, rois=_number_of_rois(settings)),
+            partial(_recordings, keep=keep),
+        )
         for look in (_results, _engine, _layout, _shapes, phantom, _scans, _parameters, _measured, recordings, _proof):
             lines += look(config)
         if scans:
@@ -138,13 +141,20 @@ def _scanned(config: dict) -> Iterator[str]:
     yield from blind_spots(config, grid, reach, {roi.name: roi.mask for roi in rois}, slack)
 
 
-def _phantom(config: dict, keep: bool) -> Iterator[str]:
-    """Of a CT and its ROIs."""
+def _number_of_rois(settings: Mapping) -> int:
+    """Number of entries of phantom.ct.rois, of which the schema may refuse some."""
+    for key in ("phantom", "ct", "rois"):
+        settings = settings.get(key) if isinstance(settings, Mapping) else None
+    return len(settings) if isinstance(settings, list) else 0
+
+
+def _phantom(config: dict, keep: bool, rois: int) -> Iterator[str]:
+    """Of a CT and its ROIs, of which the user gave so many."""
     phantom = config.get("phantom", {})
     if phantom.get("source") != "ct" or "ct" not in phantom:
         return
     classes = {roi["tissue_class"] for roi in phantom["ct"]["rois"]}
-    if len(classes) == 1 and "stability" in config["analyses"]:
+    if len(classes) == 1 and len(phantom["ct"]["rois"]) == rois and "stability" in config["analyses"]:
         yield (
             f"config: phantom.ct.rois are all of tissue_class {min(classes)}; analyses.stability compares at least two "
             "classes, so give ROIs of another, or set analyses.stability: null"

@@ -3,15 +3,31 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+from ..base.console import note
 from ..base.data import clone
-from ..base.errors import InputError, refusing
+from ..base.errors import InputError, meant, refusing
 from ..io.default_study import default_study
 from ..io.yaml_files import parse_yaml
 
 DEFAULT = "config/config.yaml"  # what the Snakefile begins with
+# Sections whose entries null removes.
+REMOVABLE = (
+    ("protocols",),
+    ("noise", "levels"),
+    ("analyses",),
+    ("analyses", "pca"),
+    ("analyses", "comparison"),
+    ("scans",),
+    ("recordings",),
+    ("public_scans",),
+    ("public_scans", "phantom"),
+    ("public_scans", "compared"),
+    ("diagnosis", "recordings"),
+    ("diagnosis", "scanners"),
+)
 ADVICE = "give the path of a configuration (config/README.md has the keys)"
 
 
@@ -32,7 +48,7 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
         None, if a file cannot be read.
     """
     lines: list[str] = []
-    default = next((path for path in (Path(DEFAULT), (clone() or Path()) / DEFAULT) if path.exists()), None)
+    default = _default()
     settings: dict = {} if default else shipped_default()
     readable = True
     for path in [*([default] if default else []), *paths]:
@@ -43,8 +59,36 @@ def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:
             readable = False
             continue
         lines += doubtful
+        for line in _idle_nulls(settings, own):
+            note(f"{path}: {line}")
         settings = _updated(settings, own)
     return lines, settings if readable else None
+
+
+def note_idle_nulls(paths: Sequence[str | Path]) -> None:
+    """Print a note for each null that removes nothing, for configurations that Snakemake has read."""
+    default = _default()
+    read_configs([path for path in paths if default is None or not Path(path).samefile(default)])
+
+
+def _default() -> Path | None:
+    """The default study's file: in the current folder or in the clone."""
+    return next((path for path in (Path(DEFAULT), (clone() or Path()) / DEFAULT) if path.exists()), None)
+
+
+def _idle_nulls(settings: Mapping, own: Mapping) -> Iterator[str]:
+    """A line for each entry that a configuration removes by null from settings that do not have it."""
+    for path in REMOVABLE:
+        before, after = settings, own
+        for key in path:
+            before = before.get(key) if isinstance(before, Mapping) else None
+            after = after.get(key) if isinstance(after, Mapping) else None
+        there = before if isinstance(before, Mapping) else {}
+        for name in [key for key, value in after.items() if value is None] if isinstance(after, Mapping) else ():
+            if name not in there:
+                where = ".".join((*path, str(name)))
+                others = [str(key) for key, value in there.items() if value is not None]
+                yield f"{where}: null removes nothing, as there is no such entry; {meant(str(name), others)}"
 
 
 def doubtful_entries(path: str | Path) -> list[str]:
