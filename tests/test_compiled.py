@@ -13,6 +13,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 from virtual_phantom.base import compiled as module
+from virtual_phantom.base.caches import user_cache
 from virtual_phantom.base.compiled import SUFFIX, KernelCache
 from virtual_phantom.base.errors import InputError
 
@@ -212,6 +213,16 @@ def test_code_is_not_kept_where_others_could_have_written_it(places):
     assert counted(2) == (20, "compiled") and counted(2) == (20, "loaded")
     (folder / f"virtual_phantom-{os.getuid()}").chmod(0o777)
     assert counted(2) == (20, "compiled")
+
+
+def test_a_cache_folder_of_another_user_is_not_used(tmp_path, monkeypatch):
+    folder = tmp_path / "virtual_phantom"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert user_cache() == folder  # not made yet
+    folder.mkdir()
+    assert user_cache() == folder
+    monkeypatch.setattr(os, "getuid", lambda: folder.stat().st_uid + 1)
+    assert user_cache() is None
 
 
 def test_where_nothing_can_be_written_functions_run_with_one_note(places, caplog, monkeypatch):
