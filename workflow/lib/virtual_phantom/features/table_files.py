@@ -23,6 +23,7 @@ from ..base.console import note
 from ..base.errors import InputError
 from ..base.words import counted
 from ..io.files import NAMES, check_unchanged
+from ..io.volumes import GZIP
 from .names import EVERY_FAMILY, is_feature
 from .settings import COLUMNS
 
@@ -45,7 +46,6 @@ OTHERS = (
     (b"{", "JSON; write one row per image and ROI as CSV"),
     (b"[", "JSON; write one row per image and ROI as CSV"),
 )
-GZIP = b"\x1f\x8b"
 MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none"))
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?inf", re.ASCII)
 # Outside of features a number is only what no name is: neither 007 nor 1e3.

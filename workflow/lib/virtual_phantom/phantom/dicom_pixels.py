@@ -23,12 +23,12 @@ from scipy import ndimage
 from ..base.console import note
 from ..base.errors import InputError
 from ..base.units import HU_AIR
+from ..io.volumes import GZIP_MOST
 from .dicom_files import BROKEN, HOUNSFIELD, OVERLAY, UNDEFINED_LENGTH, Slice
 
 START = b"\xe0\x7f\x10\x00OB\0\0\xff\xff\xff\xff"  # of the element of encapsulated pixel data
 END = b"\xfe\xff\xdd\xe0\0\0\0\0"  # its delimiter
 SIZE = ("Rows", "Columns", "SamplesPerPixel", "BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation")
-DEFLATE_MOST = 1032  # bytes that one byte of deflate represents at most: 258 of them in 2 bits (RFC 1951)
 # Between these, padding looks like tissue. Below is air, and what scanners write outside of the scanned circle.
 TISSUE_HU = (-900.0, 3071.0)
 WATER_TO_AIR_HU = 1000.0  # by the definition of the scale
@@ -322,7 +322,7 @@ def _check_length(one: Slice) -> None:
     rows, columns = one.whole("Rows"), one.whole("Columns")
     if syntax and syntax.is_encapsulated and syntax != DeflatedExplicitVRLittleEndian:
         return
-    most = one.path.stat().st_size * (DEFLATE_MOST if syntax == DeflatedExplicitVRLittleEndian else 1)
+    most = one.path.stat().st_size * (GZIP_MOST if syntax == DeflatedExplicitVRLittleEndian else 1)
     if rows * columns * one.whole("BitsAllocated") / 8 > most:
         _pixel_data(one)
         raise InputError(

@@ -18,20 +18,20 @@ import numpy as np
 
 from ..base.console import note
 from ..base.errors import InputError
-from ..io.volumes import ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
+from ..base.words import counted
+from ..io.volumes import LPS_TO_RAS, ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
 from .dicom_files import (
     NEEDED,
     Slice,
     Unused,
     files_in,
     folders_under,
-    modality,
     not_dicom,
     slices_of,
 )
 from .dicom_pixels import check_pixels, read_into, same_pixels
 
-__all__ = ["LPS_TO_RAS", "Series", "find_series", "modality", "read_series", "read_slices", "series_among"]
+__all__ = ["Series", "find_series", "read_series", "read_slices", "series_among"]
 
 POSITION_TOLERANCE_MM = 0.01  # headers give positions as decimal text, often rounded to this
 # Largest displacement of a voxel from the upright grid that is used instead of the slices' own geometry, in voxels: by
@@ -41,7 +41,6 @@ LARGEST_DISPLACEMENT = 0.5
 # moves its neighbors by at least a third of a voxel from the line that fits best (3 slices), by more with more slices.
 LARGEST_DISAGREEMENT = 0.1
 SQUARE = 0.01  # share by which sides of a pixel may differ: reconstructed CT has square pixels, up to rounding
-LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 LISTED = 4  # series that a message names
 
 
@@ -222,7 +221,7 @@ def _label(group: Sequence[Slice]) -> str:
     """A series in words, by facts about the scan: a SeriesDescription may name the patient."""
     number = _series_number(group)
     words = [f"series {number:g}" if math.isfinite(number) else "a series without number"]
-    words.append(f"{len(group)} slice{'s' * (len(group) > 1)}")
+    words.append(counted(len(group), "slice"))
     try:
         words += [f"kernel {kernel}" for kernel in [group[0].text("ConvolutionKernel")] if 0 < len(kernel) <= 64]
         words += [f"{group[0].number('SliceThickness'):g} mm"] if group[0].has("SliceThickness") else []
@@ -299,7 +298,7 @@ def read_slices(series: Series) -> Volume:
         position, or pixels are not in HU.
     """
     slices = list(series.slices)
-    _check_geometry(series.name, slices)
+    _check_geometry(slices)
     check_pixels(slices, series.name)
     slices = _without_copies(series.name, slices)
     affine = _affine(series.name, slices)
@@ -310,7 +309,7 @@ def read_slices(series: Series) -> Volume:
     return upright(array.T, LPS_TO_RAS @ affine, series.name)
 
 
-def _check_geometry(name: str, slices: Sequence[Slice]) -> None:
+def _check_geometry(slices: Sequence[Slice]) -> None:
     """Check that all slices have the attributes of the image plane, and the same size, spacing and orientation."""
     first = slices[0]
     frames = {id(one): one.text("FrameOfReferenceUID") for one in slices if one.has("FrameOfReferenceUID")}

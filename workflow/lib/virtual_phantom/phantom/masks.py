@@ -20,7 +20,7 @@ from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..io.volumes import Volume, read_layers, suffix_of
 from .contours import StructRegions
-from .dicom_series import modality
+from .dicom_files import modality
 from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, placed
 from .segments import SegRegions
 

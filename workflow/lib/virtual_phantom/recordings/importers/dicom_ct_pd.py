@@ -122,7 +122,7 @@ def import_dicom_ct_pd(
     if diameter := _value(first, (0x0018, 0x0090)):
         _check_shape(first.path, scan, diameter)
     lines = _lines(views, rows, columns, transposed)
-    _check_field(source, lines, scan)
+    _check_field(source, lines)
 
     def write(target: Path) -> None:
         with new_file(target / "projections.h5") as file:
@@ -407,7 +407,7 @@ def _scan(source: Path, common: dict, places: dict, spots, rows: int, columns: i
     return scan
 
 
-def _check_field(source: Path, lines: np.ndarray, scan: dict) -> None:
+def _check_field(source: Path, lines: np.ndarray) -> None:
     edges = np.concatenate([lines[..., :EDGE_COLUMNS], lines[..., -EDGE_COLUMNS:]], axis=-1).mean(axis=1)
     worst = max(float(np.median(edges[..., :EDGE_COLUMNS])), float(np.median(edges[..., EDGE_COLUMNS:])))
     if worst > CUT_OFF:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
+from ...base.words import counted
 from .time_left import Progress
 
 # Each line after the first comes this long after the one before it, or a thirtieth of the time since the start: the
@@ -66,7 +67,7 @@ class Status:
 
     def _first(self, time: str, results: str, logs: str) -> str:
         progress = self.progress
-        cores = "" if progress.cores is None else f" on {progress.cores} core{'' if progress.cores == 1 else 's'}"
+        cores = "" if progress.cores is None else f" on {counted(progress.cores, 'core')}"
         other = ", beside the other work of this machine" if time and progress.load >= NOTICED else ""
         folders = f"Results: {results}; logs: {logs}" if results else f"Logs: {logs}"
         return f"Jobs to do: {len(progress.steps)}{f', {time}{cores}{other}' if time else ''}. {folders}"
