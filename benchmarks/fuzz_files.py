@@ -36,7 +36,7 @@ from pydicom.datadict import dictionary_VR
 from pydicom.dataelem import RawDataElement
 from pydicom.tag import Tag
 
-from virtual_phantom.base.console import NOTES
+from virtual_phantom.base.console import collected_notes
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.phantom.ct import draw, read_hu
@@ -45,17 +45,6 @@ from virtual_phantom.phantom.rois import RoiEntry
 GRID = Grid((12, 30, 34), (3.0, 2.0, 2.0), (5.0, -40.0, 300.0))
 LARGEST_HU = 1.0
 FAULTS = ("silent", "traceback")
-
-
-class Notes(logging.Handler):
-    """Notes of one run."""
-
-    def __init__(self):
-        super().__init__()
-        self.lines = []
-
-    def emit(self, record):
-        self.lines.append(record.getMessage())
 
 
 def object_hu():
@@ -81,20 +70,17 @@ def outcome(read, same, independent=None):
     independent : callable, optional
         Whether another reader takes the file for what the result is.
     """
-    notes = Notes()
-    NOTES.addHandler(notes)
     try:
-        result = read()
+        with collected_notes() as notes:
+            result = read()
     except InputError as error:
         text = str(error)
         return ("refused", "") if text and text.isprintable() else ("traceback", text)
     except Exception:
         return "traceback", traceback.format_exc()
-    finally:
-        NOTES.removeHandler(notes)
     if same(result):
         return "same", ""
-    if notes.lines:
+    if notes:
         return "reported", ""
     return ("stated", "") if independent and independent(result) else ("silent", "")
 
@@ -449,10 +435,8 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
-    logging.disable(logging.NOTSET)
     logging.getLogger("pydicom").setLevel(logging.CRITICAL)
     logging.getLogger("nibabel").setLevel(logging.CRITICAL)
-    NOTES.propagate = False
     with tempfile.TemporaryDirectory() as folder:
         counts, faults = FORMATS[arguments.format](arguments.runs, arguments.seed, Path(folder))
     for found, count in counts.most_common():

@@ -1,4 +1,4 @@
-"""Run a command for a person at a terminal: notes, one line for each error, no traceback unless it is asked for."""
+"""Run a command for a person at a terminal: notes, one line for each error, a traceback only with --debug."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def note(text: object) -> None:
 
 
 def progress(what: str, done: int, total: int) -> None:
-    """Report how far long work is: in commands, a line on standard error every PROGRESS_SECONDS; in jobs nothing.
+    """Report the progress of long work: in commands, a line on standard error every PROGRESS_SECONDS; in jobs nothing.
 
     Parameters
     ----------
@@ -57,26 +57,23 @@ def printed_notes() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def counted_notes() -> Iterator[NoteCount]:
-    """Count the notes made while the block runs; they are printed or logged all the same."""
-    counter = NoteCount()
-    NOTES.addHandler(counter)
+def collected_notes() -> Iterator[list[str]]:
+    """Collect the notes that are made while the block runs, in addition to printing or logging them."""
+    collector = _Collector()
+    NOTES.addHandler(collector)
     try:
-        yield counter
+        yield collector.notes
     finally:
-        NOTES.removeHandler(counter)
+        NOTES.removeHandler(collector)
 
 
-class NoteCount(logging.Handler):
-    """A log handler that counts, as `count`."""
-
+class _Collector(logging.Handler):
     def __init__(self):
         super().__init__()
-        self.count = 0
+        self.notes: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Count one more note."""
-        self.count += 1
+        self.notes.append(record.getMessage())
 
 
 class _Printer(logging.Handler):
@@ -214,7 +211,7 @@ def check_current_folder() -> None:
 
 
 def show_any_character() -> None:
-    """Escape what the terminal's encoding cannot show, instead of stopping (names may hold any character)."""
+    """Escape what the terminal's encoding cannot show, instead of stopping (names may contain any character)."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure") and stream.errors != "backslashreplace":
             stream.reconfigure(errors="backslashreplace")

@@ -260,14 +260,9 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
     InputError
         If a file cannot be read, or looks like a damaged slice.
     """
-    slices, others = [], []
-    for path in paths:
-        if is_hidden(path.name):
-            unused.add(path, "a hidden or system file")
-            continue
-        if reason := not_dicom(path):
-            others.append((path, reason))
-            continue
+    slices = []
+    candidates, others = dicom_among(paths, unused)
+    for path in candidates:
         header = read_header(path)
         if header is None:
             others.append((path, "DICOM without a SOP class or a modality, so no image"))
@@ -277,6 +272,32 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
             slices.append(header)
     add_others(others, [one.path for one in slices], unused)
     return slices
+
+
+def dicom_among(paths: Iterable[Path], unused: Unused) -> tuple[list[Path], list[tuple[Path, str]]]:
+    """Separate files that may be DICOM, by their first bytes, from others.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    unused : Unused
+        Hidden files are added.
+
+    Returns
+    -------
+    candidates : list of Path
+    others : list of (Path, str)
+        Each with its reason, for `add_others`.
+    """
+    candidates, others = [], []
+    for path in paths:
+        if is_hidden(path.name):
+            unused.add(path, "a hidden or system file")
+        elif reason := not_dicom(path):
+            others.append((path, reason))
+        else:
+            candidates.append(path)
+    return candidates, others
 
 
 def add_others(others: Iterable[tuple[Path, str]], used: Iterable[Path], unused: Unused) -> None:

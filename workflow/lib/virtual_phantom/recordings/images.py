@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 from ..base.errors import InputError
 from ..base.geometry import Grid, OrbitGeometry
@@ -61,7 +59,7 @@ def load(document: Document) -> ImagesRecording:
     """
     notes: list[str] = []
     grid, facts = None, {}
-    read_one = partial(read, not_checked=tuple(document.content.get("not_checked", ())))
+    read_one = partial(read_hu, not_checked=tuple(document.content.get("not_checked", ())))
     for path in (*document.repeats, *document.held_out):
         image = read_one(path)
         if grid is None:
@@ -86,28 +84,6 @@ def load(document: Document) -> ImagesRecording:
     provenance = Provenance(document.content["origin"], checksums(document), next(iter(facts.values()), {}))
     repeats, held_out = Repeats(document.repeats, read_one), Repeats(document.held_out, read_one)
     return ImagesRecording(document, provenance, _geometry(document), tuple(notes), repeats, held_out, grid)
-
-
-def read(path: Path, not_checked: Collection[str] = ()) -> Volume:
-    """Read one image in HU.
-
-    Parameters
-    ----------
-    path : Path
-    not_checked : collection of str, optional
-        As recording.yaml names it.
-
-    Returns
-    -------
-    Volume
-        float32.
-
-    Raises
-    ------
-    InputError
-        As phantom.ct.read_hu does.
-    """
-    return read_hu(path, not_checked)
 
 
 def _geometry(document: Document) -> OrbitGeometry | None:
