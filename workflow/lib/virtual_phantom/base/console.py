@@ -131,10 +131,6 @@ def run_command(command: Callable[[Sequence[str]], int], words: Sequence[str] | 
         return 1
     except MemoryError as error:
         print(f"Error: not enough memory ({str(error) or 'no more is available'})", file=sys.stderr)
-    except UnicodeEncodeError as error:
-        if debug:
-            traceback.print_exc()
-        print(f"Error: {unencodable(error)}", file=sys.stderr)
     except Exception as error:
         if debug:
             traceback.print_exc()
@@ -151,7 +147,7 @@ def _checked(word: str) -> str:
 
 
 def unexpected(error: BaseException, beside: str = f"what the same command prints with {DEBUG}") -> str:
-    """One line about an exception that no reader expected, with what the user can do about it.
+    """One line about an exception that no reader turned into an InputError, with what the user can do about it.
 
     Parameters
     ----------
@@ -163,12 +159,14 @@ def unexpected(error: BaseException, beside: str = f"what the same command print
     -------
     str
     """
+    if isinstance(error, UnicodeEncodeError):
+        return _unencodable(error)
     reason = str(InputError(" ".join(str(error).split())))
     what = f"unexpected {type(error).__name__}" + (f": {reason}" if reason else "")
     return f"{what}; this is a fault of Virtual Phantom: report it with {beside}"
 
 
-def unencodable(error: UnicodeEncodeError) -> str:
+def _unencodable(error: UnicodeEncodeError) -> str:
     """One line about text that cannot be encoded, such as the name of a file in a locale without UTF-8."""
     around = error.object[max(0, error.start - 30) : error.end + 30]
     encoding = sys.getfilesystemencoding()
@@ -193,7 +191,7 @@ def check_names(*names: str) -> None:
             name.encode(sys.getfilesystemencoding())
             name.encode("utf-8")  # bytes that the locale's encoding lacks are surrogates in names
     except UnicodeEncodeError as error:
-        raise InputError(unencodable(error)) from None
+        raise InputError(_unencodable(error)) from None
 
 
 def check_current_folder() -> None:

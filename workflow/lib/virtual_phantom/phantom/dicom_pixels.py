@@ -29,8 +29,8 @@ from .dicom_files import BROKEN, HOUNSFIELD, OVERLAY, UNDEFINED_LENGTH, Slice
 START = b"\xe0\x7f\x10\x00OB\0\0\xff\xff\xff\xff"  # of the element of encapsulated pixel data
 END = b"\xfe\xff\xdd\xe0\0\0\0\0"  # its delimiter
 SIZE = ("Rows", "Columns", "SamplesPerPixel", "BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation")
-# Between these, padding looks like tissue. Below is air, and what scanners write outside of the scanned circle.
-TISSUE_HU = (-900.0, 3071.0)
+# From here on, padding looks like tissue. Below is air, and what scanners write outside of the scanned circle.
+TISSUE_HU = -900.0
 WATER_TO_AIR_HU = 1000.0  # by the definition of the scale
 # Scanners store HU - 1024 in 12 bits, or up to 30,710 HU in the extended scale (Siemens); more is no CT number.
 HIGHEST_HU = 31_743.0  # 2^15 - 1 - 1024
@@ -191,7 +191,7 @@ def _outside(stored: np.ndarray, padding: tuple[int, int], hu: np.ndarray) -> np
     """The pixels that hold the padding value, if it looks like tissue or metal, and are connected to the border."""
     # Tissue may hold the same value by chance, so what lies within the body is left as it is.
     mask = (stored >= padding[0]) & (stored <= padding[1])
-    if not mask.any() or hu[mask].max() < TISSUE_HU[0]:
+    if not mask.any() or hu[mask].max() < TISSUE_HU:
         return np.zeros_like(mask)
     labels, _ = ndimage.label(mask)
     border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
