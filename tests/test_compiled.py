@@ -85,7 +85,7 @@ def count(lanes):
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
-    """An empty folder for compiled code that holds `count` for two signatures."""
+    """A folder with the compiled code of `count` for two signatures."""
     folder = tmp_path / "cache"
     monkeypatch.setattr(module.numba.config, "CACHE_DIR", str(folder))
     assert [counted(lanes) for lanes in (2, 3)] == [(20, "compiled"), (30, "compiled")]
@@ -239,7 +239,7 @@ def test_where_nothing_can_be_written_functions_run_with_one_note(places, caplog
 
 
 def test_a_read_only_folder_is_read(cache, monkeypatch):
-    """As in a container whose image holds compiled code."""
+    """As in a container whose image contains compiled code."""
     monkeypatch.setattr(module, "_write", raise_read_only)
     monkeypatch.setattr(module, "BESIDE", cache)
     monkeypatch.setattr(module.numba.config, "CACHE_DIR", "")

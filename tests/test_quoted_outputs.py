@@ -1,4 +1,4 @@
-"""Outputs that pages quote are what the program prints, or stand below with the reason why no test compares them."""
+"""Outputs that pages quote are what the program prints, or are listed below with the reason why none is compared."""
 
 import re
 from pathlib import Path

@@ -184,7 +184,7 @@ def test_names_in_other_scripts(charset, tmp_path):
 
 
 def sphere(every=1, radius=20.0):
-    """Circles of a sphere around the CT's center in every so many slices."""
+    """Circles of a sphere around the CT's center in every n-th slice."""
     offsets = GRID.axes_mm()[0]
     inside = [k for k in range(len(Z)) if abs(offsets[k]) < radius - 1]
     return [contour(circle(np.sqrt(radius**2 - offsets[k] ** 2), Z[k])) for k in inside[::every]]

@@ -104,7 +104,7 @@ def read_table(
     Raises
     ------
     InputError
-        If the file is no delimited text, has rows with more or fewer fields than the header, holds text where numbers
+        If the file is no delimited text, has rows with more or fewer fields than the header, has text where numbers
         belong, or decimal commas that may separate thousands.
     """
     path, text = Path(path), frozenset(text)

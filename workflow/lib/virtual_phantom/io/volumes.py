@@ -156,7 +156,7 @@ def _report_orientation(image: nibabel.Nifti1Image, path: Path) -> None:
 
 
 def _read_itk(path: Path):
-    """Read an NRRD or MetaImage file; nothing is allocated that the machine cannot hold."""
+    """Read an NRRD or MetaImage file; its size is checked before memory is allocated."""
     import SimpleITK as sitk  # half a second, which NIfTI does not need
 
     if not path.is_file():
@@ -309,7 +309,7 @@ def _pair(path: Path) -> nibabel.Nifti1Pair:
     for part in ("hdr", "img"):
         files[part] = path.with_name(f"{base}.{part.upper() if upper else part}{packed}")
         if not files[part].is_file():
-            raise InputError(f"{path}: {files[part].name} is missing beside it; a header and its voxels come together")
+            raise InputError(f"{path}: {files[part].name} is missing; a header and its voxels belong in one folder")
     with (gzip.open if packed else open)(files["hdr"], "rb") as stream:
         header = stream.read(348)
     second = header[:4] in ((540).to_bytes(4, "little"), (540).to_bytes(4, "big"))

@@ -144,7 +144,7 @@ class Slice:
         return int(value)
 
     def quoted(self, keyword: str) -> str:
-        """The value in brackets for a message, if it can only be numbers: a broken header may hold a name in it."""
+        """The value in brackets for a message, if it can only be numbers: a broken header may contain a name."""
         values = self.values[keyword]
         text = "" if values is BROKEN else "\\".join(values)
         return f" ({text})" if 0 < len(text) <= LONGEST_QUOTE and NUMBER_CHARACTERS.issuperset(text) else ""
@@ -179,7 +179,7 @@ class Unused:
 
 
 def modality(header: pydicom.Dataset) -> str:
-    """The modality of a header, for messages: of a broken one it may hold all that follows, the patient's name too."""
+    """The modality of a header, for messages: a broken one may include what follows, such as the patient's name."""
     return _code(str(header.get("Modality", "not given")))
 
 

@@ -188,8 +188,8 @@ def same_pixels(one: Slice, other: Slice) -> bool:
 
 
 def _outside(stored: np.ndarray, padding: tuple[int, int], hu: np.ndarray) -> np.ndarray:
-    """The pixels that hold the padding value, if it looks like tissue or metal, and are connected to the border."""
-    # Tissue may hold the same value by chance, so what lies within the body is left as it is.
+    """The pixels with the padding value, if it looks like tissue or metal, and are connected to the border."""
+    # Tissue may have the same value by chance, so what lies within the body is left as it is.
     mask = (stored >= padding[0]) & (stored <= padding[1])
     if not mask.any() or hu[mask].max() < TISSUE_HU:
         return np.zeros_like(mask)
@@ -235,7 +235,7 @@ def _pixel_data(one: Slice) -> tuple[RawDataElement, bool]:
 
 
 def _trimmed(one: Slice, raw: np.ndarray) -> np.ndarray:
-    """The values of the stored bits alone: bits above them may hold an overlay (retired, but archives have it)."""
+    """The values of the stored bits alone: bits above them may contain an overlay (retired, but archives have it)."""
     stored, signed = one.whole("BitsStored"), one.whole("PixelRepresentation")
     if stored == one.whole("BitsAllocated"):
         return raw
@@ -257,7 +257,7 @@ def _trimmed(one: Slice, raw: np.ndarray) -> np.ndarray:
 
 
 def _padding(one: Slice) -> tuple[int, int] | None:
-    """The range of values that stand for no pixel, in the sign of the pixels; None if there is none."""
+    """The range of values that mark missing pixels, in the sign of the pixels; None if there is none."""
     if not one.has("PixelPaddingValue"):
         return None
     bits, signed, ends = one.whole("BitsAllocated"), one.whole("PixelRepresentation"), []
@@ -315,7 +315,7 @@ def _decompressed(one: Slice, encoded: bytes) -> np.ndarray:
 
 
 def _check_length(one: Slice) -> None:
-    """Refuse a header that says more pixels than the file can hold, before memory is taken for them."""
+    """Refuse a header that says more pixels than the file can contain, before memory is taken for them."""
     syntax = UID(one.text("TransferSyntaxUID"))
     if syntax and not (syntax.is_valid and not syntax.is_private and syntax.is_transfer_syntax):
         raise InputError(f"{one.path}: TransferSyntaxUID is no known one; export it as Explicit VR Little Endian")

@@ -23,7 +23,7 @@ MOST_VOXELS = 2_000_000  # of a large image every n-th voxel along each axis is 
 LARGEST_NORMALIZED = (
     10.0  # attenuation per mm or cm, z-scores, images scaled to 1; a CT has air, fat or noise beyond it
 )
-TAILS = (0.1, 99.9)  # percentiles that stand for the range: a few voxels of metal in mu or z-scores do not hide it
+TAILS = (0.1, 99.9)  # percentiles that are taken as the range: a few voxels of metal in mu or z-scores do not hide it
 BELOW_AIR_HU = -1100.0  # the noise of air rarely goes lower in numbers: padding outside the scanned circle
 PADDING = 0.01  # share of voxels with the lowest value, below air: padding rather than noise
 AIR_HU = (-1150.0, -850.0)  # air outside the body: beam hardening and scatter of cone-beam CT move it by up to 100 HU
@@ -93,7 +93,7 @@ def require_plausible(array: np.ndarray, grid: Grid, source: object, not_checked
     source : object
         The file, which lines begin with.
     not_checked : collection of str, optional
-        Of CHECKS: what is left to the user.
+        Members of CHECKS that are skipped.
 
     Raises
     ------
@@ -272,7 +272,7 @@ def _levels(values: np.ndarray) -> tuple[float, float, float]:
 def _range(seen: _Values) -> Iterator[str]:
     """Lines about values that were clipped, or set to one value outside of the body."""
     if max(-seen.lowest, seen.highest) < LARGEST_NORMALIZED or not seen.values.size or seen.lowest >= 0:
-        return  # not HU at all, which is said already
+        return  # not HU at all, which `_without_hu` reports
     at_low = np.count_nonzero(seen.array == seen.lowest) / seen.array.size
     lowest_is_tissue = seen.lowest > AIR_HU[1]
     if lowest_is_tissue and at_low > CLIPPED_LOW:

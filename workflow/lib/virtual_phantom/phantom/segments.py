@@ -62,7 +62,7 @@ class SegRegions(Regions):
         raise InputError(f"{self.path}: SegmentationType {problem}; BINARY, FRACTIONAL and LABELMAP are read")
 
     def _frames_of(self) -> dict[int, list[int]]:
-        """Frames of each segment; all frames for each, if pixels hold segment numbers."""
+        """Frames of each segment; all frames for each, if pixels are segment numbers."""
         with self._listing():
             groups = sequence_of(self.path, self._dataset, "PerFrameFunctionalGroupsSequence")
             count = whole_number(self._dataset, "NumberOfFrames")

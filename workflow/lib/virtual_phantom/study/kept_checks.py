@@ -1,7 +1,7 @@
 """Checks that found nothing wrong are not made again while settings, files and code stay as they are.
 
-Each is a file named by a hash of all that it depends on, in Snakemake's own folder: names of files and settings do not
-go into it. It is empty unless the check made notes, and then `virtual-phantom check` makes it again.
+Each is a file named by a hash of everything that it depends on, in Snakemake's own folder: names of files and settings
+do not go into it. It is empty unless the check made notes, and then `virtual-phantom check` makes it again.
 """
 
 from __future__ import annotations

@@ -113,7 +113,7 @@ def _location(anywhere: Comparison, found: Unlike) -> dict[str, float]:
 
 
 def _explains(other: Unlike, found: Unlike) -> bool:
-    """Whether another location explains so much of what is left that it is no chance."""
+    """Whether another location explains more of the unexplained variance than chance would."""
     return other.share < (1 - REMOVED) * found.share and found.worse_than(other) > LIKELIER
 
 

@@ -120,7 +120,7 @@ def read_regions(
 ) -> list[Region]:
     """Regions of a file, or of a folder of masks.
 
-    Regions that are not asked for and cannot be read are reported and left out, and so are empty ones.
+    Without `rois`, regions that cannot be read or are empty are reported and left out.
 
     Parameters
     ----------

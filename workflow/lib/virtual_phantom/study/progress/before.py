@@ -36,7 +36,7 @@ def terminal(logger: logging.Logger) -> list[logging.Handler]:
 
 
 def wants_snakemake_s_words(settings) -> bool:
-    """Whether the user asked for more or fewer lines than usual: these are Snakemake's.
+    """Whether the user set more or fewer lines than usual: these are Snakemake's.
 
     Parameters
     ----------

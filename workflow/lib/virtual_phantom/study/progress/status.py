@@ -122,7 +122,7 @@ def duration(seconds: float) -> str:
 
 
 def duration_range(low: float, high: float, complete: bool = True) -> str:
-    """A range of time in round numbers, so that no more is said than is known.
+    """A range of time in round numbers, no more precise than what is known.
 
     Parameters
     ----------
