@@ -118,21 +118,7 @@ def _explains(other: Unlike, found: Unlike) -> bool:
 
 
 def _found(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
-    """As `find`, of the locations that a comparison allows.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    scan : mapping
-        The scan section of recording.yaml.
-    log : bool
-    largest : float
-        As descriptions takes them.
-
-    Returns
-    -------
-    Finding
-    """
+    """As `find`, at the locations that a comparison allows."""
     stated, *others = descriptions(scan, log, largest)
     first = comparison.unlike(stated)
     tried = list(_in_place(comparison, others, first))
