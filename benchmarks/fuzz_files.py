@@ -88,31 +88,11 @@ def outcome(read, same, independent=None):
 # NIfTI
 
 # Every field of a NIfTI-1 header but those of Analyze that no reader uses (data_type, db_name, extents, glmax, ...).
-NIFTI_FIELDS = (
-    *("sizeof_hdr", "dim_info", "dim", "intent_p1", "intent_p2", "intent_p3", "intent_code", "datatype", "bitpix"),
-    *(
-        "slice_start",
-        "pixdim",
-        "vox_offset",
-        "scl_slope",
-        "scl_inter",
-        "slice_end",
-        "slice_code",
-        "xyzt_units",
-        "cal_max",
-    ),
-    *(
-        "cal_min",
-        "slice_duration",
-        "toffset",
-        "descrip",
-        "aux_file",
-        "qform_code",
-        "sform_code",
-        "quatern_b",
-        "quatern_c",
-    ),
-    *("quatern_d", "qoffset_x", "qoffset_y", "qoffset_z", "srow_x", "srow_y", "srow_z", "intent_name", "magic"),
+NIFTI_FIELDS = tuple(
+    """sizeof_hdr dim_info dim intent_p1 intent_p2 intent_p3 intent_code datatype bitpix slice_start pixdim vox_offset
+    scl_slope scl_inter slice_end slice_code xyzt_units cal_max cal_min slice_duration toffset descrip aux_file
+    qform_code sform_code quatern_b quatern_c quatern_d qoffset_x qoffset_y qoffset_z srow_x srow_y srow_z
+    intent_name magic""".split()
 )
 INTEGERS = (0, 1, -1, 2, 3, 4, 8, 16, 32, 64, 128, 255, 256, 512, 768, 1024, 1280, 2304, 32767, -32768)
 FLOATS = (0.0, -1.0, 0.5, 1.0, 2.0, 352.0, 368.0, 1e-3, 1e3, 1e30, -1e30, np.nan, np.inf, 3.4e38, 1e-40)
@@ -276,31 +256,17 @@ def odd_dicom(all_there, keywords, random):
     return keyword, str(change)
 
 
-RTSTRUCT_KEYWORDS = (
-    *(
-        "StructureSetROISequence",
-        "ROINumber",
-        "ROIName",
-        "ROIContourSequence",
-        "ReferencedROINumber",
-        "ContourSequence",
-    ),
-    *(
-        "ContourGeometricType",
-        "NumberOfContourPoints",
-        "ContourData",
-        "SOPClassUID",
-        "Modality",
-        "SpecificCharacterSet",
-    ),
+RTSTRUCT_KEYWORDS = tuple(
+    """StructureSetROISequence ROINumber ROIName ROIContourSequence ReferencedROINumber ContourSequence
+    ContourGeometricType NumberOfContourPoints ContourData SOPClassUID Modality SpecificCharacterSet""".split()
 )
-SEG_KEYWORDS = (
-    *("SegmentSequence", "SegmentNumber", "SegmentLabel", "SegmentationType", "NumberOfFrames", "Rows", "Columns"),
-    *("BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation", "SamplesPerPixel", "PhotometricInterpretation"),
-    *("SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence", "PlanePositionSequence", "PixelSpacing"),
-    *("ImagePositionPatient", "PlaneOrientationSequence", "ImageOrientationPatient", "PixelMeasuresSequence"),
-    *("SegmentIdentificationSequence", "ReferencedSegmentNumber", "SOPClassUID", "Modality", "PixelData"),
-    *("SegmentsOverlap", "DimensionIndexSequence", "FrameOfReferenceUID", "SliceThickness", "FrameContentSequence"),
+SEG_KEYWORDS = tuple(
+    """SegmentSequence SegmentNumber SegmentLabel SegmentationType NumberOfFrames Rows Columns BitsAllocated BitsStored
+    HighBit PixelRepresentation SamplesPerPixel PhotometricInterpretation SharedFunctionalGroupsSequence
+    PerFrameFunctionalGroupsSequence PlanePositionSequence PixelSpacing ImagePositionPatient
+    PlaneOrientationSequence ImageOrientationPatient PixelMeasuresSequence SegmentIdentificationSequence
+    ReferencedSegmentNumber SOPClassUID Modality PixelData SegmentsOverlap DimensionIndexSequence
+    FrameOfReferenceUID SliceThickness FrameContentSequence""".split()
 )
 
 

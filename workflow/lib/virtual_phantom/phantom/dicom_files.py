@@ -57,22 +57,10 @@ MULTI_FRAME = {EnhancedCTImageStorage, LegacyConvertedEnhancedCTImageStorage}
 # and other maps of multi-energy CT (PS3.3, C.8.15.3.10, and vendors' words), projections through a volume, renderings,
 # differences, and parametric maps of perfusion. Virtual monoenergetic (VMI) and virtual non-contrast images
 # (MAT_REMOVED) are in HU.
-NOT_HU = (
-    *(
-        "MAT_SPEC",
-        "MAT_FRAC",
-        "MAT_VALUE",
-        "MAT_MODIF",
-        "EFF_ATOMIC",
-        "EFFECTIVE_Z",
-        "Z_EFF",
-        "ZEFF",
-        "RHO_Z",
-        "IODINE",
-    ),
-    *("ELECTRON_DENS", "RELATIVE_ED", "URIC_ACID", "MIP", "MINIP", "MIN_IP", "MAXIP", "MAX_IP", "PROJECTION_IMAGE"),
-    *("VRT", "SSD", "VOLUME_REND", "CURVED", "SCREEN_SAVE", "SUBTRACT", "PERFUSION", "CBF", "CBV", "MTT", "TTP", "PBV"),
-    *("TMAX", "DOSE_INFO", "DOSE_REPORT"),
+NOT_HU = tuple(
+    """MAT_SPEC MAT_FRAC MAT_VALUE MAT_MODIF EFF_ATOMIC EFFECTIVE_Z Z_EFF ZEFF RHO_Z IODINE ELECTRON_DENS RELATIVE_ED
+    URIC_ACID MIP MINIP MIN_IP MAXIP MAX_IP PROJECTION_IMAGE VRT SSD VOLUME_REND CURVED SCREEN_SAVE SUBTRACT
+    PERFUSION CBF CBV MTT TTP PBV TMAX DOSE_INFO DOSE_REPORT""".split()
 )
 SCOUTS = {"LOCALIZER", "SCOUT", "TOPOGRAM", "SURVIEW", "SCANOGRAM"}
 

@@ -20,9 +20,8 @@ HU, WINDOW, SIZE = CHECKS = ("hu", "window", "size")
 MOST_VOXELS = 2_000_000  # of a large image every n-th voxel along each axis is looked at
 
 # ---- CT numbers
-LARGEST_NORMALIZED = (
-    10.0  # attenuation per mm or cm, z-scores, images scaled to 1; a CT has air, fat or noise beyond it
-)
+# Attenuation per mm or cm, z-scores and images scaled to 1 are within it; a CT has air, fat or noise beyond it.
+LARGEST_NORMALIZED = 10.0
 TAILS = (0.1, 99.9)  # percentiles that are taken as the range: a few voxels of metal in mu or z-scores do not hide it
 BELOW_AIR_HU = -1100.0  # the noise of air rarely goes lower in numbers: padding outside the scanned circle
 PADDING = 0.01  # share of voxels with the lowest value, below air: padding rather than noise

@@ -13,9 +13,8 @@ from .time_left import Progress
 # longer a run, the rarer, so that hours have no more than hundreds of lines.
 SECONDS_BETWEEN = 10.0
 SHARE_BETWEEN = 1 / 30
-NOTICED = (
-    1.3  # times slower by other work, from which on the first line says so: half of what forecasts are off by anyway
-)
+# Slowdown by other work from which on the first line mentions it: half of the error that forecasts have anyway.
+NOTICED = 1.3
 # Round numbers of (s, number, unit).
 ROUND = [
     *((number, f"{number}", "s") for number in (5, 8, 10, 12, 15, 20, 25, 30, 40, 50)),
