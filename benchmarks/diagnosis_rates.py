@@ -3,7 +3,7 @@
     python benchmarks/diagnosis_rates.py --machine "two cores of an AMD EPYC"
 
 Makes recordings of several sizes by the library's own chain, diagnoses each from its folder to its page with one
-process, in a Python of its own, and fits the rates to the CPU time of its parts, by the scans that were simulated and
+process, in a separate Python, and fits the rates to the CPU time of its parts, by the scans that were simulated and
 the rounds of ranking. Some recordings are held out. Prints the forecast beside each. Writes the stage `diagnose` into
 the library's rates.yaml and leaves the others.
 
@@ -270,7 +270,7 @@ def one(folder, processes):
 
 
 def run(folder, processes=1):
-    """The same in a Python of its own: seconds by part and by the clock, and what was counted and found."""
+    """The same in a separate Python: CPU seconds by part, wall time, and what was counted and found."""
     command = [sys.executable, __file__, "--one", str(folder), "--processes", str(processes)]
     environment = os.environ | dict.fromkeys(THREADS, str(processes))
     began, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)

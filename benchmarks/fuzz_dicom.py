@@ -10,7 +10,6 @@ lists them and exits with 1.
 
 import argparse
 import contextlib
-import logging
 import shutil
 import sys
 import tempfile
@@ -26,7 +25,7 @@ import pydicom
 from pydicom.dataelem import RawDataElement
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian
 
-from virtual_phantom.base.console import NOTES
+from virtual_phantom.base.console import collected_notes
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom.ct import read_hu
@@ -93,22 +92,10 @@ class Result:
     damage: str
 
 
-class _Notes(logging.Handler):
-    def __init__(self):
-        super().__init__()
-        self.lines: list[str] = []
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self.lines.append(record.getMessage())
-
-
 def compared(read: Callable[[], Volume], undamaged: Volume, damage: str) -> Result:
     """Read once, and compare with the undamaged volume."""
-    notes = _Notes()
-    NOTES.addHandler(notes)
-    propagate, NOTES.propagate = NOTES.propagate, False
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), collected_notes() as notes:
             warnings.simplefilter("ignore")
             volume = read()
     except InputError as error:
@@ -116,10 +103,7 @@ def compared(read: Callable[[], Volume], undamaged: Volume, damage: str) -> Resu
         return Result(REFUSED if text.isprintable() and len(text) < 2000 else CRASHED, text, damage)
     except Exception:
         return Result(CRASHED, traceback.format_exc(), damage)
-    finally:
-        NOTES.removeHandler(notes)
-        NOTES.propagate = propagate
-    words = "; ".join(notes.lines)
+    words = "; ".join(notes)
     if difference := differs(volume, undamaged):
         return Result(CHANGED_WITH_NOTE if words else CHANGED, f"{difference}. {words}", damage)
     return Result(NOTED if words else SAME, words, damage)

@@ -36,7 +36,7 @@ from pydicom.datadict import dictionary_VR
 from pydicom.dataelem import RawDataElement
 from pydicom.tag import Tag
 
-from virtual_phantom.base.console import NOTES
+from virtual_phantom.base.console import collected_notes
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.phantom.ct import draw, read_hu
@@ -45,17 +45,6 @@ from virtual_phantom.phantom.rois import RoiEntry
 GRID = Grid((12, 30, 34), (3.0, 2.0, 2.0), (5.0, -40.0, 300.0))
 LARGEST_HU = 1.0
 FAULTS = ("silent", "traceback")
-
-
-class Notes(logging.Handler):
-    """Notes of one run."""
-
-    def __init__(self):
-        super().__init__()
-        self.lines = []
-
-    def emit(self, record):
-        self.lines.append(record.getMessage())
 
 
 def object_hu():
@@ -81,20 +70,17 @@ def outcome(read, same, independent=None):
     independent : callable, optional
         Whether another reader takes the file for what the result is.
     """
-    notes = Notes()
-    NOTES.addHandler(notes)
     try:
-        result = read()
+        with collected_notes() as notes:
+            result = read()
     except InputError as error:
         text = str(error)
         return ("refused", "") if text and text.isprintable() else ("traceback", text)
     except Exception:
         return "traceback", traceback.format_exc()
-    finally:
-        NOTES.removeHandler(notes)
     if same(result):
         return "same", ""
-    if notes.lines:
+    if notes:
         return "reported", ""
     return ("stated", "") if independent and independent(result) else ("silent", "")
 
@@ -102,31 +88,11 @@ def outcome(read, same, independent=None):
 # NIfTI
 
 # Every field of a NIfTI-1 header but those of Analyze that no reader uses (data_type, db_name, extents, glmax, ...).
-NIFTI_FIELDS = (
-    *("sizeof_hdr", "dim_info", "dim", "intent_p1", "intent_p2", "intent_p3", "intent_code", "datatype", "bitpix"),
-    *(
-        "slice_start",
-        "pixdim",
-        "vox_offset",
-        "scl_slope",
-        "scl_inter",
-        "slice_end",
-        "slice_code",
-        "xyzt_units",
-        "cal_max",
-    ),
-    *(
-        "cal_min",
-        "slice_duration",
-        "toffset",
-        "descrip",
-        "aux_file",
-        "qform_code",
-        "sform_code",
-        "quatern_b",
-        "quatern_c",
-    ),
-    *("quatern_d", "qoffset_x", "qoffset_y", "qoffset_z", "srow_x", "srow_y", "srow_z", "intent_name", "magic"),
+NIFTI_FIELDS = tuple(
+    """sizeof_hdr dim_info dim intent_p1 intent_p2 intent_p3 intent_code datatype bitpix slice_start pixdim vox_offset
+    scl_slope scl_inter slice_end slice_code xyzt_units cal_max cal_min slice_duration toffset descrip aux_file
+    qform_code sform_code quatern_b quatern_c quatern_d qoffset_x qoffset_y qoffset_z srow_x srow_y srow_z
+    intent_name magic""".split()
 )
 INTEGERS = (0, 1, -1, 2, 3, 4, 8, 16, 32, 64, 128, 255, 256, 512, 768, 1024, 1280, 2304, 32767, -32768)
 FLOATS = (0.0, -1.0, 0.5, 1.0, 2.0, 352.0, 368.0, 1e-3, 1e3, 1e30, -1e30, np.nan, np.inf, 3.4e38, 1e-40)
@@ -290,31 +256,17 @@ def odd_dicom(all_there, keywords, random):
     return keyword, str(change)
 
 
-RTSTRUCT_KEYWORDS = (
-    *(
-        "StructureSetROISequence",
-        "ROINumber",
-        "ROIName",
-        "ROIContourSequence",
-        "ReferencedROINumber",
-        "ContourSequence",
-    ),
-    *(
-        "ContourGeometricType",
-        "NumberOfContourPoints",
-        "ContourData",
-        "SOPClassUID",
-        "Modality",
-        "SpecificCharacterSet",
-    ),
+RTSTRUCT_KEYWORDS = tuple(
+    """StructureSetROISequence ROINumber ROIName ROIContourSequence ReferencedROINumber ContourSequence
+    ContourGeometricType NumberOfContourPoints ContourData SOPClassUID Modality SpecificCharacterSet""".split()
 )
-SEG_KEYWORDS = (
-    *("SegmentSequence", "SegmentNumber", "SegmentLabel", "SegmentationType", "NumberOfFrames", "Rows", "Columns"),
-    *("BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation", "SamplesPerPixel", "PhotometricInterpretation"),
-    *("SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence", "PlanePositionSequence", "PixelSpacing"),
-    *("ImagePositionPatient", "PlaneOrientationSequence", "ImageOrientationPatient", "PixelMeasuresSequence"),
-    *("SegmentIdentificationSequence", "ReferencedSegmentNumber", "SOPClassUID", "Modality", "PixelData"),
-    *("SegmentsOverlap", "DimensionIndexSequence", "FrameOfReferenceUID", "SliceThickness", "FrameContentSequence"),
+SEG_KEYWORDS = tuple(
+    """SegmentSequence SegmentNumber SegmentLabel SegmentationType NumberOfFrames Rows Columns BitsAllocated BitsStored
+    HighBit PixelRepresentation SamplesPerPixel PhotometricInterpretation SharedFunctionalGroupsSequence
+    PerFrameFunctionalGroupsSequence PlanePositionSequence PixelSpacing ImagePositionPatient
+    PlaneOrientationSequence ImageOrientationPatient PixelMeasuresSequence SegmentIdentificationSequence
+    ReferencedSegmentNumber SOPClassUID Modality PixelData SegmentsOverlap DimensionIndexSequence
+    FrameOfReferenceUID SliceThickness FrameContentSequence""".split()
 )
 
 
@@ -449,10 +401,8 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     warnings.simplefilter("ignore")
-    logging.disable(logging.NOTSET)
     logging.getLogger("pydicom").setLevel(logging.CRITICAL)
     logging.getLogger("nibabel").setLevel(logging.CRITICAL)
-    NOTES.propagate = False
     with tempfile.TemporaryDirectory() as folder:
         counts, faults = FORMATS[arguments.format](arguments.runs, arguments.seed, Path(folder))
     for found, count in counts.most_common():

@@ -17,6 +17,7 @@ TARGET = ROOT / "docs" / "thresholds.md"
 ROOMS = {
     "diagnosis": "Diagnosis",
     "statistics": "Statistics",
+    "phantom": "CT and regions: what is refused or remarked on, and where the body is",
     "recordings": "Recordings: what is refused or remarked on, and how they are aligned",
     "features": "Features",
     "physics": "Physics: where formulas hold, and how finely they are worked out",

@@ -13,6 +13,7 @@ import pytest
 from numba.core.dispatcher import Dispatcher
 
 from virtual_phantom.base import compiled as module
+from virtual_phantom.base.caches import user_cache
 from virtual_phantom.base.compiled import SUFFIX, KernelCache
 from virtual_phantom.base.errors import InputError
 
@@ -84,7 +85,7 @@ def count(lanes):
 
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
-    """An empty folder for compiled code that holds `count` for two signatures."""
+    """A folder with the compiled code of `count` for two signatures."""
     folder = tmp_path / "cache"
     monkeypatch.setattr(module.numba.config, "CACHE_DIR", str(folder))
     assert [counted(lanes) for lanes in (2, 3)] == [(20, "compiled"), (30, "compiled")]
@@ -214,6 +215,16 @@ def test_code_is_not_kept_where_others_could_have_written_it(places):
     assert counted(2) == (20, "compiled")
 
 
+def test_a_cache_folder_of_another_user_is_not_used(tmp_path, monkeypatch):
+    folder = tmp_path / "virtual_phantom"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert user_cache() == folder  # not made yet
+    folder.mkdir()
+    assert user_cache() == folder
+    monkeypatch.setattr(os, "getuid", lambda: folder.stat().st_uid + 1)
+    assert user_cache() is None
+
+
 def test_where_nothing_can_be_written_functions_run_with_one_note(places, caplog, monkeypatch):
     file, _, state = places
     state("{file}", XDG_CACHE_HOME="{file}")
@@ -228,7 +239,7 @@ def test_where_nothing_can_be_written_functions_run_with_one_note(places, caplog
 
 
 def test_a_read_only_folder_is_read(cache, monkeypatch):
-    """As in a container whose image holds compiled code."""
+    """As in a container whose image contains compiled code."""
     monkeypatch.setattr(module, "_write", raise_read_only)
     monkeypatch.setattr(module, "BESIDE", cache)
     monkeypatch.setattr(module.numba.config, "CACHE_DIR", "")

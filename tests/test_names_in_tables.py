@@ -52,11 +52,9 @@ def test_any_name_comes_back(tmp_path_factory, names, column):
     np.testing.assert_array_equal(table["value"], np.arange(len(names)) / 7)
 
 
-@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize("name", sorted({*ODD} - {"False", "1", "inf"}))  # as pandas writes other types
 def test_a_condition_of_any_name_stays_text(tmp_path, name):
     """Columns that a user names, where every name is odd."""
-    if name in ("False", "1", "inf"):
-        return  # as pandas writes a truth value, a number and an infinite one
     files.write_csv(pd.DataFrame({"site": [name] * 3, "x": [1, 2, 3]}), tmp_path / "t.csv")
     assert files.read_csv(tmp_path / "t.csv")["site"].tolist() == [name] * 3
 

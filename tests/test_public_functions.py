@@ -18,6 +18,8 @@ FUNCTIONS = ("draw_phantom", "read_phantom", "scan", "reconstruct", "extract", "
 WRONG = [None, True, -1, 2.5, float("nan"), "x", b"x", [], {}, [1, 2], {"a": 1}, object(), np.array(3), 1j, "a\0b"]
 WRONG += [np.zeros((2, 2)), datetime.date(2020, 1, 1), (1,), ("a", {}), [[1, 2], [3, 4]]]
 
+OBJECT = next(place for place, value in enumerate(WRONG) if type(value) is object)
+
 
 @pytest.fixture(scope="module")
 def phantom():
@@ -26,15 +28,18 @@ def phantom():
 
 
 def kinds(function, **given):
-    """{wrong value's position: what a function raises for it, where it raises}."""
+    """Call a function with each wrong value: it takes the value or raises InputError, and refuses an object."""
     (name,) = [name for name, value in given.items() if value is WRONG]
-    for value in WRONG:
+    refused = set()
+    for place, value in enumerate(WRONG):
         try:
             function(**{**given, name: value})
         except InputError as error:
             assert "\n" not in str(error), error
+            refused.add(place)
         except BaseException as error:
             raise AssertionError(f"{name}={value!r}: {error!r}") from error
+    assert OBJECT in refused
 
 
 @pytest.mark.parametrize("name", ["image", "rois", "labels", "shape", "spacing_mm", "oversampling", "keep_mm", "other"])

@@ -1,4 +1,4 @@
-"""Outputs that pages quote are what the program prints, or stand below with the reason why no test compares them."""
+"""Outputs that pages quote are what the program prints, or are listed below with the reason why none is compared."""
 
 import re
 from pathlib import Path
@@ -11,6 +11,7 @@ from virtual_phantom.study.config import complete
 from virtual_phantom.study.costs.rates import read_rates
 from virtual_phantom.study.costs.table import readable, summary
 from virtual_phantom.study.plan import Plan
+from virtual_phantom.study.progress.failures import without_reason
 from virtual_phantom.study.read_config import read_configs
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -28,6 +29,7 @@ UNCHECKED = {
 }
 CHECKED = {
     "solid_disc and the simulation differ": "test_the_readme_quotes_what_the_tutorial_prints",
+    "Failed: phantom of": "test_the_line_of_a_killed_script_is_quoted_as_it_is_printed",
     "1760 acquisitions": "test_the_plan_of_a_large_study_is_quoted_as_it_is_printed",
 }
 
@@ -60,6 +62,14 @@ def test_the_plan_of_a_large_study_is_quoted_as_it_is_printed(monkeypatch):
     printed = readable(*summary(Plan(complete(settings)), "cpu", read_rates(RESOURCES / "rates.yaml")))
     (text,) = [one["text"] for one in FENCED.finditer((DOCS / "cluster.md").read_text()) if "1760" in one["text"]]
     assert quoted(text, printed), printed
+
+
+def test_the_line_of_a_killed_script_is_quoted_as_it_is_printed():
+    files = [f"results/phantom/{name}" for name in ("image.nii.gz", "labels.nii.gz", "rois.csv", "rois.npz")]
+    job = {"rule_name": "phantom", "jobid": 1, "output": files, "log": ["results/logs/phantom.log"]}
+    (line,) = without_reason([job], said="died with <Signals.SIGKILL: 9>.").values()
+    (text,) = [one["text"] for one in FENCED.finditer((DOCS / "how-it-works.md").read_text()) if "SIGKILL" in one[0]]
+    assert words(text) == line
 
 
 @pytest.mark.parametrize("path", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda path: path.name)

@@ -93,20 +93,17 @@ def write_nifti_array(array: np.ndarray, path, flip_y: bool = False, grid: Grid 
     return str(path)
 
 
-def write_seg(slices: list[pydicom.Dataset], path) -> str:
-    """Two segments, the balls; frames without any of a segment are left out, as usual."""
-
-    def describe(number, label):
-        return highdicom.seg.SegmentDescription(
-            number, label, codes.SCT.Tissue, codes.SCT.Liver, highdicom.seg.SegmentAlgorithmTypeValues.MANUAL
-        )
-
-    masks = np.stack([lps(ball(name)) for name in BALLS], axis=-1).astype(np.uint8)
-    highdicom.seg.Segmentation(
+def segmentation(slices, path, array, kind="BINARY", names=tuple(BALLS), **more):
+    """A SEG by highdicom; array (slice, row, column, segment), or (slice, row, column) of a label map."""
+    manual = highdicom.seg.SegmentAlgorithmTypeValues.MANUAL
+    made = highdicom.seg.Segmentation(
         source_images=slices,
-        pixel_array=masks,
-        segmentation_type="BINARY",
-        segment_descriptions=[describe(i + 1, name) for i, name in enumerate(BALLS)],
+        pixel_array=array,
+        segmentation_type=kind,
+        segment_descriptions=[
+            highdicom.seg.SegmentDescription(n, name, codes.SCT.Tissue, codes.SCT.Liver, manual)
+            for n, name in enumerate(names, 1)
+        ],
         series_instance_uid=generate_uid(),
         series_number=2,
         sop_instance_uid=generate_uid(),
@@ -115,9 +112,16 @@ def write_seg(slices: list[pydicom.Dataset], path) -> str:
         manufacturer_model_name="none",
         software_versions="1",
         device_serial_number="1",
-        omit_empty_frames=True,
-    ).save_as(path)
+        **more,
+    )
+    made.save_as(path)
     return str(path)
+
+
+def write_seg(slices: list[pydicom.Dataset], path) -> str:
+    """Two segments, the balls; frames without any of a segment are left out, as usual."""
+    masks = np.stack([lps(ball(name)) for name in BALLS], axis=-1).astype(np.uint8)
+    return segmentation(slices, path, masks, omit_empty_frames=True)
 
 
 def write_rtstruct(path, hole: bool = False, shift_z_mm: float = 0.0) -> str:

@@ -31,7 +31,7 @@ def chest():
 
 
 def beside(hu, mask, value=50):
-    """The same with something in the air beside it."""
+    """The same with something added in the air."""
     return np.where(mask & (hu < -900), value, hu)
 
 

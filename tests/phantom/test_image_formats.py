@@ -127,7 +127,7 @@ def test_a_pair_of_files_is_read_and_analyze_is_not(tmp_path):
     with pytest.raises(InputError, match=r"a.hdr: is Analyze 7.5, not NIfTI, and does not say which side is left"):
         read_image(tmp_path / "a.hdr")
     (tmp_path / "c.img").unlink()
-    with pytest.raises(InputError, match="c.img is missing beside it"):
+    with pytest.raises(InputError, match="c.img is missing; a header"):
         read_image(tmp_path / "c.hdr")
 
 

@@ -2,16 +2,13 @@
 
 import gzip
 
-import highdicom
 import nibabel
 import numpy as np
 import phantom_files
 import pydicom
 import pytest
 import SimpleITK as sitk
-from phantom_files import BALLS, CT_GRID, ball, lps, write_nifti_array
-from pydicom.sr.codedict import codes
-from pydicom.uid import generate_uid
+from phantom_files import BALLS, CT_GRID, ball, lps, segmentation, write_nifti_array
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.phantom.masks import open_regions
@@ -22,31 +19,6 @@ LABELS = (ball("bright") * 1 + ball("dark") * 2).astype(np.uint8)
 @pytest.fixture(scope="module")
 def slices():
     return phantom_files.ct_slices()
-
-
-def segmentation(slices, path, array, kind="BINARY", names=tuple(BALLS), **more):
-    """A SEG by highdicom; array (slice, row, column, segment), or (slice, row, column) of a label map."""
-    manual = highdicom.seg.SegmentAlgorithmTypeValues.MANUAL
-    made = highdicom.seg.Segmentation(
-        source_images=slices,
-        pixel_array=array,
-        segmentation_type=kind,
-        segment_descriptions=[
-            highdicom.seg.SegmentDescription(n, name, codes.SCT.Tissue, codes.SCT.Liver, manual)
-            for n, name in enumerate(names, 1)
-        ],
-        series_instance_uid=generate_uid(),
-        series_number=2,
-        sop_instance_uid=generate_uid(),
-        instance_number=1,
-        manufacturer="none",
-        manufacturer_model_name="none",
-        software_versions="1",
-        device_serial_number="1",
-        **more,
-    )
-    made.save_as(path)
-    return str(path)
 
 
 def stacked(masks):

@@ -100,6 +100,17 @@ def test_a_folder_of_masks_with_anything_beside_them(desk, capsys):
     assert list(read("masks", rois=["Dark"])) == ["dark_1"]
 
 
+def test_a_folder_of_structure_sets_with_files_that_are_none(desk, capsys):
+    Path("drawn").mkdir()
+    whole = Path(phantom_files.write_rtstruct("rt.dcm")).read_bytes()
+    Path("drawn/a.dcm").write_bytes(whole[132:])  # without the preamble, as some systems write it
+    Path("drawn/b.dcm").write_bytes(whole[:400])
+    Path("drawn/c.txt").write_bytes(b"")
+    with console.printed_notes():
+        assert list(read("drawn")) == list(BALLS)
+    assert "drawn: 2 files passed over, no masks: b.dcm, c.txt" in notes(capsys)
+
+
 def test_a_folder_in_which_no_mask_can_be_read_says_why(desk):
     for path in Path("masks").iterdir():
         path.write_bytes(b"nothing")

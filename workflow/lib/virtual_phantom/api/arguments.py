@@ -1,4 +1,4 @@
-"""Arguments of the public functions: checked by name, and errors that nobody expected, in one line."""
+"""Arguments of the public functions: checked by name, and unexpected errors, in one line."""
 
 from __future__ import annotations
 

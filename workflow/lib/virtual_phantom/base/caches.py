@@ -18,12 +18,20 @@ def user_cache() -> Path | None:
     Returns
     -------
     Path or None
-        It may be missing or read-only. None if there is no home folder. A relative ``$XDG_CACHE_HOME`` is ignored, as
-        the XDG Base Directory Specification demands.
+        It may be missing or read-only. None if there is no home folder, or if the folder belongs to another user, who
+        could have put machine code into it. A relative ``$XDG_CACHE_HOME`` is ignored, as the XDG Base Directory
+        Specification demands.
     """
     if os.path.isabs(stated := os.environ.get("XDG_CACHE_HOME", "")):
-        return Path(stated, NAME)
-    return Path(home, ".cache", NAME) if (home := home_folder()) is not None else None
+        folder = Path(stated, NAME)
+    elif (home := home_folder()) is not None:
+        folder = Path(home, ".cache", NAME)
+    else:
+        return None
+    try:
+        return folder if _is_own(folder.stat()) else None
+    except OSError:  # missing
+        return folder
 
 
 def temporary_cache(make: bool = True) -> Path | None:
@@ -41,12 +49,17 @@ def temporary_cache(make: bool = True) -> Path | None:
         so that a folder that others can write to must not be read.
     """
     try:
-        user = os.getuid() if hasattr(os, "getuid") else 0  # Windows has a folder for temporary files per user
+        user = os.getuid() if hasattr(os, "getuid") else 0
         folder = Path(tempfile.gettempdir()).absolute() / f"{NAME}-{user}"
         if make:
             folder.mkdir(mode=0o700, exist_ok=True)
         found = folder.lstat()
     except OSError:
         return None
-    private = found.st_uid == user and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    return folder if stat.S_ISDIR(found.st_mode) and (private or os.name == "nt") else None
+    private = _is_own(found) and (os.name == "nt" or not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+    return folder if stat.S_ISDIR(found.st_mode) and private else None
+
+
+def _is_own(found: os.stat_result) -> bool:
+    """Whether a folder belongs to the user of this process; on Windows, each user has other folders."""
+    return not hasattr(os, "getuid") or found.st_uid == os.getuid()

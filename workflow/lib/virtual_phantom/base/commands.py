@@ -10,7 +10,7 @@ from .data import clone
 
 # Where Snakemake looks for a Snakefile in the current folder, in this order.
 SNAKEFILES = ("Snakefile", "snakefile", "workflow/Snakefile", "workflow/snakefile")
-NO_CLONE = "CLONE"  # in place of the path of a clone that nobody knows
+NO_CLONE = "CLONE"  # in place of the unknown path of the clone
 
 
 def typed(*words: object) -> str:

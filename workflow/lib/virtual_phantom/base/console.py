@@ -1,4 +1,4 @@
-"""Run a command for a person at a terminal: notes, one line for each error, no traceback unless it is asked for."""
+"""Run a command for a person at a terminal: notes, one line for each error, a traceback only with --debug."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def note(text: object) -> None:
 
 
 def progress(what: str, done: int, total: int) -> None:
-    """Report how far long work is: in commands, a line on standard error every PROGRESS_SECONDS; in jobs nothing.
+    """Report the progress of long work: in commands, a line on standard error every PROGRESS_SECONDS; in jobs nothing.
 
     Parameters
     ----------
@@ -57,26 +57,23 @@ def printed_notes() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def counted_notes() -> Iterator[NoteCount]:
-    """Count the notes made while the block runs; they are printed or logged all the same."""
-    counter = NoteCount()
-    NOTES.addHandler(counter)
+def collected_notes() -> Iterator[list[str]]:
+    """Collect the notes that are made while the block runs, in addition to printing or logging them."""
+    collector = _Collector()
+    NOTES.addHandler(collector)
     try:
-        yield counter
+        yield collector.notes
     finally:
-        NOTES.removeHandler(counter)
+        NOTES.removeHandler(collector)
 
 
-class NoteCount(logging.Handler):
-    """A log handler that counts, as `count`."""
-
+class _Collector(logging.Handler):
     def __init__(self):
         super().__init__()
-        self.count = 0
+        self.notes: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Count one more note."""
-        self.count += 1
+        self.notes.append(record.getMessage())
 
 
 class _Printer(logging.Handler):
@@ -134,10 +131,6 @@ def run_command(command: Callable[[Sequence[str]], int], words: Sequence[str] | 
         return 1
     except MemoryError as error:
         print(f"Error: not enough memory ({str(error) or 'no more is available'})", file=sys.stderr)
-    except UnicodeEncodeError as error:
-        if debug:
-            traceback.print_exc()
-        print(f"Error: {unencodable(error)}", file=sys.stderr)
     except Exception as error:
         if debug:
             traceback.print_exc()
@@ -154,7 +147,7 @@ def _checked(word: str) -> str:
 
 
 def unexpected(error: BaseException, beside: str = f"what the same command prints with {DEBUG}") -> str:
-    """One line about an exception that no reader expected, with what the user can do about it.
+    """One line about an exception that no reader turned into an InputError, with what the user can do about it.
 
     Parameters
     ----------
@@ -166,12 +159,14 @@ def unexpected(error: BaseException, beside: str = f"what the same command print
     -------
     str
     """
+    if isinstance(error, UnicodeEncodeError):
+        return _unencodable(error)
     reason = str(InputError(" ".join(str(error).split())))
     what = f"unexpected {type(error).__name__}" + (f": {reason}" if reason else "")
     return f"{what}; this is a fault of Virtual Phantom: report it with {beside}"
 
 
-def unencodable(error: UnicodeEncodeError) -> str:
+def _unencodable(error: UnicodeEncodeError) -> str:
     """One line about text that cannot be encoded, such as the name of a file in a locale without UTF-8."""
     around = error.object[max(0, error.start - 30) : error.end + 30]
     encoding = sys.getfilesystemencoding()
@@ -196,7 +191,7 @@ def check_names(*names: str) -> None:
             name.encode(sys.getfilesystemencoding())
             name.encode("utf-8")  # bytes that the locale's encoding lacks are surrogates in names
     except UnicodeEncodeError as error:
-        raise InputError(unencodable(error)) from None
+        raise InputError(_unencodable(error)) from None
 
 
 def check_current_folder() -> None:
@@ -214,7 +209,7 @@ def check_current_folder() -> None:
 
 
 def show_any_character() -> None:
-    """Escape what the terminal's encoding cannot show, instead of stopping (names may hold any character)."""
+    """Escape what the terminal's encoding cannot show, instead of stopping (names may contain any character)."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure") and stream.errors != "backslashreplace":
             stream.reconfigure(errors="backslashreplace")

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,8 @@ class Grid:
         Voxel size in mm (z, y, x).
     centre_mm : tuple of 3 float
         Where the centre of the grid lies in the NIfTI world frame, mm (x, y, z).
+    rotation : tuple of 3 tuple of 3 float, optional
+        Small rotation about the centre that the image's file states and that the grid leaves out. It is not compared.
 
     Raises
     ------
@@ -54,6 +56,7 @@ class Grid:
     shape: tuple[int, int, int]
     spacing: tuple[float, float, float]
     centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: tuple[tuple[float, ...], ...] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self):
         object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
@@ -71,6 +74,16 @@ class Grid:
         extent = (np.array(self.shape[::-1]) - 1) * np.array(self.spacing[::-1])
         matrix[:3, 3] = np.array(self.centre_mm) - extent / 2
         return matrix
+
+    @property
+    def file_affine(self) -> np.ndarray:
+        """As `affine`, with the rotation that the file states: what is drawn in the world lies on these voxels."""
+        if self.rotation is None:
+            return self.affine
+        turn = np.eye(4)
+        turn[:3, :3] = self.rotation
+        turn[:3, 3] = self.centre_mm - turn[:3, :3] @ self.centre_mm
+        return turn @ self.affine
 
     @property
     def voxel_volume_mm3(self) -> float:
@@ -101,6 +114,12 @@ class Grid:
     def _corners_mm(self) -> np.ndarray:
         last = np.array(self.shape[::-1]) - 1
         return np.stack([self.affine[:3, 3], self.affine[:3, :3] @ last + self.affine[:3, 3]])
+
+    def rotated_against(self, other: Grid) -> float:
+        """Largest distance between voxels, in voxels, by which the rotations of two grids differ."""
+        one, another = (np.eye(3) if grid.rotation is None else np.array(grid.rotation) for grid in (self, other))
+        spacing = np.array(self.spacing[::-1])
+        return float((np.abs(one - another) @ ((np.array(self.shape[::-1]) - 1) / 2 * spacing) / spacing).max())
 
     def __str__(self) -> str:
         nz, ny, nx = self.shape

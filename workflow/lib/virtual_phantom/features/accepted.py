@@ -26,7 +26,7 @@ FILTER = {
     **dict.fromkeys(("lbp2DRadius", "lbp2DSamples", "lbp2DMethod"), "LBP2D"),
     **dict.fromkeys(("lbp3DLevels", "lbp3DIcosphereRadius", "lbp3DIcosphereSubdivision"), "LBP3D"),
 }
-# Co-occurrence matrices of 13 directions hold bins^2 numbers of 8 bytes each: 2,000 bins take 0.4 GB.
+# Co-occurrence matrices of 13 directions have bins^2 numbers of 8 bytes each: 2,000 bins take 0.4 GB.
 MOST_BINS = 2000
 
 

@@ -78,7 +78,7 @@ class Relation:
     usual: bool = False
 
     def broken(self) -> np.ndarray:
-        """Rows in which it fails by more than rounding explains."""
+        """Rows that break the relation by more than rounding explains."""
         with np.errstate(invalid="ignore", over="ignore"):
             size = np.maximum(abs(self.low.value), abs(self.high.value))
             tolerance = self.low.error + self.high.error + RELATIVE * size + 10.0**-DIGITS

@@ -23,6 +23,7 @@ from ..base.console import note
 from ..base.errors import InputError
 from ..base.words import counted
 from ..io.files import NAMES, check_unchanged
+from ..io.volumes import GZIP
 from .names import EVERY_FAMILY, is_feature
 from .settings import COLUMNS
 
@@ -45,7 +46,6 @@ OTHERS = (
     (b"{", "JSON; write one row per image and ROI as CSV"),
     (b"[", "JSON; write one row per image and ROI as CSV"),
 )
-GZIP = b"\x1f\x8b"
 MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none"))
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?inf", re.ASCII)
 # Outside of features a number is only what no name is: neither 007 nor 1e3.
@@ -104,7 +104,7 @@ def read_table(
     Raises
     ------
     InputError
-        If the file is no delimited text, has rows with more or fewer fields than the header, holds text where numbers
+        If the file is no delimited text, has rows with more or fewer fields than the header, has text where numbers
         belong, or decimal commas that may separate thousands.
     """
     path, text = Path(path), frozenset(text)

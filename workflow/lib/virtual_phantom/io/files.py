@@ -155,7 +155,7 @@ def read_csv(path: str | Path, advice: str = "delete it and run again", numbers:
     Returns
     -------
     DataFrame
-        Columns of NAMES hold text. Any other column holds numbers or truth values if all its entries are written as
+        Columns of NAMES are text. Any other column has numbers or truth values if all its entries are written as
         pandas writes these, else text. Empty entries are NaN; the text NA is no gap.
 
     Raises

@@ -156,7 +156,7 @@ def _report_orientation(image: nibabel.Nifti1Image, path: Path) -> None:
 
 
 def _read_itk(path: Path):
-    """Read an NRRD or MetaImage file; nothing is allocated that the machine cannot hold."""
+    """Read an NRRD or MetaImage file; its size is checked before memory is allocated."""
     import SimpleITK as sitk  # half a second, which NIfTI does not need
 
     if not path.is_file():
@@ -309,7 +309,7 @@ def _pair(path: Path) -> nibabel.Nifti1Pair:
     for part in ("hdr", "img"):
         files[part] = path.with_name(f"{base}.{part.upper() if upper else part}{packed}")
         if not files[part].is_file():
-            raise InputError(f"{path}: {files[part].name} is missing beside it; a header and its voxels come together")
+            raise InputError(f"{path}: {files[part].name} is missing; a header and its voxels belong in one folder")
     with (gzip.open if packed else open)(files["hdr"], "rb") as stream:
         header = stream.read(348)
     second = header[:4] in ((540).to_bytes(4, "little"), (540).to_bytes(4, "big"))
@@ -444,7 +444,9 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
             f"{moved:.2g} of their size"
         )
     centre = affine[:3, 3] + matrix @ half
-    grid = Grid(shape=array.shape[::-1], spacing=tuple(spacing[::-1]), centre_mm=tuple(centre))
+    rotated = moved > SEEN_TILT and is_small_rotation(matrix / spacing)
+    rotation = tuple(map(tuple, (matrix / spacing).tolist())) if rotated else None
+    grid = Grid(array.shape[::-1], tuple(spacing[::-1]), tuple(centre), rotation)
     return Volume(np.ascontiguousarray(array.T, dtype=dtype), grid)
 
 
@@ -475,10 +477,11 @@ def write_nifti(volume: Volume, path: str | Path) -> None:
         Of float32, or any integer type.
     path : str or Path
     """
-    image = nibabel.Nifti1Image(volume.array.T, volume.grid.affine)
+    affine = volume.grid.file_affine
+    image = nibabel.Nifti1Image(volume.array.T, affine)
     image.header.set_xyzt_units("mm")
-    image.set_sform(volume.grid.affine, code="scanner")
-    image.set_qform(volume.grid.affine, code="scanner")
+    image.set_sform(affine, code="scanner")
+    image.set_qform(affine, code="scanner")
     with replacing(path) as temporary:
         nibabel.save(image, temporary)
 

@@ -29,14 +29,14 @@ MERGE = "tag:yaml.org,2002:merge"
 
 
 def read_yaml(path: str | Path, advice: str, *, restore: str = "make it again") -> dict:
-    """Read a file that holds a mapping.
+    """Read a file that contains a mapping.
 
     Parameters
     ----------
     path : str or Path
         YAML or JSON, in UTF-8.
     advice : str
-        What to do where there is no such file, or it holds no mapping, such as "give the path of a configuration".
+        What to do where there is no such file, or it contains no mapping, such as "give the path of a configuration".
     restore : str, optional
         What to do where the file differs from its checksum.
 
@@ -47,7 +47,7 @@ def read_yaml(path: str | Path, advice: str, *, restore: str = "make it again") 
     Raises
     ------
     InputErrors
-        For a file that cannot be read or holds no mapping, and a line for each key that is there twice and for each
+        For a file that cannot be read or contains no mapping, and a line for each key that is there twice and for each
         number that YAML reads differently than people do.
     """
     content, lines = parse_yaml(path, advice, restore=restore)
@@ -59,7 +59,7 @@ def read_yaml(path: str | Path, advice: str, *, restore: str = "make it again") 
 def parse_yaml(
     path: str | Path, advice: str, *, restore: str = "make it again", template: Callable[[str], dict] | None = None
 ) -> tuple[dict, list[str]]:
-    """Read a file that holds a mapping, and what in it is probably not meant.
+    """Read a file that contains a mapping, and list what in it is probably not meant.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def parse_yaml(
     Raises
     ------
     InputError
-        For a file that cannot be read or holds no mapping.
+        For a file that cannot be read or contains no mapping.
     """
     path = Path(path)
     check_unchanged(path, restore)

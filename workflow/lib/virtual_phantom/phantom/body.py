@@ -1,7 +1,7 @@
 """The body in a CT: its filled outline, and the pieces that lie apart from it, such as arms and a table.
 
 Everything counts as body unless it is clearly something else: turning tissue into air changes what is scanned, while a
-field of view that also holds a table costs time only.
+field of view that also contains a table costs time only.
 """
 
 from __future__ import annotations
@@ -152,10 +152,10 @@ def _open_lungs(thin: np.ndarray, body: np.ndarray, pixels: float) -> np.ndarray
 
 
 def _core(filled: np.ndarray, sampling: tuple[float, ...]) -> np.ndarray:
-    """Per slice, what holds a circle of BRIDGE times the largest in the slice; of several pieces the large ones."""
+    """Per slice, the union of circles of BRIDGE times the largest radius in it; of several pieces the large ones."""
     depth = _depth(filled, sampling)
     widest = depth.max(axis=(1, 2))
-    # Slices that hold only a table or hands have no core: their largest circle is small beside the volume's.
+    # Slices that show only a table or hands have no core: their largest circle is small beside the volume's.
     radius = BRIDGE * np.maximum(widest, widest.max() / 2)[:, None, None]
     deep = depth > radius
     opened = filled & (distance_transform_edt(~deep, sampling=sampling) <= radius)

@@ -118,7 +118,7 @@ def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
     ----------
     path : Path
     not_checked : collection of str, optional
-        Of plausible.CHECKS: what is left to the user.
+        Members of plausible.CHECKS that are skipped.
 
     Returns
     -------

@@ -57,22 +57,10 @@ MULTI_FRAME = {EnhancedCTImageStorage, LegacyConvertedEnhancedCTImageStorage}
 # and other maps of multi-energy CT (PS3.3, C.8.15.3.10, and vendors' words), projections through a volume, renderings,
 # differences, and parametric maps of perfusion. Virtual monoenergetic (VMI) and virtual non-contrast images
 # (MAT_REMOVED) are in HU.
-NOT_HU = (
-    *(
-        "MAT_SPEC",
-        "MAT_FRAC",
-        "MAT_VALUE",
-        "MAT_MODIF",
-        "EFF_ATOMIC",
-        "EFFECTIVE_Z",
-        "Z_EFF",
-        "ZEFF",
-        "RHO_Z",
-        "IODINE",
-    ),
-    *("ELECTRON_DENS", "RELATIVE_ED", "URIC_ACID", "MIP", "MINIP", "MIN_IP", "MAXIP", "MAX_IP", "PROJECTION_IMAGE"),
-    *("VRT", "SSD", "VOLUME_REND", "CURVED", "SCREEN_SAVE", "SUBTRACT", "PERFUSION", "CBF", "CBV", "MTT", "TTP", "PBV"),
-    *("TMAX", "DOSE_INFO", "DOSE_REPORT"),
+NOT_HU = tuple(
+    """MAT_SPEC MAT_FRAC MAT_VALUE MAT_MODIF EFF_ATOMIC EFFECTIVE_Z Z_EFF ZEFF RHO_Z IODINE ELECTRON_DENS RELATIVE_ED
+    URIC_ACID MIP MINIP MIN_IP MAXIP MAX_IP PROJECTION_IMAGE VRT SSD VOLUME_REND CURVED SCREEN_SAVE SUBTRACT
+    PERFUSION CBF CBV MTT TTP PBV TMAX DOSE_INFO DOSE_REPORT""".split()
 )
 SCOUTS = {"LOCALIZER", "SCOUT", "TOPOGRAM", "SURVIEW", "SCANOGRAM"}
 
@@ -144,7 +132,7 @@ class Slice:
         return int(value)
 
     def quoted(self, keyword: str) -> str:
-        """The value in brackets for a message, if it can only be numbers: a broken header may hold a name in it."""
+        """The value in brackets for a message, if it can only be numbers: a broken header may contain a name."""
         values = self.values[keyword]
         text = "" if values is BROKEN else "\\".join(values)
         return f" ({text})" if 0 < len(text) <= LONGEST_QUOTE and NUMBER_CHARACTERS.issuperset(text) else ""
@@ -179,7 +167,7 @@ class Unused:
 
 
 def modality(header: pydicom.Dataset) -> str:
-    """The modality of a header, for messages: of a broken one it may hold all that follows, the patient's name too."""
+    """The modality of a header, for messages: a broken one may include what follows, such as the patient's name."""
     return _code(str(header.get("Modality", "not given")))
 
 
@@ -260,14 +248,9 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
     InputError
         If a file cannot be read, or looks like a damaged slice.
     """
-    slices, others = [], []
-    for path in paths:
-        if is_hidden(path.name):
-            unused.add(path, "a hidden or system file")
-            continue
-        if reason := not_dicom(path):
-            others.append((path, reason))
-            continue
+    slices = []
+    candidates, others = dicom_among(paths, unused)
+    for path in candidates:
         header = read_header(path)
         if header is None:
             others.append((path, "DICOM without a SOP class or a modality, so no image"))
@@ -277,6 +260,32 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
             slices.append(header)
     add_others(others, [one.path for one in slices], unused)
     return slices
+
+
+def dicom_among(paths: Iterable[Path], unused: Unused) -> tuple[list[Path], list[tuple[Path, str]]]:
+    """Separate files that may be DICOM, by their first bytes, from others.
+
+    Parameters
+    ----------
+    paths : iterable of Path
+    unused : Unused
+        Hidden files are added.
+
+    Returns
+    -------
+    candidates : list of Path
+    others : list of (Path, str)
+        Each with its reason, for `add_others`.
+    """
+    candidates, others = [], []
+    for path in paths:
+        if is_hidden(path.name):
+            unused.add(path, "a hidden or system file")
+        elif reason := not_dicom(path):
+            others.append((path, reason))
+        else:
+            candidates.append(path)
+    return candidates, others
 
 
 def add_others(others: Iterable[tuple[Path, str]], used: Iterable[Path], unused: Unused) -> None:

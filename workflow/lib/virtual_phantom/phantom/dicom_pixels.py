@@ -23,14 +23,14 @@ from scipy import ndimage
 from ..base.console import note
 from ..base.errors import InputError
 from ..base.units import HU_AIR
+from ..io.volumes import GZIP_MOST
 from .dicom_files import BROKEN, HOUNSFIELD, OVERLAY, UNDEFINED_LENGTH, Slice
 
 START = b"\xe0\x7f\x10\x00OB\0\0\xff\xff\xff\xff"  # of the element of encapsulated pixel data
 END = b"\xfe\xff\xdd\xe0\0\0\0\0"  # its delimiter
 SIZE = ("Rows", "Columns", "SamplesPerPixel", "BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation")
-DEFLATE_MOST = 1032  # bytes that one byte of deflate represents at most: 258 of them in 2 bits (RFC 1951)
-# Between these, padding looks like tissue. Below is air, and what scanners write outside of the scanned circle.
-TISSUE_HU = (-900.0, 3071.0)
+# From here on, padding looks like tissue. Below is air, and what scanners write outside of the scanned circle.
+TISSUE_HU = -900.0
 WATER_TO_AIR_HU = 1000.0  # by the definition of the scale
 # Scanners store HU - 1024 in 12 bits, or up to 30,710 HU in the extended scale (Siemens); more is no CT number.
 HIGHEST_HU = 31_743.0  # 2^15 - 1 - 1024
@@ -188,10 +188,10 @@ def same_pixels(one: Slice, other: Slice) -> bool:
 
 
 def _outside(stored: np.ndarray, padding: tuple[int, int], hu: np.ndarray) -> np.ndarray:
-    """The pixels that hold the padding value, if it looks like tissue or metal, and are connected to the border."""
-    # Tissue may hold the same value by chance, so what lies within the body is left as it is.
+    """The pixels with the padding value, if it looks like tissue or metal, and are connected to the border."""
+    # Tissue may have the same value by chance, so what lies within the body is left as it is.
     mask = (stored >= padding[0]) & (stored <= padding[1])
-    if not mask.any() or hu[mask].max() < TISSUE_HU[0]:
+    if not mask.any() or hu[mask].max() < TISSUE_HU:
         return np.zeros_like(mask)
     labels, _ = ndimage.label(mask)
     border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
@@ -235,7 +235,7 @@ def _pixel_data(one: Slice) -> tuple[RawDataElement, bool]:
 
 
 def _trimmed(one: Slice, raw: np.ndarray) -> np.ndarray:
-    """The values of the stored bits alone: bits above them may hold an overlay (retired, but archives have it)."""
+    """The values of the stored bits alone: bits above them may contain an overlay (retired, but archives have it)."""
     stored, signed = one.whole("BitsStored"), one.whole("PixelRepresentation")
     if stored == one.whole("BitsAllocated"):
         return raw
@@ -257,7 +257,7 @@ def _trimmed(one: Slice, raw: np.ndarray) -> np.ndarray:
 
 
 def _padding(one: Slice) -> tuple[int, int] | None:
-    """The range of values that stand for no pixel, in the sign of the pixels; None if there is none."""
+    """The range of values that mark missing pixels, in the sign of the pixels; None if there is none."""
     if not one.has("PixelPaddingValue"):
         return None
     bits, signed, ends = one.whole("BitsAllocated"), one.whole("PixelRepresentation"), []
@@ -315,14 +315,14 @@ def _decompressed(one: Slice, encoded: bytes) -> np.ndarray:
 
 
 def _check_length(one: Slice) -> None:
-    """Refuse a header that says more pixels than the file can hold, before memory is taken for them."""
+    """Refuse a header that says more pixels than the file can contain, before memory is taken for them."""
     syntax = UID(one.text("TransferSyntaxUID"))
     if syntax and not (syntax.is_valid and not syntax.is_private and syntax.is_transfer_syntax):
         raise InputError(f"{one.path}: TransferSyntaxUID is no known one; export it as Explicit VR Little Endian")
     rows, columns = one.whole("Rows"), one.whole("Columns")
     if syntax and syntax.is_encapsulated and syntax != DeflatedExplicitVRLittleEndian:
         return
-    most = one.path.stat().st_size * (DEFLATE_MOST if syntax == DeflatedExplicitVRLittleEndian else 1)
+    most = one.path.stat().st_size * (GZIP_MOST if syntax == DeflatedExplicitVRLittleEndian else 1)
     if rows * columns * one.whole("BitsAllocated") / 8 > most:
         _pixel_data(one)
         raise InputError(

@@ -11,27 +11,27 @@ import math
 import os
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..base.console import note
 from ..base.errors import InputError
-from ..io.volumes import ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
+from ..base.words import counted
+from ..io.volumes import LPS_TO_RAS, ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
 from .dicom_files import (
     NEEDED,
     Slice,
     Unused,
     files_in,
     folders_under,
-    modality,
     not_dicom,
     slices_of,
 )
 from .dicom_pixels import check_pixels, read_into, same_pixels
 
-__all__ = ["LPS_TO_RAS", "Series", "find_series", "modality", "read_series", "read_slices", "series_among"]
+__all__ = ["Series", "find_series", "read_series", "read_slices", "series_among"]
 
 POSITION_TOLERANCE_MM = 0.01  # headers give positions as decimal text, often rounded to this
 # Largest displacement of a voxel from the upright grid that is used instead of the slices' own geometry, in voxels: by
@@ -41,7 +41,6 @@ LARGEST_DISPLACEMENT = 0.5
 # moves its neighbors by at least a third of a voxel from the line that fits best (3 slices), by more with more slices.
 LARGEST_DISAGREEMENT = 0.1
 SQUARE = 0.01  # share by which sides of a pixel may differ: reconstructed CT has square pixels, up to rounding
-LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 LISTED = 4  # series that a message names
 
 
@@ -222,7 +221,7 @@ def _label(group: Sequence[Slice]) -> str:
     """A series in words, by facts about the scan: a SeriesDescription may name the patient."""
     number = _series_number(group)
     words = [f"series {number:g}" if math.isfinite(number) else "a series without number"]
-    words.append(f"{len(group)} slice{'s' * (len(group) > 1)}")
+    words.append(counted(len(group), "slice"))
     try:
         words += [f"kernel {kernel}" for kernel in [group[0].text("ConvolutionKernel")] if 0 < len(kernel) <= 64]
         words += [f"{group[0].number('SliceThickness'):g} mm"] if group[0].has("SliceThickness") else []
@@ -299,18 +298,19 @@ def read_slices(series: Series) -> Volume:
         position, or pixels are not in HU.
     """
     slices = list(series.slices)
-    _check_geometry(series.name, slices)
+    _check_geometry(slices)
     check_pixels(slices, series.name)
     slices = _without_copies(series.name, slices)
-    affine = _affine(series.name, slices)
+    affine, rotation = _affine(series.name, slices)
     rows, columns = slices[0].whole("Rows"), slices[0].whole("Columns")
     check_fits(4 * len(slices) * rows * columns, series.name)
     array = np.empty((len(slices), rows, columns), np.float32)
     read_into(slices, array, series.name)
-    return upright(array.T, LPS_TO_RAS @ affine, series.name)
+    volume = upright(array.T, LPS_TO_RAS @ affine, series.name)
+    return volume if rotation is None else replace(volume, grid=replace(volume.grid, rotation=rotation))
 
 
-def _check_geometry(name: str, slices: Sequence[Slice]) -> None:
+def _check_geometry(slices: Sequence[Slice]) -> None:
     """Check that all slices have the attributes of the image plane, and the same size, spacing and orientation."""
     first = slices[0]
     frames = {id(one): one.text("FrameOfReferenceUID") for one in slices if one.has("FrameOfReferenceUID")}
@@ -372,8 +372,19 @@ def _without_copies(name: str, slices: Sequence[Slice]) -> list[Slice]:
     return kept
 
 
-def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
-    """From voxel index (column, row, slice) to mm in LPS, upright; InputError if that moves a voxel too far."""
+def _affine(name: str, slices: Sequence[Slice]) -> tuple[np.ndarray, tuple | None]:
+    """From voxel index (column, row, slice) to mm in LPS, upright, and the small rotation that is left out (RAS).
+
+    Returns
+    -------
+    affine : ndarray, shape (4, 4)
+    rotation : tuple of 3 tuple of 3 float, or None
+
+    Raises
+    ------
+    InputError
+        If upright slices move a voxel too far.
+    """
     positions = np.array([one.numbers("ImagePositionPatient", 3) for one in slices])
     step = _slice_spacing(name, positions)
     cosines = np.array([one.numbers("ImageOrientationPatient", 6) for one in slices]).reshape(-1, 2, 3)
@@ -393,8 +404,8 @@ def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
     tilts = [abs(one.number("GantryDetectorTilt", 0.0)) for one in slices]
     turned = math.sin(math.radians(min(max(tilts), 90))) * ends[1] * row_spacing / 2
     sideways = np.ptp(positions[:, :2], axis=0).max() / 2
-    rotated = turned == 0 and _rotated_together(cosines, positions, axes)
-    if not rotated and (np.append(away, turned) / np.append(size, step)).max() > LARGEST_DISPLACEMENT:
+    rotation = _rotation(cosines, positions, axes) if turned == 0 else None
+    if rotation is None and (np.append(away, turned) / np.append(size, step)).max() > LARGEST_DISPLACEMENT:
         if sideways > (away.max() + turned) / 2:
             raise InputError(
                 f"{name}: slices are shifted sideways against each other (gantry tilt); resample the series onto "
@@ -404,27 +415,35 @@ def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
             f"{slices[0].path}: slices are tilted or not axial; resample the series onto upright axial slices first"
         )
     if (moved := max(away.max(), turned)) > max(POSITION_TOLERANCE_MM, 0.01 * step):
-        what = "the volume is slightly rotated" if rotated else "slices are slightly tilted or unevenly placed"
+        what = (
+            "the volume is slightly rotated"
+            if rotation is not None
+            else "slices are slightly tilted or unevenly placed"
+        )
         note(f"{name}: {what}; reading it as upright moves voxels by at most {moved:.2g} mm")
+    else:
+        rotation = None
     if abs(row_spacing / column_spacing - 1) > SQUARE:
         note(f"{name}: PixelSpacing is {row_spacing:g} x {column_spacing:g} mm; CT pixels are square: is it right?")
     affine = np.eye(4)
     affine[:3, 0], affine[:3, 1] = axes[0] * column_spacing, axes[1] * row_spacing
     affine[:3, 2], affine[:3, 3] = (0, 0, step), positions[0] + shift
-    return affine
+    return affine, rotation
 
 
-def _rotated_together(cosines: np.ndarray, positions: np.ndarray, axes: np.ndarray) -> bool:
-    """Whether all slices lie above each other along their common normal, rotated as a whole by a small angle."""
+def _rotation(cosines: np.ndarray, positions: np.ndarray, axes: np.ndarray) -> tuple | None:
+    """The small rotation (RAS) of slices that lie above each other along their common normal; None if they do not."""
     if np.ptp(cosines, axis=0).max() > ORTHOGONAL:
-        return False
+        return None
     normal = np.cross(*cosines[0])
     offsets = positions - positions[0]
     if np.abs(offsets - np.outer(offsets @ normal, normal)).max() > POSITION_TOLERANCE_MM:
-        return False
+        return None
     # The frame's axes in their order: what remains is the rotation.
     actual, upright_axes = (np.column_stack([*one, np.cross(*one)]) for one in (cosines[0], axes))
-    return is_small_rotation(actual @ upright_axes.T)
+    turn = actual @ upright_axes.T
+    to_ras = LPS_TO_RAS[:3, :3]
+    return tuple(map(tuple, (to_ras @ turn @ to_ras).tolist())) if is_small_rotation(turn) else None
 
 
 def _slice_spacing(name: str, positions: np.ndarray) -> float:

@@ -20,7 +20,7 @@ from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..io.volumes import Volume, read_layers, suffix_of
 from .contours import StructRegions
-from .dicom_series import modality
+from .dicom_files import modality
 from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, placed
 from .segments import SegRegions
 
@@ -77,7 +77,7 @@ def open_regions(path: str | Path, grid: Grid) -> Regions:
 def report_other_frame(regions: str | Path, ct: str | Path) -> None:
     """Report regions that were drawn in another frame of reference than a DICOM CT has (PS3.3, C.7.4.1).
 
-    They are read all the same: their positions tell whether they fit, and anonymization often replaces the identifiers
+    They are read nevertheless: their positions show whether they fit, and anonymization often replaces the identifiers
     of one of both only.
 
     Parameters

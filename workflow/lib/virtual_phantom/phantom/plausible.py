@@ -19,11 +19,9 @@ from ..base.units import HU_AIR, HU_BODY
 HU, WINDOW, SIZE = CHECKS = ("hu", "window", "size")
 MOST_VOXELS = 2_000_000  # of a large image every n-th voxel along each axis is looked at
 
-# ---- CT numbers
-LARGEST_NORMALIZED = (
-    10.0  # attenuation per mm or cm, z-scores, images scaled to 1; a CT has air, fat or noise beyond it
-)
-TAILS = (0.1, 99.9)  # percentiles that stand for the range: a few voxels of metal in mu or z-scores do not hide it
+# Attenuation per mm or cm, z-scores and images scaled to 1 are within it; a CT has air, fat or noise beyond it.
+LARGEST_NORMALIZED = 10.0
+TAILS = (0.1, 99.9)  # percentiles that are taken as the range: a few voxels of metal in mu or z-scores do not hide it
 BELOW_AIR_HU = -1100.0  # the noise of air rarely goes lower in numbers: padding outside the scanned circle
 PADDING = 0.01  # share of voxels with the lowest value, below air: padding rather than noise
 AIR_HU = (-1150.0, -850.0)  # air outside the body: beam hardening and scatter of cone-beam CT move it by up to 100 HU
@@ -38,7 +36,7 @@ FAT_HU, ALL_AROUND = 130.0, 0.98  # as little, where the lower level surrounds e
 LOWEST_AIR_HU = -1500.0  # of two separate levels the lower, padding aside; noise does not move a median
 HIGHEST_SOFT_HU = 400.0  # of most voxels in an image without air, such as a part of an organ
 SEPARATE = 0.9  # share of the variance that two levels explain. Of one normal distribution 0.64, of air and water 0.98
-# ---- value range
+
 SPIKE = 5.0  # times as many voxels have the value at an end as have a value near it: clipped. Without clipping below 1
 SPIKE_NEAR, MASKED_NEAR = 10.0, 3.0  # values up to here from an end, or from the most frequent one, are near it
 CLIPPED_LOW = 0.01  # share of voxels at the lowest value
@@ -47,7 +45,7 @@ HIGHEST_CLIP_HU = 1900.0  # ranges of scanners end at 1976 HU (12 bits with 1000
 MASKED = 0.1  # share of voxels with one and the same value in an image with noise: what is outside was set to it
 NOISE_FREE = 0.6  # share of neighbours that are equal: a drawn phantom, whose values say nothing about clipping
 LOWEST_TISSUE_HU = -130.0  # fat
-# ---- lengths
+
 # A body narrower than 60 mm in an image narrower than 100 mm is more likely a patient in cm: 600 mm is the widest body
 # in a scanner's bore (700 to 800 mm with its table), and no field of view is wider than 1000 mm. A crop within
 # the body is left alone: in cm it would be half a metre of tissue.
@@ -93,7 +91,7 @@ def require_plausible(array: np.ndarray, grid: Grid, source: object, not_checked
     source : object
         The file, which lines begin with.
     not_checked : collection of str, optional
-        Of CHECKS: what is left to the user.
+        Members of CHECKS that are skipped.
 
     Raises
     ------
@@ -272,7 +270,7 @@ def _levels(values: np.ndarray) -> tuple[float, float, float]:
 def _range(seen: _Values) -> Iterator[str]:
     """Lines about values that were clipped, or set to one value outside of the body."""
     if max(-seen.lowest, seen.highest) < LARGEST_NORMALIZED or not seen.values.size or seen.lowest >= 0:
-        return  # not HU at all, which is said already
+        return  # not HU at all, which `_without_hu` reports
     at_low = np.count_nonzero(seen.array == seen.lowest) / seen.array.size
     lowest_is_tissue = seen.lowest > AIR_HU[1]
     if lowest_is_tissue and at_low > CLIPPED_LOW:

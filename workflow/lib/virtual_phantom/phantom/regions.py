@@ -13,6 +13,7 @@ from scipy.ndimage import distance_transform_edt
 from ..base.console import note
 from ..base.errors import InputError
 from ..base.geometry import Grid
+from ..io.volumes import LARGEST_TILT
 
 GRID_TOLERANCE_MM = 0.02  # of positions read from different files: single precision and decimal text
 ONE_BY_ONE = 3  # remarks of one kind about one file; more become one line
@@ -231,6 +232,8 @@ def placed(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
     shifted = np.abs((offset - index) * np.array(grid.spacing)).max()
     if not max(shifted, np.abs(steps).max()) <= GRID_TOLERANCE_MM:
         raise InputError(f"{path}: lies on another grid than the CT ({part}; CT: {grid}); resample it onto the CT")
+    if part.rotated_against(grid) > LARGEST_TILT:
+        raise InputError(f"{path}: is rotated against the CT; resample it onto the CT")
     return tuple(index.astype(int).tolist())
 
 

@@ -24,11 +24,10 @@ from .recording import Provenance, Recording
 KEYS = ("image", "roi", "tissue_class")
 # Keys of recording.yaml that only a table of somebody else's layout needs.
 LAYOUT = ("image", "roi")
-NAMING = (pyradiomics_table.IMAGE, pyradiomics_table.MASK, pyradiomics_table.LABEL)
 STORED_ABOVE = 500.0  # mean of a soft-tissue ROI: under this in HU, over it in stored values
-# How far means of one ROI lie apart in HU and in stored values: 1000 or 1024, give or take 100 HU of contrast medium.
+# Difference of the means of one ROI in stored values and in HU: 1000 or 1024, give or take 100 HU of contrast medium.
 STORED_APART = (900.0, 1124.0)
-MEASURED = 10  # so many features of two noisy images do not agree in every digit by chance
+MEASURED = 10  # features of two noisy images that do not agree in every digit by chance
 
 
 @dataclass(frozen=True)

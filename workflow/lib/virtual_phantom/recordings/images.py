@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 from ..base.errors import InputError
 from ..base.geometry import Grid, OrbitGeometry
-from ..io.volumes import Volume
+from ..io.volumes import LARGEST_TILT, Volume
 from ..phantom import Roi
 from ..phantom.ct import draw, read_hu
 from ..phantom.masks import GRID_TOLERANCE_MM
@@ -61,7 +59,7 @@ def load(document: Document) -> ImagesRecording:
     """
     notes: list[str] = []
     grid, facts = None, {}
-    read_one = partial(read, not_checked=tuple(document.content.get("not_checked", ())))
+    read_one = partial(read_hu, not_checked=tuple(document.content.get("not_checked", ())))
     for path in (*document.repeats, *document.held_out):
         image = read_one(path)
         if grid is None:
@@ -71,6 +69,8 @@ def load(document: Document) -> ImagesRecording:
                 f"{path}: is on another grid ({image.grid}) than {document.repeats[0].name} ({grid}); "
                 "resample it, or make a recording of its own"
             )
+        elif image.grid.rotated_against(grid) > LARGEST_TILT:
+            raise InputError(f"{path}: is rotated against {document.repeats[0].name}; resample it onto the same grid")
         if (below := float((image.array < BELOW_AIR_HU).mean())) > MENTIONED_SHARE:
             share = f"{100 * below:.0f} % of the voxels are below {BELOW_AIR_HU:g} HU"
             notes.append(f"{document.relative(path)}: {share}: padding outside the scanned circle")
@@ -86,28 +86,6 @@ def load(document: Document) -> ImagesRecording:
     provenance = Provenance(document.content["origin"], checksums(document), next(iter(facts.values()), {}))
     repeats, held_out = Repeats(document.repeats, read_one), Repeats(document.held_out, read_one)
     return ImagesRecording(document, provenance, _geometry(document), tuple(notes), repeats, held_out, grid)
-
-
-def read(path: Path, not_checked: Collection[str] = ()) -> Volume:
-    """Read one image in HU.
-
-    Parameters
-    ----------
-    path : Path
-    not_checked : collection of str, optional
-        As recording.yaml names it.
-
-    Returns
-    -------
-    Volume
-        float32.
-
-    Raises
-    ------
-    InputError
-        As phantom.ct.read_hu does.
-    """
-    return read_hu(path, not_checked)
 
 
 def _geometry(document: Document) -> OrbitGeometry | None:

@@ -16,9 +16,9 @@ import pandas as pd
 from ..base.errors import InputError
 from ..features.names import is_feature
 from ..features.settings import COLUMNS
+from ..features.table_files import DIAGNOSTICS
 
 IMAGE, MASK, LABEL = "Image", "Mask", "Label"
-DIAGNOSTICS = "diagnostics_"
 SHOWN = 6  # values of a column in a message
 
 

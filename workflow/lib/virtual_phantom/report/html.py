@@ -85,7 +85,7 @@ def number(value: float) -> str:
 
 
 def within(value: float, interval: list[float]) -> str:
-    """A number to two digits of its interval's width, or to those of its own that a one-sided interval would hide."""
+    """A number to two digits of its interval's width; to three significant ones if a one-sided interval hides them."""
     width = interval[1] - interval[0]
     if not 0 < width < np.inf:
         return number(value)

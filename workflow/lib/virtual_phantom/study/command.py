@@ -80,7 +80,7 @@ def _init(arguments: argparse.Namespace) -> int:
         rois=listed(arguments.rois, "--rois"),
         size=arguments.size,
         force=arguments.force,
-        not_checked=[one.strip() for one in arguments.not_checked.split(",") if one.strip()],
+        not_checked=listed([arguments.not_checked], "--not-checked"),
         fill_gaps=arguments.fill_gaps,
     )
     print(told(proposed, arguments.out))

@@ -65,7 +65,7 @@ class Removed:
     columns : ndarray of bool, shape (y, x)
         Columns of the CT that lose voxels of the body.
     box_mm : list
-        [[x, x], [y, y]], NIfTI world mm: holds the whole body.
+        [[x, x], [y, y]], NIfTI world mm: contains the whole body.
     ct : Grid
     """
 

@@ -439,7 +439,7 @@ class Diagnosis:
         -------
         list of dict
             name, and of recordings effects and processes, rays where they are known, and the lower and the upper end
-            of the seconds by the clock (None: not known) and of the CPU time.
+            of the wall time in seconds (None: not known) and of the CPU time.
         """
         found: list[dict] = []
         for name in self.settings:

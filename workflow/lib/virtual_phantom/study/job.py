@@ -6,14 +6,13 @@ import contextlib
 import logging
 import os
 import re
-import signal
 import sys
 import traceback
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..base.console import show_any_character, unencodable, unexpected
+from ..base.console import INTERRUPTED, show_any_character, unexpected
 from ..base.errors import InputError
 from .progress.said import silence
 
@@ -59,35 +58,29 @@ def job(snakemake) -> Iterator[logging.Logger]:
     try:
         yield logger
     except InputError as error:
-        logger.error("%s", error)
-        print(f"Error: {error}", file=sys.stderr)
-        sys.exit(1)
+        _fail(logger, str(error))
     except MemoryError as error:
         logger.error("%s", traceback.format_exc())
         reason = str(error) or "no more could be had"
-        message = f"not enough memory ({reason}); run fewer jobs at a time, or a smaller grid"
-        logger.error("%s", message)
-        print(f"Error: {message}", file=sys.stderr)
-        sys.exit(1)
-    except UnicodeEncodeError as error:
-        logger.error("%s", traceback.format_exc())
-        logger.error("%s", unencodable(error))
-        print(f"Error: {unencodable(error)}", file=sys.stderr)
-        sys.exit(1)
+        _fail(logger, f"not enough memory ({reason}); run fewer jobs at a time, or a smaller grid")
     except Exception as error:
         logger.error("%s", traceback.format_exc())
-        message = unexpected(error, "the log")
-        logger.error("%s", message)
-        print(f"Error: {message}", file=sys.stderr)
-        sys.exit(1)
-    except KeyboardInterrupt:  # Ctrl-C reaches scripts too; Snakemake itself says that it stops
-        sys.exit(128 + signal.SIGINT)
+        _fail(logger, unexpected(error, "the log"))
+    except KeyboardInterrupt:  # Ctrl-C reaches scripts too; Snakemake itself reports that it stops
+        sys.exit(INTERRUPTED)
     finally:
         for target in (logger, logging.getLogger("py.warnings")):
             target.removeHandler(handler)
         handler.close()
         if log_file:
             silence(log_file)
+
+
+def _fail(logger: logging.Logger, message: str) -> None:
+    """Log and print one line, and exit."""
+    logger.error("%s", message)
+    print(f"Error: {message}", file=sys.stderr)
+    sys.exit(1)
 
 
 def last_reason(log_file: str | Path, since: float) -> str | None:

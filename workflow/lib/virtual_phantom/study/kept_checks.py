@@ -1,7 +1,7 @@
 """Checks that found nothing wrong are not made again while settings, files and code stay as they are.
 
-Each is a file named by a hash of all that it depends on, in Snakemake's own folder: names of files and settings do not
-go into it. It is empty unless the check made notes, and then `virtual-phantom check` makes it again.
+Each is a file named by a hash of everything that it depends on, in Snakemake's own folder: names of files and settings
+do not go into it. It is empty unless the check made notes, and then `virtual-phantom check` makes it again.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
-from ..base.console import counted_notes
+from ..base.console import collected_notes
 from ..io.files import files_of
 from .dependencies import LIBRARY
 
@@ -48,12 +48,12 @@ def look_once(
             return []
     except OSError:  # a file that is not there: the check says which
         return list(look())
-    with counted_notes() as notes:
+    with collected_notes() as notes:
         lines = list(look())
     if not lines and (keep or SNAKEMAKE.is_dir()):
         with contextlib.suppress(OSError):  # where nothing may be written, the next start looks again
             FOLDER.mkdir(parents=True, exist_ok=True)
-            kept.write_bytes(WITH_NOTES if notes.count else b"")
+            kept.write_bytes(WITH_NOTES if notes else b"")
             for old in sorted(FOLDER.iterdir(), key=lambda path: path.stat().st_mtime)[:-MOST]:
                 old.unlink(missing_ok=True)
     return lines

@@ -345,21 +345,19 @@ class _Fits:
         }
 
 
-def _with_stand_ins(
-    fits: _Fits, current: Trial, apart: Set[str], ruled_out: float = RULED_OUT
-) -> tuple[Choice, Trial | None]:
-    """These effects, with what each is worth and what could stand in; and the best fit with a stand-in.
+def _with_stand_ins(fits: _Fits, current: Trial, apart: Set[str], ruled_out: float) -> tuple[Choice, Trial | None]:
+    """These effects, each with its gain and its alternative explanations, and the best fit with an alternative.
 
-    No stand-in is ruled out by a fit that ended beside its best (or by a filter, of what moves rays): one that changes
-    the data as the effect does, about the current fit, is fitted again from the settings that equal the effect's.
+    A fit may end in a local optimum, and filters are inexact for effects that move rays. Before an alternative is ruled
+    out that changes the data as the effect does, it is fitted again from the settings that equal the effect's.
 
     Parameters
     ----------
     fits : _Fits
     current : Trial
     apart : set of str
-    ruled_out : float, optional
-        Log score that a stand-in must lose to be ruled out.
+    ruled_out : float
+        Log score that an alternative must lose to be ruled out.
 
     Returns
     -------

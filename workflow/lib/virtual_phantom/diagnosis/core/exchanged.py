@@ -43,8 +43,8 @@ def exchanged(fitter: Fitter, fit: Fit, effect: str, others: Sequence[str], leas
     other effect's strength b and the changes d of the remaining numbers solve J_o b + J_r d = J_e a by least squares,
     beside what is known of those numbers; a second start has d = 0. The one with the lesser chi-square is taken: of
     effects that are the same the second is exact. Its strength is searched along a line, as slopes at sharp edges are
-    off by several percent. Slopes are taken where the
-    effect is fitted: filters about a model without it lose an effect that moves edges by more than their width.
+    off by several percent. Slopes are taken where the effect is fitted: filters about a model without it lose an effect
+    that moves edges by more than their width.
 
     Parameters
     ----------
@@ -64,10 +64,8 @@ def exchanged(fitter: Fitter, fit: Fit, effect: str, others: Sequence[str], leas
     """
     problem = Problem(fitter, fit.effects, fit)
     count = len(problem.unknowns)
-    own = [index for index, one in enumerate(problem.unknowns) if one.effect == effect]
-    amounts = {
-        index: problem.start[index] - problem.unknowns[index].neutral for index in own if _strong(problem, index)
-    }
+    own = {index: one.neutral for index, one in enumerate(problem.unknowns) if one.effect == effect}
+    amounts = {index: problem.start[index] - none for index, none in own.items() if none is not None}
     others = [name for name in others if not load(name).pattern and varied(fitter.model.parameters(name))]
     if load(effect).pattern or not any(amounts.values()) or not others:
         return {}
@@ -128,12 +126,8 @@ def _chi_square(fitter: Fitter, start: Fit) -> float:
     return problem.chi_square(residuals, point)
 
 
-def _strong(problem: Problem, index: int) -> bool:
-    return problem.unknowns[index].neutral is not None
-
-
 def _values(fitter: Fitter, name: str, amounts: np.ndarray) -> dict[str, float]:
-    """Values of an effect's parameters at so many times their templates, the others typical."""
+    """Values of an effect's parameters at multiples of their templates, and typical values of the other parameters."""
     unknowns = {one.name: one for one in fitter.model.unknowns((name,))}
     times = dict(zip([one.name for one in varied(fitter.model.parameters(name))], amounts, strict=True))
     values = {}

@@ -14,7 +14,7 @@ RANKED, FITTED = "effects ranked", "fits made"
 # What is there or not.
 ALIGNED, JUDGED, COMPARED = "alignment fitted", "verdict found", "images compared"
 
-# What is left at most after these, over the time since the start: images and the page were 4 to 30 percent of twelve
+# Most time that remains after these, over the time since the start: images and the page were 4 to 30 percent of twelve
 # diagnoses (benchmarks/diagnosis_rates.py), and the page alone up to a tenth. Of fits divided by their rounds: where
 # three effects were found, 4 times after the first of nine rounds, 2.3 after the second, 0.9 after the fifth.
 LEFT_AFTER = {FITTED: 6.0, JUDGED: 0.4, COMPARED: 0.1}

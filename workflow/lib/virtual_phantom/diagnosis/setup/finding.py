@@ -113,26 +113,12 @@ def _location(anywhere: Comparison, found: Unlike) -> dict[str, float]:
 
 
 def _explains(other: Unlike, found: Unlike) -> bool:
-    """Whether another location explains so much of what is left that it is no chance."""
+    """Whether another location explains more of the unexplained variance than chance would."""
     return other.share < (1 - REMOVED) * found.share and found.worse_than(other) > LIKELIER
 
 
 def _found(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Finding:
-    """As `find`, of the locations that a comparison allows.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    scan : mapping
-        The scan section of recording.yaml.
-    log : bool
-    largest : float
-        As descriptions takes them.
-
-    Returns
-    -------
-    Finding
-    """
+    """As `find`, at the locations that a comparison allows."""
     stated, *others = descriptions(scan, log, largest)
     first = comparison.unlike(stated)
     tried = list(_in_place(comparison, others, first))

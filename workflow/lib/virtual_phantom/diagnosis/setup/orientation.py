@@ -15,6 +15,7 @@ from skimage.registration import phase_cross_correlation
 from ...base.geometry import Grid
 from ...base.units import HU_AIR, HU_BODY
 from ...physics.scene import Pose
+from ...recordings.levels import correlation
 from ..core.caveats import ALIKE
 from ..images.compared_regions import sampled
 from .finding import AS_STATED, DESCRIPTION, OBJECT
@@ -129,7 +130,7 @@ class Laid:
     overlap : float
         Of the bodies (Dice).
     off_mm : tuple of 3 float
-        How far the images lie off the isocenter (z, y, x), mm.
+        Offset of the images from the isocenter (z, y, x), mm.
     correlation : float
         Of images and phantom over all coarse voxels, air among them.
     rest : ndarray, shape (z, y, x)
@@ -223,7 +224,7 @@ def _laid(images: np.ndarray, expected: np.ndarray, spacing: list[float], noise:
     if max(map(abs, off_mm)) > WITHIN_MM and not far:
         moved, overlap, off_mm = images, _overlap(images, expected), (0.0, 0.0, 0.0)
     inside = _inside(expected) & _inside(moved)
-    rest, alike = moved - expected, float(np.corrcoef(moved.ravel(), expected.ravel())[0, 1])
+    rest, alike = moved - expected, correlation(moved, expected)
     if inside.sum() < 2 * len(SHAPES):
         return Laid(1.0, overlap, off_mm, alike, rest)
     theirs, ours = moved[inside], expected[inside]

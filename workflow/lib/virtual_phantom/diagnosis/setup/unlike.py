@@ -219,7 +219,7 @@ class Comparison:
     ) -> dict[str, float]:
         """The location at which the centroids of the simulated views are those of the recorded ones.
 
-        A shift of the detector's columns is fitted beside it, and kept where it is larger than effects of the library
+        A shift of the detector's columns is fitted too, and kept where it is larger than effects of the library
         mend.
 
         Parameters

@@ -137,7 +137,7 @@ def sentence(name: str, content: Mapping, scanned: str) -> str:
 
 
 def with_location(content: Mapping, setup: Mapping, stated: Mapping[str, float]) -> dict:
-    """What diagnosis.json holds of a diagnosis that went on where the object was found.
+    """Content of diagnosis.json for a diagnosis that continued where the object was found.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ from ...io import dicom_ct_pd as pd
 from ...io.files import sha256
 from ...io.hdf5 import new_file
 from ...io.volumes import check_fits
-from ...phantom.dicom_files import Unused, add_others, files_in, is_hidden, not_dicom
+from ...phantom.dicom_files import Unused, add_others, dicom_among, files_in
 from ..recording import Recording
 from . import write_folder
 
@@ -122,7 +122,7 @@ def import_dicom_ct_pd(
     if diameter := _value(first, (0x0018, 0x0090)):
         _check_shape(first.path, scan, diameter)
     lines = _lines(views, rows, columns, transposed)
-    _check_field(source, lines, scan)
+    _check_field(source, lines)
 
     def write(target: Path) -> None:
         with new_file(target / "projections.h5") as file:
@@ -154,14 +154,9 @@ def _read(source: Path) -> list[View]:
     if not source.is_dir():
         raise InputError(f"{source}: no such folder; give one with the DICOM-CT-PD files of a scan")
     views: list[View] = []
-    unused, others = Unused(), []
-    for path in files_in(source):
-        if is_hidden(path.name):
-            unused.add(path, "a hidden or system file")
-            continue
-        if reason := not_dicom(path):
-            others.append((path, reason))
-            continue
+    unused = Unused()
+    candidates, others = dicom_among(files_in(source), unused)
+    for path in candidates:
         with reading(path, "DICOM"):
             header = pydicom.dcmread(path, stop_before_pixels=True, force=True)
             kind = header.get("SOPClassUID") or header.file_meta.get("MediaStorageSOPClassUID")
@@ -407,7 +402,7 @@ def _scan(source: Path, common: dict, places: dict, spots, rows: int, columns: i
     return scan
 
 
-def _check_field(source: Path, lines: np.ndarray, scan: dict) -> None:
+def _check_field(source: Path, lines: np.ndarray) -> None:
     edges = np.concatenate([lines[..., :EDGE_COLUMNS], lines[..., -EDGE_COLUMNS:]], axis=-1).mean(axis=1)
     worst = max(float(np.median(edges[..., :EDGE_COLUMNS])), float(np.median(edges[..., EDGE_COLUMNS:])))
     if worst > CUT_OFF:

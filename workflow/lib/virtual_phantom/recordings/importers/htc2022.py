@@ -109,7 +109,7 @@ def _field(mat_file: Path, struct, name: str):
 
 
 def _numbers(mat_file: Path, struct, name: str, *dimensions: int) -> np.ndarray:
-    """A field that holds numbers, in one of so many dimensions; a single one by default."""
+    """The numbers of a field, with one of these numbers of dimensions; by default a single number."""
     value = _field(mat_file, struct, name)
     try:
         array = np.asarray(value, float)

@@ -37,7 +37,7 @@ SHARED = ("filter_point", "filter_step", "evaluation", "evaluation_point")
 # What a pixel costs beside its rays, in rays: fits of one scan with 1, 4 and 9 rays per pixel took 5.8, 10.7 and 14.8 s
 # (benchmarks/diagnosis_rates.py --busy, "scatter"), filters 2.0, 3.3 and 4.8 s.
 RAYS_PER_PIXEL = 5
-# Scans that a diagnosis simulates, and rounds in which it ranks effects: 365 to 1,177 and 1 to 3 where nothing or one
+# Scans that a diagnosis simulates, and rounds of ranking effects: 365 to 1,177 and 1 to 3 where nothing or one
 # effect was found (ten simulated recordings), 7,437 and 11 (of few effects each) with three on a real disc.
 EVALUATIONS = (400, 4200)
 ROUNDS = (1, 4)
@@ -55,7 +55,7 @@ class Forecast:
     cpu : tuple of 2 float
         Lower and upper end of the CPU time of all its processes.
     wall : tuple of 2 float
-        The same of the time by the clock, on cores that do nothing else.
+        The same of the wall time, on otherwise idle cores.
     """
 
     cpu: tuple[float, float]

@@ -57,7 +57,7 @@ def diagnosis_minutes(most: float) -> int:
     Parameters
     ----------
     most : float
-        The upper end of its forecast, s by the clock.
+        The upper end of its forecast of wall time, s.
 
     Returns
     -------

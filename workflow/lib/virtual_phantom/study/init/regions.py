@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pydicom
 
 from ...base.console import note, progress
 from ...base.errors import InputError, meant
 from ...base.geometry import Grid
 from ...base.words import counted
 from ...io.volumes import Volume, suffix_of
+from ...phantom.dicom_files import not_dicom, read_header
 from ...phantom.masks import KINDS, open_regions
 from ...phantom.regions import ONE_BY_ONE, Drawn, report
 
@@ -120,7 +120,7 @@ def read_regions(
 ) -> list[Region]:
     """Regions of a file, or of a folder of masks.
 
-    Regions that are not asked for and cannot be read are reported and left out, and so are empty ones.
+    Without `rois`, regions that cannot be read or are empty are reported and left out.
 
     Parameters
     ----------
@@ -287,10 +287,10 @@ def _files(labels: Path) -> list[Path]:
 def _is_drawn(path: Path) -> bool:
     """Whether a file is a DICOM SEG or RTSTRUCT."""
     try:
-        header = pydicom.dcmread(path, specific_tags=["SOPClassUID"], stop_before_pixels=True)
-    except (pydicom.errors.InvalidDicomError, OSError, ValueError, EOFError):
+        header = None if not_dicom(path) else read_header(path)
+    except InputError:
         return False
-    return str(header.get("SOPClassUID", "")) in KINDS
+    return header is not None and header.values.get("SOPClassUID") in {(uid,) for uid in KINDS}
 
 
 def _stem(path: Path) -> str:

@@ -20,7 +20,7 @@ AROUND_MM = 3.0  # air that is left around the body
 
 
 def keep_box(image: Volume, regions: Sequence[Region], slices: tuple[int, int]) -> tuple[list, list[Region]]:
-    """Return the box that holds the body, and the regions that lie out of it.
+    """Return the box around the body, and the regions that lie outside of it.
 
     Parameters
     ----------

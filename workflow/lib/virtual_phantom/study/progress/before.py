@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Mapping
 
+from ...base.words import counted
 from . import words
 from .failures import described
 from .load import slowdown
@@ -35,7 +36,7 @@ def terminal(logger: logging.Logger) -> list[logging.Handler]:
 
 
 def wants_snakemake_s_words(settings) -> bool:
-    """Whether the user asked for more or fewer lines than usual: these are Snakemake's.
+    """Whether the user set more or fewer lines than usual: these are Snakemake's.
 
     Parameters
     ----------
@@ -143,9 +144,8 @@ class DryRun(Before):
         if self.expected is not None:
             progress = Progress(steps, cores, self.expected, 0.0, slowdown(cores))
             time = duration_range(*progress.range_left(0.0))
-        plural = "" if len(jobs) == 1 else "s"
-        given = f" on {cores} core{'' if cores == 1 else 's'}" if cores else ""
-        first = f"{len(jobs)} job{plural} would run" + (f", {time}{given}" if time else "")
+        given = f" on {counted(cores, 'core')}" if cores else ""
+        first = f"{counted(len(jobs), 'job')} would run" + (f", {time}{given}" if time else "")
         stages: dict[str, list[dict]] = {}
         for one in jobs:
             stages.setdefault(stage_of(one["rule_name"]), []).append(one)
@@ -173,13 +173,13 @@ class DryRun(Before):
                 counts[kind] += 1
                 if kind.startswith("Updated"):
                     named.setdefault(kind, dict.fromkeys([])).update(dict.fromkeys(files.split(", ")))
-        told = []
+        reasons = []
         for kind, count in counts.items():
             files = list(named.get(kind, ()))
             more = f" and {len(files) - NAMED} more" if len(files) > NAMED else ""
-            jobs = f"{count} job{'' if count == 1 else 's'}"
-            told.append(f"{kind.lower()} ({jobs}{': ' if files else ''}{', '.join(files[:NAMED])}{more})")
-        return [f"Why: {'; '.join(told)}"] if told else []
+            names = f": {', '.join(files[:NAMED])}{more}" if files else ""
+            reasons.append(f"{kind.lower()} ({counted(count, 'job')}{names})")
+        return [f"Why: {'; '.join(reasons)}"] if reasons else []
 
 
 def _more(jobs):

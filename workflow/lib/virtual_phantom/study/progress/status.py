@@ -6,15 +6,15 @@ import time
 from collections.abc import Callable
 from typing import TextIO
 
+from ...base.words import counted
 from .time_left import Progress
 
 # Each line after the first comes this long after the one before it, or a thirtieth of the time since the start: the
 # longer a run, the rarer, so that hours have no more than hundreds of lines.
 SECONDS_BETWEEN = 10.0
 SHARE_BETWEEN = 1 / 30
-NOTICED = (
-    1.3  # times slower by other work, from which on the first line says so: half of what forecasts are off by anyway
-)
+# Slowdown by other work from which on the first line mentions it: half of the error that forecasts have anyway.
+NOTICED = 1.3
 # Round numbers of (s, number, unit).
 ROUND = [
     *((number, f"{number}", "s") for number in (5, 8, 10, 12, 15, 20, 25, 30, 40, 50)),
@@ -66,7 +66,7 @@ class Status:
 
     def _first(self, time: str, results: str, logs: str) -> str:
         progress = self.progress
-        cores = "" if progress.cores is None else f" on {progress.cores} core{'' if progress.cores == 1 else 's'}"
+        cores = "" if progress.cores is None else f" on {counted(progress.cores, 'core')}"
         other = ", beside the other work of this machine" if time and progress.load >= NOTICED else ""
         folders = f"Results: {results}; logs: {logs}" if results else f"Logs: {logs}"
         return f"Jobs to do: {len(progress.steps)}{f', {time}{cores}{other}' if time else ''}. {folders}"
@@ -121,7 +121,7 @@ def duration(seconds: float) -> str:
 
 
 def duration_range(low: float, high: float, complete: bool = True) -> str:
-    """A range of time in round numbers, so that no more is said than is known.
+    """A range of time in round numbers, no more precise than what is known.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ NUMBERED = re.compile(r"_\d+$|_seeds_\d+_to_\d+$")
 # within its stage, and the least (other work begins and ends). Studies took 0.8 to 2.4 times what was expected
 # (docs/cluster.md).
 SLOWER, RUN_SD, STAGE_SD, JOB_SD, LEAST_SD = 1.3, 0.5, 0.3, 0.4, 0.15
-# A range holds the middle 80 percent.
+# A range contains the middle 80 percent.
 TAIL = 0.1
 NORMAL = NormalDist()
 WIDE = NORMAL.inv_cdf(1 - TAIL)
@@ -157,7 +157,7 @@ class Progress:
         A job takes its expected time, times what finished jobs of this run took more than was expected of them: of its
         stage as far as there are such jobs, or else of the run. One without an expected time takes the mean of its
         stage, and is left out where there is none. The range is as wide as is known from these jobs, and narrows as
-        more are done. A job under way is past the time that it has had, or says itself what is left.
+        more are done. A job under way is past the time that it has had, or reports its remaining time.
 
         Parameters
         ----------
@@ -350,14 +350,14 @@ def _both(mean: float, variance: float, other: float, its_variance: float) -> tu
 
 
 def _left(pace: tuple[float, float] | None, spent: float, threads: int, said: Said | None) -> tuple[float, float]:
-    """What a job needs, s by the clock.
+    """Remaining wall time of a job, s.
 
     Parameters
     ----------
     pace : tuple of 2 float or None
         Median and standard deviation of the logarithm of its seconds of one core.
     spent : float
-        What it has had, s by the clock.
+        Wall time since its start, s.
     threads : int
     said : Said or None
 
