@@ -78,11 +78,10 @@ class Grid:
     @property
     def file_affine(self) -> np.ndarray:
         """As `affine`, with the rotation that the file states: what is drawn in the world lies on these voxels."""
-        if self.rotation is None:
-            return self.affine
         turn = np.eye(4)
-        turn[:3, :3] = self.rotation
-        turn[:3, 3] = self.centre_mm - turn[:3, :3] @ self.centre_mm
+        if self.rotation is not None:
+            turn[:3, :3] = self.rotation
+            turn[:3, 3] = self.centre_mm - turn[:3, :3] @ self.centre_mm
         return turn @ self.affine
 
     @property
@@ -114,12 +113,6 @@ class Grid:
     def _corners_mm(self) -> np.ndarray:
         last = np.array(self.shape[::-1]) - 1
         return np.stack([self.affine[:3, 3], self.affine[:3, :3] @ last + self.affine[:3, 3]])
-
-    def rotated_against(self, other: Grid) -> float:
-        """Largest distance between voxels, in voxels, by which the rotations of two grids differ."""
-        one, another = (np.eye(3) if grid.rotation is None else np.array(grid.rotation) for grid in (self, other))
-        spacing = np.array(self.spacing[::-1])
-        return float((np.abs(one - another) @ ((np.array(self.shape[::-1]) - 1) / 2 * spacing) / spacing).max())
 
     def __str__(self) -> str:
         nz, ny, nx = self.shape

@@ -477,11 +477,10 @@ def write_nifti(volume: Volume, path: str | Path) -> None:
         Of float32, or any integer type.
     path : str or Path
     """
-    affine = volume.grid.file_affine
-    image = nibabel.Nifti1Image(volume.array.T, affine)
+    image = nibabel.Nifti1Image(volume.array.T, volume.grid.affine)
     image.header.set_xyzt_units("mm")
-    image.set_sform(affine, code="scanner")
-    image.set_qform(affine, code="scanner")
+    image.set_sform(volume.grid.affine, code="scanner")
+    image.set_qform(volume.grid.affine, code="scanner")
     with replacing(path) as temporary:
         nibabel.save(image, temporary)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -232,7 +233,9 @@ def placed(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
     shifted = np.abs((offset - index) * np.array(grid.spacing)).max()
     if not max(shifted, np.abs(steps).max()) <= GRID_TOLERANCE_MM:
         raise InputError(f"{path}: lies on another grid than the CT ({part}; CT: {grid}); resample it onto the CT")
-    if part.rotated_against(grid) > LARGEST_TILT:
+    corners = np.array(list(itertools.product(*((0, n - 1) for n in part.shape[::-1]), [1]))).T
+    apart = part.file_affine @ corners - grid.file_affine @ (corners + [[n] for n in (*index[::-1], 0)])
+    if (np.abs(apart[:3].T) > LARGEST_TILT * np.array(grid.spacing[::-1])).any():
         raise InputError(f"{path}: is rotated against the CT; resample it onto the CT")
     return tuple(index.astype(int).tolist())
 
