@@ -3,20 +3,15 @@
 import logging
 from fractions import Fraction
 
-import nibabel
 import numpy as np
 import phantom_files
 import pydicom
 import pytest
-from scipy.spatial.transform import Rotation
 from structure_files import GRID, Z, circle, contour, disc, structure_set
 
 from virtual_phantom.base.console import NOTES
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.io.volumes import read_image
-from virtual_phantom.phantom.ct import read_hu
 from virtual_phantom.phantom.masks import open_regions, report_other_frame
-from virtual_phantom.phantom.plausible import CHECKS
 
 XOR, INTERPOLATED = "CLOSEDPLANAR_XOR", "INTERPOLATED_PLANAR"
 SLICES = range(4, 9)
@@ -312,53 +307,3 @@ def test_polygons_are_filled_as_rational_numbers_and_scikit_image_fill_them():
         found[box] = within + 2 * on
         expected = exactly(points, (13, 13)) if through else grid_points_in_poly((13, 13), points, binarize=False)
         assert np.array_equal(found, expected)
-
-
-def turned_series(axis, degrees, folder):
-    """Slices in pixels of 0.5 mm, rotated as a whole about an axis (LPS), and the positions of their voxels."""
-    slices = phantom_files.ct_slices()
-    turn = Rotation.from_rotvec(np.radians(degrees) * np.eye(3)[axis]).as_matrix()
-    step = np.diag([0.5, 0.5, 3.0])  # column, row, slice
-    middle = np.array([10.0, 20.0, 300.0])
-    half = (np.array([48, 40, 14]) - 1) / 2
-    folder.mkdir()
-    for k, one in enumerate(slices):
-        one.PixelSpacing = [0.5, 0.5]
-        one.ImagePositionPatient = [round(float(v), 5) for v in middle + turn @ step @ ([0, 0, k] - half)]
-        one.ImageOrientationPatient = [round(float(v), 7) for v in turn[:, :2].T.ravel()]
-        one.save_as(folder / f"{k}.dcm")
-    return slices, lambda index: middle + (np.asarray(index) - half) @ (turn @ step).T
-
-
-@pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize("degrees", [0.0, 0.9, -0.9])
-def test_contours_and_segments_of_a_ct_that_is_slightly_rotated_lie_on_its_voxels(axis, degrees, tmp_path):
-    """Contours drawn on the rotated slices; 0.9 degrees move voxels at the ends by up to 0.3 mm."""
-    slices, world = turned_series(axis, degrees, tmp_path / "ct")
-    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
-    column, row = 37 + 8.3 * np.cos(angle), 29 + 8.3 * np.sin(angle)
-    drawn = [contour(world(np.column_stack([column, row, np.full(200, k)]))) for k in (0, 1, 12, 13)]
-    path = structure_set((1, "a", drawn), path=tmp_path / "rt.dcm")
-    y, x = np.mgrid[:40, :48]
-    expected = np.zeros((14, 40, 48), bool)
-    expected[[0, 1, 12, 13]] = np.hypot(x - 37, y - 29) < 8.3
-    grid = read_hu(tmp_path / "ct", CHECKS).grid
-    np.testing.assert_array_equal(open_regions(path, grid).mask("a"), phantom_files.lps(expected))
-    seg = phantom_files.segmentation(slices, tmp_path / "seg.dcm", expected.astype(np.uint8)[..., None], names=("a",))
-    np.testing.assert_array_equal(open_regions(seg, grid).mask(1), phantom_files.lps(expected))
-
-
-def test_a_mask_is_refused_if_it_is_not_rotated_as_the_ct_is(tmp_path):
-    """0.9 degrees about z move the ends of 48 voxels by 0.37 of them, those of 128 by 1."""
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_rotvec([0, 0, np.radians(0.9)]).as_matrix()
-    upright = np.diag([2.0, 2.0, 3.0, 1.0])
-    upright[:3, 3] = -np.array([127, 127, 3]) / 2 * [2, 2, 3]  # centered, so that only the rotation differs
-    array = np.zeros((128, 128, 4), np.uint8)
-    array[100:110, 20:30] = 1
-    for name, affine in (("ct", turn @ upright), ("same", turn @ upright), ("upright", upright)):
-        nibabel.save(nibabel.Nifti1Image(array, affine), tmp_path / f"{name}.nii")
-    grid = read_image(tmp_path / "ct.nii").grid
-    np.testing.assert_array_equal(open_regions(tmp_path / "same.nii", grid).mask(1), array.T == 1)
-    with pytest.raises(InputError, match="upright.nii: is rotated against the CT; resample it onto the CT"):
-        open_regions(tmp_path / "upright.nii", grid)

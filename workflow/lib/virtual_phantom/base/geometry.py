@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,8 +44,6 @@ class Grid:
         Voxel size in mm (z, y, x).
     centre_mm : tuple of 3 float
         Where the centre of the grid lies in the NIfTI world frame, mm (x, y, z).
-    rotation : tuple of 3 tuple of 3 float, optional
-        Small rotation about the centre that the image's file states and that the grid leaves out. It is not compared.
 
     Raises
     ------
@@ -56,7 +54,6 @@ class Grid:
     shape: tuple[int, int, int]
     spacing: tuple[float, float, float]
     centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rotation: tuple[tuple[float, ...], ...] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self):
         object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
@@ -74,15 +71,6 @@ class Grid:
         extent = (np.array(self.shape[::-1]) - 1) * np.array(self.spacing[::-1])
         matrix[:3, 3] = np.array(self.centre_mm) - extent / 2
         return matrix
-
-    @property
-    def file_affine(self) -> np.ndarray:
-        """As `affine`, with the rotation that the file states: what is drawn in the world lies on these voxels."""
-        turn = np.eye(4)
-        if self.rotation is not None:
-            turn[:3, :3] = self.rotation
-            turn[:3, 3] = self.centre_mm - turn[:3, :3] @ self.centre_mm
-        return turn @ self.affine
 
     @property
     def voxel_volume_mm3(self) -> float:

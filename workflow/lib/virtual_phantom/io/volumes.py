@@ -444,9 +444,7 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
             f"{moved:.2g} of their size"
         )
     centre = affine[:3, 3] + matrix @ half
-    rotated = moved > SEEN_TILT and is_small_rotation(matrix / spacing)
-    rotation = tuple(map(tuple, (matrix / spacing).tolist())) if rotated else None
-    grid = Grid(array.shape[::-1], tuple(spacing[::-1]), tuple(centre), rotation)
+    grid = Grid(shape=array.shape[::-1], spacing=tuple(spacing[::-1]), centre_mm=tuple(centre))
     return Volume(np.ascontiguousarray(array.T, dtype=dtype), grid)
 
 

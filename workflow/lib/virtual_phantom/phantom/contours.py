@@ -221,7 +221,7 @@ class StructRegions(Regions):
     def _contours(self, roi: Structure, remarks: list[Remark]) -> list[Contour]:
         """Closed contours in voxels; what is passed over goes to `remarks`."""
         found, passed = [], Counter()
-        to_voxel = np.linalg.inv(self.grid.file_affine) @ LPS_TO_RAS
+        to_voxel = np.linalg.inv(self.grid.affine) @ LPS_TO_RAS
         for position, item in enumerate(roi.contours, 1):
             kind = str(item.get("ContourGeometricType") or "").strip().upper()
             points = self._points(roi, position, item)

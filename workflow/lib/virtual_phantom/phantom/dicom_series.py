@@ -11,7 +11,7 @@ import math
 import os
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -301,13 +301,12 @@ def read_slices(series: Series) -> Volume:
     _check_geometry(slices)
     check_pixels(slices, series.name)
     slices = _without_copies(series.name, slices)
-    affine, rotation = _affine(series.name, slices)
+    affine = _affine(series.name, slices)
     rows, columns = slices[0].whole("Rows"), slices[0].whole("Columns")
     check_fits(4 * len(slices) * rows * columns, series.name)
     array = np.empty((len(slices), rows, columns), np.float32)
     read_into(slices, array, series.name)
-    volume = upright(array.T, LPS_TO_RAS @ affine, series.name)
-    return volume if rotation is None else replace(volume, grid=replace(volume.grid, rotation=rotation))
+    return upright(array.T, LPS_TO_RAS @ affine, series.name)
 
 
 def _check_geometry(slices: Sequence[Slice]) -> None:
@@ -372,19 +371,8 @@ def _without_copies(name: str, slices: Sequence[Slice]) -> list[Slice]:
     return kept
 
 
-def _affine(name: str, slices: Sequence[Slice]) -> tuple[np.ndarray, tuple | None]:
-    """From voxel index (column, row, slice) to mm in LPS, upright, and the small rotation that is left out (RAS).
-
-    Returns
-    -------
-    affine : ndarray, shape (4, 4)
-    rotation : tuple of 3 tuple of 3 float, or None
-
-    Raises
-    ------
-    InputError
-        If upright slices move a voxel too far.
-    """
+def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
+    """From voxel index (column, row, slice) to mm in LPS, upright; InputError if that moves a voxel too far."""
     positions = np.array([one.numbers("ImagePositionPatient", 3) for one in slices])
     step = _slice_spacing(name, positions)
     cosines = np.array([one.numbers("ImageOrientationPatient", 6) for one in slices]).reshape(-1, 2, 3)
@@ -404,8 +392,8 @@ def _affine(name: str, slices: Sequence[Slice]) -> tuple[np.ndarray, tuple | Non
     tilts = [abs(one.number("GantryDetectorTilt", 0.0)) for one in slices]
     turned = math.sin(math.radians(min(max(tilts), 90))) * ends[1] * row_spacing / 2
     sideways = np.ptp(positions[:, :2], axis=0).max() / 2
-    rotation = _rotation(cosines, positions, axes) if turned == 0 else None
-    if rotation is None and (np.append(away, turned) / np.append(size, step)).max() > LARGEST_DISPLACEMENT:
+    rotated = turned == 0 and _rotated_together(cosines, positions, axes)
+    if not rotated and (np.append(away, turned) / np.append(size, step)).max() > LARGEST_DISPLACEMENT:
         if sideways > (away.max() + turned) / 2:
             raise InputError(
                 f"{name}: slices are shifted sideways against each other (gantry tilt); resample the series onto "
@@ -415,35 +403,27 @@ def _affine(name: str, slices: Sequence[Slice]) -> tuple[np.ndarray, tuple | Non
             f"{slices[0].path}: slices are tilted or not axial; resample the series onto upright axial slices first"
         )
     if (moved := max(away.max(), turned)) > max(POSITION_TOLERANCE_MM, 0.01 * step):
-        what = (
-            "the volume is slightly rotated"
-            if rotation is not None
-            else "slices are slightly tilted or unevenly placed"
-        )
+        what = "the volume is slightly rotated" if rotated else "slices are slightly tilted or unevenly placed"
         note(f"{name}: {what}; reading it as upright moves voxels by at most {moved:.2g} mm")
-    else:
-        rotation = None
     if abs(row_spacing / column_spacing - 1) > SQUARE:
         note(f"{name}: PixelSpacing is {row_spacing:g} x {column_spacing:g} mm; CT pixels are square: is it right?")
     affine = np.eye(4)
     affine[:3, 0], affine[:3, 1] = axes[0] * column_spacing, axes[1] * row_spacing
     affine[:3, 2], affine[:3, 3] = (0, 0, step), positions[0] + shift
-    return affine, rotation
+    return affine
 
 
-def _rotation(cosines: np.ndarray, positions: np.ndarray, axes: np.ndarray) -> tuple | None:
-    """The small rotation (RAS) of slices that lie above each other along their common normal; None if they do not."""
+def _rotated_together(cosines: np.ndarray, positions: np.ndarray, axes: np.ndarray) -> bool:
+    """Whether all slices lie above each other along their common normal, rotated as a whole by a small angle."""
     if np.ptp(cosines, axis=0).max() > ORTHOGONAL:
-        return None
+        return False
     normal = np.cross(*cosines[0])
     offsets = positions - positions[0]
     if np.abs(offsets - np.outer(offsets @ normal, normal)).max() > POSITION_TOLERANCE_MM:
-        return None
+        return False
     # The frame's axes in their order: what remains is the rotation.
     actual, upright_axes = (np.column_stack([*one, np.cross(*one)]) for one in (cosines[0], axes))
-    turn = actual @ upright_axes.T
-    to_ras = LPS_TO_RAS[:3, :3]
-    return tuple(map(tuple, (to_ras @ turn @ to_ras).tolist())) if is_small_rotation(turn) else None
+    return is_small_rotation(actual @ upright_axes.T)
 
 
 def _slice_spacing(name: str, positions: np.ndarray) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +13,6 @@ from scipy.ndimage import distance_transform_edt
 from ..base.console import note
 from ..base.errors import InputError
 from ..base.geometry import Grid
-from ..io.volumes import LARGEST_TILT
 
 GRID_TOLERANCE_MM = 0.02  # of positions read from different files: single precision and decimal text
 ONE_BY_ONE = 3  # remarks of one kind about one file; more become one line
@@ -233,10 +231,6 @@ def placed(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
     shifted = np.abs((offset - index) * np.array(grid.spacing)).max()
     if not max(shifted, np.abs(steps).max()) <= GRID_TOLERANCE_MM:
         raise InputError(f"{path}: lies on another grid than the CT ({part}; CT: {grid}); resample it onto the CT")
-    corners = np.array(list(itertools.product(*((0, n - 1) for n in part.shape[::-1]), [1]))).T
-    apart = part.file_affine @ corners - grid.file_affine @ (corners + [[n] for n in (*index[::-1], 0)])
-    if (np.abs(apart[:3].T) > LARGEST_TILT * np.array(grid.spacing[::-1])).any():
-        raise InputError(f"{path}: is rotated against the CT; resample it onto the CT")
     return tuple(index.astype(int).tolist())
 
 

@@ -180,7 +180,7 @@ class SegRegions(Regions):
         position = self._numbers(frame, "PlanePositionSequence", "ImagePositionPatient", 3)
         axes = self._numbers(frame, "PlaneOrientationSequence", "ImageOrientationPatient", 6)
         spacing = self._numbers(frame, "PixelMeasuresSequence", "PixelSpacing", 2)
-        to_voxel = np.linalg.inv(self.grid.file_affine) @ LPS_TO_RAS
+        to_voxel = np.linalg.inv(self.grid.affine) @ LPS_TO_RAS
         first = (to_voxel @ [*position, 1.0])[2::-1]
         # PS3.3, C.7.6.2.1.1: the first three cosines run along a row, which is from column to column
         per_column = (to_voxel[:3, :3] @ (axes[:3] * spacing[1]))[::-1]
