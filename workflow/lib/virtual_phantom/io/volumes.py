@@ -444,7 +444,8 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
             f"{moved:.2g} of their size"
         )
     centre = affine[:3, 3] + matrix @ half
-    grid = Grid(shape=array.shape[::-1], spacing=tuple(spacing[::-1]), centre_mm=tuple(centre))
+    directions = tuple(map(tuple, (matrix / spacing).T.tolist())) if tilted.any() else None
+    grid = Grid(array.shape[::-1], tuple(spacing[::-1]), tuple(centre), directions)
     return Volume(np.ascontiguousarray(array.T, dtype=dtype), grid)
 
 
