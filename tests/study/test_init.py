@@ -259,9 +259,17 @@ def test_files_that_are_there_stay(desk, capsys):
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3,9"], "--rois: label_9 is too small"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3"], "only the tissue class label_3 is left"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "my.txt"], "my.txt must end in .yaml"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "f.yaml", "--force"], "f.yaml: is a folder; give another"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "/proc/my.yaml"], "/proc/my.png: cannot be written"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "ct.nii.gz/my.yaml"], "my.png: cannot be written"),
+        (["dicom/001.dcm", "--labels", "labels.nii.gz"], "is one DICOM file; give the folder of its series"),
+        (["ct.zip", "--labels", "labels.nii.gz"], "ct.zip: is an archive; unpack it to use what is in it"),
+        (["labels.nii.gz", "--labels", "ct.nii.gz"], "has 4 different whole numbers up to 9, as a label map or mask"),
     ],
 )
 def test_what_cannot_be_is_one_line_and_nothing_is_written(words, message, desk, capsys):
+    Path("f.yaml").mkdir()
+    Path("ct.zip").write_bytes(b"PK" + bytes(200))
     before = sorted(Path().rglob("*"))
     assert command.main(["init", *words]) == 1
     (line,) = capsys.readouterr().err.splitlines()

@@ -63,6 +63,8 @@ def initialise(
         raise InputError(f"--out: {out} must end in .yaml")
     picture = out.with_suffix(".png")
     for path in (out, picture):
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; give another --out")
         if path.exists() and not force:
             raise InputError(f"{path}: is there already; give another --out, or --force to overwrite it")
     proposed = propose(
