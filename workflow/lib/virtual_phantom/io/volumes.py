@@ -161,10 +161,11 @@ def _read_itk(path: Path):
 
     if not path.is_file():
         raise InputError(f"{path}: no such file; give the path of an image")
+    apart = suffix_of(path) in (".mhd", ".nhdr")
     with refusing(
         f"{path}: cannot be read as {suffix_of(path)[1:].upper()}",
         RuntimeError,
-        advice="is the file complete?",
+        advice="is the file of voxels that it names there, and complete?" if apart else "is the file complete?",
         quoted=False,
     ):
         reader = sitk.ImageFileReader()

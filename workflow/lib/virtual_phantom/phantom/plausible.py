@@ -173,6 +173,8 @@ def _without_hu(seen: _Values) -> str | None:
     air, body, explained = _levels(seen.values)
     if 0 <= seen.lowest and seen.highest <= LARGEST_LABEL and seen.noise_free:
         values = np.unique(seen.array)
+        if len(values) == 1:
+            return f"has the same value everywhere ({values[0]:g})"
         if (values == np.rint(values)).all():
             return (
                 f"has {len(values)} different whole numbers up to {seen.highest:g}, as a label map or mask: give the CT"

@@ -76,6 +76,8 @@ def import_dicom_tree(
         If there is no series, if one cannot be read (dicom_series.read_slices) or is no CT in HU, or if two differ in
         grid, kernel, tube voltage, slice thickness or scanner.
     """
+    if not str(root):
+        raise InputError("source: is empty; give a path (is a variable of the shell not set?)")
     root, target_folder = Path(root), Path(folder)
     if not root.is_dir():
         problem = f"is {not_dicom(root) or 'one DICOM file'}" if root.is_file() else "no such folder"

@@ -58,6 +58,9 @@ def initialise(
     InputError
         As `propose.propose`, and for files that are there already.
     """
+    for option, given in (("image", image), ("--labels", labels)):
+        if not str(given):
+            raise InputError(f"{option}: is empty; give a path (is a variable of the shell not set?)")
     out = Path(out)
     if out.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out: {out} must end in .yaml")
