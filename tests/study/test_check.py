@@ -365,6 +365,14 @@ def test_regions_of_a_table_are_held_against_those_of_the_study(rois, chosen, me
     assert (message or "nothing wrong") in lines[0]
 
 
+@pytest.mark.parametrize("key", ["image", "labels"])
+@pytest.mark.parametrize(("value", "problem"), [("", "should be non-empty"), (5, "is the number 5 to YAML"), ([], "is not of")])
+def test_a_path_that_is_no_text_is_named(key, value, problem, desk, capsys):
+    code, lines, _ = lines_and_notes(ct(**{f"phantom__ct__{key}": value}), capsys)
+    assert code == 1 and lines[0].startswith(f"config: phantom.ct.{key}: ") and problem in lines[0], lines
+    assert not any("unexpected" in line for line in lines)
+
+
 def test_a_missing_file_is_one_line(desk, capsys):
     assert command.main(["check", "nothing.yaml"]) == 1
     assert capsys.readouterr().err.startswith("Error: nothing.yaml: no such file; give")

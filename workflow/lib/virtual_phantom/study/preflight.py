@@ -114,7 +114,7 @@ def _scanned(config: dict) -> Iterator[str]:
     """Whether recordings can be read, and scans see the synthetic phantom, or a published CT that is here already."""
     yield from _recorded(config)
     phantom = config.get("phantom", {})
-    if phantom.get("source") == "ct" and "ct" in phantom:
+    if phantom.get("source") == "ct" and _has_ct(phantom):
         sources = PhantomSources(Plan(config))
         if sources.published and not sources.absent and not _said(sources.check):
             from .preflight_ct import ct_problems
@@ -139,10 +139,15 @@ def _scanned(config: dict) -> Iterator[str]:
     yield from blind_spots(config, grid, reach, {roi.name: roi.mask for roi in rois}, slack)
 
 
+def _has_ct(phantom: dict) -> bool:
+    """Whether a CT and its ROIs are named, and the schema refuses neither."""
+    return {"image", "rois"} <= phantom.get("ct", {}).keys()
+
+
 def _phantom(config: dict, keep: bool) -> Iterator[str]:
     """Of a CT and its ROIs."""
     phantom = config.get("phantom", {})
-    if phantom.get("source") != "ct" or "ct" not in phantom:
+    if phantom.get("source") != "ct" or not _has_ct(phantom):
         return
     classes = {roi["tissue_class"] for roi in phantom["ct"]["rois"]}
     if len(classes) == 1 and "stability" in config["analyses"]:
