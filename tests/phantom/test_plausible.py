@@ -45,6 +45,12 @@ def noisy(hu, sd=15.0):
     return hu + np.random.default_rng(1).normal(0, sd, hu.shape)
 
 
+def magnitudes(signal, sd=15.0):
+    """Rician noise, as images of magnitudes have it."""
+    real, imaginary = np.random.default_rng(2).normal(0, sd, (2, *signal.shape))
+    return np.hypot(signal + real, imaginary)
+
+
 def cylinder(hu, radius=100.0):
     return np.where(np.hypot(X, Y) < radius, float(hu), -1000.0)
 
@@ -123,6 +129,12 @@ WRONG = {
     "a wide window": (lambda: np.clip(chest(lungs=True), -500, 1300), "window", "exactly -500, the lowest value"),
     "a lung window": (lambda: np.clip(chest(), -1000, 100), "window", "exactly 100, the highest value: it was clipped"),
     "signed bytes": (lambda: np.clip(chest(), -128, 127), "window", "exactly -128, the lowest value"),
+    "an MR": (lambda: magnitudes(np.where(OUTLINE, 400, 0)), "hu", "perhaps magnitudes, as of MR"),
+    "an MR of whole numbers": (lambda: 1 + np.rint(magnitudes(np.where(OUTLINE, 900, 0))), "hu", "of MR"),
+    "mu times 1e5": (lambda: 2000 * (1 + chest(20, None) / 1000), "hu", "denser than bone, and there is no air"),
+    "twice HU + 1000": (lambda: 2 * chest(20, None) + 2500, "hu", "denser than bone|has no value below 0"),
+    "a mask": (lambda: OUTLINE * 1.0, "hu", "has 2 different whole numbers up to 1, as a label map or mask"),
+    "labels": (lambda: np.rint(cylinder(0) + 1000) / 1000 * 117, "hu", "up to 117, as a label map or mask: give the"),
     "outside set to 0": (lambda: np.where(OUTLINE, chest(), 0), "window", "what is outside of the body was set to it"),
 }
 

@@ -8,8 +8,10 @@ import phantom_files
 import pytest
 from phantom_files import CT_GRID, ct_slices, object_hu, write_series
 
-from virtual_phantom.base.errors import InputError
+from virtual_phantom.base.errors import InputError, lines_of
+from virtual_phantom.recordings.importers.command import run
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
+from virtual_phantom.recordings.reading import load
 
 
 def scan(folder, seed, kernel="Br38f", **attributes):
@@ -162,3 +164,34 @@ def test_numbers_that_no_scan_has_are_reported_and_left_out(tmp_path, caplog):
     assert not {"pitch", "dose_mgy"} & content["nominal"].keys()
     (line,) = (one for one in caplog.messages if "not kept" in one)
     assert "pitch (0.0), dose_mgy (-1.0), source_to_isocentre_mm (0.0)" in line
+
+
+@pytest.mark.parametrize(
+    ("change", "check", "words"),
+    [
+        ({"RescaleIntercept": 0}, "hu", "has no value below 0, so these are not HU"),
+        ({"RescaleIntercept": -2048}, "hu", "the air in it is at about -202"),
+        ({"PixelSpacing": [0.2, 0.2]}, "size", "where at least 60 mm are expected"),
+    ],
+)
+def test_a_series_that_is_no_ct_in_hu_is_named_and_can_be_overruled(change, check, words, tmp_path):
+    folder = scan(tmp_path / "tree" / "a", 1, **change)
+    target = tmp_path / "recording"
+    with pytest.raises(InputError) as error:
+        import_dicom_tree(folder, target)
+    (line,) = lines_of(error.value)
+    assert line.startswith(f"{folder}: ") and words in line and line.endswith(f"not_checked: [{check}])")
+    assert not target.exists()
+    assert run(["dicom", str(folder), str(target), "--not-checked", check]) == 0
+    assert load(target).document.content["not_checked"] == [check]
+    with pytest.raises(InputError, match="--not-checked: there is no check 'sizes'; did you mean 'size'"):
+        import_dicom_tree(folder, tmp_path / "other", not_checked=["sizes"])
+
+
+def test_a_file_instead_of_a_folder_is_named(tmp_path):
+    folder = scan(tmp_path / "a", 1)
+    with pytest.raises(InputError, match=r"001.dcm: is one DICOM file; give the top of a tree of DICOM series"):
+        import_dicom_tree(folder / "001.dcm", tmp_path / "b")
+    (tmp_path / "a.zip").write_bytes(b"PK" + bytes(200))
+    with pytest.raises(InputError, match=r"a.zip: is an archive; unpack it to use what is in it; give the top"):
+        import_dicom_tree(tmp_path / "a.zip", tmp_path / "b")

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import phantom_files
 import pytest
 import recording_folders
@@ -348,13 +349,30 @@ def test_a_file_that_is_no_configuration_is_one_line(text, message, desk, capsys
 )
 def test_regions_of_a_table_are_held_against_those_of_the_study(rois, chosen, message, desk, capsys):
     _, content = recording_folders.features_folder(Path("clinic"))
-    content["rois"] = [{"name": name, "tissue_class": kind, "label": 1} for name, kind in rois.items()]
+    content["rois"] = [{"name": name, "tissue_class": kind, "label": n} for n, (name, kind) in enumerate(rois.items())]
     recording_folders.write_yaml(Path("clinic"), content)
+    for first, file in enumerate(content["repeats"]):
+        rows = [
+            recording_folders.noise_features(10 * label + image, 40)[:1].assign(image=f"i{image}", Label=label)
+            for label in range(len(rois))
+            for image in range(2 * first, 2 * first + 2)
+        ]
+        pd.concat(rows).drop(columns="roi").assign(dose_mgy=1).to_csv(f"clinic/{file}", index=False)
     asked = {"recording": "clinic", "where": {"dose_mgy": 1}, "protocol": "fbp_150", "noise": "dose10"}
     asked |= {} if chosen is None else {"rois": chosen}
     code, lines = checked(changed(CT, recordings={"clinic": "clinic"}, analyses__comparison={"ours": asked}), capsys)
     assert (code, len(lines)) == (int(message is not None), 1), lines
     assert (message or "nothing wrong") in lines[0]
+
+
+@pytest.mark.parametrize("key", ["image", "labels"])
+@pytest.mark.parametrize(
+    ("value", "problem"), [("", "should be non-empty"), (5, "is the number 5 to YAML"), ([], "is not of")]
+)
+def test_a_path_that_is_no_text_is_named(key, value, problem, desk, capsys):
+    code, lines, _ = lines_and_notes(ct(**{f"phantom__ct__{key}": value}), capsys)
+    assert code == 1 and lines[0].startswith(f"config: phantom.ct.{key}: ") and problem in lines[0], lines
+    assert not any("unexpected" in line for line in lines)
 
 
 def test_a_missing_file_is_one_line(desk, capsys):

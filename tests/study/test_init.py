@@ -259,9 +259,24 @@ def test_files_that_are_there_stay(desk, capsys):
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3,9"], "--rois: label_9 is too small"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--rois", "3"], "only the tissue class label_3 is left"),
         (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "my.txt"], "my.txt must end in .yaml"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "f.yaml", "--force"], "f.yaml: is a folder; give another"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "/proc/my.yaml"], "/proc/my.png: cannot be written"),
+        (["ct.nii.gz", "--labels", "labels.nii.gz", "--out", "ct.nii.gz/my.yaml"], "my.png: cannot be written"),
+        (["dicom/001.dcm", "--labels", "labels.nii.gz"], "is one DICOM file; give the folder of its series"),
+        (["", "--labels", "labels.nii.gz"], "image: is empty; give a path"),
+        (["ct.nii.gz", "--labels", ""], "--labels: is empty; give a path"),
+        ([".", "--labels", "labels.nii.gz"], "ct.nii.gz: an image, not DICOM; to read it, give its own path"),
+        (["zero.nii", "--labels", "labels.nii.gz"], "zero.nii: has the same value everywhere (0)"),
+        (["lone.mhd", "--labels", "labels.nii.gz"], "lone.mhd: cannot be read as MHD"),
+        (["ct.zip", "--labels", "labels.nii.gz"], "ct.zip: is an archive; unpack it to use what is in it"),
+        (["labels.nii.gz", "--labels", "ct.nii.gz"], "has 4 different whole numbers up to 9, as a label map or mask"),
     ],
 )
 def test_what_cannot_be_is_one_line_and_nothing_is_written(words, message, desk, capsys):
+    Path("f.yaml").mkdir()
+    Path("ct.zip").write_bytes(b"PK" + bytes(200))
+    phantom_files.write_nifti_array(np.zeros(phantom_files.CT_GRID.shape, np.float32), "zero.nii")
+    Path("lone.mhd").write_text("NDims = 3\nDimSize = 9 9 9\nElementType = MET_SHORT\nElementDataFile = lone.raw\n")
     before = sorted(Path().rglob("*"))
     assert command.main(["init", *words]) == 1
     (line,) = capsys.readouterr().err.splitlines()

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,9 @@ class Grid:
         Voxel size in mm (z, y, x).
     centre_mm : tuple of 3 float
         Where the centre of the grid lies in the NIfTI world frame, mm (x, y, z).
+    directions : tuple of 3 tuple of 3 float, or None
+        Unit vectors of the axes x, y and z of an image that is read as upright though it is slightly rotated. Positions
+        of regions that were drawn on it refer to them (`drawn_affine`); all else takes the grid as upright.
 
     Raises
     ------
@@ -54,6 +57,7 @@ class Grid:
     shape: tuple[int, int, int]
     spacing: tuple[float, float, float]
     centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    directions: tuple[tuple[float, ...], ...] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self):
         object.__setattr__(self, "shape", tuple(int(n) for n in self.shape))
@@ -67,9 +71,17 @@ class Grid:
     @property
     def affine(self) -> np.ndarray:
         """4 x 4 matrix from voxel index (x, y, z) to NIfTI world mm (x, y, z)."""
-        matrix = np.diag([*self.spacing[::-1], 1.0])
-        extent = (np.array(self.shape[::-1]) - 1) * np.array(self.spacing[::-1])
-        matrix[:3, 3] = np.array(self.centre_mm) - extent / 2
+        return self._affine(np.eye(3))
+
+    @property
+    def drawn_affine(self) -> np.ndarray:
+        """The same along `directions`: where voxels lie for a program in which regions are drawn."""
+        return self._affine(np.eye(3) if self.directions is None else np.transpose(self.directions))
+
+    def _affine(self, axes: np.ndarray) -> np.ndarray:
+        matrix = np.eye(4)
+        matrix[:3, :3] = axes * self.spacing[::-1]
+        matrix[:3, 3] = np.array(self.centre_mm) - matrix[:3, :3] @ (np.array(self.shape[::-1]) - 1) / 2
         return matrix
 
     @property

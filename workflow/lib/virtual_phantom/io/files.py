@@ -54,11 +54,14 @@ def replacing(path: str | Path, checksum: bool = True) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If the disk is full or the folder may not be written to; what was there before then stays.
+        If the disk is full, the folder cannot be made or written to, or the path is a folder; what was there before
+        then stays.
     OSError
         For whatever else the system refuses.
     """
     path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the path of a file, or move it elsewhere")
     temporaries: list[Path] = []
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -81,9 +84,12 @@ def replacing(path: str | Path, checksum: bool = True) -> Iterator[Path]:
     except OSError as error:
         # NumPy's own writer says how many bytes were written, and not why.
         number = errno.ENOSPC if "requested and" in str(error) else error.errno
-        if number not in DISK_PROBLEMS:
+        reason = DISK_PROBLEMS.get(number)
+        if reason is None and not temporaries:  # the folder cannot be made or written to; the block was not entered
+            reason = f"{error.strerror}; give another path"
+        if reason is None:
             raise
-        raise InputError(f"{path}: cannot be written: {DISK_PROBLEMS[number]}") from None
+        raise InputError(f"{path}: cannot be written: {reason}") from None
     finally:
         for temporary in temporaries:
             temporary.unlink(missing_ok=True)

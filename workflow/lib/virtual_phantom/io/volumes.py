@@ -161,10 +161,11 @@ def _read_itk(path: Path):
 
     if not path.is_file():
         raise InputError(f"{path}: no such file; give the path of an image")
+    apart = suffix_of(path) in (".mhd", ".nhdr")
     with refusing(
         f"{path}: cannot be read as {suffix_of(path)[1:].upper()}",
         RuntimeError,
-        advice="is the file complete?",
+        advice="is the file of voxels that it names there, and complete?" if apart else "is the file complete?",
         quoted=False,
     ):
         reader = sitk.ImageFileReader()
@@ -444,7 +445,8 @@ def upright(array: np.ndarray, affine: np.ndarray, path: str | Path, dtype=np.fl
             f"{moved:.2g} of their size"
         )
     centre = affine[:3, 3] + matrix @ half
-    grid = Grid(shape=array.shape[::-1], spacing=tuple(spacing[::-1]), centre_mm=tuple(centre))
+    directions = tuple(map(tuple, (matrix / spacing).T.tolist())) if tilted.any() else None
+    grid = Grid(array.shape[::-1], tuple(spacing[::-1]), tuple(centre), directions)
     return Volume(np.ascontiguousarray(array.T, dtype=dtype), grid)
 
 

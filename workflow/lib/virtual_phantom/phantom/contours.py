@@ -25,8 +25,7 @@ from skimage.measure import points_in_poly
 from ..base.errors import InputError, meant, reading
 from ..base.geometry import Grid
 from ..base.words import counted
-from ..io.volumes import LPS_TO_RAS
-from .regions import Drawn, Regions, Remark, boxed, sequence_of, whole_number
+from .regions import Drawn, Regions, Remark, boxed, sequence_of, to_voxels, whole_number
 
 XOR = "CLOSEDPLANAR_XOR"
 CLOSED = ("CLOSED_PLANAR", "INTERPOLATED_PLANAR", XOR)
@@ -221,7 +220,7 @@ class StructRegions(Regions):
     def _contours(self, roi: Structure, remarks: list[Remark]) -> list[Contour]:
         """Closed contours in voxels; what is passed over goes to `remarks`."""
         found, passed = [], Counter()
-        to_voxel = np.linalg.inv(self.grid.affine) @ LPS_TO_RAS
+        affines = to_voxels(self.grid)
         for position, item in enumerate(roi.contours, 1):
             kind = str(item.get("ContourGeometricType") or "").strip().upper()
             points = self._points(roi, position, item)
@@ -236,7 +235,8 @@ class StructRegions(Regions):
             else:
                 if not kind:
                     passed[""] += 1
-                x, y, z = (to_voxel @ np.column_stack([points, np.ones(len(points))]).T)[:3]
+                placed = [(one @ np.column_stack([points, np.ones(len(points))]).T)[:3] for one in affines]
+                x, y, z = next((one for one in placed if np.ptp(one[2]) <= PLANAR), placed[0])
                 if np.ptp(z) > PLANAR:
                     raise InputError(
                         f"{self.path}: contour {position} of {roi.title} spans {np.ptp(z) * self.grid.spacing[0]:.3g} "

@@ -19,6 +19,7 @@ from ..io.schema import schema_of, validate
 from ..io.simpleitk import itk_image, itk_resample
 from ..io.volumes import IMAGE_SUFFIXES, Volume, length_unit, read_image, suffix_of
 from . import HALF_COVERED, Phantom, Roi, block_mean
+from .dicom_files import not_dicom
 from .dicom_series import read_series
 from .fit import how_to_fit
 from .masks import open_regions
@@ -135,6 +136,10 @@ def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
         image = read_series(path)
     elif suffix_of(path):
         image = read_image(path)
+    elif path.is_file():
+        problem = not_dicom(path)
+        kind = "one DICOM file; give the folder of its series" if not problem else problem
+        raise InputError(f"{path}: is {kind} (or a NIfTI, NRRD or MetaImage file: {', '.join(IMAGE_SUFFIXES)})")
     else:
         raise InputError(
             f"{path}: no such CT; give a NIfTI, NRRD or MetaImage file ({', '.join(IMAGE_SUFFIXES)}) or the folder of "

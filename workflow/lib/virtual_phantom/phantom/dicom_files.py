@@ -25,6 +25,7 @@ from pydicom.uid import (
 
 from ..base.console import note
 from ..base.errors import InputError
+from ..io.volumes import suffix_of
 
 LONGEST_CODE = 16  # characters of a DICOM code string
 LONGEST_FIRST = 1024  # bytes of the first element of a file, a length, a version, a character set or a UID
@@ -339,6 +340,8 @@ def not_dicom(path: Path) -> str:
         return EMPTY
     if start[128:] == b"DICM" or _starts_with_element(start):
         return ""
+    if suffix_of(path):
+        return "an image, not DICOM; to read it, give its own path"
     if start[:2] == b"PK" or start[:2] == b"\x1f\x8b" or start[:6] in (b"7z\xbc\xaf\x27\x1c", b"Rar!\x1a\x07"):
         return "an archive; unpack it to use what is in it"
     return "not DICOM"

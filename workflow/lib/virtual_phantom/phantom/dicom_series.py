@@ -11,13 +11,14 @@ import math
 import os
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..base.console import note
 from ..base.errors import InputError
+from ..base.geometry import Grid
 from ..base.words import counted
 from ..io.volumes import LPS_TO_RAS, ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
 from .dicom_files import (
@@ -306,7 +307,8 @@ def read_slices(series: Series) -> Volume:
     check_fits(4 * len(slices) * rows * columns, series.name)
     array = np.empty((len(slices), rows, columns), np.float32)
     read_into(slices, array, series.name)
-    return upright(array.T, LPS_TO_RAS @ affine, series.name)
+    volume = upright(array.T, LPS_TO_RAS @ affine, series.name)
+    return Volume(volume.array, replace(volume.grid, directions=_directions(slices, volume.grid)))
 
 
 def _check_geometry(slices: Sequence[Slice]) -> None:
@@ -411,6 +413,18 @@ def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
     affine[:3, 0], affine[:3, 1] = axes[0] * column_spacing, axes[1] * row_spacing
     affine[:3, 2], affine[:3, 3] = (0, 0, step), positions[0] + shift
     return affine
+
+
+def _directions(slices: Sequence[Slice], grid: Grid) -> tuple[tuple[float, ...], ...] | None:
+    """Directions of the axes x, y and z by the slices' own geometry; None if the upright grid is the same."""
+    cosines = np.mean([one.numbers("ImageOrientationPatient", 6) for one in slices], axis=0).reshape(2, 3)
+    first, last = (np.array(one.numbers("ImagePositionPatient", 3)) for one in (slices[0], slices[-1]))
+    axes = _axes(cosines.ravel())
+    actual = np.column_stack([*cosines, last - first])
+    nominal = np.column_stack([*axes, (0, 0, 1)])  # slices go from inferior to superior
+    turn = LPS_TO_RAS[:3, :3] @ (actual / np.linalg.norm(actual, axis=0)) @ nominal.T @ LPS_TO_RAS[:3, :3]
+    moved = np.abs(turn - np.eye(3)) @ np.array(grid.extent_mm[::-1]) / 2
+    return tuple(map(tuple, turn.T.tolist())) if moved.max() > POSITION_TOLERANCE_MM else None
 
 
 def _rotated_together(cosines: np.ndarray, positions: np.ndarray, axes: np.ndarray) -> bool:

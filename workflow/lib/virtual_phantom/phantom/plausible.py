@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.console import note
-from ..base.errors import InputErrors
+from ..base.errors import InputError, InputErrors, meant
 from ..base.geometry import Grid
 from ..base.units import HU_AIR, HU_BODY
 
@@ -29,6 +29,11 @@ SOME_AIR = 0.01  # share of voxels there that counts as air
 # Water and soft tissue stored as HU + 1000 or HU + 1024 lie here; few voxels in HU do (dense bone, PTFE).
 OFFSET_TISSUE = (900.0, 1300.0)
 MOST_DENSE = 0.1  # share of voxels there, in an image without air
+LARGEST_LABEL = 255  # of 8 bits. Whole numbers up to it without noise are labels: a CT has air at -1000
+# SD that the lower of two levels is away from 0 if normal noise, in 1e4 voxels and more, leaves no value below 0. The
+# median of Rayleigh noise, of magnitudes, is 1.8 SD from 0.
+NORMAL_NOISE = 3.0
+DENSEST_LEVEL_HU = 1400.0  # of many voxels: cortical bone and PTFE are less dense; metal is in few
 LEAST_DENSE = 0.0005  # share of voxels: a mouse in a field of view of 500 mm has 0.003
 CONTRAST_HU = (700.0, 1400.0)  # of a body over the air around it; water over air is 1000, bone and contrast agents more
 FAINT_HU = 90.0  # contrast of two clearly separate levels: less than fat under muscle (150), so the scale is another
@@ -114,6 +119,12 @@ def require_plausible(array: np.ndarray, grid: Grid, source: object, not_checked
         raise InputErrors(lines)
 
 
+def known_checks(names: Collection[str]) -> None:
+    """Refuse names of checks that there are not, as given by the option --not-checked."""
+    if wrong := [one for one in names if one not in CHECKS]:
+        raise InputError(f"--not-checked: there is no check '{wrong[0]}'; {meant(wrong[0], CHECKS)}")
+
+
 def has_air(array: np.ndarray) -> bool:
     """Return whether an image shows air (HU)."""
     low, high = AIR_HU
@@ -158,6 +169,14 @@ def _without_hu(seen: _Values) -> str | None:
     low, high = (float(one) for one in np.percentile(seen.values, TAILS))
     given = f"values go from {seen.lowest:.3g} to {seen.highest:.3g}, so these are not HU"
     air, body, explained = _levels(seen.values)
+    if 0 <= seen.lowest and seen.highest <= LARGEST_LABEL and seen.noise_free:
+        values = np.unique(seen.array)
+        if len(values) == 1:
+            return f"has the same value everywhere ({values[0]:g})"
+        if (values == np.rint(values)).all():
+            return (
+                f"has {len(values)} different whole numbers up to {seen.highest:g}, as a label map or mask: give the CT"
+            )
     if max(-low, high) < LARGEST_NORMALIZED:
         if seen.lowest in (-1, 0) and seen.highest == 1:
             return f"{given}; they were scaled to {seen.lowest:g} to 1: take the CT before scaling"
@@ -166,6 +185,8 @@ def _without_hu(seen: _Values) -> str | None:
         if -air > 0.2 * (body - air):  # air in mu is 0
             return f"{given}; perhaps normalized by mean and SD: take the CT before that, or give value * SD + mean"
         return f"{given}; perhaps attenuation mu: give 1000 (mu / mu_water - 1)"
+    if seen.lowest > 0 and explained > SEPARATE and _ends_at_zero(seen, body):
+        return f"{given}; perhaps magnitudes, as of MR, or HU + 1024: take a CT in HU"
     if seen.lowest < 0 or (seen.lowest > 0 and _is_crop_of_tissue(seen, body, explained)):
         return None
     if seen.highest <= 255:
@@ -180,6 +201,15 @@ def _is_crop_of_tissue(seen: _Values, upper: float, explained: float) -> bool:
     soft = float(np.median(seen.values)) < HIGHEST_SOFT_HU
     one_level = explained < SEPARATE
     return soft and (one_level or (seen.highest > 255 and not _between(upper, OFFSET_TISSUE)))
+
+
+def _ends_at_zero(seen: _Values, upper: float) -> bool:
+    """Whether values in the lower of two levels are all above 0, though normal noise around it would go below."""
+    below = seen.values[seen.values < upper / 2]
+    if not below.size or seen.noise_free:
+        return False
+    level = float(np.median(below))
+    return level < NORMAL_NOISE * 1.4826 * float(np.median(np.abs(below - level)))  # the SD of normal noise by its MAD
 
 
 def _shifted(seen: _Values) -> str | None:
@@ -207,6 +237,13 @@ def _shifted(seen: _Values) -> str | None:
             shift = air - HU_AIR
             what = f"subtract {shift:.0f}" if shift > 0 else f"add {-shift:.0f}"
             return f"the air in it is at about {air:.0f}, not {HU_AIR:g} HU; {what} first"
+    if explained > SEPARATE and not has and body > DENSEST_LEVEL_HU:
+        upper = np.count_nonzero(seen.values > (air + body) / 2) / seen.values.size
+        if upper > MOST_DENSE:
+            return (
+                f"{100 * upper:.0f} % of the voxels are near {body:.0f}, denser than bone, and there is no air at "
+                f"{HU_AIR:g}; correct offset and slope"
+            )
     if explained > SEPARATE and air < LOWEST_AIR_HU:
         return f"the air in it is at about {air:.0f}, not {HU_AIR:g} HU; correct offset and slope"
     faint = apart < FAINT_HU or (apart < FAT_HU and np.mean(_rim(seen.array) < (air + body) / 2) > ALL_AROUND)

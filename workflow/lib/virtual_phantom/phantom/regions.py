@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.ndimage import distance_transform_edt
 from ..base.console import note
 from ..base.errors import InputError
 from ..base.geometry import Grid
+from ..io.volumes import LARGEST_TILT, LPS_TO_RAS
 
 GRID_TOLERANCE_MM = 0.02  # of positions read from different files: single precision and decimal text
 ONE_BY_ONE = 3  # remarks of one kind about one file; more become one line
@@ -212,8 +214,37 @@ def boxed(mask: np.ndarray, offset: Sequence[int] = (0, 0, 0), remarks: Sequence
     return Drawn(box, mask[tuple(inner)].copy(), tuple(remarks))
 
 
+def to_voxels(grid: Grid) -> list[np.ndarray]:
+    """How positions of regions can be meant that were drawn on a CT.
+
+    Parameters
+    ----------
+    grid : Grid
+        The CT's.
+
+    Returns
+    -------
+    list of ndarray, shape (4, 4)
+        From DICOM's patient frame (mm, LPS) to voxel indices (x, y, z); the first that fits is meant: by the CT's own
+        directions or, if that moves no voxel center by more than LARGEST_TILT, upright.
+    """
+    ends = np.vstack([_corners(grid).T, np.ones(8)])
+    moved = np.linalg.inv(grid.affine) @ (grid.drawn_affine @ ends) - ends
+    upright = grid.directions is not None and np.abs(moved).max() <= LARGEST_TILT
+    affines = [grid.drawn_affine, *([grid.affine] if upright else [])]
+    return [np.linalg.inv(affine) @ LPS_TO_RAS for affine in affines]
+
+
+def _corners(grid: Grid) -> np.ndarray:
+    """Voxel indices (x, y, z) of the corners, shape (8, 3)."""
+    return np.array(list(product(*[(0, n - 1) for n in grid.shape[::-1]])), float)
+
+
 def placed(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
     """The voxel (z, y, x) of a grid at which the first voxel of another grid lies, whose voxels coincide with its own.
+
+    They coincide by the directions of both. By their upright grids alone they may, if directions differ by so little
+    that no voxel center moves by more than LARGEST_TILT: converters often drop a small rotation.
 
     Returns
     -------
@@ -225,12 +256,23 @@ def placed(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
     InputError
         If they do not coincide.
     """
+    corners = _corners(part)
+    relative = np.linalg.inv(grid.drawn_affine) @ part.drawn_affine
+    shift = corners @ relative[:3, :3].T + relative[:3, 3] - corners
+    index = shift.mean(axis=0).round()
+    off = np.abs(shift - index)
+    if (off * grid.spacing[::-1]).max() <= GRID_TOLERANCE_MM:
+        return tuple(index[::-1].astype(int).tolist())
     offset = (part.affine[:3, 3] - grid.affine[:3, 3])[::-1] / np.array(grid.spacing)
     index = offset.round()
     steps = np.array(part.shape) * (np.array(part.spacing) - np.array(grid.spacing))
     shifted = np.abs((offset - index) * np.array(grid.spacing)).max()
-    if not max(shifted, np.abs(steps).max()) <= GRID_TOLERANCE_MM:
-        raise InputError(f"{path}: lies on another grid than the CT ({part}; CT: {grid}); resample it onto the CT")
+    aligned = max(shifted, np.abs(steps).max()) <= GRID_TOLERANCE_MM
+    if not aligned or np.abs(shift - index[::-1]).max() > LARGEST_TILT:
+        turned = ", with its axes rotated otherwise" if aligned else ""
+        raise InputError(
+            f"{path}: lies on another grid than the CT{turned} ({part}; CT: {grid}); resample it onto the CT"
+        )
     return tuple(index.astype(int).tolist())
 
 

@@ -13,8 +13,7 @@ from pydicom.pixels import get_decoder
 from ..base.errors import InputError, reading, refusing
 from ..base.geometry import Grid
 from ..base.words import counted
-from ..io.volumes import LPS_TO_RAS
-from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, sequence_of, whole_number
+from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, sequence_of, to_voxels, whole_number
 
 INSIDE = 0.5  # share of a voxel, or probability, from which on it belongs to a segment
 LABEL_MAP = "LABELMAP"
@@ -28,7 +27,7 @@ class SegRegions(Regions):
 
     def __init__(self, path: Path, dataset: pydicom.Dataset, grid: Grid):
         super().__init__(path, grid)
-        self._dataset = dataset
+        self._dataset, self._to_voxels = dataset, to_voxels(grid)
         self._remarks: list[Remark] = []
         with reading(path, "DICOM SEG"):  # pydicom parses items when they are read
             self._names = self._segments()
@@ -180,21 +179,21 @@ class SegRegions(Regions):
         position = self._numbers(frame, "PlanePositionSequence", "ImagePositionPatient", 3)
         axes = self._numbers(frame, "PlaneOrientationSequence", "ImageOrientationPatient", 6)
         spacing = self._numbers(frame, "PixelMeasuresSequence", "PixelSpacing", 2)
-        to_voxel = np.linalg.inv(self.grid.affine) @ LPS_TO_RAS
-        first = (to_voxel @ [*position, 1.0])[2::-1]
-        # PS3.3, C.7.6.2.1.1: the first three cosines run along a row, which is from column to column
-        per_column = (to_voxel[:3, :3] @ (axes[:3] * spacing[1]))[::-1]
-        per_row = (to_voxel[:3, :3] @ (axes[3:] * spacing[0]))[::-1]
-        steps = (first, 1), (per_row, shape[0] - 1), (per_column, shape[1] - 1)
-        off = max(float(np.abs((step - step.round()) * n * self.grid.spacing).max()) for step, n in steps)
-        lengths = [float(np.abs(step.round()).sum()) for step in (per_row, per_column)]
-        if not off <= GRID_TOLERANCE_MM or lengths != [1, 1] or per_row.round() @ per_column.round() != 0:
-            raise InputError(
-                f"{self.path}: lies on another grid than the CT: frame {frame + 1} has {shape[1]} x {shape[0]} pixels "
-                f"of {spacing[1]:g} x {spacing[0]:g} mm at {tuple(position.tolist())} (LPS; CT: {self.grid}); "
-                "resample it onto the CT"
-            )
-        return first.round().astype(int), per_row.round().astype(int), per_column.round().astype(int)
+        for to_voxel in self._to_voxels:
+            first = (to_voxel @ [*position, 1.0])[2::-1]
+            # PS3.3, C.7.6.2.1.1: the first three cosines run along a row, which is from column to column
+            per_column = (to_voxel[:3, :3] @ (axes[:3] * spacing[1]))[::-1]
+            per_row = (to_voxel[:3, :3] @ (axes[3:] * spacing[0]))[::-1]
+            steps = (first, 1), (per_row, shape[0] - 1), (per_column, shape[1] - 1)
+            off = max(float(np.abs((step - step.round()) * n * self.grid.spacing).max()) for step, n in steps)
+            lengths = [float(np.abs(step.round()).sum()) for step in (per_row, per_column)]
+            if off <= GRID_TOLERANCE_MM and lengths == [1, 1] and per_row.round() @ per_column.round() == 0:
+                return first.round().astype(int), per_row.round().astype(int), per_column.round().astype(int)
+        raise InputError(
+            f"{self.path}: lies on another grid than the CT: frame {frame + 1} has {shape[1]} x {shape[0]} pixels "
+            f"of {spacing[1]:g} x {spacing[0]:g} mm at {tuple(position.tolist())} (LPS; CT: {self.grid}); "
+            "resample it onto the CT"
+        )
 
     def _numbers(self, frame: int, sequence: str, keyword: str, count: int) -> np.ndarray:
         item = self._item(frame, sequence)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 
-from ..base.errors import InputError
+from ..base.errors import InputError, InputErrors, lines_of
 from ..base.geometry import Grid, OrbitGeometry
 from ..io.volumes import Volume
 from ..phantom import Roi
@@ -54,19 +54,24 @@ def load(document: Document) -> ImagesRecording:
 
     Raises
     ------
-    InputError
-        If any is not what recording.yaml says.
+    InputErrors
+        If any is not what recording.yaml says: a line for each image.
     """
     notes: list[str] = []
+    lines: list[str] = []
     grid, facts = None, {}
     read_one = partial(read_hu, not_checked=tuple(document.content.get("not_checked", ())))
     for path in (*document.repeats, *document.held_out):
-        image = read_one(path)
+        try:
+            image = read_one(path)
+        except InputError as error:
+            lines += lines_of(error)
+            continue
         if grid is None:
-            grid = image.grid
+            grid, first = image.grid, path
         elif not image.grid.matches(grid, GRID_TOLERANCE_MM):
-            raise InputError(
-                f"{path}: is on another grid ({image.grid}) than {document.repeats[0].name} ({grid}); "
+            lines.append(
+                f"{path}: is on another grid ({image.grid}) than {first.name} ({grid}); "
                 "resample it, or make a recording of its own"
             )
         if (below := float((image.array < BELOW_AIR_HU).mean())) > MENTIONED_SHARE:
@@ -76,6 +81,8 @@ def load(document: Document) -> ImagesRecording:
             notes.append(f"{document.relative(path)}: shows no air (-1000 HU) that its CT numbers could be checked by")
         if path.is_dir():
             facts[path] = dicom_facts(path)
+    if lines:
+        raise InputErrors(lines)
     for path, own in facts.items():
         first = next(iter(facts))
         check_shared(own, facts[first], path, first)

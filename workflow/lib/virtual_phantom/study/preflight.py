@@ -12,7 +12,7 @@ from ..base.errors import InputError, lines_of
 from ..base.streams import Branch, branch
 from ..diagnosis.candidates import candidates, check_accuracy, check_kinds, shown_by
 from ..projectors import choose_engine
-from ..recordings.document import Document
+from ..recordings.document import Document, read_document
 from .config import flat_detectors, inspected
 from .kept_checks import look_once
 from .outputs import Files
@@ -20,7 +20,7 @@ from .phantom_sources import PhantomSources
 from .plan import Plan
 from .preflight_rois import roi_problems
 from .proof import Proof
-from .public_scans import PublicScans
+from .public_scans import PublicScans, made_folders
 
 
 def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list[str]:
@@ -31,8 +31,8 @@ def problems(settings: Mapping, scans: bool = False, keep: bool = False) -> list
     settings : mapping
         A configuration as `config.check` takes it.
     scans : bool, optional
-        Whether to look if scans see all of a synthetic phantom or of a published CT too, which takes seconds; at a CT
-        of the user's own this is always looked.
+        Whether to read the files of recordings too, and to look if scans see all of a synthetic phantom or of a
+        published CT, which takes seconds; at a CT of the user's own this is always looked.
     keep : bool, optional
         Whether to remember what was right, so that the next look is fast (kept_checks).
 
@@ -114,9 +114,10 @@ def _seen_shapes(config: dict) -> Iterator[str]:
 
 
 def _scanned(config: dict) -> Iterator[str]:
-    """Whether scans see the synthetic phantom, or a published CT that is here already."""
+    """Whether recordings can be read, and scans see the synthetic phantom, or a published CT that is here already."""
+    yield from _recorded(config)
     phantom = config.get("phantom", {})
-    if phantom.get("source") == "ct" and "ct" in phantom:
+    if phantom.get("source") == "ct" and _has_ct(phantom):
         sources = PhantomSources(Plan(config))
         if sources.published and not sources.absent and not _said(sources.check):
             from .preflight_ct import ct_problems
@@ -141,6 +142,11 @@ def _scanned(config: dict) -> Iterator[str]:
     yield from blind_spots(config, grid, reach, {roi.name: roi.mask for roi in rois}, slack)
 
 
+def _has_ct(phantom: dict) -> bool:
+    """Whether a CT and its ROIs are named, and the schema refuses neither."""
+    return {"image", "rois"} <= phantom.get("ct", {}).keys()
+
+
 def _number_of_rois(settings: Mapping) -> int:
     """Number of entries of phantom.ct.rois, of which the schema may refuse some."""
     for key in ("phantom", "ct", "rois"):
@@ -151,7 +157,7 @@ def _number_of_rois(settings: Mapping) -> int:
 def _phantom(config: dict, keep: bool, rois: int) -> Iterator[str]:
     """Of a CT and its ROIs, of which the user gave so many."""
     phantom = config.get("phantom", {})
-    if phantom.get("source") != "ct" or "ct" not in phantom:
+    if phantom.get("source") != "ct" or not _has_ct(phantom):
         return
     classes = {roi["tissue_class"] for roi in phantom["ct"]["rois"]}
     if len(classes) == 1 and len(phantom["ct"]["rois"]) == rois and "stability" in config["analyses"]:
@@ -213,6 +219,35 @@ def _recordings(config: dict, keep: bool) -> Iterator[str]:
         elif "physics_from" not in one:
             said = _said(partial(candidates, **shown_by(documents[name].content)), one)
             yield from (f"{where}: {line}" for line in said)
+
+
+def _recorded(config: dict) -> Iterator[str]:
+    """What is wrong in the files of recordings, which jobs read again."""
+    made = made_folders(config).values()
+    folders = [folder for folder in config["recordings"].values() if folder not in made]
+    if not folders:
+        return
+    from ..features.names import FEATURES
+    from ..features.parameters import read_parameters  # loads pyradiomics, for those who get here
+    from ..recordings.reading import load
+
+    file, features = config.get("features", {}).get("parameters"), FEATURES
+    if file and not _said(read_parameters, file):
+        features = read_parameters(file).features
+    for folder in dict.fromkeys(folders):
+        try:
+            files = read_document(folder).files
+        except InputError:  # `_recordings` says so
+            continue
+
+        def look(folder: str = folder) -> list[str]:
+            try:
+                load(folder, features)
+            except InputError as error:
+                return list(lines_of(error))
+            return []
+
+        yield from look_once({"recording": folder, "features": list(features)}, files, look)
 
 
 def _object(settings: Mapping, where: str, keep: bool) -> Iterator[str]:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from ...base.errors import InputError
+from ...base.errors import InputError, InputErrors, lines_of
 from ..document import FILE_NAME
 from ..reading import load
 from ..recording import Recording
@@ -41,6 +41,8 @@ def write_folder(folder: str | Path, content: dict, write_data: Callable[[Path],
     ------
     InputError
         If the folder is there already, or is named otherwise than in letters, digits and underscores.
+    InputErrors
+        If the recording cannot be loaded: a line for each mistake.
     """
     folder = Path(folder)
     if not NAME.fullmatch(folder.name):
@@ -57,7 +59,7 @@ def write_folder(folder: str | Path, content: dict, write_data: Callable[[Path],
         load(beside)
         beside.rename(folder)
     except InputError as error:
-        raise InputError(str(error).replace(str(beside), str(folder))) from None
+        raise InputErrors(line.replace(str(beside), str(folder)) for line in lines_of(error)) from None
     finally:
         shutil.rmtree(beside, ignore_errors=True)
     return load(folder)

@@ -54,6 +54,8 @@ def run(words: Sequence[str]) -> int:
             options.add_argument("--swapped-shifts", action="store_true", help=swapped)
         if name == "dicom":
             options.add_argument("--kernel", help="take the series of this reconstruction kernel only")
+            unchecked = "checks of the CT to leave out, as named in their lines, separated by commas"
+            options.add_argument("--not-checked", default=(), type=lambda text: text.split(","), help=unchecked)
     arguments = vars(parser.parse_args(words))
     importer = IMPORTERS[arguments.pop("format")]
     recording = importer(arguments.pop("source"), arguments.pop("folder"), **arguments)

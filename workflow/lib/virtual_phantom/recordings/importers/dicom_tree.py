@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,9 +21,10 @@ from ...base.geometry import Grid
 from ...io.files import sha256
 from ...io.schema import read_schema
 from ...io.volumes import Volume, write_nifti
-from ...phantom.dicom_files import Unused, files_in, folders_under, slices_of
+from ...phantom.dicom_files import Unused, files_in, folders_under, not_dicom, slices_of
 from ...phantom.dicom_series import Series, read_slices, series_among
 from ...phantom.masks import GRID_TOLERANCE_MM
+from ...phantom.plausible import known_checks, require_plausible
 from ..document import SCHEMA
 from ..provenance import SHARED, check_shared, series_facts
 from ..recording import Recording
@@ -42,7 +44,11 @@ class Scan:
 
 
 def import_dicom_tree(
-    root: str | Path, folder: str | Path, phantom: str | None = None, kernel: str | None = None
+    root: str | Path,
+    folder: str | Path,
+    phantom: str | None = None,
+    kernel: str | None = None,
+    not_checked: Collection[str] = (),
 ) -> Recording:
     """Write a recording of images and load it. Repeats are numbered in the order of the folders' names.
 
@@ -57,6 +63,8 @@ def import_dicom_tree(
         What was scanned, for recording.yaml.
     kernel : str, optional
         Take only the series of this reconstruction kernel, as its DICOM header names it (Br38f/3 for [Br38f, 3]).
+    not_checked : collection of str, optional
+        Of plausible.CHECKS: what is left to the user, here and whenever the recording is read.
 
     Returns
     -------
@@ -65,12 +73,16 @@ def import_dicom_tree(
     Raises
     ------
     InputError
-        If there is no series, if one cannot be read (dicom_series.read_slices), or if two differ in grid, kernel, tube
-        voltage, slice thickness or scanner.
+        If there is no series, if one cannot be read (dicom_series.read_slices) or is no CT in HU, or if two differ in
+        grid, kernel, tube voltage, slice thickness or scanner.
     """
+    if not str(root):
+        raise InputError("source: is empty; give a path (is a variable of the shell not set?)")
     root, target_folder = Path(root), Path(folder)
     if not root.is_dir():
-        raise InputError(f"{root}: no such folder; give the top of a tree of DICOM series")
+        problem = f"is {not_dicom(root) or 'one DICOM file'}" if root.is_file() else "no such folder"
+        raise InputError(f"{root}: {problem}; give the top of a tree of DICOM series")
+    known_checks(not_checked)
     found = _find(root)
     chosen = [scan for scan in found if kernel is None or scan.facts.get("kernel") == kernel]
     if not chosen:
@@ -86,6 +98,7 @@ def import_dicom_tree(
         seen: dict[bytes, str] = {}
         for scan, name in zip(chosen, names, strict=True):
             own, image = scan.series.name, read_slices(scan.series)
+            require_plausible(image.array, image.grid, own, not_checked)
             if grid is not None and not image.grid.matches(grid, GRID_TOLERANCE_MM):
                 raise InputError(f"{own}: is on another grid ({image.grid}) than {first.series.name} ({grid})")
             digest = hashlib.sha256(image.array).digest()
@@ -108,6 +121,7 @@ def import_dicom_tree(
         **({"scan": lengths} if lengths else {}),
         "nominal": {key: typical[key] for key in NOMINAL if key in typical},
         "origin": {"importer": "dicom", "sha256": [digest for scan in chosen for digest in scan.sha256]},
+        **({"not_checked": list(not_checked)} if not_checked else {}),
         "repeats": names,
     }
     return write_folder(target_folder, content, write)

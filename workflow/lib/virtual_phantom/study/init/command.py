@@ -58,11 +58,16 @@ def initialise(
     InputError
         As `propose.propose`, and for files that are there already.
     """
+    for option, given in (("image", image), ("--labels", labels)):
+        if not str(given):
+            raise InputError(f"{option}: is empty; give a path (is a variable of the shell not set?)")
     out = Path(out)
     if out.suffix not in (".yaml", ".yml"):
         raise InputError(f"--out: {out} must end in .yaml")
     picture = out.with_suffix(".png")
     for path in (out, picture):
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; give another --out")
         if path.exists() and not force:
             raise InputError(f"{path}: is there already; give another --out, or --force to overwrite it")
     proposed = propose(

@@ -19,7 +19,7 @@ from ...io.schema import defaults_of
 from ...io.volumes import Volume
 from ...phantom.ct import kept_columns, read_hu, rois_of, trimmed
 from ...phantom.masks import report_other_frame
-from ...phantom.plausible import CHECKS, note_without_air
+from ...phantom.plausible import known_checks, note_without_air
 from ...phantom.rois import read_entries
 from ..config import complete
 from ..costs.rates import read_rates
@@ -121,8 +121,7 @@ def propose(
     if size not in SIZES:
         raise InputError(f"--size: '{size}' is not known; {meant(size, SIZES)}")
     asked = sizes()[size]
-    if wrong := [one for one in not_checked if one not in CHECKS]:
-        raise InputError(f"--not-checked: there is no check '{wrong[0]}'; {meant(wrong[0], CHECKS)}")
+    known_checks(not_checked)
     ct = read_hu(Path(image), not_checked)
     note_without_air(ct.array, image)
     ct = Volume(np.maximum(ct.array, np.float32(HU_AIR)), ct.grid)
