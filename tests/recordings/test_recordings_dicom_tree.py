@@ -3,6 +3,7 @@
 import os
 import shutil
 
+import nibabel
 import numpy as np
 import phantom_files
 import pytest
@@ -195,3 +196,17 @@ def test_a_file_instead_of_a_folder_is_named(tmp_path):
     (tmp_path / "a.zip").write_bytes(b"PK" + bytes(200))
     with pytest.raises(InputError, match=r"a.zip: is an archive; unpack it to use what is in it; give the top"):
         import_dicom_tree(tmp_path / "a.zip", tmp_path / "b")
+
+
+def test_an_imported_scan_keeps_its_rotation_so_that_regions_drawn_on_it_fit(tmp_path):
+    turn, slices = np.radians(0.9), ct_slices()
+    across, along = np.array([0, np.cos(turn), np.sin(turn)]), np.array([0, -np.sin(turn), np.cos(turn)])
+    for k, one in enumerate(slices):
+        position = np.array([float(one.ImagePositionPatient[0]), 40.0, 300.0]) - across * 39 + along * 3 * (k - 6.5)
+        one.ImagePositionPatient = [round(float(value), 6) for value in position]
+        one.ImageOrientationPatient = [1, 0, 0, *(round(float(value), 8) for value in across)]
+    write_series(slices, tmp_path / "tree")
+    recording = import_dicom_tree(tmp_path / "tree", tmp_path / "recording")
+    affine = nibabel.load(tmp_path / "recording" / "repeat01.nii.gz").affine
+    assert affine[:3, 1] / 2 == pytest.approx([0, np.cos(turn), -np.sin(turn)], abs=1e-5)  # rows in RAS
+    assert affine == pytest.approx(recording.grid.drawn_affine, abs=1e-4)

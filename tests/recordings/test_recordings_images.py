@@ -9,6 +9,7 @@ import phantom_files
 import pytest
 from phantom_files import CT_GRID, ball, ct_slices, object_hu, write_nifti_array, write_series
 from recording_folders import changed, images_folder, refused, write_yaml
+from scipy.spatial.transform import Rotation
 
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.recordings.reading import load
@@ -76,6 +77,16 @@ def test_dicom_facts_are_kept_and_patients_are_not(tmp_path):
 def test_a_repeat_on_another_grid_is_refused(scanner, grid):
     write_nifti_array(object_hu()[: grid.shape[0]], scanner[0] / "two.nii.gz", grid=grid)
     refused(scanner[0], "two.nii.gz: is on another grid")
+
+
+def test_a_repeat_that_is_rotated_is_refused(scanner):
+    """0.9 degrees to either side: the ends of 48 pixels lie 0.74 of one apart."""
+    for name, degrees in (("one", 0.9), ("two", -0.9)):
+        turn = np.eye(4)
+        turn[:3, :3] = Rotation.from_rotvec([0, 0, np.radians(degrees)]).as_matrix()
+        turn[:3, 3] = CT_GRID.centre_mm - turn[:3, :3] @ CT_GRID.centre_mm
+        nibabel.save(nibabel.Nifti1Image(object_hu().T, turn @ CT_GRID.affine), scanner[0] / f"{name}.nii.gz")
+    refused(scanner[0], "two.nii.gz: is rotated against one.nii.gz; resample it onto the same grid")
 
 
 @pytest.mark.parametrize("offset", [1000, 1024])

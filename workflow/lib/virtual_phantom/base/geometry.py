@@ -76,7 +76,11 @@ class Grid:
     @property
     def drawn_affine(self) -> np.ndarray:
         """The same along `directions`: where voxels lie for a program in which regions are drawn."""
-        return self._affine(np.eye(3) if self.directions is None else np.transpose(self.directions))
+        return self._affine(self._axes)
+
+    @property
+    def _axes(self) -> np.ndarray:
+        return np.eye(3) if self.directions is None else np.transpose(self.directions)
 
     def _affine(self, axes: np.ndarray) -> np.ndarray:
         matrix = np.eye(4)
@@ -113,6 +117,12 @@ class Grid:
     def _corners_mm(self) -> np.ndarray:
         last = np.array(self.shape[::-1]) - 1
         return np.stack([self.affine[:3, 3], self.affine[:3, :3] @ last + self.affine[:3, 3]])
+
+    def rotated_against(self, other: Grid) -> float:
+        """Largest distance between voxels, in voxels, by which the directions of two grids differ."""
+        spacing = np.array(self.spacing[::-1])
+        ends = (np.array(self.shape[::-1]) - 1) / 2 * spacing
+        return float((np.abs(self._axes - other._axes) @ ends / spacing).max())
 
     def __str__(self) -> str:
         nz, ny, nx = self.shape

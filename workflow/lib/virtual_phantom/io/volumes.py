@@ -467,7 +467,7 @@ def is_small_rotation(axes: np.ndarray) -> bool:
 
 
 def write_nifti(volume: Volume, path: str | Path) -> None:
-    """Write a volume as NIfTI-1 in mm, its affine in both sform and qform.
+    """Write a volume as NIfTI-1 in mm, its affine with the grid's directions in both sform and qform.
 
     The gzip header carries no time or name, so equal volumes make equal bytes.
 
@@ -477,10 +477,11 @@ def write_nifti(volume: Volume, path: str | Path) -> None:
         Of float32, or any integer type.
     path : str or Path
     """
-    image = nibabel.Nifti1Image(volume.array.T, volume.grid.affine)
+    affine = volume.grid.drawn_affine
+    image = nibabel.Nifti1Image(volume.array.T, affine)
     image.header.set_xyzt_units("mm")
-    image.set_sform(volume.grid.affine, code="scanner")
-    image.set_qform(volume.grid.affine, code="scanner")
+    image.set_sform(affine, code="scanner")
+    image.set_qform(affine, code="scanner")
     with replacing(path) as temporary:
         nibabel.save(image, temporary)
 

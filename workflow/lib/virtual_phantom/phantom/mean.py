@@ -211,7 +211,7 @@ def _cut(image: Volume, part: tuple[slice, slice, slice]) -> Volume:
     array = np.ascontiguousarray(image.array[part])
     places = [axis + centre for axis, centre in zip(image.grid.axes_mm(), image.grid.centre_mm[::-1], strict=True)]
     centre = tuple(float(place[kept].mean()) for place, kept in zip(places, part, strict=True))[::-1]
-    return Volume(array, replace(image.grid, shape=array.shape, centre_mm=centre))
+    return Volume(array, replace(image.grid, shape=array.shape, centre_mm=centre, directions=None))
 
 
 def _row(scan: ScanFiles, image: Volume, reference: Volume, body: np.ndarray, first: ScanFiles) -> dict:

@@ -7,7 +7,7 @@ from functools import partial
 
 from ..base.errors import InputError, InputErrors, lines_of
 from ..base.geometry import Grid, OrbitGeometry
-from ..io.volumes import Volume
+from ..io.volumes import LARGEST_TILT, Volume
 from ..phantom import Roi
 from ..phantom.ct import draw, read_hu
 from ..phantom.masks import GRID_TOLERANCE_MM
@@ -74,6 +74,8 @@ def load(document: Document) -> ImagesRecording:
                 f"{path}: is on another grid ({image.grid}) than {first.name} ({grid}); "
                 "resample it, or make a recording of its own"
             )
+        elif image.grid.rotated_against(grid) > LARGEST_TILT:
+            lines.append(f"{path}: is rotated against {first.name}; resample it onto the same grid")
         if (below := float((image.array < BELOW_AIR_HU).mean())) > MENTIONED_SHARE:
             share = f"{100 * below:.0f} % of the voxels are below {BELOW_AIR_HU:g} HU"
             notes.append(f"{document.relative(path)}: {share}: padding outside the scanned circle")

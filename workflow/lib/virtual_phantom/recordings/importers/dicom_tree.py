@@ -20,7 +20,7 @@ from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...io.files import sha256
 from ...io.schema import read_schema
-from ...io.volumes import Volume, write_nifti
+from ...io.volumes import LARGEST_TILT, Volume, write_nifti
 from ...phantom.dicom_files import Unused, files_in, folders_under, not_dicom, slices_of
 from ...phantom.dicom_series import Series, read_slices, series_among
 from ...phantom.masks import GRID_TOLERANCE_MM
@@ -101,6 +101,8 @@ def import_dicom_tree(
             require_plausible(image.array, image.grid, own, not_checked)
             if grid is not None and not image.grid.matches(grid, GRID_TOLERANCE_MM):
                 raise InputError(f"{own}: is on another grid ({image.grid}) than {first.series.name} ({grid})")
+            if grid is not None and image.grid.rotated_against(grid) > LARGEST_TILT:
+                raise InputError(f"{own}: is rotated against {first.series.name}; resample it onto the same grid")
             digest = hashlib.sha256(image.array).digest()
             if digest in seen:
                 note(f"{own}: has the same voxels as {seen[digest]}; if it is a copy, it is no repeat: remove it")
