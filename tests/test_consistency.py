@@ -205,3 +205,12 @@ def test_an_image_that_is_there_twice_is_refused(folder):
     copy = copy.assign(dose_mgy=3)  # of another condition, as of a setting that changes no image
     pd.concat([features_table(2, start=3), copy]).to_csv(folder / "b.csv", index=False)
     assert len(load(write_yaml(folder, content | {"features": {"conditions": ["dose_mgy"]}})).repeats) == 12
+
+
+@pytest.mark.parametrize("value", [1e61, -1e200])
+def test_a_number_that_no_image_has_is_named(value):
+    table = pd.DataFrame(
+        {"original_firstorder_Mean": [1.0, value], "original_firstorder_Energy": [2.0, 3.0]}, index=[2, 3]
+    )
+    with pytest.raises(InputError, match=r"t.csv: row 3: original_firstorder_Mean is .*, which no image has"):
+        check(table, "t.csv")

@@ -37,7 +37,7 @@ def test_defaults_and_files(bench):
         ("scan.views", None, "'views' is a required property"),
         ("scan.views", 24.5, "scan.views: 24.5 is not of type 'integer'"),
         ("scan.direction", 0, "scan.direction is '0'; use one of 1, -1"),
-        ("scan.column_offset_px", float("nan"), "not finite"),
+        ("scan.column_offset_px", float("nan"), "scan.column_offset_px is nan; give a finite number"),
         ("nominal.tube_kvp", 120000, "nominal.tube_kvp: 120000 is greater than the maximum of 500"),
         ("features", {}, "'features' has no meaning in a recording of projections"),
         ("rois", [{"name": "a", "tissue_class": "b", "file": "a.h5"}], "'rois' has no meaning"),
@@ -73,7 +73,7 @@ def test_all_mistakes_are_told_at_once(bench):
     with pytest.raises(InputErrors) as error:
         read_document(write_yaml(folder, content))
     said = (
-        "not finite",
+        "scan.column_offset_px is nan; give a finite number",
         "unknown key 'scna'",
         "scan.views: 24.5 is not of type 'integer'",
         "tube_kvp: 120000 is greater",

@@ -20,6 +20,9 @@ CALLS |= {"yaml.unsafe_load", "pandas.read_pickle", "pd.read_pickle", "nibabel.l
 
 # The one file that starts another program, s5cmd, by a list of words.
 STARTS_A_PROGRAM = "public_scans/fetch.py"
+# The one file that unpickles: compiled code, as Numba's own cache does. It is read from folders that only the user and
+# who installed the package can write to (tests/test_compiled.py), and only if its checksum is right.
+READS_COMPILED_CODE = "base/compiled.py"
 
 
 def name_of(node) -> str:
@@ -34,7 +37,8 @@ def test_there_is_something_to_look_at():
 def test_no_code_is_taken_from_data(path):
     # Benchmarks time whole runs; what they start is none of the user's.
     starts = path.parent.name == "benchmarks" or path.as_posix().endswith(STARTS_A_PROGRAM)
-    banned = IMPORTS - {"subprocess"} if starts else IMPORTS
+    compiled = path.as_posix().endswith(READS_COMPILED_CODE)
+    banned = IMPORTS - ({"subprocess"} if starts else {"pickle"} if compiled else set())
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             assert not banned & {alias.name.split(".")[0] for alias in node.names}, node.lineno
@@ -49,6 +53,16 @@ def test_no_code_is_taken_from_data(path):
             assert ast.unparse(keywords["allow_pickle"]) == "False", node.lineno
         if name in ("loadmat", "scipy.io.loadmat"):
             assert "variable_names" in keywords, node.lineno
+
+
+def test_only_compiled_code_with_a_right_checksum_is_unpickled():
+    (path,) = [path for path in SOURCES if path.as_posix().endswith(READS_COMPILED_CODE)]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and name_of(node.func).startswith("pickle.")]
+    assert [ast.unparse(one) for one in calls] == ["pickle.loads(payload)"]
+    (read,) = [node for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == "_read"]
+    returned = {ast.unparse(node) for node in ast.walk(read) if isinstance(node, ast.Return)}
+    assert returned == {"return None", "return payload if checksum == CHECKSUM(key + payload).digest() else None"}
 
 
 def test_the_program_that_is_started_is_s5cmd_and_gets_a_list():

@@ -24,6 +24,7 @@ MOST = 1e12  # largest square of a gray level: a million levels, when 16 bits in
 BITS = 64.0  # largest entropy: no matrix has more than 2^64 entries
 DIRECTIONS = 13  # of neighbors in 3D: of as many positive numbers, none is above 13 times the mean
 LARGEST_VOXEL, SMALLEST_VOXEL = 1e4, 1e-9  # mm^3: of 21 mm (PET has 4) and of 1 um
+LARGEST = 1e60  # of any feature: the energy of 1e9 voxels and the fourth power of a million levels are below 1e30
 CANDIDATES = 50  # rows that propose a shift of grey values
 
 
@@ -79,7 +80,7 @@ class Relation:
 
     def broken(self) -> np.ndarray:
         """Rows that break the relation by more than rounding explains."""
-        with np.errstate(invalid="ignore", over="ignore"):
+        with np.errstate(invalid="ignore"):
             size = np.maximum(abs(self.low.value), abs(self.high.value))
             tolerance = self.low.error + self.high.error + RELATIVE * size + 10.0**-DIGITS
             difference = self.low.value - self.high.value
@@ -100,12 +101,18 @@ def check(table: pd.DataFrame, source: str) -> None:
     Raises
     ------
     InputError
-        Naming the first row that breaks a relation, the relation, and its two sides.
+        Naming the first row that breaks a relation, the relation, and its two sides, or a number beyond LARGEST.
     """
     names = features_of(table)
     if not names or table.empty:
         return
     values = table[names].to_numpy(dtype=np.float64)
+    if (huge := np.isfinite(values) & (np.abs(values) > LARGEST)).any():
+        row, column = np.argwhere(huge)[0]
+        raise InputError(
+            f"{source}: row {table.index[row]}: {names[column]} is {values[row, column]:g}, which no image has"
+        )
+    values = np.where(np.abs(values) < 1 / LARGEST, 0.0, values)
     errors = rounding(values)
     types: dict[str, dict[str, Terms]] = {}
     for place, name in enumerate(names):
@@ -113,7 +120,7 @@ def check(table: pd.DataFrame, source: str) -> None:
         types.setdefault(kind, {})[feature] = Terms(values[:, place], errors[:, place])
     first: tuple[int, Relation, str] | None = None
     wrong = np.zeros(len(table), dtype=bool)
-    with np.errstate(all="ignore"):  # numbers may be anything; what is not finite breaks no relation
+    with np.errstate(divide="ignore", invalid="ignore"):  # what is not finite breaks no relation
         for kind, own in types.items():
             for relation in relations(own, _shift(table, own, source), _voxels(table)):
                 broken = relation.broken()
@@ -156,13 +163,12 @@ def rounding(values: np.ndarray) -> np.ndarray:
     size = np.where(finite & (values != 0), abs(values), 1.0)
     decimals = np.full(values.shape, DIGITS)
     for places in range(DIGITS - 1, -9, -1):
-        with np.errstate(over="ignore"):
-            decimals[np.round(values, places) == values] = places
+        decimals[np.round(values, places) == values] = places
     digits = np.where(finite & (values != 0), decimals + np.floor(np.log10(size)) + 1, 1)
     decimals = np.where(finite, decimals, -9)
     unit = np.minimum(decimals.max(axis=0), decimals.max(axis=1, keepdims=True))
     share = np.minimum(digits.max(axis=0), digits.max(axis=1, keepdims=True))
-    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+    with np.errstate(invalid="ignore"):
         return np.where(finite, np.maximum(0.5 * 10.0**-unit, 5.0 * 10.0**-share * abs(values)), 0.0)
 
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import os
 import struct
-import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pydicom
+from pydicom.config import disable_value_validation
 from pydicom.datadict import dictionary_VR, tag_for_keyword
 from pydicom.dataelem import RawDataElement
 from pydicom.uid import (
@@ -370,8 +370,7 @@ def read_header(path: Path) -> Slice | None:
         If its header is damaged.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # pydicom's quote the header; values are checked here
+        with disable_value_validation():  # its warnings quote the header; values are checked here
             header = pydicom.dcmread(
                 path, stop_before_pixels=True, force=True, specific_tags=[*TAGS.values(), *OVERLAYS]
             )

@@ -9,13 +9,13 @@ from __future__ import annotations
 import functools
 import io
 import tempfile
-import warnings
 from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
 import pydicom
 import SimpleITK as sitk
+from pydicom.config import disable_value_validation
 from pydicom.dataelem import RawDataElement
 from pydicom.uid import UID, DeflatedExplicitVRLittleEndian, SecondaryCaptureImageStorage
 from scipy import ndimage
@@ -221,8 +221,7 @@ def _stored(one: Slice) -> np.ndarray:
 def _pixel_data(one: Slice) -> tuple[RawDataElement, bool]:
     """The element with the pixels, and whether its bytes are little-endian."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with disable_value_validation():
             dataset = pydicom.dcmread(one.path, force=True, specific_tags=["PixelData"])
             element = dataset.get_item("PixelData")
     except Exception as error:  # of many types; its words may quote the header
