@@ -74,7 +74,7 @@ def test_one_command_makes_every_figure(made):
     said = process.stdout + process.stderr
     assert process.returncode == 0, said[-3000:]
     assert "8 CT and 8 SEG series" in said
-    assert len(list((project / "results" / "logs" / "fetch").iterdir())) == len(NAMES)
+    assert len(list((project / "results" / "logs" / "fetch").glob("*.log"))) == 2 * len(NAMES)
     figures = project / "results" / "figures"
     expected = {"rois", "stability_discrimination", "overlap", "overlap_printed_phantom", "pca_fbp"}
     expected |= {"comparison_group_8", "noise_calibration"}
