@@ -74,7 +74,7 @@ class HowFar:
 
     @property
     def most_left(self) -> float | None:
-        """What is left at most by the pace of this diagnosis, s; None before fits are made."""
+        """Most time that remains by the pace of this diagnosis, s; None before fits are made."""
         share = next((LEFT_AFTER[what] for what in (COMPARED, JUDGED) if what in self._parts), None)
         if share is None and self._rounds:
             share = LEFT_AFTER[FITTED] / self._rounds

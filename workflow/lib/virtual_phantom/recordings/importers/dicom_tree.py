@@ -64,7 +64,7 @@ def import_dicom_tree(
     kernel : str, optional
         Take only the series of this reconstruction kernel, as its DICOM header names it (Br38f/3 for [Br38f, 3]).
     not_checked : collection of str, optional
-        Of plausible.CHECKS: what is left to the user, here and whenever the recording is read.
+        Names of plausible.CHECKS to skip, here and whenever the recording is read.
 
     Returns
     -------
