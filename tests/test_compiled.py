@@ -83,11 +83,17 @@ def count(lanes):
     return 10 * len(lanes)
 
 
+def state_folder(monkeypatch, folder):
+    """As if NUMBA_CACHE_DIR had been set when Numba was imported; Numba's compiler reads changed variables again."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder))
+    monkeypatch.setattr(module.numba.config, "CACHE_DIR", str(folder))
+
+
 @pytest.fixture
 def cache(tmp_path, monkeypatch):
     """A folder with the compiled code of `count` for two signatures."""
     folder = tmp_path / "cache"
-    monkeypatch.setattr(module.numba.config, "CACHE_DIR", str(folder))
+    state_folder(monkeypatch, folder)
     assert [counted(lanes) for lanes in (2, 3)] == [(20, "compiled"), (30, "compiled")]
     return folder
 
@@ -179,7 +185,7 @@ def places(tmp_path, monkeypatch):
         cached.cache_clear()
 
     def state(stated, **variables):
-        monkeypatch.setattr(module.numba.config, "CACHE_DIR", stated.format(file=file, folder=folder))
+        state_folder(monkeypatch, stated.format(file=file, folder=folder))
         for name, value in variables.items():
             monkeypatch.setenv(name, value.format(file=file, folder=folder))
 
@@ -242,7 +248,7 @@ def test_a_read_only_folder_is_read(cache, monkeypatch):
     """As in a container whose image contains compiled code."""
     monkeypatch.setattr(module, "_write", raise_read_only)
     monkeypatch.setattr(module, "BESIDE", cache)
-    monkeypatch.setattr(module.numba.config, "CACHE_DIR", "")
+    state_folder(monkeypatch, "")
     assert counted(3) == (30, "loaded")
 
 
