@@ -22,6 +22,7 @@ from virtual_phantom.study.config import complete
 from virtual_phantom.study.init.command import drawn
 from virtual_phantom.study.init.propose import propose, sizes
 from virtual_phantom.study.init.regions import tissue_class
+from virtual_phantom.study.init.written import minutes
 
 ROOT = Path(__file__).resolve().parents[2]
 CENTRE = phantom_files.CENTRE
@@ -326,3 +327,8 @@ def test_a_clinical_ct_is_proposed_as_it_was_by_hand(monkeypatch, tmp_path):
     assert {one["name"]: (one["tissue_class"], one.get("parts", 1)) for one in ours["rois"]} == parts
     default = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())
     assert preflight.problems(default | found) == []
+
+
+@pytest.mark.parametrize(("hours", "words"), [(1 / 30, "30 s to 2 min"), (1.0, "15 min to 1 h")])
+def test_time_is_a_range_of_a_factor_of_two_to_either_side(hours, words):
+    assert minutes(hours) == words

@@ -176,7 +176,7 @@ def told(proposed: Proposal, out: str | Path) -> str:
             "",
             f"{out}: {len(proposed.voxels)} ROIs on {shape} voxels of {spacing} mm (z, y, x)",
             f"{Path(out).with_suffix('.png')}: look at the outlines and the box",
-            f"{cost['acquisitions']} scans in {cost['jobs']} jobs: about {minutes(cost['core_hours'])} on two cores",
+            f"{cost['acquisitions']} scans in {cost['jobs']} jobs: {minutes(cost['core_hours'])} on two idle cores",
             "",
             f"Next: {typed('virtual-phantom', 'check', out)}",
             f"      {commands.snakemake('--cores', '2', '--configfile', out)}",

@@ -8,10 +8,12 @@ from collections.abc import Iterable
 import yaml
 
 from ...base.commands import snakemake, typed
+from ..progress.status import duration_range
 from .entries import doubtful
 from .propose import Proposal
 
 WIDTH = 110  # of a comment
+RATES_WITHIN = 2.0  # factor within which estimates by measured rates were right (docs/cluster.md)
 
 
 def text(proposal: Proposal, picture: str, name: str) -> str:
@@ -66,9 +68,9 @@ def _head(proposal: Proposal, picture: str, name: str) -> str:
         + f"#   {snakemake('--cores', '2', '--configfile', name)}\n"
         + "#\n"
         + _comment(
-            f"It makes {proposal.cost['acquisitions']} scans in {proposal.cost['jobs']} jobs: about "
-            f"{minutes(hours)} on two cores, and {proposal.cost['bytes_kept'] / 1e9:.2g} GB of disk, by what such jobs "
-            "took on the machine of docs/cluster.md."
+            f"It makes {proposal.cost['acquisitions']} scans in {proposal.cost['jobs']} jobs: "
+            f"{minutes(hours)} on two idle cores, and {proposal.cost['bytes_kept'] / 1e9:.2g} GB of disk, by what such "
+            "jobs took on the machine of docs/cluster.md."
         )
         + _comment("Every key, with its unit and its default: config/README.md.")
         + _comment(f"The CT: {nx} x {ny} x {nz} voxels (x, y, z) of {dx:.4g} x {dy:.4g} x {dz:.4g} mm.")
@@ -83,9 +85,9 @@ def _trial(trial: str | bool) -> str:
 
 
 def minutes(hours: float) -> str:
-    """What two cores take for so many core-hours, in words."""
-    took = hours * 60 / 2
-    return f"{max(1, round(took))} min" if took < 90 else f"{took / 60:.1f} h"
+    """The range of time in which two idle cores do so many core-hours, in words."""
+    seconds = hours * 3600 / 2
+    return duration_range(seconds / RATES_WITHIN, seconds * RATES_WITHIN)
 
 
 def _phantom(proposal: Proposal) -> str:
