@@ -27,14 +27,14 @@ ROOMS = {
 INTRODUCTION = """# Thresholds
 
 Every number at the head of a module that decides what is said, what is refused, or how finely something is worked out.
-Beside it stands what it is of and where it comes from: a paper, a derivation, or the measurement that set it. Where no
-source is named, it is a choice. Settings that a user may change are in [the configuration](../config/README.md), and
+Each row gives the meaning and the source of the constant: a paper, a derivation, or the measurement that set it. A
+constant without a source is a choice. Settings that a user may change are in [the configuration](../config/README.md), and
 plausible ranges of effects' parameters in [the effects](physics.md). This page is made from the code by
 `python docs/thresholds.py`.
 """
 
 
-HEADER = "| where | name | value | what it is of, and its source |\n|---|---|---|---|\n"
+HEADER = "| where | name | value | meaning and source |\n|---|---|---|---|\n"
 
 
 @dataclass(frozen=True)

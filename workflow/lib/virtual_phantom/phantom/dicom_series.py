@@ -20,7 +20,7 @@ from ..base.console import note
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.words import counted
-from ..io.volumes import LPS_TO_RAS, ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
+from ..io.volumes import LARGEST_TILT, LPS_TO_RAS, ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
 from .dicom_files import (
     NEEDED,
     Slice,
@@ -35,9 +35,6 @@ from .dicom_pixels import check_pixels, read_into, same_pixels
 __all__ = ["Series", "find_series", "read_series", "read_slices", "series_among"]
 
 POSITION_TOLERANCE_MM = 0.01  # headers give positions as decimal text, often rounded to this
-# Largest displacement of a voxel from the upright grid that is used instead of the slices' own geometry, in voxels: by
-# less than a half, the center of each voxel stays within the voxel that it is read as.
-LARGEST_DISPLACEMENT = 0.5
 # Largest disagreement between slices, in voxels at the border of a slice or in distance between slices. A missing slice
 # moves its neighbors by at least a third of a voxel from the line that fits best (3 slices), by more with more slices.
 LARGEST_DISAGREEMENT = 0.1
@@ -395,7 +392,7 @@ def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
     turned = math.sin(math.radians(min(max(tilts), 90))) * ends[1] * row_spacing / 2
     sideways = np.ptp(positions[:, :2], axis=0).max() / 2
     rotated = turned == 0 and _rotated_together(cosines, positions, axes)
-    if not rotated and (np.append(away, turned) / np.append(size, step)).max() > LARGEST_DISPLACEMENT:
+    if not rotated and (np.append(away, turned) / np.append(size, step)).max() > LARGEST_TILT:
         if sideways > (away.max() + turned) / 2:
             raise InputError(
                 f"{name}: slices are shifted sideways against each other (gantry tilt); resample the series onto "
