@@ -28,8 +28,8 @@ INTRODUCTION = """# Thresholds
 
 Every number at the head of a module that decides what is said, what is refused, or how finely something is worked out.
 Each row gives the meaning and the source of the constant: a paper, a derivation, or the measurement that set it. A
-constant without a source is a choice. Settings that a user may change are in [the configuration](../config/README.md), and
-plausible ranges of effects' parameters in [the effects](physics.md). This page is made from the code by
+constant without a source is a choice. Settings that a user may change are in [the configuration](../config/README.md),
+and plausible ranges of effects' parameters in [the effects](physics.md). This page is made from the code by
 `python docs/thresholds.py`.
 """
 
