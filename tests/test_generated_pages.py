@@ -1,6 +1,5 @@
 """Reference pages that are made from the code (docs/generators): nothing is missing in them, and nothing is empty."""
 
-import inspect
 import re
 
 import pytest
