@@ -26,6 +26,7 @@ OUTSIDE = (
     "config/README.md",
     "workflow/lib/virtual_phantom/resources/README.md",
     "workflow/lib/virtual_phantom/resources/rates.yaml",
+    "workflow/lib/virtual_phantom/schemas/config.schema.yaml",
     "workflow/profiles/slurm/config.yaml",
 )
 LINK = re.compile(r"(\]\()(?![a-z]+:|#)([^)#\s]+)")

@@ -18,8 +18,8 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 QUOTE = re.compile(r"(?:^ *> .*\n)+", re.MULTILINE)
 FENCED = re.compile(r"(?P<mark><!-- .* -->\n)?^ *```text\n(?P<text>.*?)^ *```$", re.MULTILINE | re.DOTALL)
-# Pages without outputs: formulas, and what tests/test_notebooks.py compares with docstrings.
-WITHOUT = {"theory.md", "statistics.md", "python.md"}
+# Pages whose blocks are formulas.
+WITHOUT = {"theory.md", "statistics.md"}
 # First words of what a page quotes: the test that compares it, or why none does.
 UNCHECKED = {
     "GLDM SmallDependenceLowGrayLevelEmphasis": "takes the default study, 10 minutes; looked at before a release",
@@ -28,7 +28,7 @@ UNCHECKED = {
     "phantom -> project": "a drawing",
 }
 CHECKED = {
-    "solid_disc and the simulation differ": "test_the_readme_quotes_what_the_tutorial_prints",
+    "solid_disc and the simulation differ": "test_the_readme_quotes_what_the_guide_prints",
     "Failed: phantom of": "test_the_line_of_a_killed_script_is_quoted_as_it_is_printed",
     "1760 acquisitions": "test_the_plan_of_a_large_study_is_quoted_as_it_is_printed",
 }
@@ -48,8 +48,8 @@ def quotations(path):
     return [words(re.sub(r"^ *> ?", "", one, flags=re.MULTILINE)) for one in QUOTE.findall(path.read_text())]
 
 
-def test_the_readme_quotes_what_the_tutorial_prints():
-    """The tutorial's own output is compared with its command by tests/workflow/test_tutorials.py."""
+def test_the_readme_quotes_what_the_guide_prints():
+    """The output of the guide is compared with its command by tests/workflow/test_marked_pages.py."""
     (quote,) = [one for one in quotations(ROOT / "README.md") if one.startswith("solid_disc")]
     printed = [block.text for block in blocks(DOCS / "getting-started" / "own-sinogram.md") if block.kind == "prints"]
     assert any(quoted(quote, one) for one in printed), quote
@@ -74,7 +74,7 @@ def test_the_line_of_a_killed_script_is_quoted_as_it_is_printed():
     assert words(text) == line
 
 
-@pytest.mark.parametrize("path", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))], ids=lambda path: path.name)
 def test_every_quoted_output_is_compared_or_has_a_reason(path):
     text = path.read_text(encoding="utf-8")
     found = quotations(path)

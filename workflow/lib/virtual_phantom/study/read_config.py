@@ -28,7 +28,7 @@ REMOVABLE = (
     ("diagnosis", "recordings"),
     ("diagnosis", "scanners"),
 )
-ADVICE = "give the path of a configuration (config/README.md has the keys)"
+ADVICE = "give the path of a configuration (see config/README.md)"
 
 
 def read_configs(paths: Sequence[str | Path]) -> tuple[list[str], dict | None]:

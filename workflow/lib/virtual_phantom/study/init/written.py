@@ -72,7 +72,7 @@ def _head(proposal: Proposal, picture: str, name: str) -> str:
             f"{minutes(hours)} on two idle cores, and {proposal.cost['bytes_kept'] / 1e9:.2g} GB of disk, by what such "
             "jobs took on the machine of docs/how-to/cluster.md."
         )
-        + _comment("Every key, with its unit and its default: config/README.md.")
+        + _comment("All keys with units and defaults: see config/README.md.")
         + _comment(f"The CT: {nx} x {ny} x {nz} voxels (x, y, z) of {dx:.4g} x {dy:.4g} x {dz:.4g} mm.")
     )
 

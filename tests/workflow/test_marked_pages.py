@@ -1,44 +1,43 @@
-"""Every tutorial, followed to the letter in a copy of the project that holds the results of the tiny study."""
+"""Every page of docs with marked blocks, followed in a copy of the project with results of the tiny study."""
 
 import json
 import shutil
 
 import pytest
-from pages import copy_project, follow, run
+from pages import copy_project, follow, marked, run
 from workflow_runs import ROOT
 
-REAL = ROOT / "../shared/real"
-GIVEN = {  # real measurements that a tutorial begins with, where its reader has them
-    "clinical-ct": ("abdomen_ct", "downloads/abdomen_ct"),
-    "own-sinogram": ("htc2022/htc2022_solid_disc_full.mat", "htc2022_solid_disc_full.mat"),
+DOCS, REAL = ROOT / "docs", ROOT / "../shared/real"
+GIVEN = {  # page: real measurements that it begins with, and where its reader has them
+    "getting-started/clinical-ct.md": ("abdomen_ct", "downloads/abdomen_ct"),
+    "getting-started/own-sinogram.md": ("htc2022/htc2022_solid_disc_full.mat", "htc2022_solid_disc_full.mat"),
 }
-TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 
 
 @pytest.fixture(scope="module")
 def finished(study, tmp_path_factory):
     """A copy of the project in which the tiny study has been run, as Snakemake remembers it."""
-    folder = tmp_path_factory.mktemp("tutorials") / "finished"
+    folder = tmp_path_factory.mktemp("pages") / "finished"
     copy_project(ROOT, folder)
     shutil.copytree(study, folder / "results-tiny")
-    # What was asked for elsewhere is unknown here: touching everything writes it down.
+    # Snakemake does not know these results yet: touching everything records them.
     run("snakemake --touch --forceall --cores 2 --configfile config/tiny.yaml", folder)
     return folder
 
 
-@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
-def test_what_a_tutorial_says_is_what_happens(page, finished, tmp_path):
-    folder = tmp_path / "project"
+@pytest.mark.parametrize("page", marked(DOCS), ids=lambda page: page.stem)
+def test_a_page_does_what_it_says(page, finished, tmp_path):
+    name, folder = page.relative_to(DOCS).as_posix(), tmp_path / "project"
     shutil.copytree(finished, folder)
-    if page.stem in GIVEN:
-        source, place = GIVEN[page.stem]
+    if name in GIVEN:
+        source, path = GIVEN[name]
         if not (REAL / source).exists():
             pytest.skip(f"needs {source} among the real measurements")
-        (folder / place).parent.mkdir(exist_ok=True)
-        (folder / place).symlink_to((REAL / source).resolve())
+        (folder / path).parent.mkdir(exist_ok=True)
+        (folder / path).symlink_to((REAL / source).resolve())
     follow(page, folder)
-    if page.stem in FOUND:
-        FOUND[page.stem](folder)
+    if name in FOUND:
+        FOUND[name](folder)
 
 
 def scatter_is_found(folder):
@@ -57,5 +56,13 @@ def spectrum_and_dark_signal_are_missing(folder):
     assert found["verdict"] == "mismatch partly explained"
 
 
-# What a tutorial says of a page that a person reads.
-FOUND = {"read-a-diagnosis": scatter_is_found, "own-sinogram": spectrum_and_dark_signal_are_missing}
+# Page: check of what it says about a report that a person reads.
+FOUND = {
+    "how-to/diagnosis.md": scatter_is_found,
+    "getting-started/own-sinogram.md": spectrum_and_dark_signal_are_missing,
+}
+
+
+@pytest.mark.parametrize("page", sorted({*GIVEN, *FOUND}))
+def test_pages_with_a_check_are_marked(page):
+    assert DOCS / page in marked(DOCS)
