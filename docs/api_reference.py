@@ -5,7 +5,7 @@ from pathlib import Path
 
 import virtual_phantom
 from virtual_phantom.api.simulated import Scan
-from virtual_phantom.diagnosis.core.verdict import Diagnosis
+from virtual_phantom.diagnosis.verdict.verdict import Diagnosis
 from virtual_phantom.phantom import Phantom
 
 TARGET = Path(__file__).resolve().parent / "python.md"

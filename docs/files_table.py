@@ -5,7 +5,7 @@ python docs/files_table.py
 
 from pathlib import Path
 
-from virtual_phantom.study.outputs import OUTPUTS
+from virtual_phantom.config.outputs import OUTPUTS
 
 TARGET = Path(__file__).resolve().parent / "files.md"
 INTRODUCTION = """# Every file

@@ -13,15 +13,7 @@ from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...features.settings import STUDY, Extraction, other_settings
 from ...statistics.attribution import BASELINE
-from ...statistics.comparison import (
-    SAME_VOXELS,
-    common_features,
-    common_rois,
-    comparable,
-    roi_sizes,
-    samples,
-    spread,
-)
+from ...statistics.comparison import SAME_VOXELS, common_features, common_rois, comparable, roi_sizes, samples, spread
 from .properties import EVERY_FOLD, FOLDS, Property, folds, properties
 
 STEPS = 4  # strengths tried between two that were simulated
