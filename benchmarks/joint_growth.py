@@ -16,7 +16,7 @@ import time
 
 import diagnosis_draws as draws
 import numpy as np
-from virtual_phantom.diagnosis.scanner.scanner.scanner import explain_scanner
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.streams import Stream, generator

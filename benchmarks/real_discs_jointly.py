@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from real_discs import prepared
-from virtual_phantom.diagnosis.scanner.scanner.scanner import explain_scanner
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 
 from virtual_phantom.diagnosis.fitting.fit import Fit
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter

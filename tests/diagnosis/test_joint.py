@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from simulated_scans import noisy_lines
-from virtual_phantom.diagnosis.scanner.scanner.scanner import explain_scanner, protocols_of
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner, protocols_of
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular

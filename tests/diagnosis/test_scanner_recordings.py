@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from test_joint import DISCS, SCATTER, made_ready
 from virtual_phantom.diagnosis.scanner.scanner.consistency import alone
-from virtual_phantom.diagnosis.scanner.scanner.scanner import explain_scanner
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter

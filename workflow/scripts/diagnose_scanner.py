@@ -1,7 +1,7 @@
 """Which physics the recordings of a scanner share: scanner.json, physics.yaml and the report."""
 
 import yaml
-from virtual_phantom.diagnosis.scanner.scanner.scanner import explain_scanner, scanned_in
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner, scanned_in
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.preparation import ready

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from virtual_phantom.diagnosis.scanner.scanner.scanner import protocols_of
+from virtual_phantom.diagnosis.scanner.scanner import protocols_of
 
 from virtual_phantom.diagnosis.planning.ranking import alikeness, found_in, possible, rank, refitted, refitted_jointly
 from virtual_phantom.diagnosis.planning.tables import alike_table, first_words, recording_to_fill_in, table
