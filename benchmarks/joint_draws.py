@@ -19,7 +19,7 @@ import lacking
 import numpy as np
 from declared import of_catalogue, statable
 from intervals import LEVELS, held, shares
-from virtual_phantom.diagnosis.scanner.scanner.consistency import alone
+from virtual_phantom.diagnosis.scanner.consistency import alone
 
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.candidate_effects import OF_ONE_SCAN

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from simulated_scans import body, noisy_lines
-from virtual_phantom.simulation.acquire.correlation import correlations
+from virtual_phantom.physics.noise.correlation import correlations
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.fitting.fit import Problem

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from test_joint import DISCS, SCATTER, made_ready
-from virtual_phantom.diagnosis.scanner.scanner.consistency import alone
+from virtual_phantom.diagnosis.scanner.consistency import alone
 from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 
 from virtual_phantom.base.errors import InputError

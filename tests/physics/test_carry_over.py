@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gecatsim.pyfiles.Detection_Lag import Detection_Lag
-from virtual_phantom.simulation.acquire.correlation import correlations
+from virtual_phantom.physics.noise.correlation import correlations
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from simulated_scans import body, noisy_lines
-from virtual_phantom.simulation.acquire.correlation import correlations
+from virtual_phantom.physics.noise.correlation import correlations
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from virtual_phantom.simulation.acquire.poisson import poisson_counts
+from virtual_phantom.physics.noise.poisson import poisson_counts
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.base.units import HU_AIR
