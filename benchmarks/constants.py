@@ -38,7 +38,7 @@ OF_VERDICTS = (
     *(("core.doubts", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
     ("core.verdict", "LEFT_SD"),
     ("core.object_differs", "BEYOND"),
-    ("projections.locate", "THIN"),
+    ("projections.residual_maps", "THIN"),
 )
 # Of fits, and of what is known before them.
 OF_FITS = (

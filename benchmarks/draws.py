@@ -14,6 +14,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 import numpy as np  # noqa: E402
 from scipy import stats  # noqa: E402
 from speed import medians  # noqa: E402
+
 from virtual_phantom.physics.noise.poisson import poisson_counts  # noqa: E402
 
 COUNTS, FEW, REPEATS = 500_000, 2_000, 7

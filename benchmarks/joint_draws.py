@@ -19,7 +19,6 @@ import lacking
 import numpy as np
 from declared import of_catalogue, statable
 from intervals import LEVELS, held, shares
-from virtual_phantom.diagnosis.scanner.consistency import alone
 
 from virtual_phantom.base.streams import branch, generator
 from virtual_phantom.diagnosis.candidate_effects import OF_ONE_SCAN
@@ -27,6 +26,7 @@ from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.preparation import ready
 from virtual_phantom.diagnosis.request import DiagnosisRequest
 from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
+from virtual_phantom.diagnosis.scanner.consistency import alone
 from virtual_phantom.diagnosis.uncertainty.model_error import errors_of_pulled, pulled_of_recordings
 from virtual_phantom.proof.conceal.objects import OBJECTS
 

@@ -16,12 +16,12 @@ import time
 
 import diagnosis_draws as draws
 import numpy as np
-from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.streams import Stream, generator
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.scenes.scene import DiscScene, Pose

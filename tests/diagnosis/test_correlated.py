@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from simulated_scans import body, noisy_lines
-from virtual_phantom.physics.noise.correlation import correlations
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.diagnosis.fitting.fit import Problem
@@ -18,6 +17,7 @@ from virtual_phantom.diagnosis.residuals.residual_tests import Half
 from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
 from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.noise.correlation import correlations
 from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
 from virtual_phantom.physics.state import State
 

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from simulated_scans import noisy_lines
-from virtual_phantom.diagnosis.scanner.scanner import explain_scanner, protocols_of
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
@@ -14,6 +13,7 @@ from virtual_phantom.diagnosis.fitting.declared import declared
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.prepared import prepare
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner, protocols_of
 from virtual_phantom.diagnosis.selection.joint_selection import MOST_FOLDS, choose_jointly, left_together
 from virtual_phantom.diagnosis.uncertainty import model_error
 from virtual_phantom.diagnosis.uncertainty.model_error import errors_of_pulled, errors_with_models, pulled_of_recordings

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 from test_joint import DISCS, SCATTER, made_ready
-from virtual_phantom.diagnosis.scanner.consistency import alone
-from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
+from virtual_phantom.diagnosis.scanner.consistency import alone
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 from virtual_phantom.diagnosis.uncertainty.model_error import pulled_of_recordings
 from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
 from virtual_phantom.io.documents import SCANNER, schema_of_kind

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from gecatsim.pyfiles.Detection_Lag import Detection_Lag
-from virtual_phantom.physics.noise.correlation import correlations
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
@@ -20,6 +19,7 @@ from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import OF_AIR, acts_on_images, load, names, needs_times
 from virtual_phantom.physics.effects.afterglow import of_views
+from virtual_phantom.physics.noise.correlation import correlations
 from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, DiscScene
 from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 from virtual_phantom.physics.state import AIR, EARLIER, State, between, lagged

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from simulated_scans import body, noisy_lines
-from virtual_phantom.physics.noise.correlation import correlations
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical
@@ -17,6 +16,7 @@ from virtual_phantom.physics.beam.materials import Segmentation, attenuation_per
 from virtual_phantom.physics.beam.spectra import Anode, tube_spectrum, weighted_spectrum
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load, names
+from virtual_phantom.physics.noise.correlation import correlations
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.physics.scenes.sampling import displaced, quadrature
 from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene

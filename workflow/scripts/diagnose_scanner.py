@@ -1,11 +1,11 @@
 """Which physics the recordings of a scanner share: scanner.json, physics.yaml and the report."""
 
 import yaml
-from virtual_phantom.diagnosis.scanner.scanner import explain_scanner, scanned_in
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.diagnosis.preparation import ready
 from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner, scanned_in
 from virtual_phantom.diagnosis.setup.verdict import VERDICTS, read_setup
 from virtual_phantom.io.documents import SCANNER, write_document
 from virtual_phantom.io.files import write_text

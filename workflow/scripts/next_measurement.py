@@ -3,12 +3,11 @@
 import json
 from pathlib import Path
 
-from virtual_phantom.diagnosis.scanner.scanner import protocols_of
-
 from virtual_phantom.diagnosis.planning.ranking import alikeness, found_in, possible, rank, refitted, refitted_jointly
 from virtual_phantom.diagnosis.planning.tables import alike_table, first_words, recording_to_fill_in, table
 from virtual_phantom.diagnosis.preparation import ready
 from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.scanner.scanner import protocols_of
 from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD
 from virtual_phantom.diagnosis.selection.transfer import with_declared
 from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, read_setup
