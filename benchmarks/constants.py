@@ -32,23 +32,26 @@ DIAGNOSIS = "virtual_phantom.diagnosis"
 FACTORS = (0.5, 2.0)
 # Of the choice of effects and of the verdict: module, name.
 OF_VERDICTS = (
-    *(("core.attribute", name) for name in ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS")),
-    *(("core.attribute", name) for name in ("MOST_SWAPS", "SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
-    *(("core.locate", name) for name in ("ALPHA", "EDGE_SHARE", "BINS")),
-    *(("core.doubts", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
-    ("core.verdict", "LEFT_SD"),
-    ("core.object_differs", "BEYOND"),
+    *(
+        ("selection.forward_selection", name)
+        for name in ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS")
+    ),
+    *(("selection.forward_selection", name) for name in ("MOST_SWAPS", "SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
+    *(("residuals.residual_tests", name) for name in ("ALPHA", "EDGE_SHARE", "BINS")),
+    *(("verdict.doubts", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
+    ("verdict.verdict", "LEFT_SD"),
+    ("verdict.object_mismatch", "BEYOND"),
     ("projections.residual_maps", "THIN"),
 )
 # Of fits, and of what is known before them.
 OF_FITS = (
-    ("core.alignment", "SURE"),
-    ("core.alignment", "NOMINAL_PHOTONS_SD"),
-    ("core.alignment", "NUMERICAL"),
-    ("core.model", "DENSITY_SD"),
-    ("core.model", "TUBE_KVP_SD"),
-    ("projections.numerical", "LEFT"),
-    ("projections.numerical", "MOST_STRAY"),
+    ("fitting.nuisance", "SURE"),
+    ("fitting.nuisance", "NOMINAL_PHOTONS_SD"),
+    ("fitting.nuisance", "NUMERICAL"),
+    ("fitting.model", "DENSITY_SD"),
+    ("fitting.model", "TUBE_KVP_SD"),
+    ("projections.discretization", "LEFT"),
+    ("projections.discretization", "MOST_STRAY"),
     ("projections.prepared", "SIZE_SD"),
 )
 ABOVE_ONE = ("MOST_CHI_SQUARE",)  # of a ratio that is 1 where nothing is wrong: what it has beyond is varied
