@@ -185,7 +185,7 @@ def test_two_repeats_test_no_sd():
         (lambda a, b: (a, b.drop(columns=FEATURES[1])), {}, f"recorded features: lack {FEATURES[1]}; compare only"),
         (lambda a, b: (a, b.drop_duplicates("roi")), {}, "recorded features: 1 image of ROI normal_1"),
         (lambda a, b: (a.assign(**{FEATURES[0]: np.nan}), b), {}, f"simulated features: {FEATURES[0]} is nan"),
-        (lambda a, b: (a.assign(tissue_class="x"), b), {}, "normal_1 is of tissue class normal_liver and x"),
+        (lambda a, b: (a.assign(tissue_class="x"), b), {}, "normal_1 has tissue class normal_liver and x"),
         (lambda a, b: (a, b), {"margin_sd": 0}, "margin_sd 0 must be positive"),
         (lambda a, b: (a, b), {"sd_factor": 1}, "sd_factor 1 larger than one"),
     ],

@@ -312,7 +312,7 @@ def _tissue_classes(simulated: pd.DataFrame, recorded: pd.DataFrame, rois: Seque
         }
         if len(found) > 1:
             raise InputError(
-                f"comparison: ROI {roi} has tissue class {' and '.join(sorted(found))}; use the same name in both tables"
+                f"comparison: ROI {roi} has tissue class {' and '.join(sorted(found))}; use one name"
             )
         classes[roi] = found.pop()
     return classes
