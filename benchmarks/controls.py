@@ -22,14 +22,14 @@ import yaml
 
 from virtual_phantom import phantom
 from virtual_phantom.base.data import RESOURCES
+from virtual_phantom.config import config
+from virtual_phantom.config.plan import Plan
 from virtual_phantom.features import extraction, tables
 from virtual_phantom.features.names import FEATURES
 from virtual_phantom.io import volumes
 from virtual_phantom.io.files import replacing, write_csv
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.statistics import further_seeds, measured, ranking, repeats, roi_profiles, wilcoxon
-from virtual_phantom.study import config
-from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 from real_discs import prepared
 
-from virtual_phantom.diagnosis.core.fit import Fit
-from virtual_phantom.diagnosis.core.joint import JointFitter
-from virtual_phantom.diagnosis.core.prepared import Prepared
-from virtual_phantom.diagnosis.scanner import explain_scanner
+from virtual_phantom.diagnosis.fitting.fit import Fit
+from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
+from virtual_phantom.diagnosis.residuals.dataset import Prepared
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 from virtual_phantom.io.schema import defaults_of
 
 SMOOTH = 0.9  # share of the rays that lie off edges

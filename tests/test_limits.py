@@ -10,11 +10,11 @@ from snakemake.utils import update_config
 from test_config import DEFAULT
 
 from virtual_phantom.base.data import RESOURCES
-from virtual_phantom.study.config import complete
+from virtual_phantom.config.config import complete
+from virtual_phantom.config.plan import Plan
 from virtual_phantom.study.costs.jobs import Job, Sizes, study_jobs
 from virtual_phantom.study.costs.limits import FLOOR_MINUTES, SAFETY, UNKNOWN_MINUTES, minutes
 from virtual_phantom.study.costs.rates import read_rates, seconds
-from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
 RATES = read_rates(RESOURCES / "rates.yaml")

@@ -7,12 +7,12 @@ import pytest
 from pages import blocks
 
 from virtual_phantom.base.data import RESOURCES
-from virtual_phantom.study.config import complete
+from virtual_phantom.config.config import complete
+from virtual_phantom.config.plan import Plan
+from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.study.costs.rates import read_rates
 from virtual_phantom.study.costs.table import readable, summary
-from virtual_phantom.study.plan import Plan
 from virtual_phantom.study.progress.failures import without_reason
-from virtual_phantom.study.read_config import read_configs
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

@@ -4,7 +4,7 @@ import inspect
 
 import virtual_phantom
 from virtual_phantom.api.simulated import Scan
-from virtual_phantom.diagnosis.core.verdict import Diagnosis
+from virtual_phantom.diagnosis.verdict.verdict import Diagnosis
 from virtual_phantom.phantom import Phantom
 
 FUNCTIONS = ("draw_phantom", "read_phantom", "scan", "reconstruct", "extract", "diagnose")

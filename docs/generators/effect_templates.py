@@ -11,22 +11,22 @@ import numpy as np
 import yaml
 
 from virtual_phantom.base.geometry import grid_of, scan_geometry
-from virtual_phantom.diagnosis.core import separability
-from virtual_phantom.diagnosis.core.fit import Fit
-from virtual_phantom.diagnosis.core.separability import Template
-from virtual_phantom.diagnosis.core.templates import strength
+from virtual_phantom.config import config
+from virtual_phantom.diagnosis.fitting.fit import Fit
+from virtual_phantom.diagnosis.fitting.templates import strength
+from virtual_phantom.diagnosis.planning import separability
+from virtual_phantom.diagnosis.planning.separability import Template
 from virtual_phantom.diagnosis.projections.model import Model
 from virtual_phantom.diagnosis.projections.observed import scans
 from virtual_phantom.diagnosis.projections.prepared import Prepared, prepare
 from virtual_phantom.figures.separability import Panel, draw_correlations, draw_templates
 from virtual_phantom.figures.style import label, number, save
 from virtual_phantom.phantom import layout, synthetic
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names, offered
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.recordings.projections import Projections
-from virtual_phantom.study import config
 
 ROOT = Path(__file__).resolve().parents[2]
 

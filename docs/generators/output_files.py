@@ -1,6 +1,6 @@
 """Page of the files that the workflow writes, from the table of outputs."""
 
-from virtual_phantom.study.outputs import OUTPUTS
+from virtual_phantom.config.outputs import OUTPUTS
 
 INTRODUCTION = """# Output files
 

@@ -8,8 +8,9 @@ from generators import effect_templates
 
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.words import label
-from virtual_phantom.diagnosis.core.fit import Problem
-from virtual_phantom.diagnosis.core.separability import (
+from virtual_phantom.diagnosis.fitting.fit import Problem
+from virtual_phantom.diagnosis.fitting.templates import changes, projected
+from virtual_phantom.diagnosis.planning.separability import (
     Template,
     correlations,
     described,
@@ -18,11 +19,10 @@ from virtual_phantom.diagnosis.core.separability import (
     split,
     taken_up_in_range,
 )
-from virtual_phantom.diagnosis.core.templates import changes, projected
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names, offered
-from virtual_phantom.physics.scene import DiscScene
+from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.recordings.projections import Projections
 
 PHOTONS = 1e5

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 from generators import effects as effects_page
 
-from virtual_phantom.diagnosis.candidates import candidates
+from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.physics import effect, effects
-from virtual_phantom.physics.image import with_effects
+from virtual_phantom.simulation.reconstruct import with_effects
 
 NEW_EFFECT = """
 from ..effect import Effect, Parameter

@@ -10,13 +10,13 @@ import yaml
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.physics.materials import Mixture, attenuation_per_mm
-from virtual_phantom.physics.object_files import path_of, shipped
-from virtual_phantom.physics.objects import ShapedRoi, read_object
-from virtual_phantom.physics.scene import DiscScene
-from virtual_phantom.physics.shapes import NOTHING, ShapesScene, box, cone, cylinder, ellipsoid
-from virtual_phantom.physics.voxelised import build, share_of_each
-from virtual_phantom.study.preflight import problems
+from virtual_phantom.physics.beam.materials import Mixture, attenuation_per_mm
+from virtual_phantom.physics.scenes.object_files import path_of, shipped
+from virtual_phantom.physics.scenes.objects import ShapedRoi, read_object
+from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import NOTHING, ShapesScene, box, cone, cylinder, ellipsoid
+from virtual_phantom.physics.scenes.voxelized import build, share_of_each
+from virtual_phantom.study.checks.preflight import problems
 
 MU_WATER = 0.0193
 GIVEN = {  # what has no default

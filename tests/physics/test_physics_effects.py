@@ -10,16 +10,16 @@ from simulated_scans import body, noisy_lines
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical
 from virtual_phantom.diagnosis.projections.observed import Scans, observe
+from virtual_phantom.physics.beam.materials import Segmentation, attenuation_per_mm, energy_of
+from virtual_phantom.physics.beam.spectra import Anode, tube_spectrum, weighted_spectrum
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.correlation import correlations
 from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load, names
-from virtual_phantom.physics.image import with_effects
-from virtual_phantom.physics.line_integrals import clean_line_integrals
-from virtual_phantom.physics.materials import Segmentation, attenuation_per_mm, energy_of
-from virtual_phantom.physics.sampling import displaced, quadrature
-from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
-from virtual_phantom.physics.spectra import Anode, tube_spectrum, weighted_spectrum
+from virtual_phantom.physics.noise.correlation import correlations
+from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
+from virtual_phantom.physics.scenes.sampling import displaced, quadrature
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
 from virtual_phantom.physics.state import State, lagged, shared
+from virtual_phantom.simulation.reconstruct import with_effects
 
 MU = 0.0193
 SCANNER = dict(

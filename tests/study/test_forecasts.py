@@ -11,10 +11,10 @@ from test_context import context_of, recorded
 
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.extent import MOST_FITTED
+from virtual_phantom.diagnosis.workload import MOST_FITTED
 from virtual_phantom.io.volumes import Volume, write_nifti
 from virtual_phantom.physics.effect import load
-from virtual_phantom.physics.sampling import sources
+from virtual_phantom.physics.scenes.sampling import sources
 from virtual_phantom.physics.state import State
 from virtual_phantom.study.costs import forecast
 from virtual_phantom.study.costs.diagnoses import (

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from virtual_phantom.study.outputs import BY_NAME, Files
+from virtual_phantom.config.outputs import BY_NAME, Files
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -8,19 +8,19 @@ from pathlib import Path
 
 from ..base.errors import InputError
 from ..base.streams import Branch
-from ..diagnosis.candidates import candidates, shown_by
-from ..diagnosis.core.asked import Asked, LabelledObject, Settings, ShapesObject
-from ..diagnosis.core.verdict import Diagnosis
-from ..diagnosis.course import explain
-from ..diagnosis.images.compared_regions import Scanned
-from ..diagnosis.matters import in_practice
-from ..diagnosis.projections.scanned import labelled_object, shaped_object
-from ..diagnosis.ready import agreement, ready
+from ..diagnosis.candidate_effects import candidates, shown_by
+from ..diagnosis.comparison.regions import Scanned
+from ..diagnosis.comparison.relevance_thresholds import in_practice
+from ..diagnosis.preparation import agreement, ready
+from ..diagnosis.request import DiagnosisRequest, LabelledObject, Settings, ShapesObject
+from ..diagnosis.run import explain
+from ..diagnosis.scanned_object import labelled_object, shaped_object
 from ..diagnosis.setup.recorded import set_up
 from ..diagnosis.setup.verdict import VERDICTS, verdict, with_location
+from ..diagnosis.verdict.verdict import Diagnosis
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import read_nifti
-from ..physics.material_names import named
+from ..physics.beam.material_names import named
 from ..recordings.document import read_document
 from ..recordings.reading import load
 from ..recordings.recording import Recording
@@ -127,7 +127,9 @@ def diagnose(
     tried = candidates(section | {"effects": effects}, **shown_by(document.content))
     study = defaults_of()
     materials = defaults_of("materials")
-    asked = Asked(recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"])
+    asked = DiagnosisRequest(
+        recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"]
+    )
     setup, read = None, load(recording)
     if asked.settings.check_setup:
         setup = set_up(read, asked)
@@ -144,7 +146,7 @@ def diagnose(
     return replace(found, content=content)
 
 
-def _regions(asked: Asked, recording: Recording) -> Scanned | None:
+def _regions(asked: DiagnosisRequest, recording: Recording) -> Scanned | None:
     """What the images of a recording show; regions of interest are the study's alone."""
     if asked.settings.disc is not None:
         return None

@@ -18,12 +18,12 @@ from ..io.default_study import default_study
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import Volume
 from ..phantom import Phantom, ct, layout, synthetic
-from ..physics import image as images_of
 from ..physics.effect import acts_on_images, checked
-from ..physics.line_integrals import check_rois_seen
-from ..physics.noise import acquire
-from ..physics.projected import projected
+from ..physics.scenes.line_integrals import check_rois_seen
 from ..projectors import astra_projects, choose_engine
+from ..simulation import reconstruct as images_of
+from ..simulation.acquire import acquire
+from ..simulation.project import projected
 from .arguments import made_by, mapping, pair, path, positive, public, sequence, text, three, whole
 
 STUDY = default_study()

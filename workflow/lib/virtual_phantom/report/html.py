@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Undefined
 from matplotlib.figure import Figure
 
 from ..base.words import enumerated, label
-from ..diagnosis.core.sentence import share
+from ..diagnosis.wording import share
 from ..figures import style
 
 SMALL = 1e-3  # what is smaller is written with an exponent

@@ -26,9 +26,9 @@ from dataclasses import dataclass
 import yaml
 
 from ...base.errors import refusing
-from ...diagnosis.extent import fitted, is_shapes, rays_of
-from ...physics.object_files import path_of
-from ...physics.sampling import LEAST
+from ...diagnosis.workload import fitted, is_shapes, rays_of
+from ...physics.scenes.object_files import path_of
+from ...physics.scenes.sampling import LEAST
 
 STAGE = "diagnose"
 UNITS = ("job", "compiled", "plane", "point", "filter_point", "filter_step", "evaluation", "evaluation_point")

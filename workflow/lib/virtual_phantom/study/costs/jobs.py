@@ -20,11 +20,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from ...config.outputs import BY_NAME, Output
+from ...config.plan import Plan
 from ...features.names import FEATURES
 from .. import analyses
 from ..acquisitions import GRID
-from ..outputs import BY_NAME, Output
-from ..plan import Plan
 
 # Realizations that the projector computes at once, even if there are fewer (docs/explanation/performance.md).
 REGISTER = 16
