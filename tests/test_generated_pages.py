@@ -9,8 +9,8 @@ from site_pages import ROOT
 
 import virtual_phantom
 from virtual_phantom.base.data import SCHEMAS
-from virtual_phantom.physics.effect import load, names
 from virtual_phantom.config.outputs import OUTPUTS
+from virtual_phantom.physics.effect import load, names
 
 
 def rows(page: str) -> list[list[str]]:
