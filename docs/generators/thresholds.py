@@ -26,7 +26,7 @@ The numbers in the code that decide a verdict, refuse an input or set a discreti
 the source of the constant: a paper, a derivation or a measurement. A constant without a source is a choice. See
 [configuration](configuration.md) for settings that you can change, and [effects](effects.md) for plausible ranges.
 """
-HEADER = "| module | name | value | meaning and source |\n|---|---|---|---|\n"
+HEADER = "| constant | value | meaning and source |\n|---|---|---|\n"
 
 
 @dataclass(frozen=True)
@@ -101,5 +101,5 @@ def page() -> str:
             value, comment = (
                 cell.replace("|", "\\|") for cell in (" ".join(threshold.value.split()), threshold.comment)
             )
-            parts.append(f"| {module} | `{threshold.name}` | `{value}` | {comment} |\n")
+            parts.append(f"| `{threshold.name}` in {module} | `{value}` | {comment} |\n")
     return "".join(parts)
