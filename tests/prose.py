@@ -1,13 +1,14 @@
 """Check the project's prose against its style: `python tests/prose.py [PATH ...]` prints `file:line: rule: text`.
 
 It reads pages, docstrings, comments, descriptions in YAML files and strings that look like sentences. The rules are
-MAX_WORDS, WORDS, SPELLING and STARTS. Without PATH, it checks the whole project except the paths in UNCONVERTED, which
+MAX_WORDS, WORDS, SPELLING and STARTS. Without PATH, it checks the whole project except UNCONVERTED, the paths that
 are not rewritten yet.
 """
 
 import ast
 import inspect
 import io
+import json
 import re
 import sys
 import tokenize
@@ -15,14 +16,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import yaml
+
 ROOT = Path(__file__).resolve().parents[1]
 CHECKED = ("README.md", "CONTRIBUTING.md", "config", "docs", "workflow", "benchmarks", "tests")
-UNCONVERTED = (
-    "README.md",
-    "CONTRIBUTING.md",
+UNCONVERTED = (  # patterns of paths
     "benchmarks",
-    "config",
-    "docs",
+    "config/*.yaml",
+    "docs/*.md",
+    "docs/notebooks",
+    "docs/tutorials",
     "tests",
     "workflow",
 )
@@ -75,7 +78,7 @@ SECTION = re.compile(
     r"(Parameters|Returns|Yields|Raises|Attributes|Notes|References|Examples|See Also|Warnings|Other Parameters|Warns)$"
 )
 
-DESCRIPTION = re.compile(r"^( *)(?:- )?(?:description|title|summary|meaning): *(.*(?:\n\1 +.*)*)", re.MULTILINE)
+DESCRIPTIONS = ("description", "title", "summary", "meaning", "note")  # keys of YAML files
 END = re.compile(r"(?<=[.!?])[)\"']?\s+(?=[\"'(`]?[A-Z0-9`])")  # of a sentence
 COMMAND = re.compile(r">>>|\.\.\.|(?:python|snakemake|virtual-phantom\S*|pytest|make) ")  # lines of a docstring
 
@@ -191,15 +194,39 @@ def comments(found) -> Iterator[Text]:
         last, place = line, column
 
 
-def with_comments(text: str) -> Iterator[Text]:
-    """Comments of a YAML or .smk file, and descriptions of a schema."""
+def yaml_file(text: str) -> Iterator[Text]:
+    """Comments and descriptions of a YAML file."""
+    yield from line_comments(text)
+    nodes = list(yaml.compose_all(text))
+    while nodes:
+        node = nodes.pop()
+        if isinstance(node, yaml.MappingNode):
+            for key, value in node.value:
+                nodes.append(value)
+                if key.value in DESCRIPTIONS and isinstance(value, yaml.ScalarNode):
+                    yield from markdown(value.value, value.start_mark.line + 1)
+        elif isinstance(node, yaml.SequenceNode):
+            nodes += node.value
+
+
+def rules(text: str) -> Iterator[Text]:
+    """Comments and docstrings of a file of Snakemake rules."""
+    yield from line_comments(text)
+    for match in re.finditer(r'^ +"""(.*?)"""', text, re.MULTILINE | re.DOTALL):
+        yield from docstring(match[1], text[: match.start()].count("\n") + 1)
+
+
+def line_comments(text: str) -> Iterator[Text]:
+    """Comments of a file in which # begins a comment."""
     lines = [(number, re.search(r"(?:^|\s)#(?!\{).*", line)) for number, line in enumerate(text.split("\n"), 1)]
     yield from comments((number, match.start(), match[0].strip()) for number, match in lines if match)
-    for match in re.finditer(
-        r"^( *)(?:- )?(?:description|title|summary|meaning): *(.*(?:\n\1 +.*)*)", text, re.MULTILINE
-    ):
-        said = re.sub(r"^[>|][+-]?\s*|^[\"']|[\"']$", "", match[2])
-        yield from markdown(re.sub(r"^ +", "", said, flags=re.MULTILINE), text[: match.start()].count("\n") + 1)
+
+
+def notebook(text: str) -> Iterator[Text]:
+    """Markdown cells of a notebook. All are at line 1."""
+    for cell in json.loads(text)["cells"]:
+        if cell["cell_type"] == "markdown":
+            yield from (part._replace(line=1) for part in markdown("".join(cell["source"])))
 
 
 def page(text: str) -> Iterator[Text]:
@@ -210,8 +237,8 @@ def page(text: str) -> Iterator[Text]:
     yield from markdown(re.sub(r"(?s)<[^>]*>", lambda m: "\n\n" if "\n" not in m[0] else m[0].count("\n") * "\n", text))
 
 
-READERS = {".md": markdown, ".rst": markdown, ".py": python, ".smk": with_comments, ".html": page}
-READERS |= dict.fromkeys((".yaml", ".yml"), with_comments)
+READERS = {".md": markdown, ".rst": markdown, ".py": python, ".smk": rules, ".html": page, ".ipynb": notebook}
+READERS |= dict.fromkeys((".yaml", ".yml"), yaml_file)
 
 
 def sentences(text: str) -> Iterator[str]:
@@ -244,7 +271,7 @@ def check(text: Text) -> Iterator[Finding]:
 
 def findings(path: Path) -> list[Finding]:
     """Everything that is wrong in a file, by line."""
-    reader = with_comments if path.name == "Snakefile" else READERS[path.suffix]
+    reader = rules if path.name == "Snakefile" else READERS[path.suffix]
     return sorted(finding for text in reader(path.read_text(encoding="utf-8")) for finding in check(text))
 
 
@@ -257,7 +284,7 @@ def files(places: list[Path]) -> list[Path]:
 
 def converted() -> list[Path]:
     """List the files that must be without findings."""
-    skipped = {ROOT / name for name in (*UNCONVERTED, *EXAMPLES)}
+    skipped = {path for pattern in (*UNCONVERTED, *EXAMPLES) for path in ROOT.glob(pattern)}
     return [path for path in files([ROOT / name for name in CHECKED]) if not skipped & {path, *path.parents}]
 
 

@@ -1,7 +1,10 @@
 """The project's prose follows its style, and the check of it finds what it should."""
 
+import json
+
 import pytest
-from prose import ROOT, UNCONVERTED, check, converted, findings, markdown, python
+from prose import ROOT, UNCONVERTED, check, converted, findings, markdown, notebook, python, yaml_file
+from prose import rules as rule_file
 
 MODULE = '''"""Of a scan.
 
@@ -26,7 +29,7 @@ def test_prose(path):
 
 
 def test_paths_that_are_not_converted_are_there():
-    assert [name for name in UNCONVERTED if not (ROOT / name).exists()] == []
+    assert [name for name in UNCONVERTED if not any(ROOT.glob(name))] == []
 
 
 @pytest.mark.parametrize(
@@ -46,6 +49,14 @@ def test_paths_that_are_not_converted_are_there():
 )
 def test_pages(page, expected):
     assert rules(markdown(page)) == expected
+
+
+def test_other_files():
+    page = 'a: {description: "Left out here.", b: [{note: Held against it.}]}  # told apart\n'
+    assert [(one.line, one.rule) for text in yaml_file(page) for one in check(text)] == [(1, "word")] * 3
+    assert rules(rule_file('rule a:\n    """Of a scan."""\n    input: # made anew\n')) == ["word", "docstring"]
+    cells = [{"cell_type": "markdown", "source": ["It is\n", "ours."]}, {"cell_type": "code", "source": ["# ours"]}]
+    assert rules(notebook(json.dumps({"cells": cells}))) == ["word"]
 
 
 def test_modules():
