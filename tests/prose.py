@@ -59,9 +59,8 @@ WORDS = {
     r"turn(?:ed|s)? round": "reverse, mirror",
 }
 SPELLING = (
-    r"colou?rs?(?<=our|urs)|colou?r(?:ed|ing)(?<=oured|uring)|grey(?:s|er|ish)?|licences?|behaviours?|favou?r\w*(?<=our)|"
-    r"neighbour(?:s|ing|hoods?)?|centres?|centred|fibres?|(?:milli|centi|kilo)?metres?|analys(?:e|es|ed|ing)(?<!analyses)|"
-    r"label(?:led|ling)|model(?:led|ling)|travel(?:led|ling)|"
+    r"colour(?:s|ed|ing)?|grey(?:s|er|ish)?|licences?|behaviours?|favour\w*|neighbour(?:s|ing|hoods?)?|centre[sd]?|"
+    r"fibres?|(?:milli|centi|kilo)?metres?|analys(?:e|ed|ing)|label(?:led|ling)|model(?:led|ling)|travel(?:led|ling)|"
     r"(?:normal|linear|discret|optim|initial|summar|recogn|voxel|digit|quant|minim|maxim|general|organ|serial|visual|"
     r"parametr|regular|random|real|standard|character|emphas|memor|special|central|symbol|util|local|equal)is"
     r"(?:e|es|ed|ing|ation|ations|er|ers)"
