@@ -1,7 +1,7 @@
 """Docstrings list no parameter and no attribute that the code does not have.
 
-Sections may leave names out: an entry that only repeats the name or the type has no value. ruff checks that public names
-have a summary line, the format, and the exceptions under Raises.
+Sections may leave names out: an entry that only repeats the name or the type has no value. ruff checks the rest: that
+public names have a summary line, the format, and the exceptions under Raises.
 """
 
 import ast
