@@ -163,7 +163,6 @@ def samples(table: pd.DataFrame, features: Sequence[str], rois: Sequence[str], s
     ----------
     table : DataFrame
         One row per image and ROI.
-    features, rois : sequence of str
     source : str
         Beginning of error messages.
 
@@ -311,8 +310,6 @@ def _tissue_classes(simulated: pd.DataFrame, recorded: pd.DataFrame, rois: Seque
             for name in table.loc[table["roi"] == roi, "tissue_class"].unique()
         }
         if len(found) > 1:
-            raise InputError(
-                f"comparison: ROI {roi} has tissue class {' and '.join(sorted(found))}; use one name"
-            )
+            raise InputError(f"comparison: ROI {roi} has tissue class {' and '.join(sorted(found))}; use one name")
         classes[roi] = found.pop()
     return classes
