@@ -1,7 +1,7 @@
 """Make the page of all recorded validation results, docs/reference/validation-record.md, when the site is built.
 
-The blind test's counts come from the library's proof_record.yaml, the origin of its equations from the catalog of hidden
-effects, and all other tables from validation_results.yaml in this folder.
+The counts of the blind test come from the library's proof_record.yaml, and the origin of its equations from the catalog of
+hidden effects. All other tables come from validation_results.yaml in this folder.
 """
 
 from collections import defaultdict
@@ -40,11 +40,14 @@ def by_seed() -> str:
     shown = summary(read(RESOURCES / "proof_record.yaml"))
     counted = [one for one in shown["seeds"] if one["seed"] in shown["pooled_seeds"]]
     rows = [
-        [name, *(f"{one['counts'][key][0]} of {one['counts'][key][1]}" for one in counted), _spaced(share)]
+        [
+            name,
+            *("{} of {}".format(*one["counts"][key]) for one in counted),
+            tally(shown["pooled"][key]).replace("\N{NO-BREAK SPACE}", " "),
+        ]
         for key, name in shown["quantities"].items()
-        for share in [tally(shown["pooled"][key])]
     ]
-    notes = [f"Seed {one['seed']}, commit {one['state']}: {' '.join(one['note'].split())}" for one in shown["seeds"]]
+    notes = [f"Seed {one['seed']}, state {one['state']}: {' '.join(one['note'].split())}" for one in shown["seeds"]]
     lines = table(["", *(f"seed {one['seed']}" for one in counted), "pooled (95 % interval)"], rows)
     return "\n".join([lines, "", shown["meaning"], "", *(f"* {note}" for note in notes)])
 
@@ -92,10 +95,6 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
             raise ValueError(f"{RESULTS.name}: row {row} has {len(row)} cells; the header has {len(head)}")
         lines.append(f"| {' | '.join(row)} |")
     return "\n".join(lines)
-
-
-def _spaced(text: str) -> str:
-    return text.replace("\N{NO-BREAK SPACE}", " ")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""Every tutorial, followed to the letter in a copy of the project that holds the results of the tiny study."""
+"""Follow every page with marked blocks in a copy of the project that holds the results of the tiny study."""
 
 import json
 import shutil
 
 import pytest
-from pages import copy_project, follow, run
+from pages import MARKED, copy_project, follow, run
 from workflow_runs import ROOT
 
 REAL = ROOT / "../shared/real"
@@ -12,7 +12,7 @@ GIVEN = {  # real measurements that a tutorial begins with, where its reader has
     "clinical-ct": ("abdomen_ct", "downloads/abdomen_ct"),
     "own-sinogram": ("htc2022/htc2022_solid_disc_full.mat", "htc2022_solid_disc_full.mat"),
 }
-TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+TUTORIALS = sorted(page for page in (ROOT / "docs").rglob("*.md") if MARKED.search(page.read_text(encoding="utf-8")))
 
 
 @pytest.fixture(scope="module")
@@ -58,4 +58,4 @@ def spectrum_and_dark_signal_are_missing(folder):
 
 
 # What a tutorial says of a page that a person reads.
-FOUND = {"read-a-diagnosis": scatter_is_found, "own-sinogram": spectrum_and_dark_signal_are_missing}
+FOUND = {"diagnosis": scatter_is_found, "own-sinogram": spectrum_and_dark_signal_are_missing}
