@@ -1,6 +1,6 @@
 """Make the page of all recorded validation results, docs/reference/validation-record.md, when the site is built.
 
-The counts of the blind test come from the library's proof_record.yaml, and the origin of its equations from the catalog of
+The counts of the blind test come from the library's proof_record.yaml, the origin of its equations from the catalog of
 hidden effects. All other tables come from validation_results.yaml in this folder.
 """
 
