@@ -2,10 +2,10 @@
 
     python benchmarks/alike_effects.py --seed 120
 
-Each pair of effects whose templates correlate by 0.9 or more (docs/theory.md, section 3) is tried in both directions: a
-small scan by the simulator of the blind validation hides one effect, and both are offered to the diagnosis. Where the
-other one is ruled out, it is fitted again from START_FACTORS times its fitted parameters. "Ruled out" is false if one
-of these fits loses less than RULED_OUT of log score.
+Each pair of effects whose templates correlate by 0.9 or more (docs/explanation/theory.md, section 3) is tried in both
+directions: a small scan by the simulator of the blind validation hides one effect, and both are offered to the
+diagnosis. Where the other one is ruled out, it is fitted again from START_FACTORS times its fitted parameters. "Ruled
+out" is false if one of these fits loses less than RULED_OUT of log score.
 """
 
 import argparse
@@ -16,10 +16,10 @@ from pathlib import Path
 
 import lacking
 
-from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.core.attribute import RULED_OUT, choose
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.diagnosis.fitting.trial import trial
+from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.selection.forward_selection import RULED_OUT, choose
 from virtual_phantom.proof.conceal.suite import truths
 
 PAIRS = (
@@ -75,7 +75,7 @@ def main():
             ((_, truth),) = truths(lacking.asked_of_proof(drawn | {"none": 0, "unknown": 0})).items()
             with tempfile.TemporaryDirectory() as folder:
                 model = lacking.recorded(Path(folder), truth, config, options.seed)
-                _, prepared = ready(Asked.of(model, str(Path(folder) / "image.nii.gz"), 1))
+                _, prepared = ready(DiagnosisRequest.of(model, str(Path(folder) / "image.nii.gz"), 1))
                 words, false = verdict(prepared.fitter, effect, rival)
             counts[false] += 1
             print(f"{effect} hidden, {rival} offered: {words}{' FALSE' if false else ''}", flush=True)

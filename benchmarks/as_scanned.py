@@ -5,8 +5,8 @@
 
 Takes the line integrals and every setting of config/as_scanned.yaml, and of each acquisition makes the largest section
 of one region alone, of the views that it needs. All groups reconstruct the same acquisitions, as the printed ones do.
-Prints the table of docs/as-scanned.md, and the A at which group 2 has the variance that was measured; draws
-docs/images/as_scanned.png. Some 20 s of one core and 2 GB an acquisition.
+Prints the table of docs/validation/printed-phantom.md, and the A at which group 2 has the measured variance.
+Draws docs/images/as_scanned.png. Takes about 20 s of one core and 2 GB an acquisition.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import yaml
 
 from virtual_phantom.base.geometry import grid_of
 from virtual_phantom.base.streams import Branch, branch
+from virtual_phantom.config.config import complete
 from virtual_phantom.features import extraction
 from virtual_phantom.features.names import VARIANCE
 from virtual_phantom.features.parameters import read_parameters
@@ -28,12 +29,11 @@ from virtual_phantom.figures import style
 from virtual_phantom.io.exchange import read_line_integrals
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import layout, synthetic
-from virtual_phantom.physics.noise import acquire
 from virtual_phantom.reconstruction.boxes import back_in_boxes, boxes_around, voxels_over
 from virtual_phantom.reconstruction.fbp import ParallelProjections
 from virtual_phantom.reconstruction.kernel import Kernel
+from virtual_phantom.simulation.acquire import acquire
 from virtual_phantom.statistics import measured
-from virtual_phantom.study.config import complete
 
 ROOT = Path(__file__).resolve().parents[1]
 NAMES = {2: "B30f", 4: "B30f", 6: "B30f", 8: "B26f"}

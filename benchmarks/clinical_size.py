@@ -21,7 +21,7 @@ from scipy import ndimage
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
-from virtual_phantom.physics.scene import DISC_ENERGY_KEV, VoxelScene
+from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, VoxelScene
 from virtual_phantom.recordings.scan import scan_geometry
 
 PHOTONS = 1e5

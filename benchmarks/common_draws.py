@@ -21,19 +21,19 @@ import pandas as pd  # noqa: E402
 import yaml  # noqa: E402
 
 from virtual_phantom.base.geometry import grid_of, scan_geometry  # noqa: E402
+from virtual_phantom.config.config import complete  # noqa: E402
 from virtual_phantom.features.extraction import MINIMUM_VOXELS, extract  # noqa: E402
 from virtual_phantom.features.names import FEATURES  # noqa: E402
 from virtual_phantom.phantom import layout, synthetic  # noqa: E402
+from virtual_phantom.physics.beam.materials import Segmentation  # noqa: E402
 from virtual_phantom.physics.chain import Chain  # noqa: E402
 from virtual_phantom.physics.effect import load  # noqa: E402
-from virtual_phantom.physics.image import reconstruct  # noqa: E402
-from virtual_phantom.physics.materials import Segmentation  # noqa: E402
-from virtual_phantom.physics.noise import acquire  # noqa: E402
-from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
-from virtual_phantom.study.config import complete  # noqa: E402
+from virtual_phantom.physics.scenes.scene import VoxelScene  # noqa: E402
+from virtual_phantom.simulation.acquire import acquire  # noqa: E402
+from virtual_phantom.simulation.reconstruct import reconstruct  # noqa: E402
 
 VIEWS, LEVEL = 150, 6e-6
-# The first two: what another processor's last digits come to (docs/promises.md).
+# The first two: what another processor's last digits come to (docs/reference/stability.md).
 CHANGES = {
     "line integrals times 1 + 1e-6": {"times": 1 + 1e-6},
     "line integrals times 1 + 1e-7": {"times": 1 + 1e-7},

@@ -21,33 +21,37 @@ from pathlib import Path
 
 import lacking
 
-from virtual_phantom.diagnosis import course
-from virtual_phantom.diagnosis.candidates import candidates
-from virtual_phantom.diagnosis.core import attribute, outside
-from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.diagnosis import run
+from virtual_phantom.diagnosis.candidate_effects import candidates
+from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.selection import forward_selection
+from virtual_phantom.diagnosis.verdict import unmodelled
 
 DIAGNOSIS = "virtual_phantom.diagnosis"
 FACTORS = (0.5, 2.0)
 # Of the choice of effects and of the verdict: module, name.
 OF_VERDICTS = (
-    *(("core.attribute", name) for name in ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS")),
-    *(("core.attribute", name) for name in ("MOST_SWAPS", "SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
-    *(("core.locate", name) for name in ("ALPHA", "EDGE_SHARE", "BINS")),
-    *(("core.doubts", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
-    ("core.verdict", "LEFT_SD"),
-    ("core.object_differs", "BEYOND"),
-    ("projections.locate", "THIN"),
+    *(
+        ("selection.forward_selection", name)
+        for name in ("ALPHA", "LEAST_GAIN", "AS_GOOD", "RULED_OUT", "MOST_EFFECTS")
+    ),
+    *(("selection.forward_selection", name) for name in ("MOST_SWAPS", "SCREEN", "FEW", "LEAST_SHARE", "NEAR_BEST")),
+    *(("residuals.residual_tests", name) for name in ("ALPHA", "EDGE_SHARE", "BINS")),
+    *(("verdict.doubts", name) for name in ("WELL_KNOWN", "MOST_CHI_SQUARE")),
+    ("verdict.verdict", "LEFT_SD"),
+    ("verdict.object_mismatch", "BEYOND"),
+    ("projections.residual_maps", "THIN"),
 )
 # Of fits, and of what is known before them.
 OF_FITS = (
-    ("core.alignment", "SURE"),
-    ("core.alignment", "NOMINAL_PHOTONS_SD"),
-    ("core.alignment", "NUMERICAL"),
-    ("core.model", "DENSITY_SD"),
-    ("core.model", "TUBE_KVP_SD"),
-    ("projections.numerical", "LEFT"),
-    ("projections.numerical", "MOST_STRAY"),
+    ("fitting.nuisance", "SURE"),
+    ("fitting.nuisance", "NOMINAL_PHOTONS_SD"),
+    ("fitting.nuisance", "NUMERICAL"),
+    ("fitting.model", "DENSITY_SD"),
+    ("fitting.model", "TUBE_KVP_SD"),
+    ("projections.discretization", "LEFT"),
+    ("projections.discretization", "MOST_STRAY"),
     ("projections.prepared", "SIZE_SD"),
 )
 ABOVE_ONE = ("MOST_CHI_SQUARE",)  # of a ratio that is 1 where nothing is wrong: what it has beyond is varied
@@ -134,27 +138,29 @@ class Remembered:
     @contextmanager
     def of_everything(self) -> Iterator[None]:
         """While matched filters and kinds of change are asked for, those remembered are given."""
-        screened, changes = attribute.screened, outside.changes
-        attribute.screened = course.screened = self.once(screened)
-        outside.changes = self.once(changes)
+        screened, changes = forward_selection.screened, unmodelled.changes
+        forward_selection.screened = run.screened = self.once(screened)
+        unmodelled.changes = self.once(changes)
         try:
             yield
         finally:
-            attribute.screened = course.screened = screened
-            outside.changes = changes
+            forward_selection.screened = run.screened = screened
+            unmodelled.changes = changes
 
 
-def said(asked: Asked, tried: list[str], accuracy: dict[str, float], remembered: Remembered, made=None) -> dict:
+def said(
+    asked: DiagnosisRequest, tried: list[str], accuracy: dict[str, float], remembered: Remembered, made=None
+) -> dict:
     """Kind of verdict, and effects by name, the first first."""
     recording, prepared = made or ready(asked)
-    _, found = course.explain(recording.name, prepared, tried, accuracy, kept=remembered)
+    _, found = run.explain(recording.name, prepared, tried, accuracy, kept=remembered)
     return {"verdict": found.content["verdict"], "effects": [one["name"] for one in found.content["effects"]]}
 
 
 def answers(folder: Path, truth: dict, config: dict, seed: int, of_fits: bool) -> dict[str, dict]:
     """{what was changed: what is said then}."""
     model = lacking.recorded(folder, truth, config, seed)
-    asked, tried = Asked.of(model, str(folder / "image.nii.gz"), 1), list(candidates(model["settings"]))
+    asked, tried = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1), list(candidates(model["settings"]))
     accuracy, made, remembered = config["diagnosis"]["model_accuracy"], ready(asked), Remembered()
     found = {}
     with remembered.of_everything():

@@ -17,14 +17,14 @@ import numpy as np
 from scipy import ndimage, stats
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.locate import aligned
-from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.residuals.residual_tests import aligned
 from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.posed import PosedScene
-from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.scenes.posed import PosedScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
 
 PHOTONS, REPEATS, EDGE_MM, INTERVAL_MS = 1e5, 4, 3.0, 1.0
 GEOMETRY = circular(

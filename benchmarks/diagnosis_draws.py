@@ -32,23 +32,23 @@ from scipy import ndimage
 from scipy.optimize import brentq
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.attribute import choose
-from virtual_phantom.diagnosis.core.declared import declared
-from virtual_phantom.diagnosis.core.linearisation import BASE, Linearisation, LinearisationPoint
-from virtual_phantom.diagnosis.core.locate import EDGE_SHARE, Half, aligned
-from virtual_phantom.diagnosis.core.statement import stated_physics
-from virtual_phantom.diagnosis.core.templates import strength, varied, whitened
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.fitting.declared import declared
+from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.priors import stated_physics
+from virtual_phantom.diagnosis.fitting.templates import strength, varied, whitened
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.locate import locate
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.projections.residual_maps import locate
+from virtual_phantom.diagnosis.residuals.residual_tests import EDGE_SHARE, Half, aligned
+from virtual_phantom.diagnosis.selection.forward_selection import choose
+from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load, names
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import IN_PLACE, VoxelScene
-from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
+from virtual_phantom.physics.scenes.scene import IN_PLACE, VoxelScene
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 
 PHOTONS, REPEATS = 1e5, 4
 WEAKEST, STRONGEST = 5.0, 50.0

@@ -30,17 +30,17 @@ from fit_rates import RATES, write
 from virtual_phantom.api.simulated import draw_phantom
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.base.streams import Branch
-from virtual_phantom.diagnosis.candidates import candidates
-from virtual_phantom.diagnosis.core.asked import Asked, ShapesObject
-from virtual_phantom.diagnosis.core.how_far import FITTED, RANKED, HowFar
-from virtual_phantom.diagnosis.core.locate import ALPHA
-from virtual_phantom.diagnosis.course import explain
-from virtual_phantom.diagnosis.extent import is_shapes, samples_for
-from virtual_phantom.diagnosis.images.compared_regions import Scanned
+from virtual_phantom.diagnosis.candidate_effects import candidates
+from virtual_phantom.diagnosis.comparison.regions import Scanned
+from virtual_phantom.diagnosis.preparation import agreement, ready
 from virtual_phantom.diagnosis.projections.model import ScansModel
-from virtual_phantom.diagnosis.projections.scanned import scene_of, shaped_object
-from virtual_phantom.diagnosis.ready import agreement, ready
+from virtual_phantom.diagnosis.request import DiagnosisRequest, ShapesObject
+from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
+from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.scanned_object import scene_of, shaped_object
+from virtual_phantom.diagnosis.selection.progress import FITTED, RANKED, DiagnosisProgress
 from virtual_phantom.diagnosis.setup.recorded import set_up
+from virtual_phantom.diagnosis.workload import is_shapes, samples_for
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.io.schema import defaults_of, fill_defaults, schema_of
 from virtual_phantom.io.volumes import Volume, shape_of, write_nifti
@@ -166,7 +166,7 @@ def written(case, folder):
     }
     given = {key: str(path) for key, path in given.items()}
     geometry, random = geometry_of(case), np.random.default_rng(np.random.SeedSequence(SEED))
-    scene = scene_of(Asked.of(model, given.get("phantom"), 1))
+    scene = scene_of(DiagnosisRequest.of(model, given.get("phantom"), 1))
     shapes = is_shapes(section)
     samples = samples_for(section["samples"], shapes, geometry.shape)
     # Edges of shapes are sharp: few rays miss them.
@@ -200,7 +200,7 @@ def processor_seconds():
     return sum(os.times()[:4])
 
 
-class Timed(HowFar):
+class Timed(DiagnosisProgress):
     """Adds up what rankings and fits take."""
 
     def __init__(self, clock):
@@ -239,7 +239,7 @@ def one(folder, processes):
     clock, scans = processor_seconds, counted_scans()
     case = json.loads((folder / "case.json").read_text())
     given, timed = case["given"], Timed(clock)
-    asked = Asked.of(case["model"], given.get("phantom"), processes)
+    asked = DiagnosisRequest.of(case["model"], given.get("phantom"), processes)
     recording = load(folder)
     marks = [clock()]
     assert set_up(recording, asked).kind == "as stated", folder

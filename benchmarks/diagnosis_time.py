@@ -15,11 +15,11 @@ import numpy as np
 from diagnosis_draws import PHOTONS, scans, scene
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis.core.attribute import choose
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.selection.forward_selection import choose
+from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
 

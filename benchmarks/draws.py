@@ -15,7 +15,7 @@ import numpy as np  # noqa: E402
 from scipy import stats  # noqa: E402
 from speed import medians  # noqa: E402
 
-from virtual_phantom.physics.poisson import poisson_counts  # noqa: E402
+from virtual_phantom.physics.noise.poisson import poisson_counts  # noqa: E402
 
 COUNTS, FEW, REPEATS = 500_000, 2_000, 7
 MEANS = (0.1, 1, 5, 20, 1e2, 1e3, 1e4, 1e5, 1e7, 1e9)

@@ -12,13 +12,13 @@ from pathlib import Path
 import yaml
 
 from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.config.config import complete
 from virtual_phantom.io.volumes import read_nifti
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load, names
-from virtual_phantom.physics.line_integrals import clean_line_integrals
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import VoxelScene
-from virtual_phantom.study.config import complete
+from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
+from virtual_phantom.physics.scenes.scene import VoxelScene
 
 ROOT = Path(__file__).resolve().parents[1]
 

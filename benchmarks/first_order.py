@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from diagnosis_draws import GEOMETRY, PHOTONS, scans, scene, strengths
 
-from virtual_phantom.diagnosis.core.attribute import AS_GOOD, LEAST_GAIN, could_win
-from virtual_phantom.diagnosis.core.screening import Screened, screened
-from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD, LEAST_GAIN, could_win
+from virtual_phantom.diagnosis.selection.screening import Screened, screened
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
 
@@ -41,7 +41,7 @@ def drawn(name, wanted, random, given, exact):
 
 
 def summary(rows):
-    """What the table of docs/diagnosis-own-scans.md has."""
+    """What the table of docs/validation/simulated-scans.md has."""
     count = lost = close = close_lost = fitted = 0
     for row in rows:
         found = {one: Screened(p, gain, blind) for one, (gain, blind, _, p) in row["candidates"].items()}

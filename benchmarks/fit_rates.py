@@ -17,13 +17,13 @@ from pathlib import Path
 import yaml
 
 from virtual_phantom.base.data import RESOURCES
+from virtual_phantom.config.config import complete
+from virtual_phantom.config.plan import Plan
 from virtual_phantom.io.files import write_text
-from virtual_phantom.study.config import complete
 from virtual_phantom.study.costs.diagnoses import STAGE
 from virtual_phantom.study.costs.jobs import study_jobs
 from virtual_phantom.study.costs.rates import fit, read_rates, seconds
 from virtual_phantom.study.costs.table import roi_count
-from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
 

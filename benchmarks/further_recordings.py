@@ -19,16 +19,16 @@ import diagnosis_draws as draws
 import numpy as np
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis.core.attribute import choose
-from virtual_phantom.diagnosis.core.joint import JointFitter
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.next_measurement import possible, rank, refitted
-from virtual_phantom.diagnosis.projections.measurement import Scan
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
+from virtual_phantom.diagnosis.fitting.trial import trial
+from virtual_phantom.diagnosis.planning.measurement import Scan
+from virtual_phantom.diagnosis.planning.ranking import possible, rank, refitted
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
 from virtual_phantom.diagnosis.projections.prepared import prepare
+from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scene import DiscScene, Pose
-from virtual_phantom.physics.shapes import ShapesScene, cylinder
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 
 SAMPLES, FINER = 2, 3
 DISC_MM, OFF_AXIS_MM = 160.0, 45.0

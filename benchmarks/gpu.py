@@ -23,11 +23,11 @@ import yaml
 from snakemake.utils import update_config
 
 from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.config.config import complete
 from virtual_phantom.projectors import cupy_installed
 from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, projection_geometry, volume_geometry
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction.sirt import sirt
-from virtual_phantom.study.config import complete
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -21,13 +21,13 @@ from declared import of_catalogue, statable
 from intervals import LEVELS, held, shares
 
 from virtual_phantom.base.streams import branch, generator
-from virtual_phantom.diagnosis.candidates import OF_ONE_SCAN
-from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.core.consistency import alone
-from virtual_phantom.diagnosis.core.inexact import errors_of_pulled, pulled_of_recordings
-from virtual_phantom.diagnosis.core.joint import JointFitter
-from virtual_phantom.diagnosis.core.locate import ALPHA
-from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.diagnosis.candidate_effects import OF_ONE_SCAN
+from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
+from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
+from virtual_phantom.diagnosis.scanner.consistency import alone
+from virtual_phantom.diagnosis.uncertainty.model_error import errors_of_pulled, pulled_of_recordings
 from virtual_phantom.proof.conceal.objects import OBJECTS
 
 EFFECTS = 3
@@ -49,7 +49,7 @@ def scanned(folder, number, phantom, effects, config, seed):
     inside.mkdir()
     truth = {"case": f"case_{number:02d}", "number": number, "phantom": phantom, "effects": effects}
     model = lacking.recorded(inside, truth, config, seed)
-    return ready(Asked.of(model, str(inside / "image.nii.gz"), 1))[1]
+    return ready(DiagnosisRequest.of(model, str(inside / "image.nii.gz"), 1))[1]
 
 
 def fitted(made, effects, accuracy):

@@ -19,12 +19,12 @@ import numpy as np
 
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.base.streams import Stream, generator
-from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.projections.prepared import prepare
-from virtual_phantom.diagnosis.scanner import explain_scanner
+from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose
 
 COUNTS = (1, 2, 4, 8, 16, 26)
 GEOMETRY = circular(

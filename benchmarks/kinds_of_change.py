@@ -18,17 +18,17 @@ import lacking
 import numpy as np
 import yaml
 
-from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.core.attribute import LEAST_GAIN
-from virtual_phantom.diagnosis.core.outside import changes
-from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.config.config import complete
+from virtual_phantom.diagnosis.fitting.trial import trial
+from virtual_phantom.diagnosis.preparation import ready
 from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor
-from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.selection.forward_selection import LEAST_GAIN
+from virtual_phantom.diagnosis.verdict.unmodelled import changes
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.proof.conceal.objects import OBJECTS
-from virtual_phantom.study.config import complete
 
 FIELDS = ("maker", "draw", "kind", "z", "p", "gain")
 FINER, SAMPLES = 4, 2
@@ -59,7 +59,7 @@ def by_xcist():
         truth = {"case": f"draw_{draw}", "number": draw, "phantom": objects[draw % len(objects)], "effects": []}
         with tempfile.TemporaryDirectory() as folder:
             model = lacking.recorded(Path(folder), truth, config, SEED)
-            return ready(Asked.of(model, str(Path(folder) / "image.nii.gz"), 1))[1]
+            return ready(DiagnosisRequest.of(model, str(Path(folder) / "image.nii.gz"), 1))[1]
 
     return make
 

@@ -15,10 +15,12 @@ from pathlib import Path
 import yaml
 
 from virtual_phantom.base.streams import Branch, branch
-from virtual_phantom.diagnosis.candidates import candidates
-from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.course import explain
-from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.config.config import complete
+from virtual_phantom.config.dependencies import resource
+from virtual_phantom.diagnosis.candidate_effects import candidates
+from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.run import explain
 from virtual_phantom.io.volumes import write_nifti
 from virtual_phantom.proof.conceal.case import Case
 from virtual_phantom.proof.conceal.generate import acquire, concealed_settings, scan_of, write
@@ -27,8 +29,6 @@ from virtual_phantom.proof.conceal.phantoms import build
 from virtual_phantom.proof.conceal.suite import scan_seed, truths
 from virtual_phantom.proof.conceal.xcist import energy_of_water
 from virtual_phantom.proof.score.remainders import summary
-from virtual_phantom.study.config import complete
-from virtual_phantom.study.dependencies import resource
 
 ROOT = Path(__file__).resolve().parents[1]
 SCAN = {"columns": 64, "rows": 4, "views": 36, "photons": 1e5, "rotation_time_ms": 1000.0, "repeats": 4}
@@ -80,7 +80,7 @@ def recorded(folder, truth, config, seed, baseline=None):
 def diagnosed(folder, truth, config, seed, left_out):
     """What is said of one case, and how long the diagnosis took of the processor."""
     model = recorded(folder, truth, config, seed)
-    asked = Asked.of(model, str(folder / "image.nii.gz"), 1)
+    asked = DiagnosisRequest.of(model, str(folder / "image.nii.gz"), 1)
     tried = [name for name in candidates(model["settings"]) if name not in left_out]
     recording, prepared = ready(asked)
     began = sum(os.times()[:4])

@@ -19,13 +19,13 @@ import diagnosis_draws as draws
 import numpy as np
 from diagnosis_draws import INSERTS, ROD, body
 
-from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.run import explain
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, names
-from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 
 SAMPLES, FINER = 4, 3
 KINDS = ("missing", "bubble", "denser", "material", "displaced", "rod")

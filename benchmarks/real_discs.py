@@ -1,21 +1,21 @@
-"""What other sets of effects leave on the three discs of docs/htc2022.md, fitted on one and held against the others.
+"""Compare sets of effects on the three discs of docs/validation/real-discs.md: fit to one, test on the others.
 
     python benchmarks/real_discs.py recordings
 
-`recordings` holds solid_disc, ta and tb, imported as docs/htc2022.md says. A diagnosis chooses effects; here sets are
-given, so that the chosen one stands beside others. Prints a table in Markdown: rms of the line integrals on views that
-were not fitted, and the share of the excess over noise that is removed.
+`recordings` holds solid_disc, ta and tb, imported as docs/validation/real-discs.md says. A diagnosis chooses effects;
+here sets are given, so that the chosen one stands beside others. Prints a table in Markdown: rms of the line integrals
+on views that were not fitted, and the share of the excess over noise that is removed.
 """
 
 import argparse
 from pathlib import Path
 
-from virtual_phantom.diagnosis.core.asked import Asked, Disc, MaskedObject, Settings
-from virtual_phantom.diagnosis.core.attribute import Choice
-from virtual_phantom.diagnosis.core.trial import Trial, trial
-from virtual_phantom.diagnosis.core.verdict import excess_rms_removed, metrics_of
-from virtual_phantom.diagnosis.core.verified import Physics, verified
-from virtual_phantom.diagnosis.ready import ready
+from virtual_phantom.diagnosis.fitting.trial import Trial, trial
+from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.request import DiagnosisRequest, Disc, MaskedObject, Settings
+from virtual_phantom.diagnosis.selection.forward_selection import Choice
+from virtual_phantom.diagnosis.selection.transfer import Physics, verified
+from virtual_phantom.diagnosis.verdict.verdict import excess_rms_removed, metrics_of
 from virtual_phantom.io.schema import defaults_of
 
 ALIGNMENT = {"scale": 1.0, "size": 0.01, "offset": 0.02}  # as in config/htc2022.yaml
@@ -33,7 +33,7 @@ def prepared(folder: Path, name: str, view_step: int):
     if name != "solid_disc":
         scanned = {"object": MaskedObject(str(folder / name / "object.nii.gz"), "pmma")}
     settings = Settings(1, view_step, ALIGNMENT, **scanned)
-    asked = Asked(folder / name, settings, defaults_of()["mu_water_per_mm"], defaults_of("materials"))
+    asked = DiagnosisRequest(folder / name, settings, defaults_of()["mu_water_per_mm"], defaults_of("materials"))
     return ready(asked)[1]
 
 

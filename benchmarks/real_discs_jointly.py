@@ -3,10 +3,11 @@
     python benchmarks/real_discs_jointly.py recordings --view-step 45
     python benchmarks/real_discs_jointly.py recordings --view-step 45 --judged-on 01b 01c 02b 02c 03b 03c
 
-`recordings` holds sinograms of the Helsinki Tomography Challenge 2022, each imported as docs/htc2022.md says. Prints
-tables in Markdown: every disc before, and with the physics of all others, and whether it agrees with theirs; the shared
-numbers of two disjoint halves of the discs; and what is left where lines are smooth: of it the constants of columns,
-and how alike these are from disc to disc. With --judged-on, nothing is fitted to those discs or chosen by them.
+`recordings` holds sinograms of the Helsinki Tomography Challenge 2022, each imported as docs/validation/real-discs.md
+says. Prints tables in Markdown: every disc before, and with the physics of all others, and whether it agrees with
+theirs; the shared numbers of two disjoint halves of the discs; and what is left where lines are smooth: of it the
+constants of columns, and how alike these are from disc to disc. With --judged-on, nothing is fitted to those discs or
+chosen by them.
 """
 
 import argparse
@@ -17,10 +18,10 @@ from pathlib import Path
 import numpy as np
 from real_discs import prepared
 
-from virtual_phantom.diagnosis.core.fit import Fit
-from virtual_phantom.diagnosis.core.joint import JointFitter
-from virtual_phantom.diagnosis.core.prepared import Prepared
-from virtual_phantom.diagnosis.scanner import explain_scanner
+from virtual_phantom.diagnosis.fitting.fit import Fit
+from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
+from virtual_phantom.diagnosis.residuals.dataset import Prepared
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
 from virtual_phantom.io.schema import defaults_of
 
 SMOOTH = 0.9  # share of the rays that lie off edges

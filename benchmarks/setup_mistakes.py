@@ -23,11 +23,11 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.base.streams import Stream, generator
 from virtual_phantom.diagnosis.setup.finding import AS_STATED, DESCRIPTION, MOST, OBJECT, find
-from virtual_phantom.diagnosis.setup.unlike import Comparison
+from virtual_phantom.diagnosis.setup.mismatch import Comparison
 from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
 from virtual_phantom.recordings.scan import scan_geometry
 
 PHOTONS, REPEATS = 1e5, 4

@@ -17,9 +17,9 @@ import time  # noqa: E402
 import numpy as np  # noqa: E402
 
 from virtual_phantom.base.geometry import Grid, circular  # noqa: E402
-from virtual_phantom.physics.objects import read_object  # noqa: E402
-from virtual_phantom.physics.scene import VoxelScene  # noqa: E402
-from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid  # noqa: E402
+from virtual_phantom.physics.scenes.objects import read_object  # noqa: E402
+from virtual_phantom.physics.scenes.scene import VoxelScene  # noqa: E402
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid  # noqa: E402
 
 GEOMETRY = circular(
     views=90,

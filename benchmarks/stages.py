@@ -18,11 +18,11 @@ from pathlib import Path
 import yaml
 from fit_rates import ROOT, records
 
+from virtual_phantom.config.config import complete
+from virtual_phantom.config.plan import Plan
 from virtual_phantom.figures import style
-from virtual_phantom.study.config import complete
 from virtual_phantom.study.costs.jobs import study_jobs
 from virtual_phantom.study.costs.table import roi_count
-from virtual_phantom.study.plan import Plan
 
 # What is shown as one, in the order of the work; values are stages of costs.jobs.
 SHOWN = {

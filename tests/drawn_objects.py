@@ -7,10 +7,10 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.io.volumes import Volume, write_nifti
+from virtual_phantom.physics.beam.materials import energy_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
-from virtual_phantom.physics.materials import energy_of
-from virtual_phantom.physics.shapes import ShapesScene, cylinder
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 from virtual_phantom.recordings.importers.study import scan_of
 
 GEOMETRY = circular(

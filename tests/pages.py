@@ -23,6 +23,7 @@ MARKED = re.compile(
     r"^<!-- (write|run first|run|prints|makes)(?: (?!on )(\S+))?( on slurm)? -->\n+```\w*\n(.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
+COMMENT = r"^<!-- (?:write|run|prints|makes)\b.*-->"
 TIMEOUT_S = 900
 PARTS = ("config", "docs", "pyproject.toml", "tests", "workflow")
 BEING_WRITTEN = shutil.ignore_patterns("*.tmp.*", "*.pyc.*")  # by other tests; compiled kernels come along
@@ -42,9 +43,15 @@ def blocks(page: Path) -> list[Block]:
     """The marked blocks in their order. Fails on a comment of this kind that no block follows."""
     text = page.read_text(encoding="utf-8")
     found = [Block(kind, file, bool(slurm), content) for kind, file, slurm, content in MARKED.findall(text)]
-    comments = re.findall(r"^<!-- (?:write|run|prints|makes)\b.*-->", text, re.MULTILINE)
+    comments = re.findall(COMMENT, text, re.MULTILINE)
     assert found and len(found) == len(comments), f"{page}: {len(comments)} comments, {len(found)} blocks after them"
     return found
+
+
+def marked(folder: Path) -> list[Path]:
+    """The pages in a folder that have marked blocks."""
+    pages = sorted(folder.rglob("*.md"))
+    return [page for page in pages if re.search(COMMENT, page.read_text(encoding="utf-8"), re.MULTILINE)]
 
 
 def follow(page: Path, folder: Path, slurm: bool = False) -> None:

@@ -3,9 +3,9 @@
 import numpy as np
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis.core.attribute import choose
-from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections.observed import Scans
+from virtual_phantom.diagnosis.selection.forward_selection import choose
 from virtual_phantom.io.volumes import Volume
 
 # Of a fan beam, as recording.yaml has it.

@@ -13,9 +13,9 @@ from workflow_runs import BENEATH
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.config.config import check, complete
+from virtual_phantom.config.plan import Plan
 from virtual_phantom.statistics.measured import TISSUE_CLASSES
-from virtual_phantom.study.config import check, complete
-from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARY = ROOT / "workflow" / "lib" / "virtual_phantom"
@@ -342,7 +342,7 @@ def test_background_is_no_label():
 def test_reading_a_configuration_loads_no_heavy_library():
     """Every job of the workflow does it."""
     heavy = {"pandas", "scipy", "sklearn", "radiomics"}
-    code = f"import sys, virtual_phantom.study.config; print({heavy} & set(sys.modules))"
+    code = f"import sys, virtual_phantom.config.config; print({heavy} & set(sys.modules))"
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "workflow" / "lib")}
     result = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "set()"
@@ -433,16 +433,6 @@ def test_bundles_stay_when_an_analysis_asks_for_more():
         (bundle, protocol) for bundle in after for protocol in after[bundle]
     }
     assert not gone
-
-
-def test_reference_page_is_up_to_date():
-    import importlib.util
-
-    spec = importlib.util.spec_from_file_location("config_reference", ROOT / "docs" / "config_reference.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.page() == (ROOT / "config" / "README.md").read_text(), "run python docs/config_reference.py"
-    assert "|  | object" not in module.page() and "|  | array" not in module.page()
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 import yaml
 
+from virtual_phantom.config import config
+from virtual_phantom.config.plan import Plan
 from virtual_phantom.phantom.layout import read_layout
 from virtual_phantom.statistics import further_seeds, measured
-from virtual_phantom.study import config
-from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
 

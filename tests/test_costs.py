@@ -10,11 +10,11 @@ from test_config import DEFAULT, changed
 
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.study.config import complete
+from virtual_phantom.config.config import complete
+from virtual_phantom.config.plan import Plan
 from virtual_phantom.study.costs.jobs import Job, study_jobs
 from virtual_phantom.study.costs.rates import fit, read_rates, seconds, written
 from virtual_phantom.study.costs.table import readable, roi_count, summary
-from virtual_phantom.study.plan import Plan
 
 ROOT = Path(__file__).resolve().parents[1]
 RATES = RESOURCES / "rates.yaml"

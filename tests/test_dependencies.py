@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from virtual_phantom.study.dependencies import LIBRARY, WITHOUT_EFFECT, files_behind, imported
+from virtual_phantom.config.dependencies import LIBRARY, WITHOUT_EFFECT, files_behind, imported
 
 SCRIPTS = LIBRARY.parents[1] / "scripts"
 
 
 @pytest.mark.parametrize(
-    "module", ["reconstruction.images", "physics.line_integrals", "phantom.ct", "statistics.pca", "recordings.summary"]
+    "module",
+    ["reconstruction.images", "physics.scenes.line_integrals", "phantom.ct", "statistics.pca", "recordings.summary"],
 )
 def test_no_loaded_module_is_missed(module, tmp_path):
     """Against the modules that an interpreter holds after the import."""
@@ -36,7 +37,7 @@ def test_no_loaded_module_is_missed(module, tmp_path):
 
 def test_imports_inside_a_script_and_inside_functions_count():
     names = {file.name for file in files_behind(SCRIPTS / "reconstruct.py")}
-    assert {"reconstruct.py", "noise.py", "lanes.py", "astra_cuda.py", "cpu.py", "volumes.py"} <= names
+    assert {"reconstruct.py", "acquire.py", "lanes.py", "astra_cuda.py", "cpu.py", "volumes.py"} <= names
     assert not {"extraction.py", "wilcoxon.py", "errors.py"} & names
 
 

@@ -9,7 +9,7 @@ import re
 
 import pytest
 
-from virtual_phantom.study.dependencies import LIBRARY
+from virtual_phantom.config.dependencies import LIBRARY
 
 FUNCTIONS = ast.FunctionDef | ast.AsyncFunctionDef
 

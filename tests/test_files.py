@@ -11,7 +11,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, helical
 from virtual_phantom.io import exchange, files
 from virtual_phantom.io.volumes import Volume, read_nifti, write_nifti
-from virtual_phantom.physics.noise import simulate_counts
+from virtual_phantom.simulation.acquire import simulate_counts
 
 GEOMETRY = helical(
     views=5,

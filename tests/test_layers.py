@@ -1,51 +1,78 @@
-"""The library's rooms lie one above another: imports run downwards, and never in a circle."""
+"""Packages of the library lie in layers: imports point downwards and never form a cycle."""
 
 import ast
 from graphlib import TopologicalSorter
 
-from virtual_phantom.study.dependencies import LIBRARY, imported
+import pytest
 
-# Lowest first. A room knows itself and those before it.
-ROOMS = (
-    *("base", "io", "phantom", "projectors", "reconstruction", "physics", "features", "statistics", "recordings"),
-    *("diagnosis", "figures", "report", "proof", "study", "api"),
+from virtual_phantom.config.dependencies import LIBRARY, imported
+
+# Lowest first. A package imports from itself and from those before it.
+PACKAGES = (
+    *("base", "io", "phantom", "projectors", "reconstruction", "physics", "simulation", "features", "statistics"),
+    *("recordings", "diagnosis", "figures", "report", "proof", "config", "study", "cli", "api"),
 )
+# Packages and modules directly inside a package, lowest first.
+INSIDE = {
+    "diagnosis": (
+        *("request", "workload", "scanned_object", "noise", "fitting", "candidate_effects", "residuals", "uncertainty"),
+        *("wording", "projections", "selection", "comparison", "images", "verdict", "features", "preparation", "run"),
+        *("scanner", "planning", "assumptions", "setup"),
+    ),
+}
+LARGEST_PACKAGE = 12  # modules of a package inside `diagnosis`, so that a reader sees them at once
 
 
 def modules():
     return sorted(path for path in LIBRARY.rglob("*.py") if path.parent != LIBRARY)
 
 
-def room(path):
-    return path.relative_to(LIBRARY).parts[0]
+def unit(path, depth):
+    """The name of the package or module that a path belongs to, `depth` folders down."""
+    return path.relative_to(LIBRARY).parts[depth].removesuffix(".py")
 
 
 def imports(path):
-    """The library's files that a module imports, without the __init__ files on the way to them."""
+    """The library's modules that a module imports, without the __init__ files on the way to them."""
     return [other for other in imported(path) if other.name != "__init__.py"]
 
 
-def test_every_module_is_in_a_room():
-    assert {room(path) for path in modules()} == set(ROOMS)
+def upwards(order, depth, paths):
+    return [
+        f"{path.relative_to(LIBRARY)} imports {other.relative_to(LIBRARY)}"
+        for path in paths
+        for other in imports(path)
+        if other in paths and order.index(unit(other, depth)) > order.index(unit(path, depth))
+    ]
+
+
+def test_every_module_is_in_a_package():
+    assert {unit(path, 0) for path in modules()} == set(PACKAGES)
     assert [path.name for path in LIBRARY.glob("*.py")] == ["__init__.py"]
 
 
-def test_no_import_goes_up():
-    upwards = [
-        f"{path.relative_to(LIBRARY)} imports {other.relative_to(LIBRARY)}"
-        for path in modules()
-        for other in imports(path)
-        if other.parent != LIBRARY and ROOMS.index(room(other)) > ROOMS.index(room(path))
-    ]
-    assert not upwards
+def test_no_import_points_upwards():
+    assert not upwards(PACKAGES, 0, modules())
 
 
-def test_no_import_goes_in_a_circle():
-    """Within rooms either; raises graphlib.CycleError, which names the modules."""
+@pytest.mark.parametrize("package", INSIDE)
+def test_no_import_points_upwards_inside(package):
+    inside = [path for path in modules() if unit(path, 0) == package and path != LIBRARY / package / "__init__.py"]
+    assert {unit(path, 1) for path in inside} == set(INSIDE[package])
+    assert not upwards(INSIDE[package], 1, inside)
+
+
+def test_packages_inside_the_diagnosis_are_small():
+    folders = {path.parent for path in modules() if unit(path, 0) == "diagnosis"}
+    assert not [folder for folder in folders if len(set(folder.glob("*.py"))) > LARGEST_PACKAGE + 1]  # and __init__
+
+
+def test_no_import_forms_a_cycle():
+    """Within packages either; raises graphlib.CycleError, which names the modules."""
     TopologicalSorter({path: imports(path) for path in modules()}).prepare()
 
 
-def test_the_library_knows_nothing_of_snakemake():
+def test_the_library_does_not_import_snakemake():
     for path in LIBRARY.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []

@@ -1,4 +1,4 @@
-"""Every mistake of docs/mistakes.md, made: its message is the one on the page, with what is at fault and what to do."""
+"""Every mistake of docs/how-to/mistakes.md gives the message on the page, which says what is wrong and what to do."""
 
 import copy
 import re
@@ -17,26 +17,26 @@ import yaml
 
 from virtual_phantom.base.errors import InputError, InputErrors
 from virtual_phantom.base.geometry import Grid, circular
+from virtual_phantom.config.config import complete
+from virtual_phantom.config.plan import Plan
+from virtual_phantom.config.public_scans import PublicScans
+from virtual_phantom.config.read_config import read_configs
 from virtual_phantom.features import tables
 from virtual_phantom.features.names import FEATURES
 from virtual_phantom.features.parameters import read_parameters
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct
-from virtual_phantom.physics.found import read_found
-from virtual_phantom.physics.line_integrals import clean_line_integrals
+from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.recordings.public_scans import fetch
 from virtual_phantom.recordings.public_scans.files import found_scans
 from virtual_phantom.recordings.public_scans.table import chosen
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.study.config import complete
-from virtual_phantom.study.plan import Plan
-from virtual_phantom.study.preflight import problems
-from virtual_phantom.study.public_scans import PublicScans
-from virtual_phantom.study.read_config import read_configs
+from virtual_phantom.simulation.found import read_found
+from virtual_phantom.study.checks.preflight import problems
 
 ROOT = Path(__file__).resolve().parents[1]
 
-PAGE = (ROOT / "docs" / "mistakes.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "how-to" / "mistakes.md").read_text(encoding="utf-8")
 SECTION = re.compile(r"^### (.+?)\n(?:(?!^##).)*?^<!-- message -->\n```\n(.+?)\n```$", re.MULTILINE | re.DOTALL)
 MESSAGES = dict(SECTION.findall(PAGE))
 DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())

@@ -21,9 +21,9 @@ import virtual_phantom
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.features.extraction import extract
 from virtual_phantom.phantom import layout, synthetic
-from virtual_phantom.physics.image import reconstruct
-from virtual_phantom.physics.line_integrals import clean_line_integrals
-from virtual_phantom.physics.noise import simulate_counts
+from virtual_phantom.simulation.reconstruct import reconstruct
+from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
+from virtual_phantom.simulation.acquire import simulate_counts
 
 MU_WATER_PER_MM = 0.0193
 scanner = {"source_to_isocentre_mm": 500.0, "source_to_detector_mm": 1000.0}

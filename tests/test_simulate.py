@@ -6,7 +6,7 @@ import pytest
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical
 from virtual_phantom.base.parallel_rays import ParallelRays
-from virtual_phantom.physics.line_integrals import check_rois_seen
+from virtual_phantom.physics.scenes.line_integrals import check_rois_seen
 
 SCANNER = dict(source_to_isocentre_mm=500.0, source_to_detector_mm=1000.0, column_pitch_mm=8.0, row_pitch_mm=8.0)
 GRID = Grid((12, 32, 32), (4.0, 8.0, 8.0))

@@ -8,13 +8,13 @@ from scipy import special
 from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.images.agreement import Features, Regions, agreement, share_within
-from virtual_phantom.diagnosis.images.compared_regions import Scanned, complete, image_grid, phantom_regions
+from virtual_phantom.diagnosis.comparison.agreement import Features, Regions, agreement, share_within
+from virtual_phantom.diagnosis.comparison.regions import Scanned, complete, image_grid, phantom_regions
+from virtual_phantom.diagnosis.comparison.scans import Reconstruction, agreement_of, compared, filled
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.reconstructed import Reconstruction, agreement_of, compared, filled
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
 from virtual_phantom.report.agreement_table import agreement_table
 
 PHOTONS, MU_WATER = 1e5, 0.0193

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from simulated_scans import disc_bench, scans_of
 
-from virtual_phantom.diagnosis.core import attribute
-from virtual_phantom.diagnosis.core.inexact import shapes
-from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
+from virtual_phantom.diagnosis.selection import forward_selection
+from virtual_phantom.diagnosis.uncertainty.model_error import shapes
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scene import DiscScene
+from virtual_phantom.physics.scenes.scene import DiscScene
 
 PHOTONS = 1e5
 TRIED = ("dark_signal", "motion", "afterglow")
@@ -23,7 +23,7 @@ def chosen(physics, tried=TRIED, added=0.0, seed=3):
     """The choice of four repeats, to whose lines something is added."""
     scans = scans_of(CHAIN.state(physics), 4, np.random.default_rng(seed), added)
     fitter = prepared.prepare(scans, None, CHAIN, nominal_photons=PHOTONS).fitter
-    return attribute.choose(fitter, trial(fitter, ()), tried, accuracy=ACCURACY)
+    return forward_selection.choose(fitter, trial(fitter, ()), tried, accuracy=ACCURACY)
 
 
 def test_it_is_named_beside_what_is_stronger_by_far(monkeypatch):
@@ -32,7 +32,7 @@ def test_it_is_named_beside_what_is_stronger_by_far(monkeypatch):
     assert 0 < choice.gains["motion"] < choice.blur
     assert choice.ambiguous_with("motion") == [] and "afterglow" in choice.ruled_out
     assert choice.chosen.fit.physics["motion"]["x_mm_per_s"] == pytest.approx(0.25, rel=0.2)
-    monkeypatch.setattr(attribute, "APART", np.inf)
+    monkeypatch.setattr(forward_selection, "APART", np.inf)
     choice = chosen(STRONG | WEAK)
     assert choice.chosen.fit.effects == ("dark_signal",) and list(choice.undecided) == ["motion"]
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.candidates import candidates, check_accuracy, check_kinds, shown_by
+from virtual_phantom.diagnosis.candidate_effects import candidates, check_accuracy, check_kinds, shown_by
 from virtual_phantom.physics.effect import acts_on_images, names, offered
 
 

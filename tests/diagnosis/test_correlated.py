@@ -5,20 +5,20 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.correlated import WHITE, Correlations, Whitening, estimated, of_state
-from virtual_phantom.diagnosis.core.fit import Problem
-from virtual_phantom.diagnosis.core.locate import Half
-from virtual_phantom.diagnosis.core.pattern import estimate
-from virtual_phantom.diagnosis.core.statement import Statement
-from virtual_phantom.diagnosis.core.templates import data_changes
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.uncertainty import left_by_numbers
+from virtual_phantom.diagnosis.fitting.fit import Problem
+from virtual_phantom.diagnosis.fitting.priors import Statement
+from virtual_phantom.diagnosis.fitting.templates import data_changes
+from virtual_phantom.diagnosis.fitting.trial import trial
+from virtual_phantom.diagnosis.noise.gain_pattern import estimate
+from virtual_phantom.diagnosis.noise.whitening import WHITE, Correlations, Whitening, estimated, of_state
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.locate import locate
+from virtual_phantom.diagnosis.projections.residual_maps import locate
+from virtual_phantom.diagnosis.residuals.residual_tests import Half
+from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.correlation import correlations
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import DiscScene, VoxelScene
+from virtual_phantom.physics.noise.correlation import correlations
+from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
 from virtual_phantom.physics.state import State
 
 PHOTONS = 1e5

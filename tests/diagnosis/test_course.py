@@ -8,16 +8,16 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core import trials
-from virtual_phantom.diagnosis.core.kept import KeptFits
-from virtual_phantom.diagnosis.core.linearisation import BASE, Linearisation, LinearisationPoint
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.course import explain
+from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.selection import trials
+from virtual_phantom.diagnosis.selection.fit_cache import FitCache
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
 
 PHOTONS = 1e5
 ACCURACY = {"default": 0.15, "numerical": 0.1}
@@ -59,7 +59,7 @@ def test_a_verdict_is_the_same_in_several_processes_and_from_fits_that_were_kept
     """The proof keeps no fits, and makes one after the other. A user's diagnosis has processes, and may have been
     stopped."""
     physics = {"scatter": {"amount": 0.03, "width_mm": 60.0}, "detector_offset": {"columns_px": 0.05}}
-    kept = KeptFits(tmp_path, "this recording", lambda effect: "as it is")
+    kept = FitCache(tmp_path, "this recording", lambda effect: "as it is")
     _, at_once = explain("bench", ready(scene, physics), CANDIDATES, ACCURACY, processes=2, kept=kept)
     assert {one["name"] for one in at_once.content["effects"]} == set(physics)
     files = {path.name for path in tmp_path.glob("*.json")}
@@ -84,13 +84,13 @@ def test_a_verdict_is_the_same_in_several_processes_and_from_fits_that_were_kept
 def test_a_fit_counts_for_nothing_but_what_it_was_made_of(scene, tmp_path):
     fitter = ready(scene, {}).fitter
     baseline = trial(fitter, ())
-    kept = KeptFits(tmp_path, "this recording", lambda effect: "as it is")
+    kept = FitCache(tmp_path, "this recording", lambda effect: "as it is")
     kept.put(baseline, ("scatter",), baseline, baseline)
     asked = ("scatter",), baseline, baseline
     assert kept.get(*asked).fit == baseline.fit
     assert kept.get(("scatter",), None, baseline) is None and kept.get(("heel",), baseline, baseline) is None
-    assert KeptFits(tmp_path, "another recording", kept.code).get(*asked) is None
-    assert KeptFits(tmp_path, "this recording", lambda effect: f"{effect}, mended").get(*asked) is None
+    assert FitCache(tmp_path, "another recording", kept.code).get(*asked) is None
+    assert FitCache(tmp_path, "this recording", lambda effect: f"{effect}, mended").get(*asked) is None
 
 
 SETTINGS = (

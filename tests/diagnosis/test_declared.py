@@ -6,21 +6,21 @@ from simulated_scans import body, chosen, scans_of
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.candidates import candidates
-from virtual_phantom.diagnosis.core.attribute import choose
-from virtual_phantom.diagnosis.core.declared import declared
-from virtual_phantom.diagnosis.core.fit import Problem
-from virtual_phantom.diagnosis.core.inexact import distortions_of_physics
-from virtual_phantom.diagnosis.core.joint import JointFitter
-from virtual_phantom.diagnosis.core.joint_choice import choose_jointly
-from virtual_phantom.diagnosis.core.screening import screened
-from virtual_phantom.diagnosis.core.templates import data_changes
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.candidate_effects import candidates
+from virtual_phantom.diagnosis.fitting.declared import declared
+from virtual_phantom.diagnosis.fitting.fit import Problem
+from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
+from virtual_phantom.diagnosis.fitting.templates import data_changes
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.selection.forward_selection import choose
+from virtual_phantom.diagnosis.selection.joint_selection import choose_jointly
+from virtual_phantom.diagnosis.selection.screening import screened
+from virtual_phantom.diagnosis.uncertainty.model_error import distortions_of_physics
+from virtual_phantom.diagnosis.verdict.verdict import diagnose
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.recordings.projections import Projections
 
 PHOTONS = 1e5

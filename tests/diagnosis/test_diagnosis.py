@@ -11,18 +11,18 @@ from simulated_scans import body, chosen
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.linearisation import Linearisation, LinearisationPoint
-from virtual_phantom.diagnosis.core.locate import ALPHA, Half, variance_z
-from virtual_phantom.diagnosis.core.pattern import estimate
-from virtual_phantom.diagnosis.core.store import read_trial, write_trial
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.fitting.linearization import Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.trial import trial
+from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.locate import locate
+from virtual_phantom.diagnosis.projections.residual_maps import locate
+from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA, Half, variance_z
+from virtual_phantom.diagnosis.selection.store import read_trial, write_trial
+from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.io.files import checksum_path
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import DiscScene, VoxelScene
+from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.report.diagnosis import page, residual_maps
 

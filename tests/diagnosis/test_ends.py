@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.projections.ends import LEAST_MISSING, beyond
-from virtual_phantom.physics.posed import PosedScene
-from virtual_phantom.physics.scene import DiscScene, VoxelScene
+from virtual_phantom.diagnosis.projections.truncation import LEAST_MISSING, beyond
+from virtual_phantom.physics.scenes.posed import PosedScene
+from virtual_phantom.physics.scenes.scene import DiscScene, VoxelScene
 
 GEOMETRY = circular(
     views=24,

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import circular, parallel_beam
-from virtual_phantom.diagnosis.core import attribute
-from virtual_phantom.diagnosis.core.attribute import AS_GOOD, LIKE, choose
-from virtual_phantom.diagnosis.core.exchanged import exchanged
-from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.selection import forward_selection
+from virtual_phantom.diagnosis.selection.exchange import exchanged
+from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD, LIKE, choose
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose
 from virtual_phantom.recordings.projections import Projections
 
 PHOTONS = 1e5
@@ -57,7 +57,7 @@ def test_a_fit_of_one_begins_where_that_of_the_other_ended(scan):
 def test_one_whose_fit_gets_stuck_is_not_ruled_out(scan, monkeypatch):
     """Fits of the other effect that begin elsewhere end a tenth of the way, as along a valley that is rough."""
     fitter, effect, other = scan
-    made = attribute.trials
+    made = forward_selection.trials
 
     def stuck(fitter, tasks, *arguments, **settings):
         found = made(fitter, tasks, *arguments, **settings)
@@ -69,7 +69,7 @@ def test_one_whose_fit_gets_stuck_is_not_ruled_out(scan, monkeypatch):
                 found[index] = replace(found[index], fit=fit, score=fitter.score(fit))
         return found
 
-    monkeypatch.setattr(attribute, "trials", stuck)
+    monkeypatch.setattr(forward_selection, "trials", stuck)
     choice = choose(fitter, trial(fitter, ()), [effect, other, "scatter"])
     assert choice.chosen.fit.effects[0] in (effect, other)
     assert other not in choice.ruled_out and effect not in choice.ruled_out

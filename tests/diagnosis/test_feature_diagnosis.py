@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.diagnosis.features import choice
+from virtual_phantom.diagnosis.features import selection
 from virtual_phantom.diagnosis.features.changes import property_tables, sampled
 from virtual_phantom.diagnosis.features.properties import calibration, folds
 from virtual_phantom.diagnosis.features.responses import responses
@@ -26,7 +26,7 @@ REPEATS = 8
 
 @pytest.fixture(autouse=True)
 def fewer_draws(monkeypatch):
-    monkeypatch.setattr(choice, "DRAWS", 199)  # enough for 5 % over six properties
+    monkeypatch.setattr(selection, "DRAWS", 199)  # enough for 5 % over six properties
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +115,7 @@ def test_the_misses_that_it_repairs_on_regions_not_fitted_are_most(scene, tables
     recorded = recording(CHANGED[name][0](mean), masks)
     data = responses(tables, recorded, FEATURES, GRID)
     variants = {BASELINE: data.table(data.baseline)}
-    variants |= {one.name: data.table(values) for one, values in choice.held_out(data).items()}
+    variants |= {one.name: data.table(values) for one, values in selection.held_out(data).items()}
     found = attribute(variants, recorded, data.features, resamples=50).properties.query("family == 'all'")
     best = found.set_index("rank").loc[1]
     assert best["variant"] == name and best["median_removed_share"] > 0.5, found.to_string()

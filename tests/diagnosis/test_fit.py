@@ -12,19 +12,19 @@ from hypothesis.extra.numpy import arrays
 from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.declared import declared
-from virtual_phantom.diagnosis.core.fit import Problem
-from virtual_phantom.diagnosis.core.screening import amounts, explained, screened
-from virtual_phantom.diagnosis.core.steps import NORMAL_95, bounded_step, standard_errors
-from virtual_phantom.diagnosis.core.templates import data_changes
-from virtual_phantom.diagnosis.core.uncertainty import of_both_halves
-from virtual_phantom.diagnosis.core.unknown import Unknown
+from virtual_phantom.diagnosis.fitting.declared import declared
+from virtual_phantom.diagnosis.fitting.fit import Problem
+from virtual_phantom.diagnosis.fitting.steps import NORMAL_95, bounded_step, standard_errors
+from virtual_phantom.diagnosis.fitting.templates import data_changes
+from virtual_phantom.diagnosis.fitting.unknown import Unknown
 from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.selection.screening import amounts, explained, screened
+from virtual_phantom.diagnosis.uncertainty.prediction_error import of_both_halves
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import LOGARITHM, load
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.posed import PosedScene
-from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.scenes.posed import PosedScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
 
 WIDE = np.full(3, np.inf)
 

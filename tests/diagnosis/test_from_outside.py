@@ -9,18 +9,18 @@ from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.candidates import candidates
-from virtual_phantom.diagnosis.core.verdict import diagnose
-from virtual_phantom.diagnosis.images.compared_regions import complete
+from virtual_phantom.diagnosis.candidate_effects import candidates
+from virtual_phantom.diagnosis.comparison.regions import complete
 from virtual_phantom.diagnosis.images.prepared import prepare as prepare_images
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics import effect, effects
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.image import with_effects
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.reconstruction.images import in_hu
+from virtual_phantom.simulation.reconstruct import with_effects
 
 DRIFT = '''"""Tube output that drifts during the scan."""
 
@@ -77,8 +77,8 @@ BALLS = '''"""Balls of one material."""
 
 import numpy as np
 
-from virtual_phantom.physics.materials import attenuation_per_mm
-from virtual_phantom.physics.scene import IN_PLACE, turned_back
+from virtual_phantom.physics.beam.materials import attenuation_per_mm
+from virtual_phantom.physics.scenes.scene import IN_PLACE, turned_back
 
 
 class Balls:

@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from virtual_phantom.diagnosis.core.alignment import nuisances
-from virtual_phantom.diagnosis.core.fit import Fitter
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.verdict import excess_rms_removed
-from virtual_phantom.diagnosis.core.verified import Physics, verified
+from virtual_phantom.diagnosis.fitting.fit import Fitter
+from virtual_phantom.diagnosis.fitting.nuisance import nuisances
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.diagnosis.projections.observed import observe, scans
-from virtual_phantom.diagnosis.projections.scanned import mask_scene
+from virtual_phantom.diagnosis.scanned_object import mask_scene
+from virtual_phantom.diagnosis.selection.transfer import Physics, verified
+from virtual_phantom.diagnosis.verdict.verdict import excess_rms_removed
+from virtual_phantom.physics.beam.spectra import Anode
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.posed import PosedScene
-from virtual_phantom.physics.spectra import Anode
+from virtual_phantom.physics.scenes.posed import PosedScene
 from virtual_phantom.physics.state import AIR
 from virtual_phantom.recordings.importers.htc2022 import OBJECT, import_htc2022
 
@@ -25,7 +25,7 @@ pytestmark = [
     pytest.mark.real,
     pytest.mark.skipif(not REAL.exists(), reason="the real measurements are not beside this checkout"),
 ]
-# docs/htc2022.md
+# docs/validation/real-discs.md
 PHOTONS = 36000.0  # per pixel in air, from differences of neighbouring views
 EVERY = 36  # of the views; of those half are held out
 FOUND = {

@@ -9,22 +9,22 @@ from simulated_scans import body, chosen, noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.linearisation import BASE, Linearisation, LinearisationPoint
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.verdict import diagnose
-from virtual_phantom.diagnosis.images.compared_regions import complete
+from virtual_phantom.diagnosis.comparison.regions import complete
+from virtual_phantom.diagnosis.fitting.linearization import BASE, Linearisation, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.images.model import noise_lines
 from virtual_phantom.diagnosis.images.observed import LAGS, Condenser
 from virtual_phantom.diagnosis.images.prepared import prepare
 from virtual_phantom.diagnosis.images.setting import central_slices
 from virtual_phantom.diagnosis.images.whitening import local_variance, whitening
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.verdict.verdict import diagnose
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, load
-from virtual_phantom.physics.image import with_effects
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.reconstruction.images import in_hu
+from virtual_phantom.simulation.reconstruct import with_effects
 
 MU, PHOTONS, REPEATS = 0.0193, 1e5, 4
 SHAPE = (6, 40, 40)

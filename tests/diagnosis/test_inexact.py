@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from simulated_scans import disc_bench, scans_of
 
-from virtual_phantom.diagnosis.core import inexact
-from virtual_phantom.diagnosis.core.inexact import errors_with_models, harmonics, shapes
-from virtual_phantom.diagnosis.core.trial import trial
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import prepared
+from virtual_phantom.diagnosis.uncertainty import model_error
+from virtual_phantom.diagnosis.uncertainty.model_error import errors_with_models, harmonics, shapes
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scene import DiscScene
+from virtual_phantom.physics.scenes.scene import DiscScene
 
 PHOTONS, SHARE, LEVEL = 1e5, 0.1, 400.0
 TRUE = {"dark_signal": {"level_units": LEVEL, "drift_units_per_s": 0.0}}
@@ -44,7 +44,7 @@ def test_models_that_are_exact_leave_the_errors_of_noise(chain):
 
 def test_a_model_too_weak_as_a_whole_is_off_by_its_share_of_the_parameter(chain, monkeypatch):
     """The change by the effect is J times how far the numbers lie from those without it: so is their shift."""
-    monkeypatch.setattr(inexact, "shapes", lambda mean: {0: np.ones(mean.shape)})
+    monkeypatch.setattr(model_error, "shapes", lambda mean: {0: np.ones(mean.shape)})
     fitter, without, fit = fitted(chain, 2)
     errors = errors_with_models(fitter, fit, {"dark_signal": without}, INEXACT)
     by_model = np.sqrt(level(errors) ** 2 - fit.errors["dark_signal"]["level_units"] ** 2)
@@ -72,7 +72,7 @@ def test_of_data_that_are_off_as_models_may_be_intervals_are_right(chain):
 
 def test_a_kernel_of_another_form_is_off_by_what_half_its_width_shifts(chain, monkeypatch):
     """Glare of which as much again is half as wide: the numbers move by what is counted for it."""
-    monkeypatch.setattr(inexact, "MIXED", {"veiling_glare": 1.0})
+    monkeypatch.setattr(model_error, "MIXED", {"veiling_glare": 1.0})
     glare = {"veiling_glare": {"share": 0.03, "width_mm": 60.0}}
     narrower = {"veiling_glare": {"share": 0.03, "width_mm": 30.0}}
     wide, narrow = (chain.state(one).line_integrals() for one in (glare, narrower))

@@ -9,18 +9,18 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis.core import inexact
-from virtual_phantom.diagnosis.core.declared import declared
-from virtual_phantom.diagnosis.core.inexact import errors_of_pulled, errors_with_models, pulled_of_recordings
-from virtual_phantom.diagnosis.core.joint import JointFitter
-from virtual_phantom.diagnosis.core.joint_choice import MOST_FOLDS, choose_jointly, left_together
+from virtual_phantom.diagnosis.fitting.declared import declared
+from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.prepared import prepare
-from virtual_phantom.diagnosis.scanner import explain_scanner, protocols_of
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner, protocols_of
+from virtual_phantom.diagnosis.selection.joint_selection import MOST_FOLDS, choose_jointly, left_together
+from virtual_phantom.diagnosis.uncertainty import model_error
+from virtual_phantom.diagnosis.uncertainty.model_error import errors_of_pulled, errors_with_models, pulled_of_recordings
 from virtual_phantom.io.documents import SCANNER, schema_of_kind
 from virtual_phantom.io.schema import defaults_of, validate
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose
 from virtual_phantom.report.scanner import page
 
 PHOTONS = 2e5
@@ -102,8 +102,8 @@ def test_of_one_recording_inexact_models_count_as_there(fitters):
 
 def test_more_recordings_do_not_make_a_models_error_less(fitters, joint, monkeypatch):
     """One tenth too weak as a whole: the amount is off by a tenth, of three discs as of one."""
-    monkeypatch.setattr(inexact, "shapes", lambda mean: {0: np.ones(mean.shape)})
-    monkeypatch.setattr(inexact, "MIXED", {"scatter": 0.0})
+    monkeypatch.setattr(model_error, "shapes", lambda mean: {0: np.ones(mean.shape)})
+    monkeypatch.setattr(model_error, "MIXED", {"scatter": 0.0})
     without = JointFitter(fitters).fit(())
     accuracy = INEXACT | {"numerical": 0.0}
     errors = errors_of_pulled(pulled_of_recordings(JointFitter(fitters), joint, {"scatter": without}, accuracy))[

@@ -6,14 +6,14 @@ from drawn_objects import CYLINDERS, ENERGY_KEV, GEOMETRY, MATERIALS, MU_WATER_P
 
 import virtual_phantom as vp
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.core.asked import Asked, LabelledObject, Settings
-from virtual_phantom.diagnosis.described import object_of
-from virtual_phantom.diagnosis.images.compared_regions import Scanned
-from virtual_phantom.diagnosis.projections.scanned import scene_of
+from virtual_phantom.diagnosis.assumptions import object_of
+from virtual_phantom.diagnosis.comparison.regions import Scanned
+from virtual_phantom.diagnosis.request import DiagnosisRequest, LabelledObject, Settings
+from virtual_phantom.diagnosis.scanned_object import scene_of
+from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.labelled import read_labelled
-from virtual_phantom.physics.materials import attenuation_per_mm
-from virtual_phantom.physics.shapes import ShapesScene, cylinder
+from virtual_phantom.physics.scenes.labeled import read_labelled
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 
 
 def of_voxels(found):
@@ -47,7 +47,7 @@ def test_it_is_said_what_voxels_leave_along_edges(tmp_path):
     found = vp.diagnose(folder, labels=(path, MATERIALS), samples=2, effects=["scatter"], check_setup=False)
     assert of_voxels(found) == [
         "What is left lies along edges, as the voxels of labels.nii.gz (1 mm) leave it: finer voxels or an object of "
-        "shapes would show whether anything else is left (docs/objects.md)."
+        "shapes would show whether anything else is left (docs/how-to/objects.md)."
     ]
 
 
@@ -75,7 +75,7 @@ def test_it_is_said_what_was_modelled():
     settings = {"samples": 1, "view_step": 1, "alignment": {}}
     materials = {"1": "pmma", "2": {"compound": "C2F4", "density_g_per_cm3": 2.16}, "3": "nothing", "4": "pmma"}
     given = {"object": {"labels": "maps/rods.nii.gz", "materials": materials}}
-    asked = Asked("nowhere", Settings.of(settings | given), MU_WATER_PER_MM, {})
+    asked = DiagnosisRequest("nowhere", Settings.of(settings | given), MU_WATER_PER_MM, {})
     assert isinstance(asked.settings.object, LabelledObject)
     assert object_of(asked) == "the label map rods.nii.gz, of pmma and C2F4 (2.16 g/cm3)"
 
@@ -85,7 +85,7 @@ def test_the_beam_before_any_effect_is_the_one_of_shapes(tmp_path):
     path = drawn(tmp_path / "labels.nii.gz", 0.2)
     given = {"object": {"labels": str(path), "materials": {str(key): of for key, of in MATERIALS.items()}}}
     settings = Settings.of({"samples": 1, "view_step": 1, "alignment": {}} | given)
-    scene = scene_of(Asked("nowhere", settings, MU_WATER_PER_MM, {}))
+    scene = scene_of(DiagnosisRequest("nowhere", settings, MU_WATER_PER_MM, {}))
     shapes = ShapesScene([cylinder(*one) for one in CYLINDERS], ENERGY_KEV)
     found, expected = (Chain(one, GEOMETRY).state({}).line_integrals() for one in (scene, shapes))
     assert np.abs(found - expected).mean() < 0.005 * expected.max()

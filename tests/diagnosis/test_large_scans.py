@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis import extent
+from virtual_phantom.diagnosis import workload
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scene import DiscScene
+from virtual_phantom.physics.scenes.scene import DiscScene
 
 GEOMETRY = circular(
     views=180,
@@ -29,23 +29,23 @@ PHOTONS = 2e4
 )
 def test_as_few_views_as_fits_can_take(shape, samples, step):
     """A fan beam of 0.4 million rays has all; a clinical turn one of 23, or as few as still turn with the gantry."""
-    assert extent.step_for(shape, samples) == step
+    assert workload.step_for(shape, samples) == step
 
 
 @given(st.integers(1, 5000), st.integers(1, 128), st.integers(1, 1024), st.integers(1, 3))
 def test_the_step_is_odd_and_leaves_enough_views(views, rows, columns, samples):
-    step = extent.step_for((views, rows, columns), samples)
-    assert step % 2 == 1 and len(range(0, views, step)) >= min(views, extent.FEWEST_VIEWS)
+    step = workload.step_for((views, rows, columns), samples)
+    assert step % 2 == 1 and len(range(0, views, step)) >= min(views, workload.FEWEST_VIEWS)
 
 
 def test_shapes_have_more_rays_as_long_as_all_views_are_fitted():
     small, middle, large = (90, 8, 64), (300, 12, 64), (984, 64, 888)
-    assert [extent.samples_for(None, True, shape) for shape in (small, middle, large)] == [4, 3, 2]
-    assert extent.rays_of(middle, 3) <= extent.MOST_FITTED < extent.rays_of(middle, 4)
-    assert extent.samples_for(None, False, small) == 2  # voxels
-    assert extent.samples_for(1, True, small) == 1 and extent.samples_for(6, False, large) == 6
-    assert extent.is_shapes({"disc": {}}) and extent.is_shapes({"object": {"kind": "pmma_disc"}})
-    assert not extent.is_shapes({}) and not extent.is_shapes({"object": {"mask": "m.nii"}})
+    assert [workload.samples_for(None, True, shape) for shape in (small, middle, large)] == [4, 3, 2]
+    assert workload.rays_of(middle, 3) <= workload.MOST_FITTED < workload.rays_of(middle, 4)
+    assert workload.samples_for(None, False, small) == 2  # voxels
+    assert workload.samples_for(1, True, small) == 1 and workload.samples_for(6, False, large) == 6
+    assert workload.is_shapes({"disc": {}}) and workload.is_shapes({"object": {"kind": "pmma_disc"}})
+    assert not workload.is_shapes({}) and not workload.is_shapes({"object": {"mask": "m.nii"}})
 
 
 @pytest.mark.parametrize("repeats", [1, 4])

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as some
 from scipy import stats
 
-from virtual_phantom.diagnosis.core.levels import half_width, intervals
+from virtual_phantom.diagnosis.uncertainty.intervals import half_width, intervals
 
 levels = some.floats(0.01, 0.99)
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from virtual_phantom.diagnosis.core.locate import Half, normal_scores
-from virtual_phantom.diagnosis.core.observed import Blocks
-from virtual_phantom.diagnosis.projections.locate import locate
+from virtual_phantom.diagnosis.noise.condensed import Blocks
 from virtual_phantom.diagnosis.projections.observed import PARTS, ObservedScans
+from virtual_phantom.diagnosis.projections.residual_maps import locate
+from virtual_phantom.diagnosis.residuals.residual_tests import Half, normal_scores
 
 SHAPE = (24, 4, 32)
 

@@ -9,8 +9,8 @@ from scipy.optimize import lsq_linear
 from simulated_scans import SCAN, noisy_lines
 
 from virtual_phantom.base.data import SCHEMAS
-from virtual_phantom.diagnosis.core.information import (
-    Told,
+from virtual_phantom.diagnosis.planning.information import (
+    MeasurementInformation,
     correlation,
     expected,
     information_gain,
@@ -18,7 +18,8 @@ from virtual_phantom.diagnosis.core.information import (
     profiled,
     summed,
 )
-from virtual_phantom.diagnosis.next_measurement import (
+from virtual_phantom.diagnosis.planning.measurement import Scan
+from virtual_phantom.diagnosis.planning.ranking import (
     Ambiguity,
     Ranked,
     alikeness,
@@ -31,14 +32,13 @@ from virtual_phantom.diagnosis.next_measurement import (
     refitted_jointly,
     settles,
 )
-from virtual_phantom.diagnosis.next_written import alike_table, first_words, recording_to_fill_in, table
+from virtual_phantom.diagnosis.planning.tables import alike_table, first_words, recording_to_fill_in, table
 from virtual_phantom.diagnosis.projections import observed
-from virtual_phantom.diagnosis.projections.measurement import Scan
 from virtual_phantom.diagnosis.projections.prepared import prepare
 from virtual_phantom.figures.next_measurement import draw_ranking
 from virtual_phantom.io.schema import read_schema, validate
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose
 from virtual_phantom.recordings.scan import scan_geometry
 
 PHOTONS = 1e5
@@ -59,7 +59,7 @@ def measurement(name, seed, shared=2, own=3, data=40, knowledge=0.0):
     count = shared + own
     room = np.tile([-np.inf, np.inf], (count, 1))
     changes, predicted = random.normal(size=(data, count)), random.normal(size=data)
-    return Told(keys, changes, predicted, np.full(count, knowledge), room, np.ones(count))
+    return MeasurementInformation(keys, changes, predicted, np.full(count, knowledge), room, np.ones(count))
 
 
 GROUP = [("effect", "0"), ("effect", "1")]
@@ -90,7 +90,7 @@ def test_what_numbers_do_not_take_up_parts_explanations():
     left = np.linalg.lstsq(one.changes, difference, rcond=None)[1][0]
     assert parted(summed([one], [difference])) == pytest.approx(left / 2)
     room = np.tile([-0.05, 0.05], (5, 1))
-    held = Told(one.keys, one.changes, one.predicted, one.knowledge, room, one.steps)
+    held = MeasurementInformation(one.keys, one.changes, one.predicted, one.knowledge, room, one.steps)
     bounded = lsq_linear(one.changes, difference, (-0.05, 0.05), method="bvls")
     assert parted(summed([held], [difference])) == pytest.approx(bounded.cost) and bounded.cost > left / 2 * 1.01
 
@@ -99,7 +99,7 @@ def test_numbers_that_change_the_same_have_a_correlation_of_one():
     one = measurement("a", 6)
     changes = one.changes.copy()
     changes[:, 1] = -3 * changes[:, 0] + changes[:, 2]  # the alignment takes up the rest
-    alike = Told(one.keys, changes, one.predicted, one.knowledge, one.room, one.steps)
+    alike = MeasurementInformation(one.keys, changes, one.predicted, one.knowledge, one.room, one.steps)
     assert correlation(summed([alike]), GROUP[:1], GROUP[1:]) == pytest.approx(1)
     assert correlation(summed([one]), GROUP[:1], GROUP[1:]) < 0.5
 

@@ -7,21 +7,21 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core import inexact
-from virtual_phantom.diagnosis.core.attribute import choose
-from virtual_phantom.diagnosis.core.inexact import harmonics
-from virtual_phantom.diagnosis.core.linearisation import BASE, NOMINAL, LinearisationPoint
-from virtual_phantom.diagnosis.core.pattern import estimate
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.fitting.linearization import BASE, NOMINAL, LinearisationPoint
+from virtual_phantom.diagnosis.fitting.trial import trial
+from virtual_phantom.diagnosis.noise.gain_pattern import estimate
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.numerical import MOST_STRAY, Numerical, model_and_floor
-from virtual_phantom.diagnosis.projections.scanned import coarse_scene
+from virtual_phantom.diagnosis.projections.discretization import MOST_STRAY, Numerical, model_and_floor
+from virtual_phantom.diagnosis.scanned_object import coarse_scene
+from virtual_phantom.diagnosis.selection.forward_selection import choose
+from virtual_phantom.diagnosis.uncertainty import model_error
+from virtual_phantom.diagnosis.uncertainty.model_error import harmonics
+from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.io.volumes import Volume, read_nifti, write_nifti
 from virtual_phantom.phantom import block_mean
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import SOLID_ANGLE, Chain
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
 
 MU, PHOTONS = 0.0193, 1e5
 FINELY = 6  # rays per pixel and direction of what is scanned
@@ -92,9 +92,9 @@ def test_uneven_errors_of_steps_shift_numbers_by_what_is_counted(known, monkeypa
     whole = harmonics(fitter.model.turned_rad, fitter.data.mean.shape)
     steps = fitter.model.errors_of_steps(fit.linearisation)
     monkeypatch.setattr(type(fitter.model), "errors_of_steps", lambda *_: {name: steps[name]})
-    monkeypatch.setattr(inexact, "shapes", lambda mean: {})
-    monkeypatch.setattr(inexact, "harmonics", lambda *_: {"sin 2": whole["sin 2"]})
-    counted = inexact.errors_with_models(fitter, fit, {}, {"default": 0.0, "numerical": share}).nuisance
+    monkeypatch.setattr(model_error, "shapes", lambda mean: {})
+    monkeypatch.setattr(model_error, "harmonics", lambda *_: {"sin 2": whole["sin 2"]})
+    counted = model_error.errors_with_models(fitter, fit, {}, {"default": 0.0, "numerical": share}).nuisance
     monkeypatch.undo()
     other = fitter.of(fitter.model)
     other.data = replace(fitter.data, mean=fitter.data.mean + share * steps[name] * whole["sin 2"])

@@ -9,26 +9,26 @@ import pytest
 from simulated_scans import scans_of
 
 from virtual_phantom.base.geometry import Grid, circular, helical
-from virtual_phantom.diagnosis.core.alignment import Nuisance
-from virtual_phantom.diagnosis.core.linearisation import LinearisationPoint
-from virtual_phantom.diagnosis.core.object_differs import excess, explains_all
-from virtual_phantom.diagnosis.core.outside import changes
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.course import explain
-from virtual_phantom.diagnosis.projections import piece as piece_module
+from virtual_phantom.diagnosis.fitting.linearization import LinearisationPoint
+from virtual_phantom.diagnosis.fitting.nuisance import Nuisance
+from virtual_phantom.diagnosis.fitting.trial import trial
+from virtual_phantom.diagnosis.projections import local_mismatch as piece_module
 from virtual_phantom.diagnosis.projections import prepared
-from virtual_phantom.diagnosis.projections.numerical import model_and_floor
-from virtual_phantom.diagnosis.projections.piece import Left, Piece, found, reach_of
+from virtual_phantom.diagnosis.projections.discretization import model_and_floor
+from virtual_phantom.diagnosis.projections.local_mismatch import Left, Piece, found, reach_of
+from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.verdict.object_mismatch import excess, explains_all
+from virtual_phantom.diagnosis.verdict.unmodelled import changes
 from virtual_phantom.figures.diagnosis import draw_pieces
 from virtual_phantom.io import documents
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.io.volumes import Volume
+from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
-from virtual_phantom.physics.inclusion import Inclusion
-from virtual_phantom.physics.materials import attenuation_per_mm
-from virtual_phantom.physics.scene import Pose
-from virtual_phantom.physics.shapes import ShapesScene, ellipsoid
+from virtual_phantom.physics.scenes.inclusion import Inclusion
+from virtual_phantom.physics.scenes.scene import Pose
+from virtual_phantom.physics.scenes.shapes import ShapesScene, ellipsoid
 
 PHOTONS = 1e5
 SCHEMA = documents.schema_of_kind("diagnosis")

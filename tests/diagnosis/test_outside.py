@@ -5,11 +5,11 @@ import pytest
 from simulated_scans import chosen
 from test_declared import GEOMETRY, PHOTONS, inserts_in_muscle
 
-from virtual_phantom.diagnosis.core.locate import KINDS
-from virtual_phantom.diagnosis.core.outside import changes
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.residuals.residual_tests import KINDS
+from virtual_phantom.diagnosis.verdict.unmodelled import changes
+from virtual_phantom.diagnosis.verdict.verdict import diagnose
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.recordings.projections import Projections
 

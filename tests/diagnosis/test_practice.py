@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy import special
 
-from virtual_phantom.diagnosis.core.sentence import PRACTICAL
-from virtual_phantom.diagnosis.images.agreement import Features, Regions
-from virtual_phantom.diagnosis.images.practice import changes
-from virtual_phantom.diagnosis.matters import in_practice, over
+from virtual_phantom.diagnosis.comparison.agreement import Features, Regions
+from virtual_phantom.diagnosis.comparison.relevance import changes
+from virtual_phantom.diagnosis.comparison.relevance_thresholds import in_practice, over
+from virtual_phantom.diagnosis.wording import PRACTICAL
 
 SPACING = (2.0, 1.0, 1.0)
 THRESHOLDS = {"hu": 1, "contrast_percent": 1, "noise_percent": 1, "resolution_percent": 1, "features_sd": 0.2}

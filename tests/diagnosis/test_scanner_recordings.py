@@ -8,11 +8,11 @@ from scipy import stats
 from test_joint import DISCS, SCATTER, made_ready
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.core.consistency import alone
-from virtual_phantom.diagnosis.core.inexact import pulled_of_recordings
-from virtual_phantom.diagnosis.core.joint import JointFitter
-from virtual_phantom.diagnosis.core.uncertainty import left_by_numbers
-from virtual_phantom.diagnosis.scanner import explain_scanner
+from virtual_phantom.diagnosis.fitting.joint_fit import JointFitter
+from virtual_phantom.diagnosis.scanner.consistency import alone
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner
+from virtual_phantom.diagnosis.uncertainty.model_error import pulled_of_recordings
+from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
 from virtual_phantom.io.documents import SCANNER, schema_of_kind
 from virtual_phantom.io.schema import defaults_of, validate
 from virtual_phantom.report.scanner import page

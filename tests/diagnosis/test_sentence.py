@@ -7,17 +7,17 @@ import pytest
 from simulated_scans import chosen, noisy_lines
 
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.diagnosis.core.alignment import nuisances
-from virtual_phantom.diagnosis.core.doubts import advice, doubts
-from virtual_phantom.diagnosis.core.sentence import sentence
-from virtual_phantom.diagnosis.core.statement import Statement
-from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.fitting.nuisance import nuisances
+from virtual_phantom.diagnosis.fitting.priors import Statement
 from virtual_phantom.diagnosis.projections import observed
 from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.diagnosis.projections.prepared import prepare
-from virtual_phantom.physics import sensors
+from virtual_phantom.diagnosis.verdict.doubts import advice, doubts
+from virtual_phantom.diagnosis.verdict.verdict import diagnose
+from virtual_phantom.diagnosis.wording import sentence
+from virtual_phantom.physics.beam import sensors
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.scene import DiscScene
+from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.report import diagnosis as report
 
 GEOMETRY = circular(

@@ -9,14 +9,14 @@ from simulated_scans import noisy_lines
 import virtual_phantom as vp
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular, parallel_beam
-from virtual_phantom.diagnosis.core.asked import Asked, Settings
-from virtual_phantom.diagnosis.described import object_of
-from virtual_phantom.diagnosis.images.compared_regions import Scanned
-from virtual_phantom.diagnosis.projections import numerical
-from virtual_phantom.diagnosis.projections.scanned import scene_of
+from virtual_phantom.diagnosis.assumptions import object_of
+from virtual_phantom.diagnosis.comparison.regions import Scanned
+from virtual_phantom.diagnosis.projections import discretization
+from virtual_phantom.diagnosis.request import DiagnosisRequest, Settings
+from virtual_phantom.diagnosis.scanned_object import scene_of
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import checked
-from virtual_phantom.physics.objects import read_object
+from virtual_phantom.physics.scenes.objects import read_object
 from virtual_phantom.recordings.importers.study import scan_of
 
 GEOMETRY = circular(
@@ -29,7 +29,7 @@ GEOMETRY = circular(
     row_pitch_mm=8.0,
 )
 SECTION = {"samples": 1, "view_step": 1, "alignment": {}, "object": {"kind": "acr464_module1"}}
-ASKED = Asked("nowhere", Settings.of(SECTION), 0.0193, {})
+ASKED = DiagnosisRequest("nowhere", Settings.of(SECTION), 0.0193, {})
 
 
 FINELY = 12  # rays per pixel and direction of what is scanned: three quarters of what the model's errors are taken from
@@ -83,7 +83,7 @@ def test_a_parallel_beam_is_read_and_diagnosed(tmp_path):
 def test_edges_that_few_rays_miss_are_no_physics(enough, tmp_path, monkeypatch):
     """Of the module alone, as a real detector sees it. Two per direction, held against four, show effects."""
     if not enough:
-        monkeypatch.setattr(numerical, "FINER_OF_SHAPES", numerical.FINER)
+        monkeypatch.setattr(discretization, "FINER_OF_SHAPES", discretization.FINER)
     tried = ["source_distance", "off_focal_radiation", "view_blur", "focal_spot"]
     found = vp.diagnose(
         recorded(tmp_path, {}, photons=2e6),

@@ -7,14 +7,14 @@ import pytest
 from simulated_scans import body, noisy_lines
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.attribute import choose
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.verdict import diagnose
+from virtual_phantom.diagnosis.fitting.trial import trial
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.observed import NOISE_OF_VIEWS, VIEW_PARTS
+from virtual_phantom.diagnosis.selection.forward_selection import choose
+from virtual_phantom.diagnosis.verdict.verdict import diagnose
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import IN_PLACE, Pose, VoxelScene
+from virtual_phantom.physics.scenes.scene import IN_PLACE, Pose, VoxelScene
 
 PHOTONS = 1e5
 GEOMETRY = circular(

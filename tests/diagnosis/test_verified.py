@@ -13,24 +13,24 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core import attribute
-from virtual_phantom.diagnosis.core.attribute import best_few
-from virtual_phantom.diagnosis.core.fit import Fit
-from virtual_phantom.diagnosis.core.levels import half_width
-from virtual_phantom.diagnosis.core.screening import Screened
-from virtual_phantom.diagnosis.core.trial import Trial, trial
-from virtual_phantom.diagnosis.core.uncertainty import left_by_numbers
-from virtual_phantom.diagnosis.core.verdict import diagnose, excess_rms_removed
-from virtual_phantom.diagnosis.core.verified import Physics, stated, verified, with_declared
+from virtual_phantom.config.config import complete
+from virtual_phantom.diagnosis.fitting.fit import Fit
+from virtual_phantom.diagnosis.fitting.trial import Trial, trial
 from virtual_phantom.diagnosis.projections import observed, prepared
-from virtual_phantom.diagnosis.projections.scanned import mask_scene
+from virtual_phantom.diagnosis.scanned_object import mask_scene
+from virtual_phantom.diagnosis.selection import forward_selection
+from virtual_phantom.diagnosis.selection.forward_selection import best_few
+from virtual_phantom.diagnosis.selection.screening import Screened
+from virtual_phantom.diagnosis.selection.transfer import Physics, stated, verified, with_declared
+from virtual_phantom.diagnosis.uncertainty.intervals import half_width
+from virtual_phantom.diagnosis.uncertainty.prediction_error import left_by_numbers
+from virtual_phantom.diagnosis.verdict.verdict import diagnose, excess_rms_removed
 from virtual_phantom.io import volumes
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.posed import PosedScene
-from virtual_phantom.physics.scene import DiscScene
+from virtual_phantom.physics.scenes.posed import PosedScene
+from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.recordings.importers.htc2022_object import with_partial_pixels
 from virtual_phantom.recordings.projections import Projections
-from virtual_phantom.study.config import complete
 
 PHOTONS, DENSITY = 1e5, 1.03
 # A fitter, of which a choice asks what is declared and how many data there are.
@@ -249,7 +249,7 @@ def test_one_view_of_so_many_keeps_the_noise_of_all(other):
 @pytest.fixture
 def scored(monkeypatch):
     """Scores stand in for fits: heel is best alone, but scatter explains more beside motion."""
-    monkeypatch.setattr(attribute, "MOST_EFFECTS", 2)
+    monkeypatch.setattr(forward_selection, "MOST_EFFECTS", 2)
     scores = {
         (): 0,
         ("heel",): 500,
@@ -264,15 +264,17 @@ def scored(monkeypatch):
         fit = Fit(tuple(effects), {}, {}, {}, {}, -2.0 * scores[tuple(sorted(effects))], (), len(effects))
         return Trial(fit, scores[tuple(sorted(effects))], 0.0)
 
-    monkeypatch.setattr(attribute, "trials", lambda fitter, tasks, **_: [made(task[0]) for task in tasks])
+    monkeypatch.setattr(forward_selection, "trials", lambda fitter, tasks, **_: [made(task[0]) for task in tasks])
 
     def filtered(fitter, fit, names, fitted_too=False, **more):
         made_up = Screened(1.0, 0.0) if fitted_too else None  # inexact models may make up all of it
         gains = {name: 2 * (made((*fit.effects, name)).score - made(fit.effects).score) for name in names}
         return {name: Screened(0.0, gain, beside_errors=made_up) for name, gain in gains.items()}
 
-    monkeypatch.setattr(attribute, "screened", filtered)
-    monkeypatch.setattr(attribute, "exchanged", lambda *_: {})  # scores have no data that effects could change alike
+    monkeypatch.setattr(forward_selection, "screened", filtered)
+    monkeypatch.setattr(
+        forward_selection, "exchanged", lambda *_: {}
+    )  # scores have no data that effects could change alike
     return made
 
 
@@ -281,7 +283,7 @@ SINGLES = ("heel", "scatter", "motion")
 
 def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
     singles = SINGLES
-    choice = attribute.choose(BARE, scored(()), singles)
+    choice = forward_selection.choose(BARE, scored(()), singles)
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
     assert choice.gains == {"motion": 500, "scatter": 800}
     assert choice.stand_ins == {"motion": {"heel": 395}, "scatter": {"heel": 200}}
@@ -291,7 +293,7 @@ def test_an_effect_that_is_worse_beside_the_others_is_swapped(scored):
 def test_what_may_be_there_beside_is_undecided_and_not_ruled_out(scored):
     """In the place of heel, motion loses 400; beside it, it gains 200, which an inexact model of heel may leave."""
     singles = SINGLES[::2]
-    choice = attribute.choose(BARE, scored(()), singles, accuracy={"default": 0.7})
+    choice = forward_selection.choose(BARE, scored(()), singles, accuracy={"default": 0.7})
     assert choice.chosen.fit.effects == ("heel",)
     assert choice.undecided == {"motion": 200} and choice.ruled_out == {}
 
@@ -302,22 +304,22 @@ def test_models_are_held_as_exact_as_the_configuration_has_it_by_default(scored)
     default = yaml.safe_load((root / "config/config.yaml").read_text())
     stated = complete(default)["diagnosis"]["model_accuracy"]
     assert set(stated) > {"default", "numerical"} and stated["default"] > 0
-    given, taken = (attribute.choose(BARE, scored(()), singles, **one) for one in ({"accuracy": stated}, {}))
+    given, taken = (forward_selection.choose(BARE, scored(()), singles, **one) for one in ({"accuracy": stated}, {}))
     assert (given.undecided, given.ruled_out, given.blur) == (taken.undecided, taken.ruled_out, taken.blur)
-    assert taken.blur > attribute.choose(BARE, scored(()), singles, accuracy={"default": 0.0}).blur
+    assert taken.blur > forward_selection.choose(BARE, scored(()), singles, accuracy={"default": 0.0}).blur
 
 
 def test_what_has_no_template_is_fitted(scored, monkeypatch):
     """Of an effect that does nothing at its typical strength a filter knows nothing: neither that it is needless nor
     that it is ruled out."""
-    plain = attribute.screened
+    plain = forward_selection.screened
 
     def filtered(fitter, fit, names, **more):
         blind = {"motion": Screened(1.0, 0.0, blind=True)} if "motion" in names else {}
         return plain(fitter, fit, names, **more) | blind
 
-    monkeypatch.setattr(attribute, "screened", filtered)
-    choice = attribute.choose(BARE, scored(()), SINGLES)
+    monkeypatch.setattr(forward_selection, "screened", filtered)
+    choice = forward_selection.choose(BARE, scored(()), SINGLES)
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
 
 
@@ -326,34 +328,34 @@ def test_chances_are_those_of_their_law():
     pixel, and p is that of its size: 1.645 standard errors."""
     without = Fit((), {}, {}, {}, {}, 100.0, (), 0)
     one = Fit(("scatter",), {}, {}, {}, {}, 100 - 3.841459, (), 1)
-    assert attribute.chance(one, without, "scatter") == pytest.approx(0.05, abs=1e-6)
+    assert forward_selection.chance(one, without, "scatter") == pytest.approx(0.05, abs=1e-6)
     rms, error = {"gain_pattern": {"rms": 0.001644854}}, {"gain_pattern": {"rms": 0.001}}
     rings = Fit(("gain_pattern",), rms, error, {}, {}, 0.0, (), 1)
-    assert attribute.chance(rings, without, "gain_pattern") == pytest.approx(0.05, abs=1e-6)
+    assert forward_selection.chance(rings, without, "gain_pattern") == pytest.approx(0.05, abs=1e-6)
     none = replace(rings, physics={"gain_pattern": {"rms": 0.0}})
-    assert attribute.chance(none, without, "gain_pattern") == 1.0
+    assert forward_selection.chance(none, without, "gain_pattern") == 1.0
 
 
 def test_what_an_inexact_model_may_leave_is_no_evidence(scored):
     """heel gains 500 and motion 200 more: two fifths of it, the square of 0.63."""
     singles = SINGLES[::2]
     for accuracy, named in ((0.6, {"heel", "motion"}), (0.7, {"heel"})):
-        choice = attribute.choose(BARE, scored(()), singles, accuracy={"default": accuracy})
+        choice = forward_selection.choose(BARE, scored(()), singles, accuracy={"default": accuracy})
         assert set(choice.chosen.fit.effects) == named
 
 
 def test_what_inexact_models_cannot_make_up_is_named_however_little(scored, monkeypatch):
     """motion alone: heel, which moves no ray, is not asked about."""
-    plain = attribute.screened
+    plain = forward_selection.screened
 
     def filtered(fitter, fit, names, fitted_too=False, **more):
         return plain(fitter, fit, names, **more)
 
-    monkeypatch.setattr(attribute, "screened", filtered)
-    choice = attribute.choose(BARE, scored(()), SINGLES[::2], accuracy={"default": 0.7})
+    monkeypatch.setattr(forward_selection, "screened", filtered)
+    choice = forward_selection.choose(BARE, scored(()), SINGLES[::2], accuracy={"default": 0.7})
     assert choice.chosen.fit.effects == ("heel", "motion") and choice.apart == {"motion"}
-    monkeypatch.setattr(attribute, "MOST_DATA", -1)
-    assert not attribute.choose(BARE, scored(()), SINGLES[::2], accuracy={"default": 0.7}).apart
+    monkeypatch.setattr(forward_selection, "MOST_DATA", -1)
+    assert not forward_selection.choose(BARE, scored(()), SINGLES[::2], accuracy={"default": 0.7}).apart
 
 
 @pytest.mark.parametrize(
@@ -362,7 +364,7 @@ def test_what_inexact_models_cannot_make_up_is_named_however_little(scored, monk
 )
 def test_an_effect_is_as_exact_as_is_said_of_it(scored, accuracy, named):
     singles = SINGLES[::2]
-    assert set(attribute.choose(BARE, scored(()), singles, accuracy=accuracy).chosen.fit.effects) == named
+    assert set(forward_selection.choose(BARE, scored(()), singles, accuracy=accuracy).chosen.fit.effects) == named
 
 
 @pytest.mark.parametrize(("corrected", "named"), [(990.0, ("heel",)), (1010.0, ())])
@@ -370,15 +372,15 @@ def test_what_corrections_for_steps_may_leave_is_no_evidence(scored, corrected, 
     """heel alone gains 500 of log score, 1000 of chi-square."""
     baseline = scored(())
     baseline = replace(baseline, fit=replace(baseline.fit, corrected=corrected))
-    choice = attribute.choose(BARE, baseline, ("heel",), accuracy={"default": 0.0, "numerical": 1.0})
+    choice = forward_selection.choose(BARE, baseline, ("heel",), accuracy={"default": 0.0, "numerical": 1.0})
     assert choice.chosen.fit.effects == named
 
 
 def test_an_effect_is_worth_what_it_explains_once_an_idle_one_has_gone(scored, monkeypatch):
     """heel is taken first, then motion, then scatter, beside which heel gains 1 and goes; 900 are explained."""
-    monkeypatch.setattr(attribute, "MOST_EFFECTS", 4)
+    monkeypatch.setattr(forward_selection, "MOST_EFFECTS", 4)
     singles = SINGLES
-    choice = attribute.choose(BARE, scored(()), singles, accuracy={"default": 0.1})
+    choice = forward_selection.choose(BARE, scored(()), singles, accuracy={"default": 0.1})
     assert set(choice.chosen.fit.effects) == {"motion", "scatter"}
     assert choice.blur == pytest.approx(0.1**2 * 900)
 

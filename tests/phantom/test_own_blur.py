@@ -8,15 +8,8 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom.ct import resample
-from virtual_phantom.phantom.own_blur import (
-    SD_OF_HALF,
-    Spectra,
-    spectra,
-    with_voxels,
-    within_object,
-    without_own_blur,
-)
-from virtual_phantom.physics.line_integrals import clean_line_integrals
+from virtual_phantom.phantom.own_blur import SD_OF_HALF, Spectra, spectra, with_voxels, within_object, without_own_blur
+from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.statistics.own_edge import edge_mtf_half
 
 GRID = Grid((40, 96, 96), (0.75, 0.7, 0.7), (0.0, 0.0, 0.0))

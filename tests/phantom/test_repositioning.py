@@ -14,10 +14,10 @@ from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct, synthetic
 from virtual_phantom.phantom.layout import read_layout
 from virtual_phantom.phantom.repositioning import beyond, drawn_pose
-from virtual_phantom.physics.line_integrals import clean_line_integrals
-from virtual_phantom.physics.projected import projected
+from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction.fbp import fbp
+from virtual_phantom.simulation.project import projected
 
 MU = 0.02
 POSE = Pose(x_mm=3.7, y_mm=-2.2, z_mm=1.9, turn_deg=25.0)

@@ -10,10 +10,10 @@ from scanner import SCANNER
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.physics.posed import PosedScene
-from virtual_phantom.physics.prism import PrismScene
-from virtual_phantom.physics.sampling import displaced
-from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
+from virtual_phantom.physics.scenes.posed import PosedScene
+from virtual_phantom.physics.scenes.prism import PrismScene
+from virtual_phantom.physics.scenes.sampling import displaced
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
 from virtual_phantom.projectors.cpu import CpuProjector
 
 DETECTOR = dict(**SCANNER, columns=41, rows=9, column_pitch_mm=4.0, row_pitch_mm=10.0, column_offset_px=0.3)

@@ -15,17 +15,17 @@ from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.projections import observed, prepared
 from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.io.exchange import read_line_integrals, write_line_integrals
+from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.correlation import correlations
 from virtual_phantom.physics.effect import OF_AIR, acts_on_images, load, names, needs_times
 from virtual_phantom.physics.effects.afterglow import of_views
-from virtual_phantom.physics.materials import attenuation_per_mm
-from virtual_phantom.physics.noise import acquire
-from virtual_phantom.physics.scene import DISC_ENERGY_KEV, DiscScene
-from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
+from virtual_phantom.physics.noise.correlation import correlations
+from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, DiscScene
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 from virtual_phantom.physics.state import AIR, EARLIER, State, between, lagged
 from virtual_phantom.physics.stored_state import read_state, to_store
 from virtual_phantom.recordings.projections import Projections
+from virtual_phantom.simulation.acquire import acquire
 
 RADIUS, PLACE, MU = 80.0, np.array([12.0, -7.0]), attenuation_per_mm("water", [DISC_ENERGY_KEV])[0]
 MOVED = {"x_mm_per_s": 1.0, "y_mm_per_s": 0.0, "z_mm_per_s": 0.0}

@@ -8,13 +8,13 @@ import pytest
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.projections.scanned import labelled_scene, mask_scene
+from virtual_phantom.diagnosis.scanned_object import labelled_scene, mask_scene
 from virtual_phantom.io.volumes import Volume, write_nifti
+from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.labelled import materials_of, read_labelled
-from virtual_phantom.physics.materials import attenuation_per_mm
-from virtual_phantom.physics.posed import PosedScene
-from virtual_phantom.physics.scene import DISC_ENERGY_KEV, Pose
+from virtual_phantom.physics.scenes.labeled import materials_of, read_labelled
+from virtual_phantom.physics.scenes.posed import PosedScene
+from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, Pose
 
 GEOMETRY = circular(
     views=9,

@@ -2,8 +2,8 @@
 
 import pytest
 
-from virtual_phantom.physics.material_names import COMPOUNDS, ELEMENTS, SYNONYMS, named
-from virtual_phantom.physics.materials import Mixture, attenuation_per_mm
+from virtual_phantom.physics.beam.material_names import COMPOUNDS, ELEMENTS, SYNONYMS, named
+from virtual_phantom.physics.beam.materials import Mixture, attenuation_per_mm
 
 
 def test_cellulose_attenuates_as_its_elements():

@@ -9,7 +9,7 @@ from scipy import stats
 from virtual_phantom.base import streams
 from virtual_phantom.base.counts import Counts
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.physics.noise import simulate_counts
+from virtual_phantom.simulation.acquire import simulate_counts
 
 SEED = np.random.SeedSequence(7)
 

@@ -10,13 +10,13 @@ import yaml
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.physics.materials import Mixture, attenuation_per_mm
-from virtual_phantom.physics.object_files import path_of, shipped
-from virtual_phantom.physics.objects import ShapedRoi, read_object
-from virtual_phantom.physics.scene import DiscScene
-from virtual_phantom.physics.shapes import NOTHING, ShapesScene, box, cone, cylinder, ellipsoid
-from virtual_phantom.physics.voxelised import build, share_of_each
-from virtual_phantom.study.preflight import problems
+from virtual_phantom.physics.beam.materials import Mixture, attenuation_per_mm
+from virtual_phantom.physics.scenes.object_files import path_of, shipped
+from virtual_phantom.physics.scenes.objects import ShapedRoi, read_object
+from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import NOTHING, ShapesScene, box, cone, cylinder, ellipsoid
+from virtual_phantom.physics.scenes.voxelized import build, share_of_each
+from virtual_phantom.study.checks.preflight import problems
 
 MU_WATER = 0.0193
 GIVEN = {  # what has no default
@@ -121,7 +121,7 @@ def test_a_file_of_ones_own(tmp_path):
 
 
 def test_the_file_on_the_page_is_an_object(tmp_path):
-    page = (Path(__file__).resolve().parents[2] / "docs" / "objects.md").read_text(encoding="utf-8")
+    page = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "objects.md").read_text(encoding="utf-8")
     (block,) = [one for one in re.findall(r"```yaml\n(.*?)```", page, re.DOTALL) if one.startswith("description:")]
     (tmp_path / "bottle.yaml").write_text(block)
     shaped = read_object(str(tmp_path / "bottle.yaml"), {"wide_mm": 40})

@@ -1,9 +1,7 @@
 """Every effect against a closed form, and the chain against the baseline."""
 
-import importlib.util
 import itertools
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,18 +10,17 @@ from simulated_scans import body, noisy_lines
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical
 from virtual_phantom.diagnosis.projections.observed import Scans, observe
+from virtual_phantom.physics.beam.materials import Segmentation, attenuation_per_mm, energy_of
+from virtual_phantom.physics.beam.spectra import Anode, tube_spectrum, weighted_spectrum
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.correlation import correlations
 from virtual_phantom.physics.effect import STAGES, acts_on_images, checked, load, names
-from virtual_phantom.physics.image import with_effects
-from virtual_phantom.physics.line_integrals import clean_line_integrals
-from virtual_phantom.physics.materials import Segmentation, attenuation_per_mm, energy_of
-from virtual_phantom.physics.sampling import displaced, quadrature
-from virtual_phantom.physics.scene import DiscScene, Pose, VoxelScene
-from virtual_phantom.physics.spectra import Anode, tube_spectrum, weighted_spectrum
+from virtual_phantom.physics.noise.correlation import correlations
+from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
+from virtual_phantom.physics.scenes.sampling import displaced, quadrature
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose, VoxelScene
 from virtual_phantom.physics.state import State, lagged, shared
+from virtual_phantom.simulation.reconstruct import with_effects
 
-ROOT = Path(__file__).resolve().parents[2]
 MU = 0.0193
 SCANNER = dict(
     views=24,
@@ -519,13 +516,6 @@ def test_effects_on_images():
         ("hu_calibration", {"scale": 1.0, "offset_hu": 0.0}),
     ):
         np.testing.assert_array_equal(with_effects(point, spacing, {name: neutral}), point)
-
-
-def test_the_catalogue_is_up_to_date():
-    spec = importlib.util.spec_from_file_location("effects_catalogue", ROOT / "docs" / "effects_catalogue.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.page() == (ROOT / "docs" / "physics.md").read_text(), "run python docs/effects_catalogue.py"
 
 
 def test_a_dark_signal_is_read_out_without_noise_of_its_own():

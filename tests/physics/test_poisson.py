@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import special, stats
 
-from virtual_phantom.physics.poisson import poisson_counts, quantiles
+from virtual_phantom.physics.noise.poisson import poisson_counts, quantiles
 
 MEANS = np.concatenate([[0.0], np.geomspace(1e-6, 1e9, 76), [9.999999, 10.0, 99999.99, 1e5]])
 

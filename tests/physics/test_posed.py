@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.physics.posed import PosedScene
-from virtual_phantom.physics.rays import outline
-from virtual_phantom.physics.sampling import displaced
-from virtual_phantom.physics.scene import Pose, VoxelScene
+from virtual_phantom.physics.scenes.posed import PosedScene
+from virtual_phantom.physics.scenes.rays import outline
+from virtual_phantom.physics.scenes.sampling import displaced
+from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
 
 GEOMETRY = circular(
     views=12,

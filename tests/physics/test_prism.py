@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.physics.posed import PosedScene
-from virtual_phantom.physics.prism import PrismScene
-from virtual_phantom.physics.scene import DiscScene, Pose
+from virtual_phantom.physics.scenes.posed import PosedScene
+from virtual_phantom.physics.scenes.prism import PrismScene
+from virtual_phantom.physics.scenes.scene import DiscScene, Pose
 
 GEOMETRY = circular(
     views=7,

@@ -8,8 +8,8 @@ from scanner import SCANNER
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical
-from virtual_phantom.physics.sampling import averaged, divided, quadrature
-from virtual_phantom.physics.scene import Pose, VoxelScene
+from virtual_phantom.physics.scenes.sampling import averaged, divided, quadrature
+from virtual_phantom.physics.scenes.scene import Pose, VoxelScene
 from virtual_phantom.projectors.cpu import CpuProjector
 
 GRID = Grid((20, 24, 24), (4.0, 5.0, 5.0))
@@ -79,7 +79,7 @@ def test_many_rays_are_worked_out_in_parts(scene, monkeypatch):
     ((together, weights),) = divided(geometry, 2)
     whole = averaged(scene.path_lengths(together), weights)
     for most, parts in ((2 * np.prod(geometry.shape), 2), (1, 4)):
-        monkeypatch.setattr("virtual_phantom.physics.sampling.MOST_RAYS", int(most))
+        monkeypatch.setattr("virtual_phantom.physics.scenes.sampling.MOST_RAYS", int(most))
         made = divided(geometry, 2)
         assert len(made) == parts
         found = sum(averaged(scene.path_lengths(one), share) for one, share in made)

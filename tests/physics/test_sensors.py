@@ -9,12 +9,12 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
 from virtual_phantom.diagnosis.projections.model import ScansModel
 from virtual_phantom.io.exchange import write_line_integrals
+from virtual_phantom.physics.beam.materials import attenuation_per_mm
+from virtual_phantom.physics.beam.sensors import COUNTS, ENERGY, SENSORS, Sensor, response, stated
+from virtual_phantom.physics.beam.spectra import TUNGSTEN, tube_spectrum, weighted_spectrum
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
-from virtual_phantom.physics.materials import attenuation_per_mm
-from virtual_phantom.physics.scene import DiscScene
-from virtual_phantom.physics.sensors import COUNTS, ENERGY, SENSORS, Sensor, response, stated
-from virtual_phantom.physics.spectra import TUNGSTEN, tube_spectrum, weighted_spectrum
+from virtual_phantom.physics.scenes.scene import DiscScene
 from virtual_phantom.physics.stored_state import read_state, to_store
 
 SPECTRUM = {"kvp": 120.0, "filtration_mm": 3.0, "sensor_mm": 0.6}

@@ -8,12 +8,12 @@ from simulated_scans import noisy_lines
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular, helical
+from virtual_phantom.physics.beam.materials import attenuation_per_mm
+from virtual_phantom.physics.beam.spectra import Anode
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import check_readings, checked, load
-from virtual_phantom.physics.materials import attenuation_per_mm
-from virtual_phantom.physics.sampling import later, sources
-from virtual_phantom.physics.scene import DISC_ENERGY_KEV, DiscScene, Pose
-from virtual_phantom.physics.spectra import Anode
+from virtual_phantom.physics.scenes.sampling import later, sources
+from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV, DiscScene, Pose
 from virtual_phantom.physics.state import State
 
 RADIUS, DISTANCE, PHOTONS = 500.0, 1000.0, 2e4

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from virtual_phantom.physics.transmission import BLOCK, MANY, transmitted
+from virtual_phantom.physics.beam.transmission import BLOCK, MANY, transmitted
 
 
 def close_to(paths, attenuation_per_mm):

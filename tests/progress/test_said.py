@@ -11,13 +11,21 @@ from simulated_scans import body, noisy_lines
 from snakemake_interface_logger_plugins.common import LogEvent
 
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.how_far import ALIGNED, COMPARED, FITTED, JUDGED, LEFT_AFTER, RANKED, HowFar
-from virtual_phantom.diagnosis.core.kept import KeptFits
-from virtual_phantom.diagnosis.course import explain
 from virtual_phantom.diagnosis.projections import observed, prepared
+from virtual_phantom.diagnosis.run import explain
+from virtual_phantom.diagnosis.selection.fit_cache import FitCache
+from virtual_phantom.diagnosis.selection.progress import (
+    ALIGNED,
+    COMPARED,
+    FITTED,
+    JUDGED,
+    LEFT_AFTER,
+    RANKED,
+    DiagnosisProgress,
+)
+from virtual_phantom.physics.beam.materials import Segmentation
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.materials import Segmentation
-from virtual_phantom.physics.scene import VoxelScene
+from virtual_phantom.physics.scenes.scene import VoxelScene
 from virtual_phantom.study.job import job
 from virtual_phantom.study.progress.console import Console
 from virtual_phantom.study.progress.said import Said, heard, place, say, saying, silence
@@ -76,7 +84,7 @@ def test_a_small_diagnosis_is_followed_to_its_verdict(processes, tmp_path):
         tell(how_far)
         run.look()
 
-    _, found = explain("bench", ready(), CANDIDATES, {"default": 0.02}, processes, how_far=HowFar(told))
+    _, found = explain("bench", ready(), CANDIDATES, {"default": 0.02}, processes, how_far=DiagnosisProgress(told))
     assert [one["name"] for one in found.content["effects"]] == ["scatter"]
     said = [line.partition("bench: ")[2] for line in run.lines() if "bench: " in line]
     assert said[0] == "alignment fitted"
@@ -91,9 +99,9 @@ def test_a_small_diagnosis_is_followed_to_its_verdict(processes, tmp_path):
 
 
 def test_fits_that_were_kept_are_not_counted(tmp_path):
-    kept, words = KeptFits(tmp_path / "fits", "this recording", lambda effect: "as it is"), []
+    kept, words = FitCache(tmp_path / "fits", "this recording", lambda effect: "as it is"), []
     for _ in range(2):
-        how_far = HowFar(lambda one: words.append(one.words))
+        how_far = DiagnosisProgress(lambda one: words.append(one.words))
         explain("bench", ready(), CANDIDATES, {"default": 0.02}, kept=kept, how_far=how_far)
     assert words[-1] == "alignment fitted; 2 effects ranked beside scatter; verdict found"
     assert "fits made" in words[words.index("alignment fitted", 1) - 1]
@@ -117,7 +125,7 @@ def test_time_left_is_the_forecast_s_until_fits_need_more(tmp_path):
 
 def test_after_the_verdict_little_is_left():
     times = [0.0]
-    how_far = HowFar(clock=lambda: times[-1])
+    how_far = DiagnosisProgress(clock=lambda: times[-1])
     assert how_far.most_left is None
     times.append(50.0)
     for rounds in (1, 2, 3):
@@ -132,7 +140,7 @@ def test_after_the_verdict_little_is_left():
 
 def test_time_that_fits_need_is_that_of_those_just_made():
     times = [0.0]
-    how_far = HowFar(clock=lambda: times[-1])
+    how_far = DiagnosisProgress(clock=lambda: times[-1])
     assert how_far.seconds_left is None
     how_far.reached(ALIGNED)
     done = how_far.begin(FITTED, 4)
@@ -153,7 +161,7 @@ def test_time_that_fits_need_is_that_of_those_just_made():
 
 
 def test_words_are_of_what_is_done():
-    how_far = HowFar()
+    how_far = DiagnosisProgress()
     how_far.reached(ALIGNED)
     for beside in ((), ("xray_crosstalk", "heel")):
         done = how_far.begin(RANKED, 2, beside)

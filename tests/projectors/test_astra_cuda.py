@@ -14,12 +14,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, helical
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.projectors import astra_cuda
-from virtual_phantom.projectors.astra_cuda import (
-    AstraCudaProjector,
-    cone_vectors,
-    projection_geometry,
-    volume_geometry,
-)
+from virtual_phantom.projectors.astra_cuda import AstraCudaProjector, cone_vectors, projection_geometry, volume_geometry
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction import images, sirt
 

@@ -9,7 +9,7 @@ from test_cpu import ellipsoid_coverage
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical, parallel_beam
-from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 from virtual_phantom.projectors.cpu import CpuProjector
 
 RADIUS, DISTANCE = 570.0, 1040.0

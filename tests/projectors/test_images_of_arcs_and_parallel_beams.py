@@ -9,16 +9,16 @@ import yaml
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular, helical, parallel_beam, scan_geometry
+from virtual_phantom.config.config import complete, inspected
+from virtual_phantom.physics.beam.materials import attenuation_per_mm
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.materials import attenuation_per_mm
-from virtual_phantom.physics.scene import DISC_ENERGY_KEV
-from virtual_phantom.physics.shapes import ShapesScene, cylinder
+from virtual_phantom.physics.scenes.scene import DISC_ENERGY_KEV
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction.fbp import fbp
 from virtual_phantom.reconstruction.sirt import sirt
 from virtual_phantom.recordings.scan import check_lengths, missing_for_geometry
 from virtual_phantom.recordings.scan import scan_geometry as recorded_geometry
-from virtual_phantom.study.config import complete, inspected
 
 ROOT = Path(__file__).resolve().parents[2]
 WATER = float(attenuation_per_mm("water", [DISC_ENERGY_KEV])[0])

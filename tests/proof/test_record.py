@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from generators import validation_tables
 from proof_suite import diagnosis, write_suite
 
 from virtual_phantom.base.data import RESOURCES
@@ -173,7 +174,7 @@ def test_a_broken_record_is_one_line(record, entries, message):
 def test_readme_has_the_pooled_counts():
     readme = (ROOT / "README.md").read_text()
     for name, share in summary(read(RECORD))["pooled"].items():
-        assert name == "exact" or f"| {share['count']} of {share['n']} | " in readme, name
+        assert name == "exact" or f"{share['count']} of {share['n']} ({percent(share['share'])}; " in readme, name
     assert f"{len(names()) - len(never_concealed())} of the {len(names())} effects" in " ".join(readme.split())
 
 
@@ -200,21 +201,20 @@ def test_docs_count_the_seed_that_was_scored_last_and_the_worst():
 
 
 def test_docs_say_whose_equations_they_are():
-    page = runpy.run_path(str(ROOT / "docs/generators/validation_tables.py"))["page"]()
+    page = validation_tables.page()
     for model, made in MODELS.items():
         known, lacking = (", ".join(label(one) for one in made if (one in names()) == kind) for kind in (True, False))
         assert f"| {model} | {known} | {lacking} |" in page
 
 
 def test_the_generated_page_has_every_seed_and_every_table():
-    module = runpy.run_path(str(ROOT / "docs/generators/validation_tables.py"))
-    page = module["page"]()
+    page = validation_tables.page()
     for name, share in summary(read(RECORD))["pooled"].items():
         assert f"| {share['count']} of {share['n']} ({percent(share['share'])}; " in page, name
     for entry in read(RECORD):
         assert f"Seed {entry.seed}" in page and all(f"| {a} of {b} |" in page for a, b in entry.counts.values())
-    results = yaml.safe_load((ROOT / "docs/generators/validation_results.yaml").read_text())
+    results = yaml.safe_load(validation_tables.RESULTS.read_text())
     titles = [table["name"] for section in results for table in section["tables"]]
     assert len(set(titles)) == len(titles) and all(f"\n### {title}\n" in page for title in titles)
     with pytest.raises(ValueError, match="has 1 cells; the header has 2"):
-        module["table"](["a", "b"], [["c"]])
+        validation_tables.table(["a", "b"], [["c"]])

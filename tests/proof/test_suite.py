@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.config.config import complete
 from virtual_phantom.physics.effect import acts_on_images, load, names
 from virtual_phantom.proof.conceal import seal
 from virtual_phantom.proof.conceal.catalogue import CATALOGUE, MODELS, XCIST, never_concealed
@@ -29,7 +30,6 @@ from virtual_phantom.proof.conceal.suite import (
 )
 from virtual_phantom.proof.conceal.xcist import Acquired
 from virtual_phantom.recordings.reading import load as read
-from virtual_phantom.study.config import complete
 
 SETTINGS = {
     "seed": 7,

@@ -7,12 +7,12 @@ import pytest
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import circular
+from virtual_phantom.physics.beam.materials import attenuation_per_mm as attenuation
+from virtual_phantom.physics.beam.spectra import Anode
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import load
-from virtual_phantom.physics.materials import attenuation_per_mm as attenuation
-from virtual_phantom.physics.scene import DiscScene
-from virtual_phantom.physics.shapes import ShapesScene, cylinder, ellipsoid
-from virtual_phantom.physics.spectra import Anode
+from virtual_phantom.physics.scenes.scene import DiscScene
+from virtual_phantom.physics.scenes.shapes import ShapesScene, cylinder, ellipsoid
 from virtual_phantom.physics.state import State
 from virtual_phantom.proof.conceal.catalogue import CATALOGUE
 from virtual_phantom.proof.conceal.generate import NOMINAL

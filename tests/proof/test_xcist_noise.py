@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from virtual_phantom.base.geometry import circular
+from virtual_phantom.physics.beam.spectra import Spectrum
 from virtual_phantom.physics.chain import Chain
-from virtual_phantom.physics.spectra import Spectrum
 from virtual_phantom.proof.conceal.xcist import Materials, Scan, _air, _configured, simulate
 
 WATER_MM, VOXEL_MM = np.arange(50, 351, 50), 2.0

@@ -17,13 +17,13 @@ from virtual_phantom.base.units import attenuation_to_hu
 from virtual_phantom.io.simpleitk import itk_image, itk_resample, matrix_of
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import Roi, ct
-from virtual_phantom.physics.line_integrals import clean_line_integrals
-from virtual_phantom.physics.noise import simulate_counts
+from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.projectors import projector
 from virtual_phantom.reconstruction import fbp
 from virtual_phantom.recordings.alignment import align_recording, carried_rois, check_same_phantom
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.registration import Search, describe, euler
+from virtual_phantom.simulation.acquire import simulate_counts
 
 REAL = Path(__file__).resolve().parents[2] / "../shared/real"
 GRID = Grid((16, 64, 64), (3.0, 3.0, 3.0), (5.0, -40.0, 300.0))

@@ -15,12 +15,12 @@ from pydicom.tag import Tag
 from test_recordings_importers import import_refused
 
 from virtual_phantom.base.geometry import helical
-from virtual_phantom.diagnosis.candidates import candidates
+from virtual_phantom.cli import main as study_command
+from virtual_phantom.diagnosis.candidate_effects import candidates
 from virtual_phantom.io import dicom_ct_pd as pd
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.recordings.importers import command
 from virtual_phantom.recordings.importers.dicom_ct_pd import import_dicom_ct_pd
-from virtual_phantom.study import command as study_command
 
 SPOTS = ((-0.66, 3.0, -0.6), (0.66, 3.0, -0.6), (-0.66, -3.0, 0.6), (0.66, -3.0, 0.6))
 # A scanner of 736 columns in miniature: fewer and wider ones.

@@ -11,6 +11,7 @@ from recording_folders import features_folder, projections_folder, write_yaml
 from scipy.io import savemat
 
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.config.config import complete
 from virtual_phantom.io.volumes import read_nifti
 from virtual_phantom.recordings.importers import command
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
@@ -18,7 +19,6 @@ from virtual_phantom.recordings.importers.feature_tables import import_features
 from virtual_phantom.recordings.importers.htc2022 import import_htc2022
 from virtual_phantom.recordings.importers.next_steps import next_steps
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.study.config import complete
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())

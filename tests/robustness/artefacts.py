@@ -14,13 +14,13 @@ from scanner import SCANNER
 
 from virtual_phantom import phantom
 from virtual_phantom.base.geometry import Grid, circular
-from virtual_phantom.diagnosis.core.store import write_diagnosis
-from virtual_phantom.diagnosis.core.verified import Physics
+from virtual_phantom.diagnosis.selection.store import write_diagnosis
+from virtual_phantom.diagnosis.selection.transfer import Physics
 from virtual_phantom.io import exchange, files, volumes
-from virtual_phantom.physics.noise import simulate_counts
 from virtual_phantom.proof.score.example import residual_maps
 from virtual_phantom.proof.score.real import row
 from virtual_phantom.recordings.document import read_document
+from virtual_phantom.simulation.acquire import simulate_counts
 from virtual_phantom.study import matched_noise
 
 GRID = Grid((4, 9, 11), (2.0, 1.5, 1.5))

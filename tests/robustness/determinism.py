@@ -23,8 +23,8 @@ from interrupt import ROOT, tables
 from processors import plain_processor
 
 from virtual_phantom.io import exchange, volumes
-from virtual_phantom.physics.noise import simulate_counts
 from virtual_phantom.reconstruction.images import in_hu
+from virtual_phantom.simulation.acquire import simulate_counts
 
 # A helper of tests in another folder, which Python does not look into for a program that is run from here.
 tiny = run_path(str(ROOT / "tests" / "workflow" / "workflow_runs.py"))["tiny"]

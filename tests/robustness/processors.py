@@ -12,10 +12,10 @@ from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.base.units import HU_AIR
 from virtual_phantom.features.extraction import FEATURES, extract
 from virtual_phantom.io.volumes import Volume
-from virtual_phantom.physics.image import reconstruct
-from virtual_phantom.physics.line_integrals import clean_line_integrals
-from virtual_phantom.physics.noise import simulate_counts
-from virtual_phantom.physics.poisson import poisson_counts
+from virtual_phantom.physics.noise.poisson import poisson_counts
+from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
+from virtual_phantom.simulation.acquire import simulate_counts
+from virtual_phantom.simulation.reconstruct import reconstruct
 
 MU_WATER_PER_MM, NOISE_LEVEL = 0.0193, 6e-6
 REPEATS = 8

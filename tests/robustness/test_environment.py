@@ -12,7 +12,7 @@ from virtual_phantom.base.caches import user_cache
 from virtual_phantom.base.console import run_command
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.home import expand_home
-from virtual_phantom.study.config import inspected
+from virtual_phantom.config.config import inspected
 
 LIBRARY = Path(vp.__file__).resolve().parents[1]
 DRAW = """

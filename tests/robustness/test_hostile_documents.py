@@ -10,10 +10,10 @@ from test_config import COMPARISON, DEFAULT
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.config.config import complete
+from virtual_phantom.config.plan import Plan
 from virtual_phantom.recordings.document import read_document
 from virtual_phantom.recordings.reading import load
-from virtual_phantom.study.config import complete
-from virtual_phantom.study.plan import Plan
 
 WIDE = DEFAULT | {
     "recordings": {"scanner": "recordings/scanner"},

@@ -1,6 +1,6 @@
 """Numbers at the edge of what a scan can give: the result is defined, or the study stops and says why.
 
-docs/promises.md lists what is defined.
+docs/reference/stability.md lists what is defined.
 """
 
 import ast
@@ -18,9 +18,9 @@ from virtual_phantom.features.extraction import FEATURES, RadiomicsWarning, extr
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.io.volumes import Volume, read_nifti, write_nifti
 from virtual_phantom.phantom.ct import read_hu
-from virtual_phantom.physics.image import reconstruct
-from virtual_phantom.physics.line_integrals import clean_line_integrals
-from virtual_phantom.physics.noise import simulate_counts
+from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
+from virtual_phantom.simulation.acquire import simulate_counts
+from virtual_phantom.simulation.reconstruct import reconstruct
 
 ROOT = Path(__file__).resolve().parents[2]
 SEED = np.random.SeedSequence(5)

@@ -8,9 +8,9 @@ import pytest
 
 from virtual_phantom.base import streams
 from virtual_phantom.base.geometry import circular
-from virtual_phantom.physics.noise import acquire
+from virtual_phantom.config.dependencies import LIBRARY
 from virtual_phantom.physics.state import State
-from virtual_phantom.study.dependencies import LIBRARY
+from virtual_phantom.simulation.acquire import acquire
 
 LINES = np.full((10, 20, 50), 1.0)
 LABELS = list(itertools.product(("views150", "views300"), ("dose10", "double"), range(10)))

@@ -16,10 +16,12 @@ from snakemake.utils import update_config
 
 from virtual_phantom.base.errors import InputError, InputErrors, printed
 from virtual_phantom.base.geometry import Grid, scan_geometry
-from virtual_phantom.physics.line_integrals import check_rois_seen
-from virtual_phantom.study import command, preflight, preflight_ct, read_config
-from virtual_phantom.study.config import complete
-from virtual_phantom.study.coverage import columns_for, points_of, rows_for, worst_share
+from virtual_phantom.cli import main
+from virtual_phantom.config import read_config
+from virtual_phantom.config.config import complete
+from virtual_phantom.physics.scenes.line_integrals import check_rois_seen
+from virtual_phantom.study.checks import preflight, preflight_ct
+from virtual_phantom.study.checks.coverage import columns_for, points_of, rows_for, worst_share
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = ROOT / "config" / "config.yaml"
@@ -204,7 +206,7 @@ def checked(settings, capsys):
     """Exit code and lines of the command on a configuration."""
     text = settings if isinstance(settings, str) else yaml.safe_dump(settings)
     Path("my.yaml").write_text(text)
-    code = command.main(["check", "my.yaml"])
+    code = main.main(["check", "my.yaml"])
     said = capsys.readouterr()
     return code, (said.out + said.err).splitlines()
 
@@ -376,7 +378,7 @@ def test_a_path_that_is_no_text_is_named(key, value, problem, desk, capsys):
 
 
 def test_a_missing_file_is_one_line(desk, capsys):
-    assert command.main(["check", "nothing.yaml"]) == 1
+    assert main.main(["check", "nothing.yaml"]) == 1
     assert capsys.readouterr().err.startswith("Error: nothing.yaml: no such file; give")
 
 

@@ -12,7 +12,7 @@ import yaml
 from phantom_files import ball, object_hu, write_nifti_array
 
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.study import command
+from virtual_phantom.cli import main
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -84,7 +84,7 @@ EXPECTED = [
 
 def test_ten_faults_are_ten_lines(desk, capsys):
     Path("my.yaml").write_text(yaml.safe_dump(CONFIG))
-    assert command.main(["check", "my.yaml"]) == 1
+    assert main.main(["check", "my.yaml"]) == 1
     head, *lines = capsys.readouterr().err.splitlines()
     assert head == "Error: 10 mistakes"
     found = [line.split(". ", 1)[1] for line in lines]
@@ -101,7 +101,7 @@ def test_all_images_of_a_recording_are_read(desk, capsys):
     document["repeats"] += ["three.nii.gz", "four.nii.gz"]
     Path("scanner/recording.yaml").write_text(yaml.safe_dump(document))
     Path("my.yaml").write_text(yaml.safe_dump({"recordings": {"scanner": "scanner"}}))
-    assert command.main(["check", "my.yaml"]) == 1
+    assert main.main(["check", "my.yaml"]) == 1
     head, *lines = capsys.readouterr().err.splitlines()
     assert head == "Error: 3 mistakes"
     for line, words in zip(lines, ("two.nii.gz: values go", "three.nii.gz: has no", "four.nii.gz: is on"), strict=True):

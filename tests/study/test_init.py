@@ -16,13 +16,15 @@ from PIL import Image
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
+from virtual_phantom.cli import main
+from virtual_phantom.cli.init.command import drawn
+from virtual_phantom.cli.init.propose import propose, sizes
+from virtual_phantom.cli.init.regions import tissue_class
+from virtual_phantom.cli.init.written import minutes
+from virtual_phantom.config import read_config
+from virtual_phantom.config.config import complete
 from virtual_phantom.phantom import ct
-from virtual_phantom.study import command, preflight, read_config
-from virtual_phantom.study.config import complete
-from virtual_phantom.study.init.command import drawn
-from virtual_phantom.study.init.propose import propose, sizes
-from virtual_phantom.study.init.regions import tissue_class
-from virtual_phantom.study.init.written import minutes
+from virtual_phantom.study.checks import preflight
 
 ROOT = Path(__file__).resolve().parents[2]
 CENTRE = phantom_files.CENTRE
@@ -55,7 +57,7 @@ def labelled():
 
 def initialised(*words):
     """The configuration that the command writes, as Snakemake would have it."""
-    assert command.main(["init", *words]) == 0
+    assert main.main(["init", *words]) == 0
     lines, settings = read_config.read_configs(["my.yaml"])
     assert not lines
     return settings
@@ -129,11 +131,11 @@ def test_a_check_of_the_ct_can_be_left_out(desk, capsys):
     phantom_files.write_nifti_array(phantom_files.object_hu(), "ct.nii.gz", grid=small)
     phantom_files.write_nifti_array(labelled(), "labels.nii.gz", grid=small)
     words = ["init", "ct.nii.gz", "--labels", "labels.nii.gz", "--size", "quick"]
-    assert command.main(words) == 1 and "not_checked: [size])" in capsys.readouterr().err
+    assert main.main(words) == 1 and "not_checked: [size])" in capsys.readouterr().err
     settings = initialised(*words[1:], "--not-checked", "size")
     assert settings["phantom"]["ct"]["not_checked"] == ["size"] and "--not-checked size" in settings["trial"]
     assert preflight.problems(settings) == []
-    assert command.main([*words, "--not-checked", "sise", "--force"]) == 1
+    assert main.main([*words, "--not-checked", "sise", "--force"]) == 1
     assert "there is no check 'sise'; did you mean 'size'?" in capsys.readouterr().err
 
 
@@ -194,7 +196,7 @@ def test_a_quick_study_is_a_trial_and_names_the_command_for_an_answer(desk, caps
     settings = initialised(*words, "--size", "quick")
     assert f"Then, for an answer: {settings['trial']}" in capsys.readouterr().out
     begin, *rest = shlex.split(settings["trial"])
-    assert begin == "virtual-phantom" and rest[-1] == "my-normal.yaml" and command.main(rest) == 0
+    assert begin == "virtual-phantom" and rest[-1] == "my-normal.yaml" and main.main(rest) == 0
     lines, normal = read_config.read_configs(["my-normal.yaml"])
     assert not lines and "trial" not in normal
     assert [roi["name"] for roi in normal["phantom"]["ct"]["rois"]] == ["a", "b"]
@@ -241,9 +243,9 @@ def test_normal_is_the_default_study():
 def test_files_that_are_there_stay(desk, capsys):
     words = ["init", "ct.nii.gz", "--labels", "labels.nii.gz"]
     Path("my.yaml").write_text("mine")
-    assert command.main(words) == 1 and Path("my.yaml").read_text() == "mine"
+    assert main.main(words) == 1 and Path("my.yaml").read_text() == "mine"
     assert "my.yaml: is there already; give another --out, or --force" in capsys.readouterr().err
-    assert command.main([*words, "--force"]) == 0 and Path("my.yaml").read_text() != "mine"
+    assert main.main([*words, "--force"]) == 0 and Path("my.yaml").read_text() != "mine"
 
 
 @pytest.mark.parametrize(
@@ -279,7 +281,7 @@ def test_what_cannot_be_is_one_line_and_nothing_is_written(words, message, desk,
     phantom_files.write_nifti_array(np.zeros(phantom_files.CT_GRID.shape, np.float32), "zero.nii")
     Path("lone.mhd").write_text("NDims = 3\nDimSize = 9 9 9\nElementType = MET_SHORT\nElementDataFile = lone.raw\n")
     before = sorted(Path().rglob("*"))
-    assert command.main(["init", *words]) == 1
+    assert main.main(["init", *words]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("Error: ") and message in line
     assert sorted(Path().rglob("*")) == before

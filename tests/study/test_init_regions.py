@@ -14,9 +14,9 @@ from structure_files import Z, circle, contour, structure_set
 
 from virtual_phantom.base import console
 from virtual_phantom.base.geometry import Grid
+from virtual_phantom.cli import main
+from virtual_phantom.cli.init.regions import read_regions, tissue_class
 from virtual_phantom.io.volumes import read_nifti
-from virtual_phantom.study import command
-from virtual_phantom.study.init.regions import read_regions, tissue_class
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -52,17 +52,17 @@ def test_a_contour_outside_the_ct_leaves_the_other_regions(desk, capsys):
     with console.printed_notes():
         assert list(read("rt.dcm", rois=["bright", "2"])) == list(BALLS)
     assert not notes(capsys)
-    assert command.main(["init", "ct.nii.gz", "--labels", "rt.dcm", "--size", "quick"]) == 0
+    assert main.main(["init", "ct.nii.gz", "--labels", "rt.dcm", "--size", "quick"]) == 0
     lines = notes(capsys)
     left_out = ["BODY is left out", "COUCH is left out", "marker is left out", "rt.dcm"]
     assert [line.split(":")[0] for line in lines] == left_out
     assert "leaves the CT" in lines[0] and "does not lie in a slice of the CT" in lines[1]
     assert lines[3] == "rt.dcm: 1 region without voxels passed over: no"
     assert [one["name"] for one in yaml.safe_load(Path("my.yaml").read_text())["phantom"]["ct"]["rois"]] == list(BALLS)
-    assert command.main(["check", "my.yaml"]) == 0 and not notes(capsys)
+    assert main.main(["check", "my.yaml"]) == 0 and not notes(capsys)
     Path("my.yaml").unlink()
     Path("my.png").unlink()
-    assert command.main(["init", "ct.nii.gz", "--labels", "rt.dcm", "--rois", "bright,BODY"]) == 1
+    assert main.main(["init", "ct.nii.gz", "--labels", "rt.dcm", "--rois", "bright,BODY"]) == 1
     assert "a contour of ROI BODY" in capsys.readouterr().err and not Path("my.yaml").exists()
 
 
@@ -150,15 +150,15 @@ def test_gaps_are_filled_by_an_option_that_the_configuration_keeps(desk, capsys)
     ]
     structure_set(*rois)
     words = ["init", "ct.nii.gz", "--labels", "rt.dcm", "--size", "quick", "--force"]
-    assert command.main(words) == 0
+    assert main.main(words) == 0
     striped = notes(capsys)
     assert all("4 of its 9 slices" in one and "--fill-gaps" in one for one in striped) and len(striped) == 2
-    assert command.main([*words, "--fill-gaps"]) == 0
+    assert main.main([*words, "--fill-gaps"]) == 0
     assert "4 of its 9 slices" in notes(capsys)[0]
     settings = yaml.safe_load(Path("my.yaml").read_text())
     assert all(one["fill_gaps"] for one in settings["phantom"]["ct"]["rois"])
     assert "--fill-gaps" in settings["trial"]
-    assert command.main(["check", "my.yaml"]) == 0
+    assert main.main(["check", "my.yaml"]) == 0
     whole = read("rt.dcm", fill_gaps=True)
     assert [one.voxels for one in whole.values()] == [
         9 * structure_files.disc(7, 14, 8).sum(),

@@ -6,9 +6,9 @@ import signal
 import pytest
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.core import trials as side_by_side
-from virtual_phantom.study import kept_fits as module
-from virtual_phantom.study.kept_fits import kept_fits
+from virtual_phantom.diagnosis.selection import trials as side_by_side
+from virtual_phantom.study import fit_cache_key as module
+from virtual_phantom.study.fit_cache_key import fit_cache
 
 MODEL = {"folder": "bench", "settings": {"samples": 2, "baseline": {"focal_spot": {"width_mm": {"value": 1, "sd": 0}}}}}
 
@@ -22,7 +22,7 @@ def recording(tmp_path):
 
 def made_of(folder, model=MODEL):
     module._effect.cache_clear()
-    return kept_fits(folder / "fits", model, [folder / "recording.yaml", folder / "repeat_1.h5"]).made_of
+    return fit_cache(folder / "fits", model, [folder / "recording.yaml", folder / "repeat_1.h5"]).made_of
 
 
 @pytest.mark.parametrize("name", ["recording.yaml", "repeat_1.h5"])
@@ -39,7 +39,7 @@ def test_a_setting_and_what_is_declared_count(recording):
         assert made_of(recording, MODEL | {"settings": settings | changed}) != before
 
 
-@pytest.mark.parametrize("changed", ["physics/effects/focal_spot.py", "physics/chain.py", "diagnosis/core/fit.py"])
+@pytest.mark.parametrize("changed", ["physics/effects/focal_spot.py", "physics/chain.py", "diagnosis/fitting/fit.py"])
 def test_the_code_behind_counts_that_of_declared_effects_too(recording, monkeypatch, changed):
     before, real = made_of(recording), module.sha256
     monkeypatch.setattr(module, "sha256", lambda path: "other" if str(path).endswith(changed) else real(path))

@@ -9,7 +9,7 @@ import pytest
 
 from virtual_phantom.base import commands
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.study.init.options import joined, listed, paired
+from virtual_phantom.cli.init.options import joined, listed, paired
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -8,9 +8,10 @@ import yaml
 
 from virtual_phantom.base import data
 from virtual_phantom.base.errors import InputError
+from virtual_phantom.cli import main
+from virtual_phantom.config import read_config
 from virtual_phantom.io.yaml_files import read_yaml
 from virtual_phantom.phantom.layout import read_layout
-from virtual_phantom.study import command, read_config
 
 ROOT = Path(__file__).resolve().parents[2]
 QUOTES = "write the text in quotes"
@@ -24,7 +25,7 @@ def elsewhere(tmp_path, monkeypatch):
 
 def checked(content, capsys):
     Path("my.yaml").write_bytes(content if isinstance(content, bytes) else content.encode())
-    code = command.main(["check", "my.yaml"])
+    code = main.main(["check", "my.yaml"])
     return code, capsys.readouterr().err.splitlines()
 
 
@@ -88,7 +89,7 @@ def test_what_snakemake_reads_is_read_as_snakemake_does(content, settings):
 
 @pytest.mark.parametrize("path", [".", "gone.yaml", "a\0b"])
 def test_a_path_that_is_no_file_is_one_line(path, capsys):
-    assert command.main(["check", path]) == 1
+    assert main.main(["check", path]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("Error: ") and "give the path of a configuration" in line
 
@@ -176,7 +177,7 @@ def test_null_is_named_in_every_section(content, line, capsys):
 def test_null_that_removes_nothing_is_noted(content, name, advice, capsys, tmp_path):
     path = tmp_path / "my.yaml"
     path.write_text(content)
-    assert command.main(["check", str(path)]) == 0
+    assert main.main(["check", str(path)]) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"Note: {path}: {name}: null removes nothing, as there is no such entry; ")
     assert line.endswith(advice)
@@ -197,7 +198,7 @@ def test_an_entry_that_is_refused_is_the_only_mistake(entry, capsys):
 
 
 def test_removing_a_protocol_as_the_docs_say_works(capsys):
-    text = (ROOT / "docs" / "protocols.md").read_text()
+    text = (ROOT / "docs" / "how-to" / "protocols.md").read_text()
     (block,) = [one for one in text.split("```yaml\n")[1:] if "sirt_300: null" in one]
     assert checked(block.partition("```")[0], capsys) == (0, [])
 
@@ -208,7 +209,7 @@ def test_removing_a_protocol_as_the_docs_say_works(capsys):
 def test_the_package_has_the_default_study(monkeypatch, capsys):
     monkeypatch.setattr(read_config, "clone", lambda: None)
     assert read_config.read_configs([]) == ([], yaml.safe_load((ROOT / "config" / "config.yaml").read_text()))
-    assert command.main(["check", str(ROOT / "config" / "tiny.yaml")]) == 0
+    assert main.main(["check", str(ROOT / "config" / "tiny.yaml")]) == 0
     assert capsys.readouterr().err == ""
 
 

@@ -11,10 +11,10 @@ import pytest
 import yaml
 from workflow_runs import ROOT, planned, tiny
 
+from virtual_phantom.config.config import complete
+from virtual_phantom.config.plan import Plan
 from virtual_phantom.recordings.importers.study import import_study
 from virtual_phantom.report.words import DOMAINS, NUISANCES
-from virtual_phantom.study.config import complete
-from virtual_phantom.study.plan import Plan
 from virtual_phantom.study.progress.status import duration_range
 
 CONCEALED = {"scatter": {"amount": 0.04}, "electronic_noise": {"photons": 80.0}}

@@ -8,7 +8,7 @@ import yaml
 from test_workflow import IMPORTED, recorded
 from workflow_runs import snakemake
 
-from virtual_phantom.study.outputs import OUTPUTS, WILDCARD
+from virtual_phantom.config.outputs import OUTPUTS, WILDCARD
 from virtual_phantom.study.progress.time_left import stage_of
 
 ALL = ("report_page", "viewer", "dicom", "plan", "recordings", "alignment", "diagnosis", "next_measurement")

@@ -21,7 +21,7 @@ from virtual_phantom.io import exchange, volumes
 from virtual_phantom.io.schema import defaults_of
 from virtual_phantom.phantom.dicom_series import read_series
 from virtual_phantom.phantom.masks import open_regions
-from virtual_phantom.physics.image import reconstruct
+from virtual_phantom.simulation.reconstruct import reconstruct
 
 FIGURES = (
     "rois",

@@ -4,8 +4,8 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     from virtual_phantom.io.exchange import read_line_integrals, write_counts
-    from virtual_phantom.physics.noise import acquire
     from virtual_phantom.physics.stored_state import read_state
+    from virtual_phantom.simulation.acquire import acquire
     from virtual_phantom.study.matched_noise import resolve
 
     params = snakemake.params

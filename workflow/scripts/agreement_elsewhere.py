@@ -3,18 +3,18 @@
 import json
 
 from virtual_phantom.base.streams import Branch
-from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.core.attribute import choose
-from virtual_phantom.diagnosis.core.trial import trial
-from virtual_phantom.diagnosis.core.verified import Physics, verified
-from virtual_phantom.diagnosis.images.compared_regions import Scanned
-from virtual_phantom.diagnosis.ready import agreement, ready
+from virtual_phantom.diagnosis.comparison.regions import Scanned
+from virtual_phantom.diagnosis.fitting.trial import trial
+from virtual_phantom.diagnosis.preparation import agreement, ready
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.selection.forward_selection import choose
+from virtual_phantom.diagnosis.selection.transfer import Physics, verified
 from virtual_phantom.io.files import write_text
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, given = snakemake.params, snakemake.input
-    asked = Asked.of(params.model, given.phantom, snakemake.threads)
+    asked = DiagnosisRequest.of(params.model, given.phantom, snakemake.threads)
     recording, prepared = ready(asked)
     physics = Physics.read(given.physics, needed=False)
     baseline = trial(prepared.fitter, ())

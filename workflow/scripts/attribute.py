@@ -1,7 +1,7 @@
 """Which property of the images of one protocol and noise level explains that their features miss a recording's."""
 
-from virtual_phantom.diagnosis.features.choice import held_out
 from virtual_phantom.diagnosis.features.read import read_responses
+from virtual_phantom.diagnosis.features.selection import held_out
 from virtual_phantom.io import files
 from virtual_phantom.statistics.attribution import BASELINE, attribute
 from virtual_phantom.study.job import job

@@ -3,33 +3,33 @@
 from dataclasses import replace
 
 from virtual_phantom.base.streams import Branch
-from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.core.how_far import COMPARED, HowFar
-from virtual_phantom.diagnosis.core.locate import ALPHA
-from virtual_phantom.diagnosis.core.sentence import PRACTICAL
-from virtual_phantom.diagnosis.core.store import RESIDUAL_MAPS, write_diagnosis
-from virtual_phantom.diagnosis.core.verified import Physics, with_declared
-from virtual_phantom.diagnosis.course import explain, hold_against
-from virtual_phantom.diagnosis.described import described
-from virtual_phantom.diagnosis.images.compared_regions import Scanned
-from virtual_phantom.diagnosis.matters import in_practice
-from virtual_phantom.diagnosis.projections.scanned import labelled_object, shaped_object
-from virtual_phantom.diagnosis.ready import agreement, ready
+from virtual_phantom.diagnosis.assumptions import described
+from virtual_phantom.diagnosis.comparison.regions import Scanned
+from virtual_phantom.diagnosis.comparison.relevance_thresholds import in_practice
+from virtual_phantom.diagnosis.preparation import agreement, ready
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.residuals.residual_tests import ALPHA
+from virtual_phantom.diagnosis.run import explain, hold_against
+from virtual_phantom.diagnosis.scanned_object import labelled_object, shaped_object
+from virtual_phantom.diagnosis.selection.progress import COMPARED, DiagnosisProgress
+from virtual_phantom.diagnosis.selection.store import RESIDUAL_MAPS, write_diagnosis
+from virtual_phantom.diagnosis.selection.transfer import Physics, with_declared
 from virtual_phantom.diagnosis.setup.recorded import set_up
 from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, VERDICTS, doubted, verdict, with_location, write_setup
+from virtual_phantom.diagnosis.wording import PRACTICAL
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.report.diagnosis import page, residual_maps
 from virtual_phantom.report.setup import setup_page
 from virtual_phantom.statistics.proof_record import read, with_coverage
 from virtual_phantom.study.costs.forecast import beforehand
+from virtual_phantom.study.fit_cache_key import fit_cache
 from virtual_phantom.study.job import job
-from virtual_phantom.study.kept_fits import kept_fits
 from virtual_phantom.study.progress.said import saying
 
 with job(snakemake) as log:
     params, given, output = snakemake.params, snakemake.input, snakemake.output
     model = with_declared(params.model, given.get("declared"))
-    asked = Asked.of(model, given.get("phantom"), snakemake.threads)
+    asked = DiagnosisRequest.of(model, given.get("phantom"), snakemake.threads)
     effects = [name for name in params.effects if name not in asked.settings.baseline]
     recording = load(asked.folder)
     doubt = set_up(recording, asked) if doubted(recording, asked) else None
@@ -41,13 +41,13 @@ with job(snakemake) as log:
         write_diagnosis(output, content, {}, setup_page(content, *shown), dict(zip(RESIDUAL_MAPS, shown, strict=True)))
     else:
         stated, asked = asked.settings.location, asked.located(setup["location"])
-        kept, how_far = None, HowFar()
+        kept, how_far = None, DiagnosisProgress()
         if "kept" in params.keys():  # somebody waits for it, as nobody does for a case of the proof
             name = snakemake.wildcards.recording
-            how_far = HowFar(saying(snakemake.log[0], name))
+            how_far = DiagnosisProgress(saying(snakemake.log[0], name))
             scanned = filter(None, (given.get(what) for what in ("phantom", "mask", "labels", "shapes")))
             placed = {**model, "settings": {**model["settings"], "location": dict(asked.settings.location)}}
-            kept = kept_fits(params.kept, placed, [*given.files, *scanned])
+            kept = fit_cache(params.kept, placed, [*given.files, *scanned])
             if "physics" not in given.keys() and asked.protocol is None:
                 shape, phantom = recording.geometry.shape, given.get("phantom")
                 if line := beforehand(name, model, shape, len(effects), snakemake.threads, phantom):

@@ -1,8 +1,8 @@
 """Which property of the images explains features: diagnosis.json, physics.yaml, maps and the report."""
 
-from virtual_phantom.diagnosis.core.store import write_diagnosis
 from virtual_phantom.diagnosis.features.read import read_responses
 from virtual_phantom.diagnosis.features.verdict import diagnose_features, overlay
+from virtual_phantom.diagnosis.selection.store import write_diagnosis
 from virtual_phantom.features.names import MEAN
 from virtual_phantom.report.diagnosis_of_features import page
 from virtual_phantom.study.job import job

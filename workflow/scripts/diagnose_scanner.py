@@ -3,9 +3,9 @@
 import yaml
 
 from virtual_phantom.base.errors import InputError
-from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.ready import ready
-from virtual_phantom.diagnosis.scanner import explain_scanner, scanned_in
+from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.scanner.scanner import explain_scanner, scanned_in
 from virtual_phantom.diagnosis.setup.verdict import VERDICTS, read_setup
 from virtual_phantom.io.documents import SCANNER, write_document
 from virtual_phantom.io.files import write_text
@@ -19,7 +19,9 @@ with job(snakemake) as log:
         if (kind := setup["kind"]) in VERDICTS:
             raise InputError(f"{name}: {VERDICTS[kind]}; see its own diagnosis, and mend that first")
     prepared = {
-        name: ready(Asked.of(model, given.get("phantom"), snakemake.threads).located(setups[name]["location"]))[1]
+        name: ready(
+            DiagnosisRequest.of(model, given.get("phantom"), snakemake.threads).located(setups[name]["location"])
+        )[1]
         for name, model in params.models.items()
     }
     found = explain_scanner(

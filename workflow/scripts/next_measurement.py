@@ -3,13 +3,13 @@
 import json
 from pathlib import Path
 
-from virtual_phantom.diagnosis.core.asked import Asked
-from virtual_phantom.diagnosis.core.attribute import AS_GOOD
-from virtual_phantom.diagnosis.core.verified import with_declared
-from virtual_phantom.diagnosis.next_measurement import alikeness, found_in, possible, rank, refitted, refitted_jointly
-from virtual_phantom.diagnosis.next_written import alike_table, first_words, recording_to_fill_in, table
-from virtual_phantom.diagnosis.ready import ready
-from virtual_phantom.diagnosis.scanner import protocols_of
+from virtual_phantom.diagnosis.planning.ranking import alikeness, found_in, possible, rank, refitted, refitted_jointly
+from virtual_phantom.diagnosis.planning.tables import alike_table, first_words, recording_to_fill_in, table
+from virtual_phantom.diagnosis.preparation import ready
+from virtual_phantom.diagnosis.request import DiagnosisRequest
+from virtual_phantom.diagnosis.scanner.scanner import protocols_of
+from virtual_phantom.diagnosis.selection.forward_selection import AS_GOOD
+from virtual_phantom.diagnosis.selection.transfer import with_declared
 from virtual_phantom.diagnosis.setup.verdict import NOT_LOOKED, read_setup
 from virtual_phantom.figures.next_measurement import draw_ranking
 from virtual_phantom.figures.style import save
@@ -27,7 +27,7 @@ with job(snakemake) as log:
         paths = given.get("setups")
         setups = [diagnosis.get("setup", NOT_LOOKED)] if paths is None else [read_setup(path) for path in paths]
         made = {
-            name: ready(Asked.of(model, given.get("phantom"), snakemake.threads).located(setup["location"]))
+            name: ready(DiagnosisRequest.of(model, given.get("phantom"), snakemake.threads).located(setup["location"]))
             for (name, model), setup in zip(models.items(), setups, strict=True)
         }
         known = {effect for model in models.values() for effect in model["settings"].get("baseline", {})}

@@ -6,9 +6,9 @@ from virtual_phantom.io import files
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
+    from virtual_phantom.config.plan import Plan
     from virtual_phantom.study.costs.rates import read_rates
     from virtual_phantom.study.costs.table import listed, readable, summary
-    from virtual_phantom.study.plan import Plan
 
     plan = Plan(dict(snakemake.params.config))
     table, content = summary(plan, snakemake.params.engine, read_rates(snakemake.input.rates))

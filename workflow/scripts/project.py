@@ -9,10 +9,10 @@ with job(snakemake) as log:
     from virtual_phantom.io.volumes import read_nifti
     from virtual_phantom.phantom import read_masks
     from virtual_phantom.phantom.repositioning import drawn_pose
-    from virtual_phantom.physics.found import read_found
-    from virtual_phantom.physics.line_integrals import check_rois_seen
-    from virtual_phantom.physics.projected import projected
+    from virtual_phantom.physics.scenes.line_integrals import check_rois_seen
     from virtual_phantom.physics.stored_state import to_store
+    from virtual_phantom.simulation.found import read_found
+    from virtual_phantom.simulation.project import projected
 
     params = snakemake.params
     phantom = read_nifti(snakemake.input.phantom)

@@ -9,11 +9,11 @@ with job(snakemake) as log:
     from virtual_phantom.io.exchange import read_line_integrals
     from virtual_phantom.io.volumes import read_nifti, write_nifti
     from virtual_phantom.phantom import read_masks
-    from virtual_phantom.physics.found import read_found
-    from virtual_phantom.physics.image import reconstruct, reconstruct_in_boxes
-    from virtual_phantom.physics.noise import acquire
     from virtual_phantom.physics.stored_state import read_state
     from virtual_phantom.reconstruction.boxes import boxes_around, voxels_over
+    from virtual_phantom.simulation.acquire import acquire
+    from virtual_phantom.simulation.found import read_found
+    from virtual_phantom.simulation.reconstruct import reconstruct, reconstruct_in_boxes
     from virtual_phantom.study.matched_noise import resolve
 
     params = snakemake.params

@@ -8,19 +8,19 @@ from pathlib import Path
 
 from ..base.errors import InputError
 from ..base.streams import Branch
-from ..diagnosis.candidates import candidates, shown_by
-from ..diagnosis.core.asked import Asked, LabelledObject, Settings, ShapesObject
-from ..diagnosis.core.verdict import Diagnosis
-from ..diagnosis.course import explain
-from ..diagnosis.images.compared_regions import Scanned
-from ..diagnosis.matters import in_practice
-from ..diagnosis.projections.scanned import labelled_object, shaped_object
-from ..diagnosis.ready import agreement, ready
+from ..diagnosis.candidate_effects import candidates, shown_by
+from ..diagnosis.comparison.regions import Scanned
+from ..diagnosis.comparison.relevance_thresholds import in_practice
+from ..diagnosis.preparation import agreement, ready
+from ..diagnosis.request import DiagnosisRequest, LabelledObject, Settings, ShapesObject
+from ..diagnosis.run import explain
+from ..diagnosis.scanned_object import labelled_object, shaped_object
 from ..diagnosis.setup.recorded import set_up
 from ..diagnosis.setup.verdict import VERDICTS, verdict, with_location
+from ..diagnosis.verdict.verdict import Diagnosis
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import read_nifti
-from ..physics.material_names import named
+from ..physics.beam.material_names import named
 from ..recordings.document import read_document
 from ..recordings.reading import load
 from ..recordings.recording import Recording
@@ -50,16 +50,17 @@ def diagnose(
     Parameters
     ----------
     recording : str or Path
-        Folder with a recording.yaml (docs/recordings.md).
+        Folder with a recording.yaml (docs/how-to/recordings.md).
     disc : tuple of (float, str), optional
         A homogeneous cylinder along z: diameter, mm, and material.
     mask : tuple of (str or Path, str), optional
         A homogeneous object: NIfTI image of the share of every voxel that it fills, and material.
     labels : tuple of (str or Path, mapping of int to (str or mapping)), optional
-        A label map: NIfTI image of whole numbers, and the material of each: a name, or a definition (docs/objects.md).
+        A label map: NIfTI image of whole numbers, and the material of each label: a name, or a definition
+        (docs/how-to/objects.md).
     shapes : str, or tuple of (str, mapping), optional
-        An object of shapes: the name of one that comes with the library, or the path of a file (docs/objects.md); with
-        values of its parameters.
+        An object of shapes: the name of an object of Virtual Phantom, or the path of a file (docs/how-to/objects.md),
+        and values of its parameters.
     phantom : str or Path, optional
         NIfTI image in HU.
     effects : sequence of str, optional
@@ -116,7 +117,7 @@ def diagnose(
     if (kind := document.content["kind"]) != "projections":
         raise InputError(
             f"{document.path}: holds {kind}, which are compared with a study: name the recording in the study's "
-            "configuration (docs/diagnosis.md) and run snakemake diagnosis"
+            "configuration (docs/how-to/diagnosis.md) and run snakemake diagnosis"
         )
     thresholds = mapping({} if matters is None else matters, "matters", "{quantity: threshold}")
     validate(dict(thresholds), schema_of("diagnosis", "matters"), "matters")
@@ -126,7 +127,9 @@ def diagnose(
     tried = candidates(section | {"effects": effects}, **shown_by(document.content))
     study = defaults_of()
     materials = defaults_of("materials")
-    asked = Asked(recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"])
+    asked = DiagnosisRequest(
+        recording, Settings.of(section), study["mu_water_per_mm"], materials, phantom, study["seed"]
+    )
     setup, read = None, load(recording)
     if asked.settings.check_setup:
         setup = set_up(read, asked)
@@ -143,7 +146,7 @@ def diagnose(
     return replace(found, content=content)
 
 
-def _regions(asked: Asked, recording: Recording) -> Scanned | None:
+def _regions(asked: DiagnosisRequest, recording: Recording) -> Scanned | None:
     """What the images of a recording show; regions of interest are the study's alone."""
     if asked.settings.disc is not None:
         return None

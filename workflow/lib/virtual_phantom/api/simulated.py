@@ -18,12 +18,12 @@ from ..io.default_study import default_study
 from ..io.schema import defaults_of, fill_defaults, schema_of, validate
 from ..io.volumes import Volume
 from ..phantom import Phantom, ct, layout, synthetic
-from ..physics import image as images_of
 from ..physics.effect import acts_on_images, checked
-from ..physics.line_integrals import check_rois_seen
-from ..physics.noise import acquire
-from ..physics.projected import projected
+from ..physics.scenes.line_integrals import check_rois_seen
 from ..projectors import astra_projects, choose_engine
+from ..simulation import reconstruct as images_of
+from ..simulation.acquire import acquire
+from ..simulation.project import projected
 from .arguments import made_by, mapping, pair, path, positive, public, sequence, text, three, whole
 
 STUDY = default_study()
@@ -80,7 +80,7 @@ def draw_phantom(
     spacing_mm : tuple of 3 float, optional
         Their size (z, y, x), mm.
     layout_file : str or Path, optional
-        Shapes and tissues, as docs/your-own-phantom.md says; None: the abdomen.
+        Shapes and tissues, as docs/how-to/phantoms.md says; None: the abdomen.
     oversampling : int, optional
         How many times finer what is scanned is drawn.
     seed : int, optional
@@ -184,8 +184,8 @@ def scan(
     repeats : int, optional
         Acquisitions, each with noise of its own.
     physics : mapping of str to mapping of str to float, optional
-        {effect: {parameter: value}}; parameters left out are typical (docs/physics.md). Noise is then that of a
-        detector that weighs photons by their energy.
+        {effect: {parameter: value}}; omitted parameters have their typical values. The noise is then that of a
+        detector that weights photons by their energy.
     seed : int, optional
         Of the noise.
     stream : tuple of (str, str), optional

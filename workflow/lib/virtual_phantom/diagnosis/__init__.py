@@ -1,12 +1,8 @@
-"""Where a recording and the simulator differ beyond noise, and which physics was left out.
+"""Locate mismatches between recordings and the simulator, and name the missing physics.
 
-`core` fits, chooses and judges; `projections`, `images` and `features` say what was recorded, and what a simulation
-predicts of it.
-
-Of projections and images: `observed` condenses repeats to means, variances and correlations; `model` predicts them from
-the acquisition chain; `core.fit` fits effects with the alignment that every model gets; `core.locate` tests what is
-left; `core.attribute` chooses effects by data that were not fitted; `core.verdict` says it.
-
-Of tables of features: `properties` changes one property of the simulated images at a time, `responses` orders what that
-does to the features, `choice` fits and judges, `places` tests, `verdict` says it.
+`run` is the entry point. `preparation` makes a configured recording ready for fits. Recordings of `projections` and of
+`images` are condensed in `noise`, fitted in `fitting`, tested in `residuals`; `selection` adds effects as long as
+held-out data support them, `uncertainty` gives intervals, `verdict` states the result, and `comparison` judges it in
+images. `scanner` diagnoses several recordings together, `planning` ranks further measurements, `setup` checks the
+description of a scan, and `features` diagnoses tables of features.
 """

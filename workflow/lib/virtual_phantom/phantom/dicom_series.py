@@ -21,15 +21,7 @@ from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.words import counted
 from ..io.volumes import LARGEST_TILT, LPS_TO_RAS, ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
-from .dicom_files import (
-    NEEDED,
-    Slice,
-    Unused,
-    files_in,
-    folders_under,
-    not_dicom,
-    slices_of,
-)
+from .dicom_files import NEEDED, Slice, Unused, files_in, folders_under, not_dicom, slices_of
 from .dicom_pixels import check_pixels, read_into, same_pixels
 
 __all__ = ["Series", "find_series", "read_series", "read_slices", "series_among"]

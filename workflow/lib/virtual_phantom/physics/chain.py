@@ -19,6 +19,10 @@ import numpy as np
 from ..base.geometry import OrbitGeometry, ScanGeometry
 from ..base.mounting import AS_STATED
 from ..base.recent import Kept
+from .beam.materials import attenuation_per_mm
+from .beam.sensors import Sensor
+from .beam.spectra import SENSOR, Spectrum, passing
+from .beam.transmission import transmitted
 from .effect import (
     OF_AIR,
     OF_AIR_PER_SCAN,
@@ -31,15 +35,11 @@ from .effect import (
     load,
     needs_times,
 )
-from .inclusion import thinned
-from .materials import attenuation_per_mm
-from .posed import NearScene, PosedScene, Scan
-from .sampling import averaged, divided, later, sources
-from .scene import IN_PLACE, Pose, VoxelScene
-from .sensors import Sensor
-from .spectra import SENSOR, Spectrum, passing
+from .scenes.inclusion import thinned
+from .scenes.posed import NearScene, PosedScene, Scan
+from .scenes.sampling import averaged, divided, later, sources
+from .scenes.scene import IN_PLACE, Pose, VoxelScene
 from .state import AIR, EARLIER, PHOTONS, Added, State
-from .transmission import transmitted
 
 # A fit varies one parameter at a time, and most leave earlier steps alone. A focal spot takes nine.
 PATHS_KEPT, TRANSMISSIONS_KEPT = 20, 24

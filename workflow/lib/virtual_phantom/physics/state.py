@@ -11,8 +11,8 @@ import numpy as np
 from ..base.geometry import ScanGeometry
 from ..base.mounting import AS_STATED, Mounting
 from ..base.pose import Pose
-from .sensors import Sensor
-from .spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
+from .beam.sensors import Sensor
+from .beam.spectra import SENSOR, TUNGSTEN, Anode, Filters, Spectrum
 
 PHOTONS, AIR = "photons", "air"  # of a readout: its unit
 LEAST_SIGNAL = 1e-6  # of the signal in air: a logarithm of less is none
@@ -350,7 +350,7 @@ class State:
         ndarray of float64, shape (views, rows, columns)
             Photons.
         """
-        from .poisson import poisson_counts  # loads numba, for those who draw
+        from .noise.poisson import poisson_counts  # loads numba, for those who draw
 
         earlier, electronic = random.spawn(2)
         each = np.divide(self.noise, self.signal, out=np.ones_like(self.signal), where=self.signal > 0)

@@ -9,7 +9,7 @@ import pandas as pd
 
 from ..base.words import counted
 from ..features.settings import STUDY, Extraction, installed, said
-from ..statistics.comparison import SAME_VOXELS, grows_with_roi
+from ..statistics.comparability import SAME_VOXELS, grows_with_roi
 from .features import FeaturesRecording
 from .images import ImagesRecording
 from .projections import ProjectionsRecording

@@ -7,11 +7,11 @@ from datetime import date
 import numpy as np
 
 from .. import __version__
-from ..diagnosis.core.doubts import advice
-from ..diagnosis.core.fit import Fit
-from ..diagnosis.core.prepared import Prepared
-from ..diagnosis.core.sentence import UNITS
-from ..diagnosis.core.verdict import Diagnosis
+from ..diagnosis.fitting.fit import Fit
+from ..diagnosis.residuals.dataset import Prepared
+from ..diagnosis.verdict.doubts import advice
+from ..diagnosis.verdict.verdict import Diagnosis
+from ..diagnosis.wording import UNITS
 from ..figures import diagnosis as figures
 from ..io.volumes import Volume
 from ..physics.effect import load

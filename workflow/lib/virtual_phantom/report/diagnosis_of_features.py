@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ..diagnosis.core.locate import ALPHA
-from ..diagnosis.features.choice import MATERIAL
+from ..diagnosis.features.selection import MATERIAL
 from ..diagnosis.features.verdict import FeatureDiagnosis
+from ..diagnosis.residuals.residual_tests import ALPHA
 from ..figures import feature_diagnosis as figures
 from .html import picture, render_diagnosis
 

@@ -11,7 +11,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Undefined
 from matplotlib.figure import Figure
 
 from ..base.words import enumerated, label
-from ..diagnosis.core.sentence import share
+from ..diagnosis.wording import share
 from ..figures import style
 
 SMALL = 1e-3  # what is smaller is written with an exponent
@@ -111,7 +111,7 @@ def _coverage(held: Mapping) -> str:
         every += "; of this effect none was counted"
     return (
         "The interval is for noise and for inexact models (model_accuracy). On scans by another simulator "
-        f"(docs/proof.md) intervals for noise alone held the truth in {every}."
+        f"(docs/validation/blind-validation.md) intervals for noise alone held the truth in {every}."
     )
 
 

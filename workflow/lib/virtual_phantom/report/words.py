@@ -1,6 +1,6 @@
 """Words for readers of a diagnosis: domains in which differences are looked for, and nuisance parameters."""
 
-from ..diagnosis.core.object_differs import MOST_PIECES
+from ..diagnosis.verdict.object_mismatch import MOST_PIECES
 
 # {domain: what is compared there}. Those of ONE_SIDED are tested for too much only.
 DOMAINS = {

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from .outputs import Files
-from .plan import Plan
+from ..config.outputs import Files
+from ..config.plan import Plan
 
 GRID = "grid"  # what the study's own voxels are called where others may stand
 Bundle = tuple[tuple[str, str], ...]  # (noise level, seed) of every image that one job makes

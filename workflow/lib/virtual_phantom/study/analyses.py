@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from .outputs import BY_NAME, Output
-from .plan import Plan
+from ..config.outputs import BY_NAME, Output
+from ..config.plan import Plan
 
 
 @dataclass(frozen=True)

@@ -11,24 +11,24 @@ from typing import ParamSpec, TypeVar
 
 from ..base.data import RESOURCES, SCHEMAS
 from ..base.errors import InputError, InputErrors, printed
+from ..config.config import complete, flat_detectors
+from ..config.dependencies import effect_code, files_behind, hook_code, resource, shipped
+from ..config.outputs import BY_NAME, Files
+from ..config.plan import Plan
+from ..config.public_scans import PublicScans
+from ..config.read_config import doubtful_entries, note_idle_nulls
 from ..io.files import check_unchanged
 from ..projectors import choose_engine
 from . import analyses
 from .acquisitions import Acquisitions
-from .config import complete, flat_detectors
 from .costs.jobs import Sizes, study_jobs
 from .costs.limits import minutes
 from .costs.rates import read_rates, seconds
-from .dependencies import effect_code, files_behind, hook_code, resource, shipped
-from .diagnosed import Diagnosis
-from .outputs import BY_NAME, Files
+from .diagnosis_jobs import Diagnosis
 from .pages import Pages
 from .phantom_sources import PhantomSources
-from .plan import Plan
 from .proof import Proof
-from .public_scans import PublicScans
-from .read_config import doubtful_entries, note_idle_nulls
-from .recorded import Comparisons, Recordings
+from .recordings import Comparisons, Recordings
 from .selections import Selections
 
 # What Snakemake's report calls what lies in a folder of the results.
@@ -270,7 +270,7 @@ def read_context(config: Mapping, folder: Path, files: Iterable[str | Path] = ()
     for path in files:
         check_unchanged(path, "make it again")
     if here:
-        from .preflight import problems  # which jobs have no need of
+        from .checks.preflight import problems  # which jobs have no need of
 
         doubtful = [line for path in files for line in doubtful_entries(path)]
         if lines := doubtful + problems(config, keep=True):

@@ -11,12 +11,12 @@ from pathlib import Path
 from ..base.commands import snakemake
 from ..base.errors import InputError
 from ..base.words import label
+from ..config.dependencies import shipped
+from ..config.outputs import BY_NAME, OUTPUTS, Files, Output, filled
+from ..config.plan import Plan
 from . import analyses
-from .dependencies import shipped
-from .diagnosed import Diagnosis
-from .outputs import BY_NAME, OUTPUTS, Files, Output, filled
-from .plan import Plan
-from .recorded import Comparisons
+from .diagnosis_jobs import Diagnosis
+from .recordings import Comparisons
 from .selections import Selections
 
 DEFAULT = "config/config.yaml"  # which a study has without being told

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from ..config.dependencies import resource, shipped
+from ..config.outputs import Files
+from ..config.plan import Plan
 from ..io.files import files_of
 from ..io.published import PublishedFile, check_listed, named_by, reachable, read_published
-from ..physics.object_files import path_of
-from .dependencies import resource, shipped
-from .outputs import Files
-from .plan import Plan
+from ..physics.scenes.object_files import path_of
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ..base.errors import InputError
-from ..diagnosis.candidates import candidates
+from ..config.dependencies import resource
+from ..config.outputs import Files
+from ..config.plan import Plan
+from ..diagnosis.candidate_effects import candidates
 from ..proof.conceal.objects import OBJECTS
 from ..proof.conceal.suite import (
     PHANTOMS,
@@ -18,9 +21,6 @@ from ..proof.conceal.suite import (
     phantom_of,
     views_of,
 )
-from .dependencies import resource
-from .outputs import Files
-from .plan import Plan
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from ..config.dependencies import resource
+from ..config.outputs import PCA, Files
+from ..config.plan import Plan
+from ..config.public_scans import COMPARED, made_folders
 from ..statistics.dose_series import dose_variance
 from .acquisitions import Acquisitions
-from .dependencies import resource
-from .outputs import PCA, Files
 from .phantom_sources import present
-from .plan import Plan
-from .public_scans import COMPARED, made_folders
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ...features.parameters import DEFAULT, Parameters
 from ...io.volumes import Volume
 from ...phantom import HALF_COVERED
 from ...phantom.ct import resample
-from ...physics.image import with_effects
+from ...simulation.reconstruct import with_effects
 from ...statistics.attribution import BASELINE
 from .properties import EVERY_FOLD, FOLDS, calibration
 

@@ -15,7 +15,7 @@ import numpy as np
 from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...physics.effect import load, names
-from ...statistics.comparison import MINIMUM_ROIS
+from ...statistics.comparison_summary import MINIMUM_ROIS
 
 FOLDS = (1, 2)  # halves of the regions: strengths are fitted to one and judged on the other
 EVERY_FOLD = 0  # of rows that both folds share

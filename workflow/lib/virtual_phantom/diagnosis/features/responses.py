@@ -13,15 +13,8 @@ from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...features.settings import STUDY, Extraction, other_settings
 from ...statistics.attribution import BASELINE
-from ...statistics.comparison import (
-    SAME_VOXELS,
-    common_features,
-    common_rois,
-    comparable,
-    roi_sizes,
-    samples,
-    spread,
-)
+from ...statistics.comparability import SAME_VOXELS, comparable, roi_sizes
+from ...statistics.comparison import common_features, common_rois, samples, spread
 from .properties import EVERY_FOLD, FOLDS, Property, folds, properties
 
 STEPS = 4  # strengths tried between two that were simulated
@@ -104,7 +97,7 @@ def compared(
     table, recorded : DataFrame
     dimensions : {2, 3}
     stored_offset_hu : float
-        Both of the recording's features, as comparison.comparable takes them.
+        Both of the recording's features, as comparability.comparable takes them.
     study : Extraction, optional
         How features of `table` were extracted.
 

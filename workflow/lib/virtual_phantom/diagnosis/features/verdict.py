@@ -10,11 +10,11 @@ from scipy import stats
 
 from ...base.streams import generator
 from ...base.words import label
-from ..core.verdict import VERDICTS
-from .choice import MATERIAL, Trial, shift, stand_ins, trials
-from .places import Place, Places, places
+from ..verdict.verdict import VERDICTS
 from .properties import FOLDS, Property, calibration
+from .residuals import Place, Places, places
 from .responses import Responses, finer, removed
+from .selection import MATERIAL, Trial, shift, stand_ins, trials
 
 RESAMPLES = 200  # of regions, for intervals: the ends of a 95 % interval are then those of 92 to 98 %
 TAIL = 2.5  # per cent, on either side of an interval

@@ -10,16 +10,16 @@ import numpy as np
 from ...base.recent import Kept
 from ...base.streams import Stream, below, generator
 from ...base.units import HU_AIR
+from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
 from ...physics.effect import acts_on_images
-from ...physics.image import with_effects
-from ...physics.spectra import TUNGSTEN, Anode
 from ...physics.state import State
-from ..core.alignment import Nuisance, pose_of
-from ..core.linearisation import BASE, Linearisation, LinearisationPoint, before_images
-from ..core.model import Model
-from ..core.prediction import Prediction
-from ..core.statement import Statement
+from ...simulation.reconstruct import with_effects
+from ..fitting.linearization import BASE, Linearisation, LinearisationPoint, before_images
+from ..fitting.model import Model
+from ..fitting.nuisance import Nuisance, pose_of
+from ..fitting.priors import Statement
+from ..noise.prediction import Prediction
 from .observed import Condenser, ObservedImages
 
 REALISATIONS = 7  # of noise; one more lane holds the mean

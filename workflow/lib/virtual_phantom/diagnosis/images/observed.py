@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.observed import Blocks, Observed
+from ..noise.condensed import Blocks, Observed
 from .whitening import Whitening
 
 # Blocks along z, y and x for the noise's variance: of smaller ones few voxels are left that vary on their own.

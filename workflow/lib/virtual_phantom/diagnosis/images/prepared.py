@@ -12,18 +12,18 @@ from scipy import fft, stats
 from ...base.errors import InputError
 from ...base.streams import Stream
 from ...base.units import HU_AIR
+from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
-from ...physics.spectra import TUNGSTEN, Anode
-from ..core.alignment import NOMINAL_PHOTONS_SD, nuisances
-from ..core.fit import Fit, Fitter
-from ..core.linearisation import before_images
-from ..core.locate import Half, Location
-from ..core.look import Look
-from ..core.prepared import Prepared
-from ..core.statement import Statement, stated_physics
-from .locate import locate
+from ..fitting.fit import Fit, Fitter
+from ..fitting.linearization import before_images
+from ..fitting.nuisance import NOMINAL_PHOTONS_SD, nuisances
+from ..fitting.priors import Statement, stated_physics
+from ..residuals.dataset import Prepared
+from ..residuals.display import ResidualMaps
+from ..residuals.residual_tests import Half, Location
 from .model import REALISATIONS, ImagesModel, noise_lines, scaled
 from .observed import Condenser
+from .residual_maps import locate
 from .whitening import local_variance, whitening
 
 OFFSET_SD_HU = 1.0  # of the alignment: zero of the HU scale
@@ -33,7 +33,7 @@ TRIAL_PHOTONS = 1e5  # of the noise that is scaled to the recording's
 NULLS = 4  # batches of realisations that say how noise scatters
 
 
-LOOK = Look(
+LOOK = ResidualMaps(
     unit="hu",
     summed=0,
     down="row",
@@ -52,7 +52,7 @@ LOOK = Look(
 class PreparedImages(Prepared):
     """A recording of images, made ready."""
 
-    look: ClassVar[Look] = LOOK
+    look: ClassVar[ResidualMaps] = LOOK
 
     def domains(
         self, half: Half, fit: Fit, fitted: Half | None = None, more: Sequence[Location] = ()

@@ -12,32 +12,32 @@ from ...base.streams import Branch, branch
 from ...physics.state import AIR
 from ...reconstruction.images import in_hu
 from ...recordings.images import ImagesRecording
-from ..core.alignment import pose_of
-from ..core.asked import Asked, Labels
-from ..core.attribute import Choice
-from ..core.declared import BASELINE, declared
-from ..core.fit import Fit
-from ..extent import samples_for
-from ..projections.numerical import model_and_floor
-from ..projections.scanned import scene_of
-from .agreement import Features
-from .compared_regions import Scanned, complete, phantom_regions
+from ..comparison.agreement import Features
+from ..comparison.regions import Scanned, complete, phantom_regions
+from ..comparison.relevance import agreement_and_practice
+from ..fitting.declared import BASELINE, declared
+from ..fitting.fit import Fit
+from ..fitting.nuisance import pose_of
+from ..projections.discretization import model_and_floor
+from ..request import DiagnosisRequest, NominalSettings
+from ..scanned_object import scene_of
+from ..selection.forward_selection import Choice
+from ..workload import samples_for
 from .model import REALISATIONS
-from .practice import agreement_and_practice
 from .prepared import PreparedImages, prepare
 
 MOST_SLICES = 24  # more would add little but time
 LEAST_SLICES = 4  # fewer do not show noise along z, and cannot be halved where there is one repeat
 
 
-def ready_images(recording: ImagesRecording, asked: Asked, labels: Labels) -> PreparedImages:
+def ready_images(recording: ImagesRecording, asked: DiagnosisRequest, labels: NominalSettings) -> PreparedImages:
     """The central slices of a recording, prepared for fits. The images' centre is taken for the isocentre.
 
     Parameters
     ----------
     recording : ImagesRecording
-    asked : Asked
-    labels : Labels
+    asked : DiagnosisRequest
+    labels : NominalSettings
 
     Returns
     -------
@@ -124,7 +124,7 @@ def agreement_of_images(
     recording: ImagesRecording,
     prepared: PreparedImages,
     choice: Choice,
-    asked: Asked,
+    asked: DiagnosisRequest,
     purpose: Branch,
     scanned: Scanned,
     practice: bool = False,
@@ -138,7 +138,7 @@ def agreement_of_images(
     recording : ImagesRecording
     prepared : PreparedImages
     choice : Choice
-    asked : Asked
+    asked : DiagnosisRequest
     purpose : Branch
         Not used: see above.
     scanned : Scanned

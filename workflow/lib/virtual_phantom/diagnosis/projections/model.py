@@ -8,19 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
-from ...physics.correlation import correlations
-from ...physics.inclusion import Inclusion
-from ...physics.spectra import TUNGSTEN, Anode
+from ...physics.noise.correlation import correlations
+from ...physics.scenes.inclusion import Inclusion
 from ...physics.state import State
-from ..core.alignment import Nuisance, pose_of
-from ..core.linearisation import BASE, Linearisation, LinearisationPoint, before_images
-from ..core.model import DENSITY_SD, Model
-from ..core.prediction import Prediction
-from ..core.statement import Statement
-from .numerical import Numerical, added_of
+from ..fitting.linearization import BASE, Linearisation, LinearisationPoint, before_images
+from ..fitting.model import DENSITY_SD, Model
+from ..fitting.nuisance import Nuisance, pose_of
+from ..fitting.priors import Statement
+from ..noise.prediction import Prediction
+from .discretization import Numerical, added_of
+from .local_mismatch import Piece
 from .observed import ObservedScans, white_shape
-from .piece import Piece
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from numpy.polynomial import legendre
 from scipy import special
 
 from ...base.errors import InputError
-from ..core.correlated import WHITE, Correlations, Whitening
-from ..core.observed import Blocks, Observed
+from ..noise.condensed import Blocks, Observed
+from ..noise.whitening import WHITE, Correlations, Whitening
 
 PARTS = (12, 4, 8)  # blocks along views, rows and columns
 LEAST_TRANSMISSION = 1e-5  # what fewer photons are read as: such rays are left out

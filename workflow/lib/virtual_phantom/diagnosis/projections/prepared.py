@@ -11,29 +11,29 @@ from scipy.sparse import sparray
 
 from ...base.errors import InputError
 from ...base.pose import Pose
+from ...physics.beam.spectra import TUNGSTEN, Anode
 from ...physics.chain import Chain
-from ...physics.sampling import sources
-from ...physics.spectra import TUNGSTEN, Anode
-from ..core.alignment import NOMINAL_PHOTONS_SD, PIECE, Nuisance, nuisances, pose_of
-from ..core.change import PieceOfObject
-from ..core.correlated import WHITE, Correlations, Whitening, estimated, of_state
-from ..core.fit import Fit, Fitter
-from ..core.linearisation import LinearisationPoint, before_images
-from ..core.locate import Half, Location
-from ..core.look import Look
-from ..core.observed import FEWEST, Blocks
-from ..core.prepared import Prepared
-from ..core.statement import Statement, stated_physics
-from ..core.uncertainty import left_by_numbers
-from ..extent import rays_of
-from .caveats import lost_rays
-from .ends import beyond
-from .kinds import kinds
-from .locate import excess_at_edges, locate
+from ...physics.scenes.sampling import sources
+from ..fitting.fit import Fit, Fitter
+from ..fitting.linearization import LinearisationPoint, before_images
+from ..fitting.nuisance import NOMINAL_PHOTONS_SD, PIECE, Nuisance, nuisances, pose_of
+from ..fitting.priors import Statement, stated_physics
+from ..noise.condensed import FEWEST, Blocks
+from ..noise.whitening import WHITE, Correlations, Whitening, estimated, of_state
+from ..residuals.change import PieceOfObject
+from ..residuals.dataset import Prepared
+from ..residuals.display import ResidualMaps
+from ..residuals.residual_tests import Half, Location
+from ..uncertainty.prediction_error import left_by_numbers
+from ..workload import rays_of
+from .change_kinds import kinds
+from .discretization import Numerical
+from .local_mismatch import Left, Piece, found, reach_of, refined
 from .model import ScansModel
-from .numerical import Numerical
 from .observed import PARTS, ObservedScans, Scans, mean_squares, observe, with_noise_of_views
-from .piece import Left, Piece, found, reach_of, refined
+from .residual_maps import excess_at_edges, locate
+from .truncation import beyond
+from .unmeasured import lost_rays
 
 HALVES = 4  # repeats from which half of them are held out; with fewer, every second view is
 MOST_PHOTONS = 1e12  # per pixel: less noise than this is none
@@ -50,7 +50,7 @@ SECOND_DIFFERENCES_SHARE = 1 + 2 * ((2 / 3) ** 2 + (1 / 6) ** 2)
 # Rays, those of a pixel counted one by one: of a scan of more, noise is looked at in the views that are fitted and in
 # those beside them. 20 million take 2 GB.
 MOST_LOOKED_AT = 2e7
-LOOK = Look(
+LOOK = ResidualMaps(
     unit="line_integral",
     summed=1,
     down="view",
@@ -84,13 +84,13 @@ class PreparedScans(Prepared):
 
     Attributes
     ----------
-    look : Look
+    look : ResidualMaps
         Of projections.
     second_difference : float
         Variance of their second differences over that of a view, as the noise of a single repeat was taken from them.
     """
 
-    look: ClassVar[Look] = LOOK
+    look: ClassVar[ResidualMaps] = LOOK
 
     second_difference: float = WHITE.of_second_differences()
 

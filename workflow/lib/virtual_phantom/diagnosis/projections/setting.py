@@ -6,24 +6,24 @@ from ...physics.chain import EVEN, Chain
 from ...physics.state import AIR
 from ...recordings.recording import Recording
 from ...recordings.scan import assumed
-from ..core.asked import Asked, Labels
-from ..core.declared import BASELINE, declared
-from ..extent import fitted
-from .caveats import check_scans
-from .numerical import model_and_floor
+from ..fitting.declared import BASELINE, declared
+from ..request import DiagnosisRequest, NominalSettings
+from ..scanned_object import coarse_scene, scene_of, whole_voxels
+from ..workload import fitted
+from .discretization import model_and_floor
 from .observed import scans
 from .prepared import PreparedScans, prepare
-from .scanned import coarse_scene, scene_of, whole_voxels
+from .unmeasured import check_scans
 
 
-def ready_scans(recording: Recording, asked: Asked, labels: Labels) -> PreparedScans:
+def ready_scans(recording: Recording, asked: DiagnosisRequest, labels: NominalSettings) -> PreparedScans:
     """The projections of a recording, prepared for fits.
 
     Parameters
     ----------
     recording : Recording
-    asked : Asked
-    labels : Labels
+    asked : DiagnosisRequest
+    labels : NominalSettings
 
     Returns
     -------

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ...base.errors import InputError
-from ..core.alignment import LOCATION
+from ..fitting.nuisance import LOCATION
 from .descriptions import Description, descriptions
-from .unlike import GEOMETRY, Comparison, Unlike
+from .mismatch import GEOMETRY, Comparison, SetupMismatch
 
 AS_STATED, DESCRIPTION, OBJECT, EMPTY_BEAM = "as stated", "description", "object", "empty"  # kinds of findings
 MOST = (36, 8, 96)  # views, rows and columns that are compared
@@ -45,7 +45,7 @@ class Finding:
     share : float
         Of the variance of the line integrals, what the best description leaves where the geometry is fitted too; its
         own where that is little.
-    alike : tuple of Unlike
+    alike : tuple of SetupMismatch
         Other descriptions that fit as well: this object cannot tell them from the best.
     location : dict of str to float
         Where the object lies, mm by name of LOCATION, if it lies farther off its stated location than the alignment
@@ -53,10 +53,10 @@ class Finding:
     """
 
     kind: str
-    best: Unlike
-    stated: Unlike
+    best: SetupMismatch
+    stated: SetupMismatch
     share: float
-    alike: tuple[Unlike, ...] = ()
+    alike: tuple[SetupMismatch, ...] = ()
     location: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -105,14 +105,14 @@ def find(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> Fi
     return found
 
 
-def _location(anywhere: Comparison, found: Unlike) -> dict[str, float]:
+def _location(anywhere: Comparison, found: SetupMismatch) -> dict[str, float]:
     """Where the object lies; a shift of the detector, which a scan of half a turn trades against it, is fitted too."""
     shifted = anywhere.unlike(found.description, also=("columns_px",))
     place = shifted.place if _explains(shifted, found) else found.place
     return {name: round(place[name], LOCATION_DIGITS) + 0.0 for name in LOCATION}
 
 
-def _explains(other: Unlike, found: Unlike) -> bool:
+def _explains(other: SetupMismatch, found: SetupMismatch) -> bool:
     """Whether another location explains more of the unexplained variance than chance would."""
     return other.share < (1 - REMOVED) * found.share and found.worse_than(other) > LIKELIER
 
@@ -137,7 +137,7 @@ def _found(comparison: Comparison, scan: Mapping, log: bool, largest: float) -> 
     return Finding(AS_STATED if right else DESCRIPTION, best, first, share, alike)
 
 
-def _chosen(comparison: Comparison, first: Unlike, tried: Sequence[Unlike]) -> Unlike | None:
+def _chosen(comparison: Comparison, first: SetupMismatch, tried: Sequence[SetupMismatch]) -> SetupMismatch | None:
     """The description to name in the place of the stated one, if there is one."""
     chosen = _mistake(first, tried)
     if chosen is not None and not chosen.description.shifts:
@@ -156,7 +156,7 @@ def _chosen(comparison: Comparison, first: Unlike, tried: Sequence[Unlike]) -> U
     return chosen
 
 
-def _mistake(stated: Unlike, others: Sequence[Unlike], least: float = MISTAKEN) -> Unlike | None:
+def _mistake(stated: SetupMismatch, others: Sequence[SetupMismatch], least: float = MISTAKEN) -> SetupMismatch | None:
     """The description that explains what the stated one leaves, if that is more than `least` and one does."""
     if not others or stated.share <= least:
         return None
@@ -166,14 +166,14 @@ def _mistake(stated: Unlike, others: Sequence[Unlike], least: float = MISTAKEN) 
     return best if explained and stated.worse_than(best) > LIKELIER else None
 
 
-def _alike(comparison: Comparison, best: Unlike, others: Sequence[Unlike]) -> Iterator[Unlike]:
+def _alike(comparison: Comparison, best: SetupMismatch, others: Sequence[SetupMismatch]) -> Iterator[SetupMismatch]:
     """Descriptions that this object cannot tell from the best one.
 
     What physics leaves, a shift of the detector say, may part two that are alike: near ones have the geometry fitted.
 
     Yields
     ------
-    Unlike
+    SetupMismatch
     """
     yield from (one for one in others if one.worse_than(best) < ALIKE)
     near = [one for one in others if one.worse_than(best) >= ALIKE and one.share < NEAR * best.share]
@@ -183,17 +183,17 @@ def _alike(comparison: Comparison, best: Unlike, others: Sequence[Unlike]) -> It
         yield from (one for one in near[:CONTENDERS] if abs(_bent(comparison, one).worse_than(bent)) < ALIKE)
 
 
-def _bent(comparison: Comparison, found: Unlike) -> Unlike:
+def _bent(comparison: Comparison, found: SetupMismatch) -> SetupMismatch:
     """The same with the geometry fitted too."""
     again = comparison.unlike(found.description, found.place["turn_deg"] if found.turned else 0.0, also=GEOMETRY)
     return _best(found, again)
 
 
-def _best(*found: Unlike) -> Unlike:
+def _best(*found: SetupMismatch) -> SetupMismatch:
     return min(found, key=lambda one: one.share)
 
 
-def _in_place(comparison: Comparison, given: Sequence[Description], best: Unlike) -> Iterator[Unlike]:
+def _in_place(comparison: Comparison, given: Sequence[Description], best: SetupMismatch) -> Iterator[SetupMismatch]:
     for description in given:
         try:
             found = comparison.unlike(description, best=best)
@@ -203,14 +203,14 @@ def _in_place(comparison: Comparison, given: Sequence[Description], best: Unlike
         best = _best(best, found)
 
 
-def _turned(comparison: Comparison, given: Sequence[Description], best: Unlike) -> Iterator[Unlike]:
+def _turned(comparison: Comparison, given: Sequence[Description], best: SetupMismatch) -> Iterator[SetupMismatch]:
     """Each description with the start angles at which it fits best.
 
     Where one fits already, only quarter turns of the stated one are looked at: of an object that cannot tell them.
 
     Yields
     ------
-    Unlike
+    SetupMismatch
     """
     coarse = comparison.coarser(COARSE)
     if best.share <= MISTAKEN:
@@ -227,7 +227,7 @@ def _turned(comparison: Comparison, given: Sequence[Description], best: Unlike) 
             best = _best(best, found)
 
 
-def _scaled(stated: Unlike, tried: Sequence[Unlike]) -> Unlike | None:
+def _scaled(stated: SetupMismatch, tried: Sequence[SetupMismatch]) -> SetupMismatch | None:
     """A description by which line integrals are off by a factor alone, if they are."""
     for one in tried:
         factor = one.description.scaled

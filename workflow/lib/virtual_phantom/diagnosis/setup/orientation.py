@@ -14,10 +14,10 @@ from skimage.registration import phase_cross_correlation
 
 from ...base.geometry import Grid
 from ...base.units import HU_AIR, HU_BODY
-from ...physics.scene import Pose
+from ...physics.scenes.scene import Pose
 from ...recordings.levels import correlation
-from ..core.caveats import ALIKE
-from ..images.compared_regions import sampled
+from ..comparison.regions import sampled
+from ..verdict.caveats import ALIKE
 from .finding import AS_STATED, DESCRIPTION, OBJECT
 
 COARSE_MM = 5.0  # sides of the voxels that are compared: organs stay, and noise is averaged

@@ -10,15 +10,15 @@ import numpy as np
 from ...io.volumes import read_nifti
 from ...recordings.images import ImagesRecording
 from ...recordings.projections import ProjectionsRecording
-from ..core.alignment import PLACE, SURE, nuisances
-from ..core.asked import Asked
+from ..fitting.nuisance import PLACE, SURE, nuisances
 from ..projections.observed import Scans, scans
-from ..projections.scanned import scene_of
+from ..request import DiagnosisRequest
+from ..scanned_object import scene_of
 from .finding import AS_STATED, DESCRIPTION, MOST, Finding, find
+from .mismatch import Comparison
 from .orientation import OrientationFound, orientation
 from .repeats import copies, odd_ones
-from .unlike import Comparison
-from .white import wrong_illumination
+from .white_field import wrong_illumination
 
 
 @dataclass(frozen=True)
@@ -67,13 +67,13 @@ class SetUp:
         return self.comparison.residual(self.finding.stated), self.comparison.residual(self.finding.best)
 
 
-def set_up(recording: ProjectionsRecording | ImagesRecording, asked: Asked) -> SetUp | OrientationFound:
+def set_up(recording: ProjectionsRecording | ImagesRecording, asked: DiagnosisRequest) -> SetUp | OrientationFound:
     """Check how a recording is described.
 
     Parameters
     ----------
     recording : ProjectionsRecording or ImagesRecording
-    asked : Asked
+    asked : DiagnosisRequest
 
     Returns
     -------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..core.observed import Blocks
+from ..noise.condensed import Blocks
 
 PARTS = (12, 4, 8)  # blocks along views, rows and columns: their means show what noise hides in single rays
 APART = 50.0  # mean square of block means beyond that of noise by which a repeat is of another scan

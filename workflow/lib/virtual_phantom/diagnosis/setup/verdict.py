@@ -12,12 +12,12 @@ from ...io.files import read_text, write_text
 from ...recordings.images import ImagesRecording
 from ...recordings.projections import ProjectionsRecording
 from ...recordings.recording import Recording
-from ..core.asked import Asked
-from ..described import object_of, scan_of
+from ..assumptions import object_of, scan_of
+from ..request import DiagnosisRequest
 from .finding import AS_STATED, DESCRIPTION, EMPTY_BEAM, LOCATION_DIGITS, OBJECT
+from .mismatch import REACH
 from .orientation import OrientationFound
 from .recorded import SetUp
-from .unlike import REACH
 
 VERDICTS = {DESCRIPTION: "description wrong", OBJECT: "another object", EMPTY_BEAM: "nothing in the beam"}
 # Of recordings that are not looked at.
@@ -40,7 +40,7 @@ SEARCHED = {
 }
 
 
-def doubted(recording: Recording, asked: Asked) -> bool:
+def doubted(recording: Recording, asked: DiagnosisRequest) -> bool:
     """Whether the description of a recording is looked at."""
     return asked.settings.check_setup and isinstance(recording, ProjectionsRecording | ImagesRecording)
 
@@ -67,7 +67,7 @@ def read_setup(path: str | Path) -> dict:
         return {key: content[key] for key in NOT_LOOKED}
 
 
-def verdict(found: SetUp | OrientationFound, recording: Recording, asked: Asked) -> dict:
+def verdict(found: SetUp | OrientationFound, recording: Recording, asked: DiagnosisRequest) -> dict:
     """What diagnosis.json holds.
 
     Parameters
@@ -75,7 +75,7 @@ def verdict(found: SetUp | OrientationFound, recording: Recording, asked: Asked)
     found : SetUp or OrientationFound
         With a kind of VERDICTS.
     recording : Recording
-    asked : Asked
+    asked : DiagnosisRequest
 
     Returns
     -------

@@ -4,7 +4,7 @@ import itertools
 import math
 
 from ..effect import Effect, Parameter
-from ..sampling import points
+from ..scenes.sampling import points
 from ..state import State
 
 

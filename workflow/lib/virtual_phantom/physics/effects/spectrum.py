@@ -1,7 +1,7 @@
 """Polychromatic spectrum: beam hardening."""
 
+from ..beam.spectra import weighted_spectrum
 from ..effect import LOGARITHM, OF_PROTOCOL, Effect, Parameter
-from ..spectra import weighted_spectrum
 from ..state import State
 
 

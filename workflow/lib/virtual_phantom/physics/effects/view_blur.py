@@ -4,7 +4,7 @@ import math
 
 from ...base.geometry import orbit_of
 from ..effect import Effect, Parameter
-from ..sampling import points
+from ..scenes.sampling import points
 from ..state import State
 
 

@@ -8,8 +8,8 @@ from itertools import permutations
 from pathlib import Path
 
 from ...base.errors import InputError
-from ...diagnosis.core.locate import ALPHA
-from ...diagnosis.core.verdict import VERDICTS
+from ...diagnosis.residuals.residual_tests import ALPHA
+from ...diagnosis.verdict.verdict import VERDICTS
 from ...physics.effect import names
 from . import seal
 from .catalogue import STRENGTHS

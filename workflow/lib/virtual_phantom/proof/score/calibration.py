@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from scipy.special import expit
 
-from ...diagnosis.core.attribute import AS_GOOD
+from ...diagnosis.selection.forward_selection import AS_GOOD
 from ..conceal.case import EXPLAINED, MATCH, PARTLY, UNEXPLAINED, Case
 from .intervals import share
 

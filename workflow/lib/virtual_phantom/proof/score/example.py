@@ -9,7 +9,7 @@ import numpy as np
 
 from ...base.errors import InputError
 from ...base.words import label
-from ...diagnosis.core.store import RESIDUAL_MAPS
+from ...diagnosis.selection.store import RESIDUAL_MAPS
 from ...io.files import check_unchanged
 from ..conceal.case import Case
 

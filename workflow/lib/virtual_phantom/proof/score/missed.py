@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...base.words import label
-from ...diagnosis.core.attribute import AS_GOOD, RULED_OUT
+from ...diagnosis.selection.forward_selection import AS_GOOD, RULED_OUT
 from ...figures.style import number
 from ..conceal.case import MATCH, UNEXPLAINED, Case
 

@@ -26,9 +26,9 @@ from dataclasses import dataclass
 import yaml
 
 from ...base.errors import refusing
-from ...diagnosis.extent import fitted, is_shapes, rays_of
-from ...physics.object_files import path_of
-from ...physics.sampling import LEAST
+from ...diagnosis.workload import fitted, is_shapes, rays_of
+from ...physics.scenes.object_files import path_of
+from ...physics.scenes.sampling import LEAST
 
 STAGE = "diagnose"
 UNITS = ("job", "compiled", "plane", "point", "filter_point", "filter_step", "evaluation", "evaluation_point")
@@ -222,7 +222,7 @@ def _shapes(kind: str) -> int:
     """How many an object has."""
     path = path_of(kind)
     with refusing(
-        f"{path}: holds no shapes", OSError, yaml.YAMLError, KeyError, TypeError, advice="see docs/objects.md"
+        f"{path}: holds no shapes", OSError, yaml.YAMLError, KeyError, TypeError, advice="see docs/how-to/objects.md"
     ):
         return len(yaml.safe_load(path.read_text(encoding="utf-8"))["shapes"])
 

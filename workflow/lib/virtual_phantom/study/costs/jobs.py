@@ -20,13 +20,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from ...config.outputs import BY_NAME, Output
+from ...config.plan import Plan
 from ...features.names import FEATURES
 from .. import analyses
 from ..acquisitions import GRID
-from ..outputs import BY_NAME, Output
-from ..plan import Plan
 
-# Realisations that a step of the projector takes at once, whether there are as many or not (docs/speed.md).
+# Realizations that the projector computes at once, even if there are fewer (docs/explanation/performance.md).
 REGISTER = 16
 
 

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 
 import pandas as pd
 
+from ...config.plan import Plan
 from ...phantom.layout import read_layout
-from ..plan import Plan
 from ..progress.status import duration_range
 from .diagnoses import rays_in_words
 from .jobs import Job, study_jobs
@@ -38,7 +38,7 @@ def roi_count(phantom: dict) -> int:
     if phantom["source"] == "synthetic":
         return len(read_layout(phantom["layout"])["rois"])
     if phantom["source"] == "object":
-        from ...physics.objects import rois_of  # loads numba, for those who get here
+        from ...physics.scenes.objects import rois_of  # loads numba, for those who get here
 
         return len(rois_of(phantom["object"]))
     return sum(roi["parts"] for roi in phantom["ct"]["rois"])

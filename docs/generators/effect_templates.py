@@ -1,0 +1,163 @@
+"""Figures and table of docs/explanation/theory.md: templates of the effects on the study's phantom, and correlations.
+
+Run `python docs/generators/effect_templates.py` after a change of an effect. It writes to the page and to docs/images.
+"""
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from virtual_phantom.base.geometry import grid_of, scan_geometry
+from virtual_phantom.config import config
+from virtual_phantom.diagnosis.fitting.fit import Fit
+from virtual_phantom.diagnosis.fitting.templates import strength
+from virtual_phantom.diagnosis.planning import separability
+from virtual_phantom.diagnosis.planning.separability import Template
+from virtual_phantom.diagnosis.projections.model import Model
+from virtual_phantom.diagnosis.projections.observed import scans
+from virtual_phantom.diagnosis.projections.prepared import Prepared, prepare
+from virtual_phantom.figures.separability import Panel, draw_correlations, draw_templates
+from virtual_phantom.figures.style import label, number, save
+from virtual_phantom.phantom import layout, synthetic
+from virtual_phantom.physics.beam.materials import Segmentation
+from virtual_phantom.physics.chain import Chain
+from virtual_phantom.physics.effect import acts_on_images, names, offered
+from virtual_phantom.physics.scenes.scene import VoxelScene
+from virtual_phantom.recordings.projections import Projections
+
+ROOT = Path(__file__).resolve().parents[2]
+
+PAGE, IMAGES = ROOT / "docs" / "explanation" / "theory.md", ROOT / "docs" / "images"
+BEGIN, END = "<!-- table made by docs/generators/effect_templates.py -->", "<!-- end of the table -->"
+VIEWS, REPEATS = 90, 10
+DETECTOR = {"columns": 80, "rows": 24, "column_pitch_mm": 8.0, "row_pitch_mm": 8.0}
+# Rays per pixel and direction: with few, a blur of less than a pixel is lost between them.
+SAMPLES = 6
+PHANTOM_STREAM, NOISE_STREAM = 0, 3
+SHOWN_SD = 5.0
+FEW = (  # parts of few numbers: what they are, and how each is called
+    ("noise correlation", "neighbouring", ("columns", "rows", "views")),
+    ("white field", "order", ("c1", "c2", "c3", "c4", "r1", "r2")),
+)
+
+
+def recording() -> Prepared:
+    """Return repeats of the default study's scan without effects, with fewer views and larger pixels."""
+    study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
+    study = config.complete(study)
+    grid = grid_of(study["grid"])
+    seed = np.random.SeedSequence(study["seed"], spawn_key=(PHANTOM_STREAM,))
+    shapes = layout.read_layout(study["phantom"]["layout"])
+    phantom = synthetic.build(shapes, grid, study["grid"]["oversampling"], seed)
+    scene = VoxelScene.of(phantom.fine, Segmentation(**study["materials"]), study["mu_water_per_mm"])
+    geometry = scan_geometry({**study["scan"], **DETECTOR}, VIEWS, grid)
+    photons = 1 / study["noise"]["levels"]["dose10"]["A"]
+    chains = [Chain(scene, geometry, photons, SAMPLES + more) for more in (0, 1)]
+    state = chains[0].state({})
+    random = np.random.default_rng(np.random.SeedSequence(study["seed"], spawn_key=(NOISE_STREAM,)))
+    white = state.measured_air[0] * photons
+    dark = np.zeros_like(white)
+    taken = scans([Projections(state.counts(random), white, dark) for _ in range(REPEATS)])
+    return prepare(taken, None, chains[0], nominal_photons=photons, floor_chain=chains[1])
+
+
+def labels(found: list[Template]) -> list[str]:
+    """Effects by name, with the parameter where an effect has several templates."""
+    counts = Counter(one.effect for one in found)
+    return [
+        label(one.effect) if counts[one.effect] == 1 else f"{label(one.effect)}: {label(bare(one.parameter))}"
+        for one in found
+    ]
+
+
+def bare(parameter: str) -> str:
+    """A parameter's name without its unit."""
+    return re.sub("_(mm|px|deg|units|mm_per_s|units_per_s|per_mm2?)$", "", parameter)
+
+
+def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:
+    """Return maps of the mean or of the noise variance of each template, whichever has the larger norm, and FEW."""
+    data, result = prepared.data, []
+    shapes = {"mean": data.mean.shape, "noise variance": data.blocks.shape}
+    for name, one in zip(labels(found), found, strict=True):
+        parts = separability.split(prepared.fitter, one.left)
+        most = max(shapes, key=lambda part: parts[part] @ parts[part])
+        across, values = summed(parts[most].reshape(shapes[most]))
+        result.append(Panel(name, values, across if most == "mean" else f"{across}: {most}"))
+        for part, axis, ticks in FEW:
+            if np.linalg.norm(parts[part]) > SHOWN_SD:
+                result.append(Panel(name, parts[part], f"{part}, {axis}", ticks))
+    return result
+
+
+def summed(values: np.ndarray) -> tuple[str, np.ndarray]:
+    """A template [view, row, column] over rows or over columns, whichever keeps more, with noise of 1 SD: what is left
+    beside the view, and the map."""
+    sums = {"column": values.sum(axis=1) / values.shape[1] ** 0.5, "row": values.sum(axis=2) / values.shape[2] ** 0.5}
+    kept = max(sums, key=lambda name: (sums[name] ** 2).sum())
+    return kept, sums[kept]
+
+
+LEAST_SHOWN = 1e-3  # share of a template: less is rounding in a table of percent to one decimal
+
+
+def percent(share: float) -> str:
+    return "< 0.1" if share < LEAST_SHOWN else f"{100 * share:.1f}"
+
+
+def shown(shares: dict[str, float]) -> str:
+    """The part of the data that a template is in; of several each with its percent, the largest first."""
+    parts = sorted((one for one in shares.items() if one[1] >= LEAST_SHOWN), key=lambda one: -one[1])
+    return ", ".join(f"{part} {percent(share)}" for part, share in parts) if len(parts) > 1 else parts[0][0]
+
+
+def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
+    """Return the table of section 3 of the page."""
+    correlation = separability.correlations(found)
+    in_range = separability.taken_up_in_range(prepared.fitter, fit, np.stack([one.whole for one in found]))
+    effects, called = np.array([one.effect for one in found]), labels(found)
+    lines = [
+        "| effect | strength | shows in | taken up | left | most alike | rho |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for place, one in enumerate(found):
+        alike = np.where(effects == one.effect, 0, np.nan_to_num(correlation[place]))
+        other = int(np.argmax(np.abs(alike)))
+        cells = [called[place], at(one, prepared.fitter.model)]
+        cells += [shown(separability.shares(prepared.fitter, one.whole))]
+        first_order, within = percent(one.taken_up), percent(in_range[place])
+        cells += [
+            first_order if within == first_order else f"{first_order} ({within})",
+            number(np.linalg.norm(one.left)),
+        ]
+        cells += [called[other], f"{alike[other]:.3f}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def at(one: Template, model: Model) -> str:
+    """The strength of a template, with its unit."""
+    parameters = [p for p in model.parameters(one.effect) if one.parameter in (None, p.name) and p.unit != "number"]
+    values = [(strength(p) if p.neutral is not None else p.typical, p.unit) for p in parameters]
+    return ", ".join(f"{value:.3g}" + ("" if unit == "1" else f" {unit}") for value, unit in values)
+
+
+def with_table(page: str, content: str) -> str:
+    """The page with what stands between the markers replaced. Raises ValueError if they are not there."""
+    before, rest = page.split(BEGIN)
+    return f"{before}{BEGIN}\n\n{content}\n\n{END}{rest.split(END)[1]}"
+
+
+if __name__ == "__main__":
+    prepared = recording()
+    fit = prepared.fitter.fit(())
+    alone = offered((name for name in names() if not acts_on_images(name)), ())
+    found = separability.described(prepared.fitter, fit, alone)
+    save(draw_templates(panels(prepared, found)), [IMAGES / "effect_templates.png"])
+    order = separability.grouped(separability.correlations(found))
+    ordered = [found[place] for place in order]
+    save(draw_correlations(separability.correlations(ordered), labels(ordered)), [IMAGES / "effect_correlations.png"])
+    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), table(prepared, fit, found)), encoding="utf-8")

@@ -1,0 +1,1 @@
+"""Read, check and plan a study's configuration."""

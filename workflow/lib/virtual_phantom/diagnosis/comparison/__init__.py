@@ -1,0 +1,1 @@
+"""Compare recorded and simulated images, and judge whether a difference is relevant."""

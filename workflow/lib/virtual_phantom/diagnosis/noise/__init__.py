@@ -1,0 +1,1 @@
+"""Noise of recordings: covariance, whitening, and gain patterns."""

@@ -1,0 +1,1 @@
+"""Rank further measurements by what they are expected to distinguish."""

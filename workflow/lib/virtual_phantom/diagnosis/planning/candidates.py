@@ -1,0 +1,166 @@
+"""Further recordings that a laboratory can make: another object, distance, current, speed, height of the beam."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ...base.geometry import OrbitGeometry
+from ...physics.scenes.objects import read_object
+from ...physics.scenes.shapes import ShapesScene
+from .measurement import OBJECT_KNOWN, DarkFrames, Scan
+
+FILLED = 0.8  # of the field of view: a large object
+OFF_AXIS = 0.6  # of its radius: where what is small shows the geometry
+MAGNIFIED = 2.0  # or less: by how much the object is brought nearer to one end
+LEAST_MAGNIFIED = 1.2  # by less, nothing is another place
+NEAREST = 0.95  # of the distance to the detector
+FEW_ROWS = 4  # of a scan's rows, one in so many stays in a narrow beam
+SAME = "same"
+
+
+def further(geometry: OrbitGeometry, scene: object, own: Mapping) -> list[Scan | DarkFrames]:
+    """What could be recorded next, beside a recording that there is.
+
+    Parameters
+    ----------
+    geometry : OrbitGeometry
+        Of the recording.
+    scene : VoxelScene
+        Or what has its methods: what was scanned.
+    own : mapping
+        diagnosis.recordings.<name> of the configuration: what was scanned, in words of the configuration.
+
+    Returns
+    -------
+    list of Scan or DarkFrames
+        Those that this geometry allows; first the same scan again.
+    """
+    like = {key: own[key] for key in ("disc", "object") if key in own}
+    again = Scan(SAME, "the same scan again", scene, geometry, section=like)
+    radius = scene.radius_mm
+    found: list[Scan | DarkFrames] = [again, *([] if geometry.parallel else _distances(again, radius))]
+    found.append(replace(again, name="half_current", words="the same scan at half the tube current", photons=0.5))
+    if geometry.view_interval_ms is not None:
+        found.append(_slower(again))
+    if narrow := _narrow(again):
+        found.append(narrow)
+    start = float(np.degrees(geometry.angles_rad[0]))
+    turned = {"start_angle_deg": _within_turn(start + 180)}
+    found.append(
+        replace(
+            again,
+            name="half_turn",
+            words="the same scan, begun 180 degrees further",
+            scan=turned,
+            geometry=geometry.turned(np.pi),
+        )
+    )
+    other_way = replace(geometry, angles_rad=2 * geometry.angles_rad[0] - geometry.angles_rad)
+    direction = -1 if _direction(geometry) > 0 else 1
+    found.append(
+        replace(
+            again,
+            name="other_way",
+            words="the same scan, turning the other way",
+            geometry=other_way,
+            scan={"direction": direction},
+        )
+    )
+    found += _objects(again, geometry, getattr(scene, "energy_kev", None))
+    nothing = {"kind": "ball", "parameters": {"diameter_mm": 1, "material": "air"}}
+    section = {"object": nothing, "check_setup": False}
+    scene = ShapesScene(read_object(**nothing).shapes)
+    found.append(Scan("air", "nothing in the beam, read as a scan", scene, geometry, section=section))
+    found.append(DarkFrames("dark_frames", "dark frames before and after the scan"))
+    return found
+
+
+def _distances(again: Scan, radius_mm: float) -> Iterator[Scan]:
+    geometry = again.geometry
+    source, detector = geometry.source_to_isocentre_mm, geometry.source_to_detector_mm
+    nearer = source / MAGNIFIED
+    far = min(source * MAGNIFIED, NEAREST * detector)
+    for name, place, words in (
+        ("magnified", nearer, "the object nearer to the source: {:.2g} times the magnification"),
+        ("less_magnified", far, "the object nearer to the detector: {:.2g} times the magnification"),
+    ):
+        moved = replace(geometry, source_to_isocentre_mm=place)
+        factor = source / place
+        if max(factor, 1 / factor) >= LEAST_MAGNIFIED and radius_mm <= moved.field_of_view_radius_mm:
+            scan = {"source_to_isocentre_mm": round(place, 3)}
+            yield replace(again, name=name, words=words.format(factor), geometry=moved, scan=scan)
+
+
+def _slower(again: Scan) -> Scan:
+    geometry = again.geometry
+    exposure = None if geometry.exposure_ms is None else 2 * geometry.exposure_ms
+    slow = replace(geometry, view_interval_ms=2 * geometry.view_interval_ms, exposure_ms=exposure)
+    scan = {"view_interval_ms": 2 * geometry.view_interval_ms, "rotation_time_ms": None}
+    if exposure is not None:
+        scan["exposure_ms"] = exposure
+    words = "the same scan at half the speed and half the tube current, as many photons in each view"
+    return replace(again, name="half_speed", words=words, geometry=slow, scan=scan)
+
+
+def _narrow(again: Scan) -> Scan | None:
+    """The rows in the middle alone: as many that the middle stays where it is. One row would stand for a high beam."""
+    rows = again.geometry.rows
+    left = max(2, rows // FEW_ROWS)
+    left += (rows - left) % 2
+    if left > rows / 2:
+        return None
+    narrow = replace(again.geometry, rows=left)
+    words = f"the same scan, the beam collimated to the {left} rows in the middle; leave the others out of the file"
+    return replace(again, name="narrow_beam", words=words, geometry=narrow, scan={"rows": left})
+
+
+def _objects(again: Scan, geometry: OrbitGeometry, energy_kev: float | None) -> Iterator[Scan]:
+    room = geometry.field_of_view_radius_mm
+    high = geometry.rows * geometry.row_pitch_mm / geometry.magnification
+    pixel = geometry.column_pitch_mm / geometry.magnification
+    wide, off = round(FILLED * room), round(OFF_AXIS * room)
+    step = max(1, round(room / 10))
+    offered = [
+        (
+            "water",
+            "water_cylinder",
+            {"diameter_mm": wide * 2 - 20, "wall_mm": 5, "length_mm": max(100, 2 * round(high))},
+        ),
+        ("pmma", "pmma_disc", {"diameter_mm": round(room / 2)}),
+        ("pmma_large", "pmma_disc", {"diameter_mm": 2 * wide}),
+        ("catphan_404", "catphan504_ctp404", {}),
+        ("catphan_486", "catphan504_ctp486", {}),
+        ("acr", "acr464_module1", {}),
+        ("wedge", "step_wedge", {"step_mm": step, "tread_mm": max(1, round(high / 5)), "width_mm": 4 * step}),
+        (
+            "wire",
+            "wire",
+            {
+                "diameter_mm": max(0.5, round(2 * pixel, 1)),
+                "x_mm": off,
+                "length_mm": max(35, 2 * round(high)),
+                "material": "aluminium",
+            },
+        ),
+        ("ball", "ball", {"diameter_mm": max(2, round(room / 10)), "material": "aluminium", "x_mm": off}),
+    ]
+    for name, kind, parameters in offered:
+        shaped = read_object(kind, parameters)
+        scene = ShapesScene(shaped.shapes, **({} if energy_kev is None else {"energy_kev": energy_kev}))
+        if scene.radius_mm > room:
+            continue
+        section = {"object": {"kind": kind, "parameters": parameters}, "alignment": dict(OBJECT_KNOWN)}
+        said = ", ".join(f"{key} {value}" for key, value in parameters.items())
+        words = f"another object: {kind}" + (f" ({said})" if said else "")
+        yield replace(again, name=name, words=words, scene=scene, known=dict(OBJECT_KNOWN), section=section)
+
+
+def _direction(geometry: OrbitGeometry) -> float:
+    return float(geometry.angles_rad[1] - geometry.angles_rad[0])
+
+
+def _within_turn(angle_deg: float) -> float:
+    return round(angle_deg - 360 if angle_deg > 360 else angle_deg, 6)

@@ -1,0 +1,1 @@
+"""Recordings prepared for fits, and tests for structure in their residuals."""

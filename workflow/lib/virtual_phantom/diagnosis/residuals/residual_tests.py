@@ -1,0 +1,437 @@
+"""Where a recording and a model differ beyond noise."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special, stats
+
+from ...statistics.multiplicity import bonferroni, holm
+from ..fitting.fit import Fit
+from ..fitting.nuisance import PLACE
+from ..noise.condensed import FEWEST, Blocks, Observed
+
+EDGES = "edges"  # a domain: where data change most from one to the next
+KINDS = "kinds of change"  # a domain without places: see core.outside
+ALPHA = 0.01  # family-wise, over all domains and all places in them
+EDGE_SHARE = 0.1  # of the rays or voxels: those where what is recorded changes most count as edges
+BINS = 10  # of rays or voxels in the order of a value: enough to show a curve, few enough to test each
+
+
+@dataclass(frozen=True)
+class Location:
+    """The worst place of a domain.
+
+    Attributes
+    ----------
+    domain : str
+        What was looked at.
+    where : str
+        The place, in words.
+    z : float
+        Standardised difference, positive where the recording holds more.
+    p : float
+        Chance of one as large anywhere in the domain without a difference.
+    map : ndarray
+        z of every place, for figures; along three axes for blocks.
+    """
+
+    domain: str
+    where: str
+    z: float
+    p: float
+    map: np.ndarray
+
+    @property
+    def significant(self) -> bool:
+        """Said by `locate` of the family as a whole: p here is after Holm's correction over domains."""
+        return self.p < ALPHA
+
+
+@dataclass(frozen=True)
+class Half:
+    """One half of the data, with residuals and weights by part.
+
+    Attributes
+    ----------
+    residuals, weights : list of ndarray, shape (data,)
+    data : Observed
+    """
+
+    residuals: list[np.ndarray]
+    weights: list[np.ndarray]
+    data: Observed
+
+    def in_common(self, other: Half) -> HalfProducts:
+        """What the mean's residuals have in common with those of another half."""
+        weight = np.sqrt(self.weights[0] * other.weights[0])
+        return HalfProducts(
+            weight > 0,
+            self.residuals[0] * other.residuals[0] * weight,
+            [weight * error.ravel() ** 2 for error in self.data.numerical],
+            np.ravel(self.data.scatter),
+        )
+
+
+@dataclass(frozen=True)
+class HalfProducts:
+    """Products of standardised residuals of two halves whose noises are independent, by ray or voxel.
+
+    Attributes
+    ----------
+    there : ndarray of bool, shape (data,)
+        Whether it counts in both halves.
+    products : ndarray, shape (data,)
+        Their mean is the square of what both have in common, in standard deviations.
+    numerical : list of ndarray, shape (data,)
+        Of every numerical error of the model, one standard deviation of it, what that is expected to give.
+    scatter : ndarray, shape (data,), or float
+        Relative variance of the weights, by which products vary more.
+    """
+
+    there: np.ndarray
+    products: np.ndarray
+    numerical: list[np.ndarray]
+    scatter: np.ndarray | float = 0.0
+
+    def z(self, where: np.ndarray | None = None) -> float:
+        """The sum beyond what numerical errors give, over its standard deviation without a difference.
+
+        A numerical error c D with c ~ N(0, 1) gives c^2 times its expected sum, which varies by 2^(1/2) of that.
+
+        Parameters
+        ----------
+        where : ndarray of bool, shape (data,), optional
+            What is summed; None: all that count.
+
+        Returns
+        -------
+        float
+            At least 0.
+        """
+        chosen = self.there if where is None else self.there & where
+        numerical = np.array([float(one[chosen].sum()) for one in self.numerical])
+        beyond = float(self.products[chosen].sum()) - numerical.sum()
+        noise = float(np.sum(1 + np.broadcast_to(self.scatter, chosen.shape)[chosen]))
+        return max(0.0, beyond) / float(np.sqrt(max(1.0, noise) + 2 * (numerical**2).sum()))
+
+
+def aligned(fit: Fit, numerical: Collection[str]) -> list[Location]:
+    """How far a fit has pulled its alignment off what it knew of it: a difference that residuals no longer show.
+
+    Where the object lies is nobody's physics, and is left out.
+
+    Parameters
+    ----------
+    fit : Fit
+    numerical : collection of str
+        Names of the model's numerical errors, of whose size nothing is known.
+
+    Returns
+    -------
+    list of Location
+        One, or none where nothing was known.
+    """
+    z = {name: value for name, value in fit.pulled.items() if name not in numerical and name not in PLACE}
+    if not z:
+        return []
+    names, values = list(z), np.array(list(z.values()))
+    words = "{}, {:.1f} standard deviations off the known"
+    return [extreme("alignment", values, lambda i: words.format(names[i], abs(values[i])))]
+
+
+def noise_places(
+    residuals,
+    weights,
+    data: Observed,
+    pairs: list[str],
+    axes: tuple[str, str, str],
+    fitted=None,
+    uncertain=None,
+    step: int = 1,
+) -> list[Location]:
+    """Places of difference in the noise: its variance over blocks, its level, and its correlations.
+
+    Level and correlations are few numbers, known to the fit no better than to the data held out: both errors count.
+
+    Parameters
+    ----------
+    residuals, weights : list of ndarray, shape (data,)
+        By part.
+    data : Observed
+    pairs : list of str
+        Neighbours whose correlations there are, in words.
+    axes : tuple of 3 str
+        Names of the data's axes.
+    fitted : Half, optional
+        The data that the model was fitted to, if those are others.
+    uncertain : sequence of ndarray, shape (directions, data), optional
+        By part: what the errors of the fit's numbers add (left_by_numbers); None: the fit's errors are those of the
+        data fitted.
+    step : int, optional
+        As `blocks` takes it.
+
+    Returns
+    -------
+    list of Location
+        Empty where there is a single repeat.
+    """
+    if data.variance is None:
+        return []
+    if fitted is not None and fitted.data.variance is None:
+        fitted = None  # a single repeat, whose noise is known from elsewhere
+    level, total = residuals[1] @ weights[1], weights[1].sum()
+    single = weights[1] / data.alone
+    of_blocks = variance_z(residuals[1], single)
+    with np.errstate(divide="ignore"):
+        error = 1 / weights[2]
+        if uncertain is not None:
+            both = 1 / total + ((uncertain[1] @ weights[1] / total) ** 2).sum()
+            error = error + (uncertain[2] ** 2).sum(axis=0)
+            of_blocks = of_blocks / np.sqrt(1 + single * (uncertain[1] ** 2).sum(axis=0))
+        else:
+            both = 1 / total + (1 / fitted.weights[1].sum() if fitted else 0)
+            error = error + (1 / fitted.weights[2] if fitted else 0)
+    z = float(level / total / np.sqrt(both))
+    return [
+        blocks("noise variance", of_blocks, data, axes, step=step, division=data.noise_blocks),
+        Location("noise level", "everywhere", z, _two_sided(z, 1), np.array([z])),
+        extreme("noise correlation", residuals[2] / np.sqrt(error), lambda i: f"between {pairs[i]}"),
+    ]
+
+
+def variance_z(residual: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Normal scores of sample variances.
+
+    The cube root of a chi-square is nearly normal [1]_; its logarithm has a long lower tail, where blocks have few
+    degrees of freedom.
+
+    Parameters
+    ----------
+    residual, weight : ndarray, shape (blocks,)
+        Of their logarithms, unbiased, and the inverse variances of these.
+
+    Returns
+    -------
+    ndarray, shape (blocks,)
+        0 where there is none.
+
+    References
+    ----------
+    .. [1] E. B. Wilson and M. M. Hilferty, PNAS 17, 684, 1931.
+    """
+    freedom = 2 * np.where(weight > 0, weight, 1.0)  # the variance of the logarithm is 2 over the degrees of freedom
+    ratio = np.exp(residual + special.digamma(freedom / 2) - np.log(freedom / 2))
+    spread = 2 / (9 * freedom)
+    return np.where(weight > 0, (np.cbrt(ratio) - 1 + spread) / np.sqrt(spread), 0.0)
+
+
+def corrected(found: list[Location]) -> list[Location]:
+    """The worst first, p corrected over domains (Holm)."""
+    found = sorted(found, key=lambda one: one.p)
+    together = holm(np.array([one.p for one in found]))
+    return [replace(one, p=float(p)) for one, p in zip(found, together, strict=True)]
+
+
+@dataclass(frozen=True)
+class Alike:
+    """What makes sums of weighted rays vary more than their weights say.
+
+    Attributes
+    ----------
+    weight : ndarray, shape (views, rows, columns)
+    distortions : sequence of ndarray, shape (views, rows, columns)
+        By which all rays of a sum may be off together, one standard deviation.
+    scatter : ndarray, shape (views, rows, columns), or float
+        Relative variance of the weights, which are unbiased: a weight's square is larger by so much, on average, than
+        the square of its mean.
+    """
+
+    weight: np.ndarray
+    distortions: Sequence[np.ndarray]
+    scatter: np.ndarray | float = 0.0
+
+    def __call__(self, total) -> np.ndarray | float:
+        """What they add to the variance of sums of many blocks.
+
+        Parameters
+        ----------
+        total : callable
+            Makes sums of weighted rays, ndarray to ndarray.
+
+        Returns
+        -------
+        ndarray or float
+        """
+        return total(self.weight * self.scatter) + self.of_block(total)
+
+    def of_block(self, total) -> np.ndarray | float:
+        """The same of rays that share one weight's error, which changes a sum's law but not its variance."""
+        return sum((total(self.weight * one) ** 2 for one in self.distortions), 0.0)
+
+
+def _two_sided(z: float, places: int) -> float:
+    """Bonferroni over places."""
+    return float(bonferroni(2 * stats.norm.sf(abs(z)), places))
+
+
+def _likely(z: np.ndarray) -> float:
+    """Chance of the worst place, or of the sum of squares, whichever is less, times two."""
+    tested = z[z != 0]
+    if not tested.size:
+        return 1.0
+    worst = _two_sided(float(np.abs(tested).max()), tested.size)
+    return min(1.0, 2 * min(worst, float(stats.chi2.sf((tested**2).sum(), tested.size))))
+
+
+def extreme(domain: str, z: np.ndarray, words) -> Location:
+    """A domain by its worst place.
+
+    Parameters
+    ----------
+    domain : str
+    z : ndarray, shape (places,)
+    words : callable
+        Says of an index which place it is.
+
+    Returns
+    -------
+    Location
+    """
+    worst = int(np.argmax(np.abs(z)))
+    return Location(domain, words(worst), float(z[worst]), _likely(z), z)
+
+
+def normal_scores(z: np.ndarray, weighed: np.ndarray | float) -> np.ndarray:
+    """Values as rare as these, of a normal distribution.
+
+    Where a variance was measured, these are Student's t; by Wallace's bound [1]_.
+
+    Parameters
+    ----------
+    z : ndarray
+        With a variance of 1, as unbiased weights give it; t has one of n / (n - 2).
+    weighed : ndarray or float
+        Relative variance of the weights, 2 over the degrees of freedom; 0: known.
+
+    Returns
+    -------
+    ndarray
+        Shaped as `z`.
+
+    References
+    ----------
+    .. [1] D. L. Wallace, Ann. Math. Stat. 30, 1124, 1959: his 8n + 1 over 8n + 3.
+    """
+    weighed = np.broadcast_to(weighed, z.shape)
+    measured = (weighed > 0) & (weighed < 2 / FEWEST)
+    n = 2 / np.where(measured, weighed, 1)
+    square = z**2 * n / np.where(measured, n - 2, 1)
+    scores = np.sign(z) * np.sqrt(n * np.log1p(square / n)) * (8 * n + 1) / (8 * n + 3)
+    return np.where(measured, scores, z)
+
+
+def blocks(
+    domain: str,
+    z: np.ndarray,
+    data: Observed,
+    axes: tuple[str, str, str],
+    weighed: np.ndarray | float = 0.0,
+    step: int = 1,
+    division: Blocks | None = None,
+) -> Location:
+    """A domain of blocks of the data.
+
+    Parameters
+    ----------
+    domain : str
+    z : ndarray, shape (blocks,)
+    data : Observed
+    axes : tuple of 3 str
+        Names of the data's axes.
+    weighed : ndarray, shape (blocks,), or float, optional
+        Relative variance of the weights that z rests on.
+    step : int, optional
+        Of the first axis: one place of so many of the recording's was taken, whose numbers are said.
+    division : Blocks, optional
+        None: the data's blocks.
+
+    Returns
+    -------
+    Location
+    """
+    shape = (division or data.blocks).shape
+    worst = int(np.argmax(np.abs(z)))
+    place = np.unravel_index(worst, shape)
+    ranges = [
+        f"{name} {every * (n * i // parts)} to {every * (n * (i + 1) // parts - 1)}"
+        for name, n, i, parts, every in zip(axes, data.mean.shape, place, shape, (step, 1, 1), strict=True)
+    ]
+    likely = _likely(normal_scores(z, weighed))
+    return Location(domain, ", ".join(ranges), float(z[worst]), likely, z.reshape(shape))
+
+
+def by_value(domain: str, words: str, residual, weight, values, inside, alike: Alike | None = None) -> Location:
+    """Sums over tenths of the data, in the order of a value.
+
+    Parameters
+    ----------
+    domain, words : str
+        `words` takes a tenth's bounds.
+    residual, weight, values : ndarray
+        Along the data's three axes.
+    inside : ndarray of bool
+        What the tenths are of.
+    alike : Alike, optional
+
+    Returns
+    -------
+    Location
+    """
+    edges = np.quantile(values[inside], np.linspace(0, 1, BINS + 1)) if inside.any() else np.zeros(BINS + 1)
+    index = np.where(inside, np.clip(np.searchsorted(edges, values) - 1, 0, BINS - 1), BINS)
+
+    def by_tenth(one):
+        return np.bincount(index.ravel(), one.ravel(), BINS + 1)[:BINS]
+
+    total, extra = by_tenth(weight), 0.0 if alike is None else alike(by_tenth)
+    z = by_tenth(residual * weight) / np.sqrt(np.where(total > 0, total + extra, np.inf))
+    return extreme(domain, z, lambda i: words.format(edges[i], edges[i + 1]))
+
+
+def steep(weight, slope) -> np.ndarray:
+    """Where a slope is largest, of the data that count."""
+    return (weight > 0) & (slope >= np.quantile(slope[weight > 0], 1 - EDGE_SHARE))
+
+
+def steepest(
+    what: str, residual, weight, slope, numbers: Sequence[np.ndarray] = (), of_weights: float = 0.0
+) -> Location:
+    """Excess of chi-square where a slope is largest.
+
+    Parameters
+    ----------
+    what : str
+        Rays or voxels, for the words.
+    residual, weight, slope : ndarray
+        Along the data's three axes.
+    numbers : sequence of ndarray, optional
+        What the errors of a fit's numbers add.
+    of_weights : float, optional
+        Variance that errors of the weights add.
+
+    Returns
+    -------
+    Location
+    """
+    chosen = steep(weight, slope)
+    count = int(chosen.sum())
+    square = float((weight[chosen] * residual[chosen] ** 2).sum())
+    expected = count + sum(float((weight[chosen] * one[chosen] ** 2).sum()) for one in numbers)
+    square *= count / max(1.0, expected)
+    z = (square - count) / np.sqrt(2 * count + of_weights)
+    freedom = 2 * count**2 / (2 * count + of_weights)  # of the chi-square with this mean and variance, but for a factor
+    p = float(stats.chi2.sf(square * freedom / count, freedom))
+    return Location(EDGES, f"the {100 * EDGE_SHARE:.0f} % steepest {what}", float(z), p, np.array([z]))

@@ -1,0 +1,1 @@
+"""One diagnosis of several recordings of a scanner."""

@@ -1,0 +1,1 @@
+"""Select the effects that a recording needs."""

@@ -1,0 +1,92 @@
+"""Files of a diagnosis: fits as JSON, so that they can be kept, and what all of it leaves."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from ...base.errors import refusing
+from ...io.documents import DIAGNOSIS, write_document
+from ...io.files import read_text, replacing, write_text
+from ..fitting.fit import Fit
+from ..fitting.linearization import Linearisation, LinearisationPoint
+from ..fitting.trial import Trial
+
+PATTERNS = ("pattern", "pattern_variance")
+RESIDUAL_MAPS = ("residuals before", "residuals after")  # beside the maps of domains
+
+
+def content_of(trial: Trial) -> dict:
+    """A fit, its score and its p-value, as JSON holds them."""
+    fit = asdict(trial.fit)
+    for name in PATTERNS:
+        fit[name] = None if fit[name] is None else fit[name].tolist()
+    return {"fit": fit, "score": trial.score, "p": trial.p}
+
+
+def write_trial(trial: Trial, path: str | Path, made_of: str = "") -> None:
+    """Write a fit, its score and its p-value, and what they were made of."""
+    content = content_of(trial) | {"made_of": made_of}
+    write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", path)
+
+
+def write_diagnosis(output, content: dict, overlay: dict, page: str, maps: Mapping[str, np.ndarray]) -> None:
+    """Write what every diagnosis leaves: diagnosis.json, physics.yaml, the report and the maps by domain.
+
+    Parameters
+    ----------
+    output : object
+        Paths, as attributes diagnosis, physics, report and maps.
+    content : dict
+        Of diagnosis.json.
+    overlay : dict
+        Of physics.yaml: a configuration of the study.
+    page : str
+        The report.
+    maps : mapping of str to ndarray
+        By domain.
+    """
+    folder = Path(output.maps)
+    folder.mkdir(parents=True, exist_ok=True)
+    for domain, values in maps.items():
+        with replacing(folder / f"{domain}.npy") as temporary, temporary.open("wb") as file:
+            np.save(file, values)
+    text = f"# {content['sentence']}\n# An overlay of the study: snakemake --configfile physics.yaml\n"
+    write_text(text + yaml.safe_dump(overlay, sort_keys=False), output.physics)
+    write_text(page, output.report)
+    write_document(content, output.diagnosis, DIAGNOSIS)
+
+
+def read_trial(path: str | Path) -> tuple[Trial, str]:
+    """Read what `write_trial` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Returns
+    -------
+    trial : Trial
+    made_of : str
+
+    Raises
+    ------
+    InputError
+        If it is missing or something else.
+    """
+    kinds = (OSError, ValueError, KeyError, TypeError)
+    with refusing(f"{path}: is no fit of a diagnosis", *kinds, advice="make it again"):
+        content = json.loads(read_text(path))
+        fit = content["fit"]
+        fit["effects"], fit["parts"] = tuple(fit["effects"]), tuple(fit["parts"])
+        fit["linearisation"] = Linearisation(
+            *(LinearisationPoint(**fit["linearisation"][about]) for about in ("errors", "rays"))
+        )
+        for name in PATTERNS:
+            fit[name] = None if fit[name] is None else np.array(fit[name])
+        return Trial(Fit(**fit), content["score"], content["p"]), content["made_of"]

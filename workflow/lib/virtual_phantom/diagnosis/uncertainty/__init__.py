@@ -1,0 +1,1 @@
+"""Confidence intervals of fitted parameters, and model error."""

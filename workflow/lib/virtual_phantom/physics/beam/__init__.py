@@ -1,0 +1,1 @@
+"""X-ray spectra, materials and detector sensors."""

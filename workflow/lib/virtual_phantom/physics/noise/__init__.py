@@ -1,0 +1,1 @@
+"""Random counts and their correlation between neighboring rays."""

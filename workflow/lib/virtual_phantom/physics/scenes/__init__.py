@@ -1,0 +1,1 @@
+"""Objects that are scanned, as path lengths per material."""

@@ -1,0 +1,143 @@
+"""The last stage of the chain: reconstructed images, and effects that act on them."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ..base.geometry import Grid, ScanGeometry
+from ..base.units import whole_hu
+from ..io.volumes import Volume
+from ..physics.effect import image_effects, load
+from ..physics.image_state import ImageState
+from ..reconstruction.boxes import Box, fbp_in_boxes
+from ..reconstruction.images import in_hu, read_kernel
+
+
+def with_effects(hu: np.ndarray, spacing_mm: tuple[float, float, float], physics: Mapping[str, Mapping[str, float]]):
+    """An image after effects of stage "image"; without any, itself.
+
+    Parameters
+    ----------
+    hu : ndarray, shape (z, y, x)
+        HU.
+    spacing_mm : tuple of 3 float
+        Voxels (z, y, x), mm.
+    physics : mapping of str to mapping of str to float
+        {effect: {parameter: value}}.
+
+    Returns
+    -------
+    ndarray, shape (z, y, x)
+        HU.
+    """
+    if not physics:
+        return hu
+    state = ImageState(np.asarray(hu, np.float32), spacing_mm)
+    for name in sorted(physics, key=image_effects().index):
+        load(name).apply(state, physics[name])
+    return state.hu
+
+
+def reconstruct(
+    line_integrals: np.ndarray,
+    geometry: ScanGeometry,
+    grid: Grid,
+    algorithm: str,
+    settings: dict,
+    *,
+    engine: str,
+    mu_water_per_mm: float,
+    physics: dict | None = None,
+    threads: int = 1,
+) -> list[Volume]:
+    """One image per acquisition.
+
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (acquisitions, views, rows, columns)
+    geometry : ScanGeometry
+    grid : Grid
+    algorithm, settings, engine, mu_water_per_mm
+        As reconstruction.images.in_hu takes them.
+    physics : dict, optional
+        Effects of stage "image", {effect: {parameter: value}}.
+    threads : int, optional
+
+    Returns
+    -------
+    list of Volume
+        int16 HU on `grid`.
+
+    Raises
+    ------
+    InputError
+        For an unknown algorithm or a scan that it cannot use.
+    """
+    hu = in_hu(line_integrals, geometry, grid, algorithm, settings, engine, mu_water_per_mm, threads)
+    hu = [with_effects(image, grid.spacing, physics or {}) for image in hu]
+    return [Volume(_stored(image), grid) for image in hu]
+
+
+def reconstruct_in_boxes(
+    line_integrals: np.ndarray,
+    geometry: ScanGeometry,
+    grid: Grid,
+    boxes: Sequence[Box],
+    settings: dict,
+    *,
+    thickness_mm: float,
+    mu_water_per_mm: float,
+    threads: int = 1,
+) -> list[Volume]:
+    """One image per acquisition by filtered back-projection, air outside of the boxes.
+
+    Parameters
+    ----------
+    line_integrals : ndarray, shape (acquisitions, views, rows, columns)
+    geometry : ScanGeometry
+    grid : Grid
+    boxes : sequence of tuple of 3 slice
+    settings : dict
+        As reconstruction.images.read_kernel takes them.
+    thickness_mm, mu_water_per_mm
+        As boxes.fbp_in_boxes takes them.
+    threads : int, optional
+
+    Returns
+    -------
+    list of Volume
+        int16 HU on `grid`.
+
+    Raises
+    ------
+    InputError
+        For a scan that cannot be used.
+    """
+    hu = fbp_in_boxes(
+        line_integrals,
+        geometry,
+        grid,
+        boxes,
+        mu_water_per_mm=mu_water_per_mm,
+        thickness_mm=thickness_mm,
+        kernel=read_kernel(settings),
+        threads=threads,
+    )
+    return [Volume(_stored(image), grid) for image in hu]
+
+
+def _stored(image: np.ndarray) -> np.ndarray:
+    """HU as int16. InputError for what is no number; a warning of what int16 cannot hold."""
+    whole, beyond = whole_hu(
+        image, "reconstruction: holds voxels that are NaN or infinite; are the projections finite?"
+    )
+    if beyond:
+        limits = np.iinfo(np.int16)
+        warnings.warn(
+            f"reconstruction: {beyond} voxels are beyond {limits.min} to {limits.max} HU and are set to that",
+            stacklevel=3,
+        )
+    return whole

@@ -1,0 +1,153 @@
+"""All that is wrong with a CT, the regions drawn on it, and the voxels and scans that they are put on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ...base.console import note
+from ...base.errors import InputError, lines_of
+from ...base.geometry import Grid
+from ...base.units import HU_AIR
+from ...features.extraction import MINIMUM_VOXELS
+from ...io.volumes import Volume
+from ...phantom.ct import check_fit, check_hu, draw, kept_columns, read_hu, rois_of, trimmed
+from ...phantom.masks import open_regions, report_other_frame
+from ...phantom.plausible import CHECKS, note_without_air
+from ...phantom.rois import RoiEntry, read_entries
+from .coverage import TISSUE_HU, reach_mm, removed_tissue
+from .preflight_scan import blind_spots, grid_here
+
+KEEP_MM = "keep_mm"  # under phantom.ct.not_checked
+# Of the body. A strip of 2 % of a body 330 mm wide is about 7 mm wide: 13 % fewer or more photons behind it (0.02 per
+# mm), more than a step of the study's noise levels should be wrong by.
+MOST_CUT = 0.02
+
+
+def ct_problems(config: Mapping) -> Iterator[str]:
+    """What is wrong, a line for each mistake.
+
+    Parameters
+    ----------
+    config : mapping
+        With the schema's defaults, and phantom.ct. Other sections may be missing, and what depends on them is not
+        looked at.
+
+    Yields
+    ------
+    str
+    """
+    settings = config["phantom"]["ct"]
+    entries: tuple[RoiEntry, ...] = ()
+    try:
+        entries = read_entries(settings["rois"], settings.get("labels"))
+    except InputError as error:
+        yield str(error)
+    path, not_checked = Path(settings["image"]), settings.get("not_checked", ())
+    try:
+        image = read_hu(path, CHECKS)
+    except InputError as error:
+        yield from (f"phantom.ct.image: {line}" for line in lines_of(error))
+        for file in dict.fromkeys(entry.file for entry in entries):
+            if not Path(file).is_file():
+                forms = "NIfTI, NRRD, DICOM SEG or RTSTRUCT"
+                yield f"phantom.ct: {file}: no such file; give the path of the ROIs ({forms})"
+        return
+    for file in dict.fromkeys(entry.file for entry in entries):
+        report_other_frame(file, settings["image"])
+    in_hu = True
+    try:
+        check_hu(image, path, not_checked)
+        note_without_air(image.array, path)
+    except InputError as error:
+        in_hu = False  # where the body is cannot be known, so that its voxels and scans are not looked at
+        yield from (f"phantom.ct.image: {line}" for line in lines_of(error))
+    whole = image = Volume(np.maximum(image.array, np.float32(HU_AIR)), image.grid)
+    kept = np.ones(image.grid.shape[1:], bool)
+    if "keep_mm" in settings:
+        try:
+            kept = kept_columns(settings["keep_mm"], image.grid)
+            image = trimmed(image, settings["keep_mm"])
+        except InputError as error:
+            yield str(error)
+    grid = None
+    if "grid" in config and in_hu:
+        grid = grid_here(config, settings.get("centre_mm", image.grid.centre_mm))
+        try:
+            check_fit(image, grid)
+        except InputError as error:
+            yield str(error)
+            # ROIs beyond the grid, rows and columns for it: all of that would be said of the wrong grid.
+            grid = None
+    masks: dict[str, np.ndarray] = {}
+    yield from _regions(entries, image.grid, grid, kept, masks)
+    if grid is not None:
+        if not kept.all():
+            yield from _cut(whole, grid, kept, masks, not_checked)
+        # The phantom is scanned on finer voxels than these, whose centres may lie farther in.
+        slack = (math.hypot(*image.grid.spacing[1:]) + math.hypot(*grid.spacing[1:])) / 2
+        yield from blind_spots(config, grid, reach_mm(image, grid), masks, slack)
+
+
+def _cut(
+    image: Volume, grid: Grid, kept: np.ndarray, masks: Mapping[str, np.ndarray], not_checked: Collection[str]
+) -> Iterator[str]:
+    """Say how much tissue keep_mm removes: a note about arms and a table, a line about the body itself."""
+    removed = removed_tissue(image, grid, kept)
+    if not removed.share:
+        return
+    near = ""
+    if removed.columns.any() and masks:
+        away = {name: removed.distance_mm(grid, mask) for name, mask in masks.items()}
+        nearest = min(away, key=away.get)
+        near = f", {away[nearest]:.0f} mm from the nearest ROI ({nearest})"
+    if removed.body_share > MOST_CUT and KEEP_MM not in not_checked:
+        box = ", ".join(f"[{low:.0f}, {high:.0f}]" for low, high in removed.box_mm)
+        yield (
+            f"phantom.ct.keep_mm: makes air of {100 * removed.body_share:.2g} % of the body (voxels above "
+            f"{TISSUE_HU:g} HU in its filled outline){near}; widen it to [{box}], or take it out (if it is right: "
+            f"not_checked: [{KEEP_MM}])"
+        )
+        return
+    note(
+        f"phantom.ct.keep_mm: makes air of {100 * removed.share:.2g} % of the tissue (voxels above {TISSUE_HU:g} HU): "
+        f"{100 * removed.apart_share:.2g} % apart from the body, as arms and tables are, and "
+        f"{100 * (removed.share - removed.apart_share):.2g} % of the body{near}"
+    )
+
+
+def _regions(
+    entries: tuple[RoiEntry, ...], ct: Grid, grid: Grid | None, kept: np.ndarray, masks: dict[str, np.ndarray]
+) -> Iterator[str]:
+    """What is wrong with regions; those that are right are put into `masks`."""
+    opened: dict = {}
+    broken: set[str] = set()
+    for entry in entries:
+        if entry.file in broken:
+            continue
+        if entry.file not in opened:
+            try:
+                opened[entry.file] = open_regions(entry.file, ct)
+            except InputError as error:
+                broken.add(entry.file)
+                yield str(error)
+                continue
+        try:
+            if grid is None:
+                draw(entry, ct, opened)
+                continue
+            rois = rois_of(entry, ct, grid, kept, opened)
+        except InputError as error:
+            text = str(error)
+            yield text if text.startswith("ROI") else f"ROI {entry.name}: {text}"
+            continue
+        for roi in rois:
+            masks[roi.name] = roi.mask
+            if np.count_nonzero(roi.mask) == 1:
+                yield (
+                    f"ROI {roi.name}: has one voxel of the grid, and texture needs {MINIMUM_VOXELS}; use a finer grid, "
+                    "or a smaller margin_mm, or fewer parts"
+                )
