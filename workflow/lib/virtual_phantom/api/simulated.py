@@ -41,7 +41,6 @@ class Scan:
 
     Attributes
     ----------
-    geometry : OrbitGeometry
     grid : Grid
         Of the phantom, on which images are made.
     line_integrals : ndarray of float32, shape (repeats, views, rows, columns)
@@ -128,10 +127,6 @@ def read_phantom(
     **places
         `centre_mm`, `keep_mm`, `not_checked`: as in the configuration.
 
-    Returns
-    -------
-    Phantom
-
     Raises
     ------
     InputError
@@ -176,7 +171,6 @@ def scan(
 
     Parameters
     ----------
-    phantom : Phantom
     projections : int, optional
         Views of the whole scan.
     noise_level : float, optional
@@ -191,14 +185,9 @@ def scan(
     stream : tuple of (str, str), optional
         Labels of geometry and noise level that pick the noise's random stream, as a study has them; None: of the
         number of projections and "dose10", those of the default study.
-    threads : int, optional
     **scanner
         Keys of the configuration's section `scan` that differ from the default study's: `trajectory`, `pitch`,
         `columns`, `rows`, `source_to_isocentre_mm`, ...
-
-    Returns
-    -------
-    Scan
 
     Raises
     ------
@@ -258,11 +247,9 @@ def reconstruct(
 
     Parameters
     ----------
-    scan : Scan
     algorithm : {"fbp", "sirt"}, optional
     engine : {"auto", "cpu", "astra_cuda"}, optional
         Of SIRT.
-    threads : int, optional
     **settings
         Of the algorithm, as under `reconstruction` in the configuration: `iterations`, `solver`, `normalise`, ...
 
@@ -308,7 +295,6 @@ def extract(images: Volume | Sequence[Volume], phantom: Phantom) -> pd.DataFrame
     ----------
     images : Volume or sequence of Volume
         HU.
-    phantom : Phantom
 
     Returns
     -------

@@ -96,10 +96,6 @@ def doubtful_entries(path: str | Path) -> list[str]:
 
     These are keys that a section has twice, of which YAML takes the last, and numbers such as 010, which YAML reads
     as 8.
-
-    Returns
-    -------
-    list of str
     """
     try:
         return parse_yaml(path, ADVICE)[1]

@@ -47,11 +47,6 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
         From `statistics.comparison_summary.ranks` or `summary`: feature, kendall_tau (not drawn if all are missing).
         Optional columns other_settings (features.settings) and other_sizes (`statistics.comparability.other_sizes`)
         mark features; their text is shown above.
-    title : str, optional
-
-    Returns
-    -------
-    Figure
 
     Raises
     ------

@@ -82,7 +82,6 @@ class Parameter:
 
     Attributes
     ----------
-    name, unit, meaning : str
     low, high : float
         Plausible range, which the configuration and the fit keep to.
     start : float
@@ -134,10 +133,6 @@ class Parameter:
         ----------
         scan : mapping of str to float
             {unit of Reach: how much of the parameter is 1 of it}.
-
-        Returns
-        -------
-        Parameter
         """
         if self.reach is None:
             return self
@@ -167,7 +162,6 @@ class Effect:
         What tells it apart from others.
     settled_by : str
         The further recording that shows it alone.
-    parameters : tuple of Parameter
     apply : callable
         (state, values by name): changes in place a state.State, or at stage "image" an image_state.ImageState.
     pattern : bool
@@ -206,13 +200,8 @@ class Effect:
 
         Parameters
         ----------
-        given : mapping of str to float
         source : str, optional
             What the message begins with.
-
-        Returns
-        -------
-        dict of str to float
 
         Raises
         ------
@@ -288,10 +277,6 @@ def require(name: str, source: str) -> None:
 def load(name: str, source: str = "physics") -> Effect:
     """The effect of this name.
 
-    Returns
-    -------
-    Effect
-
     Raises
     ------
     InputError
@@ -361,10 +346,6 @@ def needs_times(name: str) -> bool:
     """Whether an effect is nothing that a scan without known times could show.
 
     That is so if a parameter that goes by them cannot be left out, or all do.
-
-    Returns
-    -------
-    bool
     """
     parameters = load(name).parameters
     return any(one.timed and one.neutral is None for one in parameters) or all(one.timed for one in parameters)
@@ -379,10 +360,6 @@ def checked(physics: Mapping[str, Mapping[str, float] | None], source: str = "ph
         {effect: {parameter: value}}; parameters that are not given are typical.
     source : str, optional
         What the message begins with.
-
-    Returns
-    -------
-    dict of str to dict of str to float
 
     Raises
     ------

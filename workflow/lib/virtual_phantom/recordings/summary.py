@@ -31,7 +31,6 @@ def summary(recording: Recording, study: Extraction = STUDY, voxel_mm: Sequence[
 
     Parameters
     ----------
-    recording : Recording
     study : Extraction, optional
         How the study's features are extracted, which those of the recording are held against.
     voxel_mm : sequence of float, optional

@@ -89,10 +89,6 @@ def agreement(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
     ----------
     summary, cells : DataFrame
         Of `statistics.comparison_summary.summary` and `compare`.
-
-    Returns
-    -------
-    str
     """
     barred, why = _barred(summary, cells)
     every, summary = len(summary), summary[~barred]

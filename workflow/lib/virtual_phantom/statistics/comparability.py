@@ -67,7 +67,6 @@ def comparable(
 
     Parameters
     ----------
-    features : sequence of str
     recording_dimensions : {2, 3}
         2 if they were extracted from single slices.
     stored_offset : float

@@ -163,7 +163,6 @@ def samples(table: pd.DataFrame, features: Sequence[str], rois: Sequence[str], s
     ----------
     table : DataFrame
         One row per image and ROI.
-    features, rois : sequence of str
     source : str
         Beginning of error messages.
 

@@ -79,10 +79,6 @@ def intervals(
         Groups with the same entry have their noise in common, repeat by repeat; that of others is independent.
     threshold : float, optional
         A pair of groups is stable if |W| is below.
-
-    Returns
-    -------
-    StabilityInterval
     """
     repeats = x.shape[-1]
     once = _Design.of(x.shape[1:-1], repeats, units, threshold, SIMULATIONS)
@@ -104,11 +100,6 @@ def agreeing(repeats: int, threshold: float = 1.0) -> float:
     ----------
     repeats : int
         Of each sample.
-    threshold : float, optional
-
-    Returns
-    -------
-    float
     """
     most = repeats * repeats
     below = np.abs(np.arange(most + 1) - most / 2) < threshold * _spread(repeats)

@@ -21,15 +21,10 @@ def text(proposal: Proposal, picture: str, name: str) -> str:
 
     Parameters
     ----------
-    proposal : Proposal
     picture : str
         Name of the picture beside it.
     name : str
         Path of the file, as it is called in commands.
-
-    Returns
-    -------
-    str
     """
     parts = [_head(proposal, picture, name)]
     if "trial" in proposal.config:

@@ -48,7 +48,6 @@ def read_responses(
 
     Returns
     -------
-    data : Responses
     rows : DataFrame
         The recording's that are compared.
     not_compared : dict of str to str

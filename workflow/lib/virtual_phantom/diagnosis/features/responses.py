@@ -94,7 +94,6 @@ def compared(
 
     Parameters
     ----------
-    table, recorded : DataFrame
     dimensions : {2, 3}
     stored_offset_hu : float
         Both of the recording's features, as comparability.comparable takes them.
@@ -103,7 +102,6 @@ def compared(
 
     Returns
     -------
-    features : list of str
     left_out : dict of str to str
         {feature: why}.
 
@@ -134,17 +132,12 @@ def responses(
     ----------
     table : DataFrame
         With a column tissue_class.
-    recorded : DataFrame
     features : sequence of str
         Those to compare; what does not vary in the recording, in any ROI, has no unit and is left out.
     grid : Grid
         Of the simulated images.
     rois : sequence of str, optional
         As comparison.common_rois takes them.
-
-    Returns
-    -------
-    Responses
 
     Raises
     ------
@@ -193,15 +186,6 @@ def finer(one: Property, curve: Curve) -> Curve:
     """A curve with steps between its strengths, features linear in the property's axis.
 
     A property without a strength is there or not and stays as it is.
-
-    Parameters
-    ----------
-    one : Property
-    curve : Curve
-
-    Returns
-    -------
-    Curve
     """
     if one.parameter is None:
         return curve

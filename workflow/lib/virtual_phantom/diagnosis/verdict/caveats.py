@@ -25,16 +25,10 @@ def caveats(
 
     Parameters
     ----------
-    prepared : Prepared
-    choice : Choice
     tube_kvp : float, optional
         As the label says, kV.
     left : sequence of Location, optional
         Where something is left, the worst first.
-
-    Returns
-    -------
-    list of str
     """
     found = prepared.caveats()
     if prepared.lacking:

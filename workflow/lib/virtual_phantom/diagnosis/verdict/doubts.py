@@ -30,14 +30,8 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
 
     Parameters
     ----------
-    choice : Choice
-    model : Model
     held_out : mapping
         Numbers before and after, from verdict.metrics_of.
-
-    Returns
-    -------
-    list of str
     """
     fit = choice.chosen.fit
     found = []
@@ -70,11 +64,6 @@ def doubts(choice: Choice, model: Model, held_out: Mapping[str, Mapping[str, flo
 
 def advice(fit: Fit, model: Model) -> list[str]:
     """Sentences on what to state where the alignment had to be pulled as far as a fit may.
-
-    Parameters
-    ----------
-    fit : Fit
-    model : Model
 
     Returns
     -------

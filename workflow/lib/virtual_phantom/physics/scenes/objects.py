@@ -38,7 +38,6 @@ class ShapedRoi:
 
     Attributes
     ----------
-    name, tissue_class : str
     shape : str
         Name of the shape.
     margin_mm : float
@@ -59,12 +58,10 @@ class ShapedObject:
     ----------
     name : str
         Of the file, without its ending.
-    description : str
     shapes : tuple of Shape
         Later ones replace earlier ones.
     names : tuple of str or None
         Of the shapes.
-    rois : tuple of ShapedRoi
     """
 
     name: str
@@ -83,10 +80,6 @@ def read_object(kind: str, parameters: Mapping[str, float | str] | None = None) 
         As path_of takes it.
     parameters : mapping of str to float or str, optional
         Values of those that the file has.
-
-    Returns
-    -------
-    ShapedObject
 
     Raises
     ------
@@ -113,11 +106,6 @@ def read_phantom_object(settings: Mapping) -> tuple[ShapedObject, tuple[ShapedRo
     ----------
     settings : mapping
         phantom.object of the configuration.
-
-    Returns
-    -------
-    shaped : ShapedObject
-    rois : tuple of ShapedRoi
 
     Raises
     ------

@@ -258,9 +258,5 @@ def never_concealed() -> list[str]:
     """Effects of the library that cannot be concealed, so that the proof says nothing of them.
 
     XCIST's projector of voxels cannot turn a flat detector: on one rolled by 4 degrees, a ball's shadow is nearly gone.
-
-    Returns
-    -------
-    list of str
     """
     return [name for name in names() if name not in CATALOGUE]

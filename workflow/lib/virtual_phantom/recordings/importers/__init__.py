@@ -27,15 +27,10 @@ def write_folder(folder: str | Path, content: dict, write_data: Callable[[Path],
 
     Parameters
     ----------
-    folder : str or Path
     content : dict
         What stands in recording.yaml, but for the name, which is that of the folder.
     write_data : callable
         Called with the folder, writes the data files.
-
-    Returns
-    -------
-    Recording
 
     Raises
     ------

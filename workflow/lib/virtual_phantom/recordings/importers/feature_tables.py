@@ -43,10 +43,6 @@ def import_features(csv_file: str | Path, folder: str | Path, phantom: str | Non
     phantom : str, optional
         What was scanned, for recording.yaml.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     InputError

@@ -60,15 +60,10 @@ def study_jobs(plan: Plan, engine: str, rois: int) -> list[Job]:
 
     Parameters
     ----------
-    plan : Plan
     engine : str
         What projects, as projectors.choose_engine gives it.
     rois : int
         Regions of interest of the phantom.
-
-    Returns
-    -------
-    list of Job
     """
     sizes = Sizes(plan, engine)
     jobs = [_phantom(sizes), *_rois(sizes), *_kernels(sizes), *_projections(sizes), *_reconstructions(sizes)]
@@ -93,7 +88,6 @@ class Sizes:
 
     Parameters
     ----------
-    plan : Plan
     engine : str
         What projects, as projectors.choose_engine gives it.
 

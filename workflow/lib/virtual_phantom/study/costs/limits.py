@@ -37,13 +37,8 @@ def minutes(rates: dict, stage: str, work: Mapping[str, float]) -> int:
     ----------
     rates : dict
         As rates.read_rates gives them.
-    stage : str
     work : mapping of str to float
         {unit: amount}, as jobs.Sizes gives it.
-
-    Returns
-    -------
-    int
     """
     source, times = (stage, SAFETY) if stage in rates["seconds"] else STAND_INS.get(stage, (stage, SAFETY))
     seconds = estimate(rates, source, work)
@@ -58,9 +53,5 @@ def diagnosis_minutes(most: float) -> int:
     ----------
     most : float
         The upper end of its forecast of wall time, s.
-
-    Returns
-    -------
-    int
     """
     return max(FLOORS["diagnose"], math.ceil(SLOWER_NODE * most / 60))

@@ -40,7 +40,6 @@ class Step:
     ----------
     number : int
         What Snakemake calls it.
-    rule : str
     files : tuple of str
         What it makes.
     threads : int
@@ -299,7 +298,6 @@ class Paces:
 
         Parameters
         ----------
-        stage : str
         expected : tuple of 2 float or None
             As `of` takes it.
         took : float
@@ -316,7 +314,6 @@ class Paces:
 
         Parameters
         ----------
-        stage : str
         expected : tuple of 2 float or None
             Median and standard deviation of the logarithm of the seconds that are expected; None without a rate.
 
@@ -358,12 +355,6 @@ def _left(pace: tuple[float, float] | None, spent: float, threads: int, said: Sa
         Median and standard deviation of the logarithm of its seconds of one core.
     spent : float
         Wall time since its start, s.
-    threads : int
-    said : Said or None
-
-    Returns
-    -------
-    low, high : float
     """
     low, high = 0.0, 0.0
     if pace is not None:
