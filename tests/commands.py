@@ -3,7 +3,14 @@
 import re
 from pathlib import Path
 
-PAGES = ("README.md", "CONTRIBUTING.md", "config/README.md", "workflow/**/*.md", "docs/**/*.md")
+PAGES = (
+    "README.md",
+    "CONTRIBUTING.md",
+    "config/README.md",
+    "workflow/**/*.md",
+    "docs/**/*.md",
+    "docs/generators/*.yaml",
+)
 NAMES = "snakemake|virtual-phantom-import|virtual-phantom|python|make|pytest|pip|ruff|snakefmt|git|mkdir|source"
 PROGRAMS = rf"(?:{NAMES}|\S+/bin/\S+|EXAMPLES=\S+)"
 FENCED = re.compile(r"^(<!-- run(?: first| on slurm)? -->\n+)?```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

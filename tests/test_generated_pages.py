@@ -19,7 +19,8 @@ def rows(page: str) -> list[list[str]]:
     return [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)] for line in lines]
 
 
-@pytest.mark.parametrize("path", PAGES)
+# Results have other columns, and blanks: tests/proof/test_record.py.
+@pytest.mark.parametrize("path", sorted(set(PAGES) - {"reference/validation-record.md"}))
 def test_every_page_has_a_title_and_full_tables(path):
     page = PAGES[path]()
     assert page.startswith("# ") and page.endswith("\n")

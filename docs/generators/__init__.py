@@ -1,6 +1,6 @@
 """Reference pages that are made from the code when the site is built. docs/site_pages.py adds them to it."""
 
-from generators import api, configuration, effects, licenses, output_files, thresholds
+from generators import api, configuration, effects, licenses, output_files, thresholds, validation_tables
 
 # {path in docs/: function that returns the page}
 PAGES = {
@@ -10,4 +10,5 @@ PAGES = {
     "reference/python.md": api.page,
     "reference/thresholds.md": thresholds.page,
     "reference/licenses.md": licenses.page,
+    "reference/validation-record.md": validation_tables.page,
 }
