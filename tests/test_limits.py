@@ -1,4 +1,4 @@
-"""The time that jobs ask of a cluster: it grows with the work, has a floor, and is what docs/cluster.md says."""
+"""The time that jobs ask of a cluster: it grows with the work, has a floor, and is what docs/how-to/cluster.md says."""
 
 import copy
 import re
@@ -118,7 +118,7 @@ def test_rates_of_ones_own_come_first():
 
 def test_the_documentation_says_what_is_asked():
     """Row by row of its table: minutes of the shortest and the longest job."""
-    text = (ROOT / "docs" / "cluster.md").read_text()
+    text = (ROOT / "docs" / "how-to" / "cluster.md").read_text()
     head, _, *rows = re.search(r"^\| minutes asked .*\n(?:\|.*\n)+", text, re.MULTILINE)[0].splitlines()
     columns = [(re.findall(r"`(\w+)`", cell), "astra_cuda" if "GPU" in cell else "cpu") for cell in cells(head)[1:]]
     assert {name for names, _ in columns for name in names} >= {"config", "tiny", "large", "paper"}

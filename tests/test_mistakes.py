@@ -1,4 +1,4 @@
-"""Every mistake of docs/mistakes.md, made: its message is the one on the page, with what is at fault and what to do."""
+"""Every mistake of docs/how-to/mistakes.md gives the message on the page, which says what is wrong and what to do."""
 
 import copy
 import re
@@ -36,7 +36,7 @@ from virtual_phantom.study.read_config import read_configs
 
 ROOT = Path(__file__).resolve().parents[1]
 
-PAGE = (ROOT / "docs" / "mistakes.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "how-to" / "mistakes.md").read_text(encoding="utf-8")
 SECTION = re.compile(r"^### (.+?)\n(?:(?!^##).)*?^<!-- message -->\n```\n(.+?)\n```$", re.MULTILINE | re.DOTALL)
 MESSAGES = dict(SECTION.findall(PAGE))
 DEFAULT = yaml.safe_load((ROOT / "config" / "config.yaml").read_text())

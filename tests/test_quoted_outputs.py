@@ -51,7 +51,7 @@ def quotations(path):
 def test_the_readme_quotes_what_the_tutorial_prints():
     """The tutorial's own output is compared with its command by tests/workflow/test_tutorials.py."""
     (quote,) = [one for one in quotations(ROOT / "README.md") if one.startswith("solid_disc")]
-    printed = [block.text for block in blocks(DOCS / "tutorials" / "own-sinogram.md") if block.kind == "prints"]
+    printed = [block.text for block in blocks(DOCS / "getting-started" / "own-sinogram.md") if block.kind == "prints"]
     assert any(quoted(quote, one) for one in printed), quote
 
 
@@ -60,7 +60,8 @@ def test_the_plan_of_a_large_study_is_quoted_as_it_is_printed(monkeypatch):
     lines, settings = read_configs(["config/large.yaml"])
     assert not lines
     printed = readable(*summary(Plan(complete(settings)), "cpu", read_rates(RESOURCES / "rates.yaml")))
-    (text,) = [one["text"] for one in FENCED.finditer((DOCS / "cluster.md").read_text()) if "1760" in one["text"]]
+    page = (DOCS / "how-to" / "cluster.md").read_text()
+    (text,) = [one["text"] for one in FENCED.finditer(page) if "1760" in one["text"]]
     assert quoted(text, printed), printed
 
 
@@ -68,7 +69,8 @@ def test_the_line_of_a_killed_script_is_quoted_as_it_is_printed():
     files = [f"results/phantom/{name}" for name in ("image.nii.gz", "labels.nii.gz", "rois.csv", "rois.npz")]
     job = {"rule_name": "phantom", "jobid": 1, "output": files, "log": ["results/logs/phantom.log"]}
     (line,) = without_reason([job], said="died with <Signals.SIGKILL: 9>.").values()
-    (text,) = [one["text"] for one in FENCED.finditer((DOCS / "how-it-works.md").read_text()) if "SIGKILL" in one[0]]
+    page = (DOCS / "explanation" / "how-it-works.md").read_text()
+    (text,) = [one["text"] for one in FENCED.finditer(page) if "SIGKILL" in one[0]]
     assert words(text) == line
 
 

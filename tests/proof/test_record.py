@@ -172,7 +172,7 @@ def test_a_broken_record_is_one_line(record, entries, message):
 
 def test_readme_and_docs_have_the_pooled_counts():
     """Of the shipped record: after a seed is added, both follow."""
-    readme, page = ((ROOT / name).read_text() for name in ("README.md", "docs/proof.md"))
+    readme, page = ((ROOT / name).read_text() for name in ("README.md", "docs/validation/blind-validation.md"))
     shown = summary(read(RECORD))
     for name, share in shown["pooled"].items():
         line = f"{share['count']} of {share['n']} "
@@ -189,7 +189,7 @@ def test_readme_and_docs_have_the_pooled_counts():
 
 
 def test_docs_say_whose_equations_they_are():
-    text = (ROOT / "docs/proof.md").read_text()
+    text = (ROOT / "docs/validation/blind-validation.md").read_text()
     for model, made in MODELS.items():
         ours, lacking = ([label(one) for one in made if (one in names()) == known] for known in (True, False))
         row = ", ".join(ours) + (f"; of those that the library lacks: {', '.join(lacking)}" if lacking else "")

@@ -25,7 +25,7 @@ FILES = sorted(
     for path in folder.rglob("*")
     if path.is_file() and path.suffix not in (".py", ".pyc") and "TINY_ALPHA" not in path.parts
 )
-PAGE = (Path(__file__).resolve().parents[2] / "docs" / "mistakes.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "how-to" / "mistakes.md").read_text(encoding="utf-8")
 ROW = re.compile(r"^\| `([^`|]+)` \| ([^|]+) \|$", re.MULTILINE)
 
 

@@ -80,7 +80,7 @@ def draw_phantom(
     spacing_mm : tuple of 3 float, optional
         Their size (z, y, x), mm.
     layout_file : str or Path, optional
-        Shapes and tissues, as docs/your-own-phantom.md says; None: the abdomen.
+        Shapes and tissues, as docs/how-to/phantoms.md says; None: the abdomen.
     oversampling : int, optional
         How many times finer what is scanned is drawn.
     seed : int, optional
@@ -184,8 +184,8 @@ def scan(
     repeats : int, optional
         Acquisitions, each with noise of its own.
     physics : mapping of str to mapping of str to float, optional
-        {effect: {parameter: value}}; parameters left out are typical (docs/physics.md). Noise is then that of a
-        detector that weighs photons by their energy.
+        {effect: {parameter: value}}; omitted parameters have their typical values. The noise is then that of a
+        detector that weights photons by their energy.
     seed : int, optional
         Of the noise.
     stream : tuple of (str, str), optional

@@ -96,7 +96,7 @@ def read_object(kind: str, parameters: Mapping[str, float | str] | None = None) 
     """
     path = path_of(kind)
     source = str(path) if path.parent != FOLDER else f"object {path.stem}"
-    content = read_yaml(path, "an object has a description and shapes (docs/objects.md)", restore="restore it")
+    content = read_yaml(path, "an object has a description and shapes (docs/how-to/objects.md)", restore="restore it")
     schema = read_schema(SCHEMAS / "object.schema.yaml")
     validate(content, schema, source)
     fill_defaults(content, schema)

@@ -111,7 +111,7 @@ def _coverage(held: Mapping) -> str:
         every += "; of this effect none was counted"
     return (
         "The interval is for noise and for inexact models (model_accuracy). On scans by another simulator "
-        f"(docs/proof.md) intervals for noise alone held the truth in {every}."
+        f"(docs/validation/blind-validation.md) intervals for noise alone held the truth in {every}."
     )
 
 

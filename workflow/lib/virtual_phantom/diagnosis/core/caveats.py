@@ -54,7 +54,7 @@ def caveats(
     if prepared.voxels and EDGES in [place.domain for place in left] and _along_edges(prepared, choice):
         found.append(
             f"What is left lies along edges, {prepared.voxels} would show whether anything else is left "
-            "(docs/objects.md)."
+            "(docs/how-to/objects.md)."
         )
     return found
 

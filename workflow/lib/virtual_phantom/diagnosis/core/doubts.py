@@ -89,7 +89,7 @@ def advice(fit: Fit, model: Model) -> list[str]:
         found.append(
             f"{label(one.name).capitalize()} of the alignment is taken to be known to {one.sd:.3g}"
             f"{': ' + why if why else ''}. If it may be farther off, give its standard deviation: "
-            f"alignment: {{{one.name}: ...}} under diagnosis.recordings (docs/diagnosis.md)."
+            f"alignment: {{{one.name}: ...}} under diagnosis.recordings (docs/how-to/diagnosis.md)."
         )
     return found
 

@@ -32,7 +32,7 @@ LEAST_STEP = 0.03  # share of a fit's own step: where nothing is in the beam, a 
 DARK_SD = 1e-5
 ROUNDING = 1 / 12  # variance of a reading in whole units
 MOST_KNOWN = 0.01  # of the logarithm of a variance: how well one of very many readings is known
-# Of an object that one has: how well its density and its size are known (docs/objects.md).
+# Of an object that one has: how well its density and its size are known (docs/how-to/objects.md).
 OBJECT_KNOWN = {"scale": 0.02, "size": 0.002}
 
 

@@ -222,7 +222,7 @@ def _shapes(kind: str) -> int:
     """How many an object has."""
     path = path_of(kind)
     with refusing(
-        f"{path}: holds no shapes", OSError, yaml.YAMLError, KeyError, TypeError, advice="see docs/objects.md"
+        f"{path}: holds no shapes", OSError, yaml.YAMLError, KeyError, TypeError, advice="see docs/how-to/objects.md"
     ):
         return len(yaml.safe_load(path.read_text(encoding="utf-8"))["shapes"])
 

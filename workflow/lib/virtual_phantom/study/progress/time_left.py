@@ -17,7 +17,7 @@ NUMBERED = re.compile(r"_\d+$|_seeds_\d+_to_\d+$")
 # Time taken over time expected is lognormal. Its median before any job is done, beside other work on the machine, and
 # the standard deviations of its logarithm: for a whole run (another processor), for a stage within a run, for a job
 # within its stage, and the least (other work begins and ends). Studies took 0.8 to 2.4 times what was expected
-# (docs/cluster.md).
+# (docs/how-to/cluster.md).
 SLOWER, RUN_SD, STAGE_SD, JOB_SD, LEAST_SD = 1.3, 0.5, 0.3, 0.4, 0.15
 # A range contains the middle 80 percent.
 TAIL = 0.1

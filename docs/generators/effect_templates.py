@@ -1,4 +1,7 @@
-"""Figures and table of docs/theory.md: effects' templates on the study's phantom, and how alike they are."""
+"""Figures and table of docs/explanation/theory.md: templates of the effects on the study's phantom, and correlations.
+
+Run `python docs/generators/effect_templates.py` after a change of an effect. It writes to the page and to docs/images.
+"""
 
 import re
 from collections import Counter
@@ -25,10 +28,10 @@ from virtual_phantom.physics.scene import VoxelScene
 from virtual_phantom.recordings.projections import Projections
 from virtual_phantom.study import config
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
-PAGE, IMAGES = ROOT / "docs" / "theory.md", ROOT / "docs" / "images"
-BEGIN, END = "<!-- table made by docs/effect_templates.py -->", "<!-- end of the table -->"
+PAGE, IMAGES = ROOT / "docs" / "explanation" / "theory.md", ROOT / "docs" / "images"
+BEGIN, END = "<!-- table made by docs/generators/effect_templates.py -->", "<!-- end of the table -->"
 VIEWS, REPEATS = 90, 10
 DETECTOR = {"columns": 80, "rows": 24, "column_pitch_mm": 8.0, "row_pitch_mm": 8.0}
 # Rays per pixel and direction: with few, a blur of less than a pixel is lost between them.
@@ -42,7 +45,7 @@ FEW = (  # parts of few numbers: what they are, and how each is called
 
 
 def recording() -> Prepared:
-    """Repeats of the default study's scan with nothing left out, fewer views and larger pixels, made ready for fits."""
+    """Return repeats of the default study's scan without effects, with fewer views and larger pixels."""
     study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
     study = config.complete(study)
     grid = grid_of(study["grid"])
@@ -76,7 +79,7 @@ def bare(parameter: str) -> str:
 
 
 def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:
-    """Of every template the mean or the noise's variance, whichever holds more; of what is few numbers, what shows."""
+    """Return maps of the mean or of the noise variance of each template, whichever has the larger norm, and FEW."""
     data, result = prepared.data, []
     shapes = {"mean": data.mean.shape, "noise variance": data.blocks.shape}
     for name, one in zip(labels(found), found, strict=True):
@@ -112,7 +115,7 @@ def shown(shares: dict[str, float]) -> str:
 
 
 def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
-    """What section 3 of the page says of every template."""
+    """Return the table of section 3 of the page."""
     correlation = separability.correlations(found)
     in_range = separability.taken_up_in_range(prepared.fitter, fit, np.stack([one.whole for one in found]))
     effects, called = np.array([one.effect for one in found]), labels(found)
