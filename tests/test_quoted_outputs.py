@@ -24,7 +24,6 @@ WITHOUT = {"theory.md", "statistics.md", "python.md"}
 UNCHECKED = {
     "GLDM SmallDependenceLowGrayLevelEmphasis": "takes the default study, 10 minutes; looked at before a release",
     "14:25:46 Jobs to do": "times of one run; the form is that of tests/progress/test_console.py",
-    "diagnosis (snakemake diagnosis)": "of a recording that readers have themselves; the form is costs.table.listed",
     "phantom -> project": "a drawing",
 }
 CHECKED = {
