@@ -23,7 +23,6 @@ WITHOUT = {"theory.md", "statistics.md"}
 # First words of what a page quotes: the test that compares it, or why none does.
 UNCHECKED = {
     "14:25:46 Jobs to do": "times of one run; the form is that of tests/progress/test_console.py",
-    "diagnosis (snakemake diagnosis)": "of a recording that readers have themselves; the form is costs.table.listed",
     "phantom -> project": "a drawing",
 }
 CHECKED = {
