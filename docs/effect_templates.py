@@ -1,5 +1,6 @@
-"""Figures and table of docs/theory.md: effects' templates on the study's phantom, and how alike they are."""
+"""Write the figures and the table of docs/explanation/theory.md: templates of effects and their correlations."""
 
+import csv
 import re
 from collections import Counter
 from pathlib import Path
@@ -27,8 +28,7 @@ from virtual_phantom.study import config
 
 ROOT = Path(__file__).resolve().parents[1]
 
-PAGE, IMAGES = ROOT / "docs" / "theory.md", ROOT / "docs" / "images"
-BEGIN, END = "<!-- table made by docs/effect_templates.py -->", "<!-- end of the table -->"
+TABLE, IMAGES = ROOT / "docs" / "explanation" / "effect_templates.csv", ROOT / "docs" / "images"
 VIEWS, REPEATS = 90, 10
 DETECTOR = {"columns": 80, "rows": 24, "column_pitch_mm": 8.0, "row_pitch_mm": 8.0}
 # Rays per pixel and direction: with few, a blur of less than a pixel is lost between them.
@@ -111,28 +111,28 @@ def shown(shares: dict[str, float]) -> str:
     return ", ".join(f"{part} {percent(share)}" for part, share in parts) if len(parts) > 1 else parts[0][0]
 
 
-def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
-    """What section 3 of the page says of every template."""
+def table(prepared: Prepared, fit: Fit, found: list[Template]) -> list[list[str]]:
+    """Return the header and one row for each template."""
     correlation = separability.correlations(found)
     in_range = separability.taken_up_in_range(prepared.fitter, fit, np.stack([one.whole for one in found]))
     effects, called = np.array([one.effect for one in found]), labels(found)
-    lines = [
-        "| effect | strength | shows in | taken up | left | most alike | rho |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    rows = [["effect", "strength", "shows in", "absorbed, %", "remaining, SD", "most similar", "rho"]]
     for place, one in enumerate(found):
         alike = np.where(effects == one.effect, 0, np.nan_to_num(correlation[place]))
         other = int(np.argmax(np.abs(alike)))
-        cells = [called[place], at(one, prepared.fitter.model)]
-        cells += [shown(separability.shares(prepared.fitter, one.whole))]
         first_order, within = percent(one.taken_up), percent(in_range[place])
-        cells += [
-            first_order if within == first_order else f"{first_order} ({within})",
-            number(np.linalg.norm(one.left)),
-        ]
-        cells += [called[other], f"{alike[other]:.3f}"]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append(
+            [
+                called[place],
+                at(one, prepared.fitter.model),
+                shown(separability.shares(prepared.fitter, one.whole)),
+                first_order if within == first_order else f"{first_order} ({within})",
+                number(np.linalg.norm(one.left)),
+                called[other],
+                f"{alike[other]:.3f}",
+            ]
+        )
+    return rows
 
 
 def at(one: Template, model: Model) -> str:
@@ -140,12 +140,6 @@ def at(one: Template, model: Model) -> str:
     parameters = [p for p in model.parameters(one.effect) if one.parameter in (None, p.name) and p.unit != "number"]
     values = [(strength(p) if p.neutral is not None else p.typical, p.unit) for p in parameters]
     return ", ".join(f"{value:.3g}" + ("" if unit == "1" else f" {unit}") for value, unit in values)
-
-
-def with_table(page: str, content: str) -> str:
-    """The page with what stands between the markers replaced. Raises ValueError if they are not there."""
-    before, rest = page.split(BEGIN)
-    return f"{before}{BEGIN}\n\n{content}\n\n{END}{rest.split(END)[1]}"
 
 
 if __name__ == "__main__":
@@ -157,4 +151,5 @@ if __name__ == "__main__":
     order = separability.grouped(separability.correlations(found))
     ordered = [found[place] for place in order]
     save(draw_correlations(separability.correlations(ordered), labels(ordered)), [IMAGES / "effect_correlations.png"])
-    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), table(prepared, fit, found)), encoding="utf-8")
+    with TABLE.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(table(prepared, fit, found))

@@ -68,11 +68,12 @@ def test_the_line_of_a_killed_script_is_quoted_as_it_is_printed():
     files = [f"results/phantom/{name}" for name in ("image.nii.gz", "labels.nii.gz", "rois.csv", "rois.npz")]
     job = {"rule_name": "phantom", "jobid": 1, "output": files, "log": ["results/logs/phantom.log"]}
     (line,) = without_reason([job], said="died with <Signals.SIGKILL: 9>.").values()
-    (text,) = [one["text"] for one in FENCED.finditer((DOCS / "how-it-works.md").read_text()) if "SIGKILL" in one[0]]
+    page = (DOCS / "explanation" / "how-it-works.md").read_text()
+    (text,) = [one["text"] for one in FENCED.finditer(page) if "SIGKILL" in one[0]]
     assert words(text) == line
 
 
-@pytest.mark.parametrize("path", [ROOT / "README.md", *sorted(DOCS.glob("*.md"))], ids=lambda path: path.name)
+@pytest.mark.parametrize("path", [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))], ids=lambda path: path.name)
 def test_every_quoted_output_is_compared_or_has_a_reason(path):
     text = path.read_text(encoding="utf-8")
     found = quotations(path)

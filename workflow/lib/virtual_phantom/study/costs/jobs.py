@@ -26,7 +26,7 @@ from ..acquisitions import GRID
 from ..outputs import BY_NAME, Output
 from ..plan import Plan
 
-# Realisations that a step of the projector takes at once, whether there are as many or not (docs/speed.md).
+# Realizations that fill a vector register of the projector; fewer cost the same (docs/explanation/performance.md).
 REGISTER = 16
 
 
