@@ -20,41 +20,41 @@ ROOT = Path(__file__).resolve().parents[1]
 
 TARGET = ROOT / "docs" / "physics.md"
 
-INTRODUCTION = """# The acquisition chain and its effects
+INTRODUCTION = """# Effects of the acquisition chain
 
 The baseline is [the paper's](https://doi.org/10.1038/s41598-022-08301-1): one energy, a point source, an ideal
-detector, Poisson noise, the logarithm. What it leaves out are effects. An effect is off until it is switched on, for
-all protocols or for one:
+detector, Poisson noise, the logarithm. Effects add the physics that it lacks. Switch them on for all protocols or for
+one:
 
 ```yaml
-noise: {model: physical} # the paper's formula, with photons to act on; the default, astra, has none
+noise: {model: physical} # effects need photons, which the default model, astra, does not have
 physics:
   scatter: {amount: 0.05}
 protocols:
-  sirt_300: {physics: {spectrum: {kvp: 100}, electronic_noise: }} # no scatter here: it replaces the common physics
+  sirt_300: {physics: {spectrum: {kvp: 100}, electronic_noise: }} # replaces the common physics, so no scatter here
 ```
 
-`physics: {from: bench}` takes the effects [that a diagnosis found](diagnosis.md#what-does-it-change-in-my-features).
+`physics: {from: bench}` uses the effects [found by a diagnosis](diagnosis.md#what-does-it-change-in-my-features).
 
-Each effect begins with its key and its stage. Its parameters follow with their **typical value** (which one left out
-has), plausible range, the value at which the effect is off, and what a fit of one scan keeps to.
+Each section starts with the key and the stage of the effect. Parameters have a **typical value** (used if the
+parameter is not given), a plausible range, the value at which the effect is off, and the range of a fit.
 
-* **Order** of stages: STAGES. Those of the image act after the
-  reconstruction; `snakemake diagnosis` tries the others on projections ([how](diagnosis.md)).
-* **Geometry.** Rays run to where the pixels of a turned detector are, flat or curved. Bowtie, heel and off-focal
-  radiation keep to the stated one: 10 degrees off the central ray, 1 degree of tilt or skew changes angles by 0.3 %.
-* **Not there**: scatter has one kernel and does not know of depth.
-* **Baseline.** A study without effects does not use this chain, but one path length in one material; they agree to
-  2e-5.
-* **Materials.** A voxel is divided among two materials by its HU (`materials`), exactly at the energy where water
-  attenuates `mu_water_per_mm`. Attenuation comes from xraylib, spectra from SpekPy.
-* **Sensor** (`sensor`, `nominal.sensor` of a recording). Photons, and their noise, are weighed by the energy that they
-  leave in its layer (with K escape and Compton scattering) or counted. 1/A are a pixel's noise-equivalent quanta.
-* **Units carry over** to scans at another speed, dose or collimation, but for the amount of scatter, which falls with
-  the height of the beam. A dark signal is in photons per pixel in a study; of line integrals and images, in shares of
-  the mean signal in air.
+* **Order** of stages: STAGES. Image effects act after the reconstruction. `snakemake diagnosis` tries all others on
+  projections ([how](diagnosis.md)).
+* **Geometry.** Rays end at the pixels of a rotated detector, flat or curved. Bowtie, heel and off-focal radiation use
+  the stated geometry: at 10 degrees off the central ray, 1 degree of tilt or skew changes angles by 0.3 %.
+* **Limitation.** Scatter has one kernel and does not depend on depth.
+* **Baseline.** A study without effects uses one path length in one material. It agrees with this chain to 2e-5.
+* **Materials.** A voxel is divided between two materials by its HU (`materials`), exactly at the energy at which water
+  attenuates by `mu_water_per_mm`. Attenuation comes from xraylib, spectra from SpekPy.
+* **Sensor** (`sensor`, `nominal.sensor` of a recording). Photons and their noise are weighted by the energy deposited
+  in the sensor (with K escape and Compton scattering), or counted. 1/A is the number of noise-equivalent quanta per
+  pixel.
+* **Units** are valid for scans at another speed, dose or collimation, except for the amount of scatter, which falls
+  with the beam height. A dark signal is in photons per pixel in a study, and relative to the mean signal in air for
+  line integrals and images.
 * **Time.** View i of N is exposed in the middle of its interval dt, at t_i = (i + 1/2 - N/2) dt; dt is
-  `scan.rotation_time_ms` over the views of a turn.
+  `scan.rotation_time_ms` divided by the views of a turn.
 """
 
 
@@ -78,7 +78,7 @@ def section(name: str) -> str:
     lines = [f"## {heading(name)}", "", f"`{name}`, {label(effect.stage)}. {effect.physics}", ""]
     lines += [f"* {_parameter(one)}" for one in effect.parameters]
     lines += [f"* **Equation**: {effect.equation}", f"* **Source**: {effect.source}"]
-    lines += [f"* **Told apart by**: {effect.signature}", f"* **Settled by**: {effect.settled_by}"]
+    lines += [f"* **Signature**: {effect.signature}", f"* **To confirm**: {effect.settled_by}"]
     return "\n".join(lines)
 
 

@@ -8,8 +8,8 @@ study of the family has normal values with the SD that every group and ROI was s
 groups that share their noise. Its means are those seen, their distances from the ROI's mean over groups times the
 scale. At scale 0 protocols do not differ, and the expected stability is the largest; it falls as the scale grows. The
 interval holds the expected stability of those scales at which the observed one is not too far out in either tail: a
-test that is inverted [1]_, with half of the weight of what is just observed [2]_. docs/explanation/statistics.md has its
-coverage.
+test that is inverted [1]_, with half of the weight of what is just observed [2]_. Its coverage is in
+docs/explanation/statistics.md.
 
 References
 ----------
