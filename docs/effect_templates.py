@@ -42,7 +42,7 @@ FEW = (  # parts of few numbers: what they are, and how each is called
 
 
 def recording() -> Prepared:
-    """Repeats of the default study's scan with nothing left out, fewer views and larger pixels, made ready for fits."""
+    """Simulate repeats of the default scan without missing effects, with fewer views and larger pixels."""
     study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
     study = config.complete(study)
     grid = grid_of(study["grid"])
@@ -62,7 +62,7 @@ def recording() -> Prepared:
 
 
 def labels(found: list[Template]) -> list[str]:
-    """Effects by name, with the parameter where an effect has several templates."""
+    """Return the effect names, with the parameter if an effect has several templates."""
     counts = Counter(one.effect for one in found)
     return [
         label(one.effect) if counts[one.effect] == 1 else f"{label(one.effect)}: {label(bare(one.parameter))}"
@@ -76,7 +76,7 @@ def bare(parameter: str) -> str:
 
 
 def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:
-    """Of every template the mean or the noise's variance, whichever holds more; of what is few numbers, what shows."""
+    """Return a panel of each template: mean or noise variance, whichever is larger, and the visible parts in FEW."""
     data, result = prepared.data, []
     shapes = {"mean": data.mean.shape, "noise variance": data.blocks.shape}
     for name, one in zip(labels(found), found, strict=True):
@@ -91,8 +91,10 @@ def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:
 
 
 def summed(values: np.ndarray) -> tuple[str, np.ndarray]:
-    """A template [view, row, column] over rows or over columns, whichever keeps more, with noise of 1 SD: what is left
-    beside the view, and the map."""
+    """Sum a template [view, row, column] over rows or columns, whichever keeps more, scaled to noise of 1 SD.
+
+    Return the remaining axis and the map.
+    """
     sums = {"column": values.sum(axis=1) / values.shape[1] ** 0.5, "row": values.sum(axis=2) / values.shape[2] ** 0.5}
     kept = max(sums, key=lambda name: (sums[name] ** 2).sum())
     return kept, sums[kept]
@@ -106,7 +108,7 @@ def percent(share: float) -> str:
 
 
 def shown(shares: dict[str, float]) -> str:
-    """The part of the data that a template is in; of several each with its percent, the largest first."""
+    """Return the parts of the data that contain a template, with percent if several, largest first."""
     parts = sorted((one for one in shares.items() if one[1] >= LEAST_SHOWN), key=lambda one: -one[1])
     return ", ".join(f"{part} {percent(share)}" for part, share in parts) if len(parts) > 1 else parts[0][0]
 
@@ -136,7 +138,7 @@ def table(prepared: Prepared, fit: Fit, found: list[Template]) -> list[list[str]
 
 
 def at(one: Template, model: Model) -> str:
-    """The strength of a template, with its unit."""
+    """Return the strength of a template with its unit."""
     parameters = [p for p in model.parameters(one.effect) if one.parameter in (None, p.name) and p.unit != "number"]
     values = [(strength(p) if p.neutral is not None else p.typical, p.unit) for p in parameters]
     return ", ".join(f"{value:.3g}" + ("" if unit == "1" else f" {unit}") for value, unit in values)
