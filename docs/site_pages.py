@@ -5,6 +5,7 @@ docs/ is the root, and README.md, config/README.md and similar pages keep their 
 """
 
 import base64
+import csv
 import re
 from pathlib import Path
 from posixpath import dirname, join, normpath, relpath
@@ -30,6 +31,7 @@ OUTSIDE = (
     "workflow/profiles/slurm/config.yaml",
 )
 LINK = re.compile(r"(\]\()(?![a-z]+:|#)([^)#\s]+)")
+TABLE = re.compile(r"^<!-- table: (\S+\.csv) -->$", re.MULTILINE)
 
 
 def on_files(files, config):
@@ -64,11 +66,21 @@ def notebook_page(path: Path) -> tuple[str, dict[str, bytes]]:
 
 
 def on_page_markdown(markdown, page, **_):
-    """Replace links relative to a file of the repository by links relative to a page of the site."""
+    """Insert CSV tables, and turn links relative to the file in the repository into links relative to the page."""
     here = page.file.src_uri
-    if not here.startswith("notebooks/"):  # the page of a notebook links to the file
+    folder = ROOT / DOCS / dirname(here)
+    markdown = TABLE.sub(lambda match: markdown_table(folder / match[1]), markdown)
+    if not here.startswith("notebooks/"):  # there a notebook is linked as a file; elsewhere its page is meant
         markdown = markdown.replace(".ipynb)", ".md)")
     return LINK.sub(lambda match: match[1] + in_site(match[2], here), markdown)
+
+
+def markdown_table(path: Path) -> str:
+    """Return a CSV file as a Markdown table."""
+    with path.open(encoding="utf-8", newline="") as file:
+        header, *rows = csv.reader(file)
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 def in_site(link: str, here: str) -> str:

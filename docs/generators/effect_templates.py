@@ -1,8 +1,6 @@
-"""Figures and table of docs/explanation/theory.md: templates of the effects on the study's phantom, and correlations.
+"""Write the figures and the table of docs/explanation/theory.md: templates of effects and their correlations."""
 
-Run `python docs/generators/effect_templates.py` after a change of an effect. It writes to the page and to docs/images.
-"""
-
+import csv
 import re
 from collections import Counter
 from pathlib import Path
@@ -30,8 +28,7 @@ from virtual_phantom.recordings.projections import Projections
 
 ROOT = Path(__file__).resolve().parents[2]
 
-PAGE, IMAGES = ROOT / "docs" / "explanation" / "theory.md", ROOT / "docs" / "images"
-BEGIN, END = "<!-- table made by docs/generators/effect_templates.py -->", "<!-- end of the table -->"
+TABLE, IMAGES = ROOT / "docs" / "explanation" / "effect_templates.csv", ROOT / "docs" / "images"
 VIEWS, REPEATS = 90, 10
 DETECTOR = {"columns": 80, "rows": 24, "column_pitch_mm": 8.0, "row_pitch_mm": 8.0}
 # Rays per pixel and direction: with few, a blur of less than a pixel is lost between them.
@@ -45,7 +42,7 @@ FEW = (  # parts of few numbers: what they are, and how each is called
 
 
 def recording() -> Prepared:
-    """Return repeats of the default study's scan without effects, with fewer views and larger pixels."""
+    """Simulate repeats of the default scan without missing effects, with fewer views and larger pixels."""
     study = yaml.safe_load((ROOT / "config" / "config.yaml").read_text(encoding="utf-8"))
     study = config.complete(study)
     grid = grid_of(study["grid"])
@@ -65,7 +62,7 @@ def recording() -> Prepared:
 
 
 def labels(found: list[Template]) -> list[str]:
-    """Effects by name, with the parameter where an effect has several templates."""
+    """Return the effect names, with the parameter if an effect has several templates."""
     counts = Counter(one.effect for one in found)
     return [
         label(one.effect) if counts[one.effect] == 1 else f"{label(one.effect)}: {label(bare(one.parameter))}"
@@ -79,7 +76,7 @@ def bare(parameter: str) -> str:
 
 
 def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:
-    """Return maps of the mean or of the noise variance of each template, whichever has the larger norm, and FEW."""
+    """Return a panel of each template: mean or noise variance, whichever is larger, and the visible parts in FEW."""
     data, result = prepared.data, []
     shapes = {"mean": data.mean.shape, "noise variance": data.blocks.shape}
     for name, one in zip(labels(found), found, strict=True):
@@ -94,8 +91,10 @@ def panels(prepared: Prepared, found: list[Template]) -> list[Panel]:
 
 
 def summed(values: np.ndarray) -> tuple[str, np.ndarray]:
-    """A template [view, row, column] over rows or over columns, whichever keeps more, with noise of 1 SD: what is left
-    beside the view, and the map."""
+    """Sum a template [view, row, column] over rows or columns, whichever keeps more, scaled to noise of 1 SD.
+
+    Return the remaining axis and the map.
+    """
     sums = {"column": values.sum(axis=1) / values.shape[1] ** 0.5, "row": values.sum(axis=2) / values.shape[2] ** 0.5}
     kept = max(sums, key=lambda name: (sums[name] ** 2).sum())
     return kept, sums[kept]
@@ -109,46 +108,40 @@ def percent(share: float) -> str:
 
 
 def shown(shares: dict[str, float]) -> str:
-    """The part of the data that a template is in; of several each with its percent, the largest first."""
+    """Return the parts of the data that contain a template, with percent if several, largest first."""
     parts = sorted((one for one in shares.items() if one[1] >= LEAST_SHOWN), key=lambda one: -one[1])
     return ", ".join(f"{part} {percent(share)}" for part, share in parts) if len(parts) > 1 else parts[0][0]
 
 
-def table(prepared: Prepared, fit: Fit, found: list[Template]) -> str:
-    """Return the table of section 3 of the page."""
+def table(prepared: Prepared, fit: Fit, found: list[Template]) -> list[list[str]]:
+    """Return the header and one row for each template."""
     correlation = separability.correlations(found)
     in_range = separability.taken_up_in_range(prepared.fitter, fit, np.stack([one.whole for one in found]))
     effects, called = np.array([one.effect for one in found]), labels(found)
-    lines = [
-        "| effect | strength | shows in | taken up | left | most alike | rho |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    rows = [["effect", "strength", "shows in", "absorbed, %", "remaining, SD", "most similar", "rho"]]
     for place, one in enumerate(found):
         alike = np.where(effects == one.effect, 0, np.nan_to_num(correlation[place]))
         other = int(np.argmax(np.abs(alike)))
-        cells = [called[place], at(one, prepared.fitter.model)]
-        cells += [shown(separability.shares(prepared.fitter, one.whole))]
         first_order, within = percent(one.taken_up), percent(in_range[place])
-        cells += [
-            first_order if within == first_order else f"{first_order} ({within})",
-            number(np.linalg.norm(one.left)),
-        ]
-        cells += [called[other], f"{alike[other]:.3f}"]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append(
+            [
+                called[place],
+                at(one, prepared.fitter.model),
+                shown(separability.shares(prepared.fitter, one.whole)),
+                first_order if within == first_order else f"{first_order} ({within})",
+                number(np.linalg.norm(one.left)),
+                called[other],
+                f"{alike[other]:.3f}",
+            ]
+        )
+    return rows
 
 
 def at(one: Template, model: Model) -> str:
-    """The strength of a template, with its unit."""
+    """Return the strength of a template with its unit."""
     parameters = [p for p in model.parameters(one.effect) if one.parameter in (None, p.name) and p.unit != "number"]
     values = [(strength(p) if p.neutral is not None else p.typical, p.unit) for p in parameters]
     return ", ".join(f"{value:.3g}" + ("" if unit == "1" else f" {unit}") for value, unit in values)
-
-
-def with_table(page: str, content: str) -> str:
-    """The page with what stands between the markers replaced. Raises ValueError if they are not there."""
-    before, rest = page.split(BEGIN)
-    return f"{before}{BEGIN}\n\n{content}\n\n{END}{rest.split(END)[1]}"
 
 
 if __name__ == "__main__":
@@ -160,4 +153,5 @@ if __name__ == "__main__":
     order = separability.grouped(separability.correlations(found))
     ordered = [found[place] for place in order]
     save(draw_correlations(separability.correlations(ordered), labels(ordered)), [IMAGES / "effect_correlations.png"])
-    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8"), table(prepared, fit, found)), encoding="utf-8")
+    with TABLE.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(table(prepared, fit, found))

@@ -26,7 +26,7 @@ from ...features.names import FEATURES
 from .. import analyses
 from ..acquisitions import GRID
 
-# Realizations that the projector computes at once, even if there are fewer (docs/explanation/performance.md).
+# Realizations that fill a vector register of the projector; fewer cost the same (docs/explanation/performance.md).
 REGISTER = 16
 
 

@@ -19,9 +19,10 @@ FLOORS = {"extract": 30, "diagnose": 60}
 UNKNOWN_MINUTES = 240
 # Stages that were not measured: which rates are taken, and how many times what they give.
 STAND_INS = {
-    # Voxel-driven back-projection is faster than the adjoint, for full and single batches (docs: performance.md).
+    # Voxel-driven back-projection is faster than the adjoint (docs/explanation/performance.md).
     "reconstruct_sirt_voxel": ("reconstruct_sirt", SAFETY),
-    # An H100 took 1/16 of the time of 16 threads (docs/explanation/performance.md). For slower GPUs: time of one core.
+    # An H100 took 1/16 of the time of 16 threads (docs/explanation/performance.md). Other GPUs are slower: the time of
+    # one core, without a factor.
     "reconstruct_sirt_astra_cuda": ("reconstruct_sirt", 1.0),
     # All eighteen effects on projections at once took up to 27 times clean projections alone (benchmarks/effects.py).
     "project_physics": ("project", 27 * SAFETY),
