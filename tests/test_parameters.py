@@ -16,10 +16,10 @@ from radiomics.featureextractor import RadiomicsFeatureExtractor
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.features import accepted, extraction, settings, tables
+from virtual_phantom.features import extraction, parameter_checks, settings, tables
 from virtual_phantom.features.names import FEATURES, family, features_of
 from virtual_phantom.features.parameters import DEFAULT, read_parameters
-from virtual_phantom.features.settings import differences, distinct, of_parameters, of_table
+from virtual_phantom.features.settings import differences, distinct_extractions, read_extraction, read_extractions
 from virtual_phantom.io.volumes import Volume
 
 FILTERED = {
@@ -62,7 +62,7 @@ def test_values_are_those_of_pyradiomics_own_command(tmp_path, content):
     ours = extraction.extract(Volume(array, Grid(SHAPE, SPACING_MM[::-1])), masks, parameters=parameters)
     assert features_of(ours) == features_of(theirs) == list(parameters.features)
     pd.testing.assert_frame_equal(ours[features_of(ours)], theirs[features_of(ours)], rtol=1e-6, atol=1e-9)
-    assert not differences(of_parameters(path), *distinct(of_table(theirs, "t.csv")))
+    assert not differences(read_extraction(path), *distinct_extractions(read_extractions(theirs, "t.csv")))
     assert {family(name) for name in parameters.features} >= {"first order"}
 
 
@@ -73,9 +73,9 @@ def test_a_table_of_own_features_is_read_back_whole(tmp_path):
     mask[3:9, 3:9, 3:9] = True
     found = extraction.extract(Volume(image, Grid(image.shape, (2.0, 2.0, 2.0))), {"spot": mask}, "i", parameters)
     acquisition = dict.fromkeys(tables.ACQUISITION, 1)
-    table = tables.complete(found, {"spot": "tumour"}, acquisition)
+    table = tables.add_acquisition(found, {"spot": "tumour"}, acquisition)
     table.to_csv(tmp_path / "features.csv", index=False)
-    back = tables.read(tmp_path / "features.csv")
+    back = tables.read_features(tmp_path / "features.csv")
     assert features_of(back) == list(parameters.features) and back["settings_hash"].iloc[0] == parameters.hash()
     (sub := tmp_path / "other").mkdir()
     other = read_parameters(written(sub, FILTERED | {"setting": {"binWidth": 11}}))
@@ -83,9 +83,9 @@ def test_a_table_of_own_features_is_read_back_whole(tmp_path):
 
 
 def test_settings_of_a_filter_concern_its_features_alone(tmp_path):
-    ours = of_parameters(written(tmp_path, FILTERED))
+    ours = read_extraction(written(tmp_path, FILTERED))
     other = FILTERED | {"imageType": {"Original": {}, "Wavelet": {"wavelet": "db1"}, "LoG": {"binWidth": 7}}}
-    found = {str(one): one for one in differences(ours, of_parameters(written(tmp_path, other)))}
+    found = {str(one): one for one in differences(ours, read_extraction(written(tmp_path, other)))}
     assert set(found) == {"LoG: binWidth is 7, the study's 5", "Wavelet: wavelet is db1, the study's haar"}
     log, wavelet = (found[name] for name in sorted(found))
     assert log.changes("log-sigma-3-0-mm-3D_glcm_Idn") and not log.changes("log-sigma-3-0-mm-3D_firstorder_Mean")
@@ -155,7 +155,7 @@ def test_json_is_read_as_pyradiomics_reads_it(tmp_path):
     content = {"featureClass": {"firstorder": ["Mean"]}, "setting": {"binWidth": 5}}
     path = written(tmp_path, json.dumps(content, indent="\t"))
     assert read_parameters(path).features == ("original_firstorder_Mean",)
-    assert of_parameters(path).settings == {"binWidth": 5}
+    assert read_extraction(path).settings == {"binWidth": 5}
 
 
 @pytest.mark.parametrize(
@@ -213,7 +213,7 @@ def test_what_takes_effect_is_not_noted(tmp_path, caplog):
 def test_every_setting_of_pyradiomics_is_known():
     """By the schema of the version that is installed: a new one needs a decision."""
     schema = yaml.safe_load(Path(getParameterValidationFiles()[0]).read_text())["mapping"]
-    known = settings.UNSTATED.keys() | settings.HARMLESS | accepted.FILTER.keys() | accepted.OF_FILES
+    known = settings.UNSTATED.keys() | settings.HARMLESS | parameter_checks.FILTER.keys() | parameter_checks.OF_FILES
     assert schema["setting"]["mapping"].keys() <= known
     assert set(schema) == {"setting", "voxelSetting", "featureClass", "imageType"}
 

@@ -135,7 +135,7 @@ def test_two_rois_of_one_name_are_read_by_number(written):
         (3, "cyst", [contour(OUTER)]), (7, "cyst", [contour(circle(10, Z[6]))]), (8, "Cyst ", [contour(OUTER)])
     )
     regions = open_regions(path, GRID)
-    assert regions.there() == {3: "cyst", 7: "cyst", "Cyst": "Cyst"}
+    assert regions.list_regions() == {3: "cyst", 7: "cyst", "Cyst": "Cyst"}
     assert regions.mask(3).sum() == disc(20).sum() and regions.mask("7").sum() == disc(10).sum()
     assert np.array_equal(regions.mask(8), regions.mask("Cyst"))
     with pytest.raises(InputError, match=r"2 ROIs are called 'cyst'; give the number as the label: 3 and 7"):
@@ -148,7 +148,7 @@ def test_roi_numbers_that_do_not_fit_together(written, caplog):
     ring = [contour(OUTER)]
     path = written((1, "a", ring), (1, "b", None), (2, None, ring), (4, "", ring), (5, "5 mm", None), (0, "zero", ring))
     regions = open_regions(path, GRID)
-    assert set(regions.there()) == {"a", "b", 2, 4, "5 mm", "zero"}
+    assert set(regions.list_regions()) == {"a", "b", 2, 4, "5 mm", "zero"}
     with pytest.raises(InputError, match=r"ROI number 1 is given to several ROIs \(a, b\)"):
         regions.mask("a")
     assert regions.mask(2).sum() == regions.mask(4).sum() == regions.mask("0").sum() == disc(20).sum()
@@ -179,7 +179,7 @@ def test_names_in_other_scripts(charset, tmp_path):
             )
         dataset.save_as(path)
     regions = open_regions(path, GRID)
-    assert list(regions.there()) == names
+    assert list(regions.list_regions()) == names
     assert [int(regions.mask(name).sum()) for name in names] == [disc(10 + n).sum() for n in range(1, len(names) + 1)]
 
 

@@ -16,7 +16,7 @@ import pandas as pd
 
 from ..base.errors import InputError
 from .names import features_of
-from .settings import SETTINGS_COLUMN, of_table
+from .settings import SETTINGS_COLUMN, read_extractions
 
 DIGITS = 9  # decimals from which on a number counts as unrounded: its error is then at most 5e-10
 RELATIVE = 1e-6  # error of programs in single precision: 2^-23 per operation, for a few operations
@@ -557,7 +557,7 @@ def _shift(table: pd.DataFrame, own: Mapping[str, Terms], source: str) -> np.nda
     if any(name not in own for name in needed):
         return np.full(len(table), np.nan)
     if SETTINGS_COLUMN in table:
-        stated = of_table(table, source, table.index)
+        stated = read_extractions(table, source, table.index)
         return np.array([np.nan if one is None else _number(one.settings.get("voxelArrayShift")) for one in stated])
     square, mean, variance = own[needed[0]] * own[needed[0]], own[needed[1]], own[needed[2]]
     with np.errstate(invalid="ignore"):

@@ -30,10 +30,10 @@ from scipy import ndimage
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..io.volumes import Volume
+from .hu_offset import convert_to_hu
 from .names import FEATURES
 from .parameters import DEFAULT, LARGEST, Parameters
 from .settings import SETTINGS
-from .stored import to_hu
 
 # A block of 4 x 4 x 4 voxels has 8 whose 26 neighbours all lie in the ROI; with fewer, textures rest on the
 # ROI's shape.
@@ -112,7 +112,7 @@ def extract(
             }
         )
         _warn_if_poor(name, rows[-1], parameters)
-    return to_hu(pd.DataFrame(rows), parameters.stored_offset_hu)
+    return convert_to_hu(pd.DataFrame(rows), parameters.stored_offset_hu)
 
 
 def extract_repeats(
@@ -179,7 +179,7 @@ def _images(volume: Volume, mask: np.ndarray, parameters: Parameters) -> tuple[s
         arrays, spacing = tuple(array[largest] for array in arrays), (1.0, 1.0)
     if parameters.stored_offset_hu:
         arrays = arrays[0].astype(np.float64) + parameters.stored_offset_hu, arrays[1]
-    if parameters.of_the_region_alone:
+    if parameters.depends_on_roi_only:
         (box,) = ndimage.find_objects(arrays[1])
         arrays = tuple(np.pad(array[box], 1) for array in arrays)
     images = []

@@ -24,9 +24,9 @@ from ..base.console import note
 from ..base.errors import InputError, InputErrors
 from ..base.streams import generator
 from ..io.yaml_files import read_yaml
-from .accepted import idle, refused
 from .names import FEATURES, NAMES, is_feature
-from .settings import OWN, SETTINGS, STUDY, Extraction, image_type, of_parameters
+from .parameter_checks import unsupported, without_effect
+from .settings import CUSTOM_PREFIX, SETTINGS, STUDY, Extraction, image_type, read_extraction
 
 WHOLE, LARGEST = "whole", "largest"
 ADVICE = "give a parameter file of pyradiomics under features.parameters"
@@ -103,7 +103,7 @@ class Parameters:
             return tuple(name for name in probe.execute(*images) if is_feature(name))
 
     @property
-    def of_the_region_alone(self) -> bool:
+    def depends_on_roi_only(self) -> bool:
         """Whether nothing outside of a region matters to its features."""
         asked = self.extraction.settings
         return (
@@ -127,7 +127,7 @@ class Parameters:
             content |= {"section": self.section, "stored_offset_hu": float(self.stored_offset_hu)}
         text = json.dumps(content, sort_keys=True, separators=(",", ":"))
         digits = hashlib.sha256(text.encode()).hexdigest()[:16]
-        return OWN + digits if self.own else digits
+        return CUSTOM_PREFIX + digits if self.own else digits
 
 
 DEFAULT = Parameters(STUDY, {key: names.split() for key, names in NAMES.items()})
@@ -160,11 +160,11 @@ def read_parameters(path: str | None, section: str = WHOLE, stored_offset_hu: fl
     if not content:
         raise InputError(f"{path}: holds none of {', '.join(SECTIONS)}; {ADVICE}")
     _check(content, path)
-    if lines := list(refused(content, section == LARGEST)):
+    if lines := list(unsupported(content, section == LARGEST)):
         raise InputErrors(f"{path}: {line}" for line in lines)
-    if nothing := list(idle(content)):
+    if nothing := list(without_effect(content)):
         note(f"{path}: these settings change nothing: {', '.join(nothing)}")
-    extraction = of_parameters(path)
+    extraction = read_extraction(path)
     settings = {**extraction.settings, **{key: SETTINGS[key] for key in ("label", "additionalInfo")}}
     settings.pop("label_channel", None)
     classes = {name: own or [] for name, own in (content.get("featureClass") or {}).items()}

@@ -35,7 +35,7 @@ SETTINGS = {
     "additionalInfo": False,
 }
 
-OWN = "own-"  # begins the hash of settings that are not the study's default
+CUSTOM_PREFIX = "own-"  # begins the hash of settings that are not the study's default
 
 # Columns in which pyradiomics tells how it was set.
 SETTINGS_COLUMN = "diagnostics_Configuration_Settings"
@@ -231,7 +231,7 @@ def differences(study: Extraction, table: Extraction) -> list[Difference]:
     return found
 
 
-def of_table(table: pd.DataFrame, source: str, rows: Iterable[int] | None = None) -> list[Extraction | None]:
+def read_extractions(table: pd.DataFrame, source: str, rows: Iterable[int] | None = None) -> list[Extraction | None]:
     """How the features of every row of a table were extracted, as its own columns tell.
 
     Parameters
@@ -264,7 +264,7 @@ def of_table(table: pd.DataFrame, source: str, rows: Iterable[int] | None = None
     return found
 
 
-def distinct(extractions: Iterable[Extraction | None]) -> list[Extraction]:
+def distinct_extractions(extractions: Iterable[Extraction | None]) -> list[Extraction]:
     """Those that are known, each once, in the order in which they come; a label alone makes no other."""
     found: list[Extraction] = []
     for one in extractions:
@@ -275,7 +275,9 @@ def distinct(extractions: Iterable[Extraction | None]) -> list[Extraction]:
     return found
 
 
-def said(study: Extraction, tables: Sequence[Extraction], features: Sequence[str] = FEATURES) -> list[str]:
+def describe_differences(
+    study: Extraction, tables: Sequence[Extraction], features: Sequence[str] = FEATURES
+) -> list[str]:
     """A line for every setting of tables that differs from the study's.
 
     Parameters
@@ -308,12 +310,12 @@ def other_settings(
     dict of str to str
         {feature: the settings, joined by semicolons}.
     """
-    found = [one for own in distinct(of_table(table, source)) for one in differences(study, own)]
+    found = [one for own in distinct_extractions(read_extractions(table, source)) for one in differences(study, own)]
     texts = {name: "; ".join(dict.fromkeys(str(one) for one in found if one.changes(name))) for name in features}
     return {name: text for name, text in texts.items() if text}
 
 
-def of_parameters(path: str | None) -> Extraction:
+def read_extraction(path: str | None) -> Extraction:
     """What a parameter file of pyradiomics that has been checked asks; the study's default for None."""
     if path is None:
         return STUDY

@@ -11,14 +11,14 @@ import pandas as pd
 from ..base.errors import InputError
 from ..io.files import read_csv
 from .names import FEATURES, features_of
-from .settings import OWN
+from .settings import CUSTOM_PREFIX
 
 PROVENANCE = ("settings_hash", "pyradiomics_version", "numpy_version", "simpleitk_version")
 ACQUISITION = ("protocol", "algorithm", "projections", "noise", "noise_level", "seed")
 METADATA = (*ACQUISITION, "roi", "tissue_class", "n_voxels", "grey_levels", *PROVENANCE)
 
 
-def complete(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisition: dict) -> pd.DataFrame:
+def add_acquisition(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisition: dict) -> pd.DataFrame:
     """Rows of a table with the acquisition and each ROI's tissue class beside them.
 
     Parameters
@@ -40,7 +40,7 @@ def complete(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisitio
     return table[[*METADATA, *features]]
 
 
-def read(path: str | Path) -> pd.DataFrame:
+def read_features(path: str | Path) -> pd.DataFrame:
     """Read a table of features; numbers come back bit for bit.
 
     Raises
@@ -50,20 +50,20 @@ def read(path: str | Path) -> pd.DataFrame:
     """
     table = read_csv(path)
     # What a parameter file asked for stands in the table alone; its extraction refuses to leave any out.
-    own = "settings_hash" in table and table["settings_hash"].astype(str).str.startswith(OWN).all()
+    own = "settings_hash" in table and table["settings_hash"].astype(str).str.startswith(CUSTOM_PREFIX).all()
     features = (features_of(table) or FEATURES[:1]) if own else FEATURES
     if missing := [column for column in (*METADATA, *features) if column not in table]:
         raise InputError(f"{path}: lacks {len(missing)} column(s) of a feature table, the first {missing[0]}")
     return table
 
 
-def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+def merge_tables(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     """All tables in one, whatever their order.
 
     Parameters
     ----------
     tables : iterable of DataFrame
-        From `complete`.
+        From `add_acquisition`.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str
     return chosen.reset_index(drop=True)
 
 
-def grouped(table: pd.DataFrame, groups: Mapping[str, int], *, noise: str, seeds: int) -> pd.DataFrame:
+def select_groups(table: pd.DataFrame, groups: Mapping[str, int], *, noise: str, seeds: int) -> pd.DataFrame:
     """Rows of the protocols that have a group number, at one noise label.
 
     Parameters
@@ -154,7 +154,7 @@ def grouped(table: pd.DataFrame, groups: Mapping[str, int], *, noise: str, seeds
     return chosen.assign(group=chosen["protocol"].map(groups))
 
 
-def refuse_doubles(table: pd.DataFrame, source: str) -> None:
+def require_unique_rows(table: pd.DataFrame, source: str) -> None:
     """Refuse a table in which a group has a seed of an ROI twice: two protocols of one group are no repeats.
 
     Parameters

@@ -1,6 +1,6 @@
 """The phantom: what is scanned, and the regions in which features are measured.
 
-`synthetic.build` makes one from shapes; `ct.load` makes one from a CT and its ROIs. Both give the same
+`synthetic.build` makes one from shapes; `ct.load_phantom` makes one from a CT and its ROIs. Both give the same
 `Phantom`.
 """
 
@@ -81,15 +81,15 @@ def block_mean(array: np.ndarray, factor: int) -> np.ndarray:
     return block_reduce(array, (factor,) * 3, np.mean).astype(np.float32, copy=False)
 
 
-def save(phantom: Phantom, folder: str | Path) -> None:
-    """Write image.nii.gz and fine.nii.gz (HU, float32), and the ROIs as save_rois does."""
+def write_phantom(phantom: Phantom, folder: str | Path) -> None:
+    """Write image.nii.gz and fine.nii.gz (HU, float32), and the ROIs as `write_rois` does."""
     folder = Path(folder)
     write_nifti(phantom.fine, folder / "fine.nii.gz")
     write_nifti(phantom.image, folder / "image.nii.gz")
-    save_rois(phantom.rois, phantom.image, folder)
+    write_rois(phantom.rois, phantom.image, folder)
 
 
-def save_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
+def write_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
     """Write rois/{roi}.nii.gz (uint8, 0 or 1) and rois.csv.
 
     rois.csv holds one row per ROI: roi, tissue_class, label (1, 2, ... in the order of the configuration),
@@ -121,7 +121,7 @@ def save_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
 
 
 def read_masks(rois_csv: str | Path, grid: Grid) -> tuple[pd.DataFrame, dict[str, np.ndarray]]:
-    """Read the ROIs that `save` wrote.
+    """Read the ROIs that `write_phantom` wrote.
 
     Parameters
     ----------

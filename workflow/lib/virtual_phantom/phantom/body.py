@@ -78,7 +78,7 @@ class Body:
         return Body(self.mask | piece, self.apart & ~piece, self.blocks, self.first)
 
 
-def body_of(image: Volume, first: int = 0, last: int | None = None) -> Body:
+def find_body(image: Volume, first: int = 0, last: int | None = None) -> Body:
     """Find the body in a CT.
 
     Parameters

@@ -25,7 +25,7 @@ from skimage.measure import points_in_poly
 from ..base.errors import InputError, meant, reading
 from ..base.geometry import Grid
 from ..base.words import counted
-from .regions import Drawn, Regions, Remark, boxed, sequence_of, to_voxels, whole_number
+from .regions import CroppedRegion, Regions, Remark, crop_to_box, sequence_of, to_voxels, whole_number
 
 XOR = "CLOSEDPLANAR_XOR"
 CLOSED = ("CLOSED_PLANAR", "INTERPOLATED_PLANAR", XOR)
@@ -136,7 +136,7 @@ class StructRegions(Regions):
             found.append(orphan)
         return found
 
-    def there(self) -> dict[int | str, str | None]:
+    def list_regions(self) -> dict[int | str, str | None]:
         """Every region: {ROI name, or where it is missing or not the only one, number: name}."""
         names = Counter(roi.name for roi in self._rois)
         labels: dict[int | str, str | None] = {}
@@ -174,7 +174,7 @@ class StructRegions(Regions):
         advice = near if near.startswith("did") else f"there are: {there}"
         raise InputError(f"{self.path}: ROI {label!r} is not there; {advice}")
 
-    def _draw(self, label: int | str | None) -> tuple[str, Drawn | None, bool]:
+    def _draw(self, label: int | str | None) -> tuple[str, CroppedRegion | None, bool]:
         roi = self._find(label)
         if roi.problem:
             raise InputError(f"{self.path}: {roi.problem}, so its contours cannot be assigned; export it again")
@@ -188,7 +188,7 @@ class StructRegions(Regions):
             return roi.title, None, True
         return roi.title, self._filled(roi, slices, remarks), True
 
-    def _filled(self, roi: Structure, slices: dict[int, list[Contour]], remarks: list[Remark]) -> Drawn | None:
+    def _filled(self, roi: Structure, slices: dict[int, list[Contour]], remarks: list[Remark]) -> CroppedRegion | None:
         low, high = min(slices), max(slices)
         corners = [one.points for contours in slices.values() for one in contours]
         first = np.maximum(np.ceil(np.min([p.min(axis=0) for p in corners], axis=0)), 0).astype(int)
@@ -212,7 +212,7 @@ class StructRegions(Regions):
             remarks.append(Remark("contours that overlap in part", roi.title, text))
         if not mask.any():
             raise InputError(f"{self.path}: {roi.title} encloses no voxel center; draw it larger, or take a finer CT")
-        return boxed(mask, (low, *first), remarks)
+        return crop_to_box(mask, (low, *first), remarks)
 
     def _contours(self, roi: Structure, remarks: list[Remark]) -> list[Contour]:
         """Closed contours in voxels; what is passed over goes to `remarks`."""
@@ -232,8 +232,8 @@ class StructRegions(Regions):
             else:
                 if not kind:
                     passed[""] += 1
-                placed = [(one @ np.column_stack([points, np.ones(len(points))]).T)[:3] for one in affines]
-                x, y, z = next((one for one in placed if np.ptp(one[2]) <= PLANAR), placed[0])
+                voxel_offset = [(one @ np.column_stack([points, np.ones(len(points))]).T)[:3] for one in affines]
+                x, y, z = next((one for one in voxel_offset if np.ptp(one[2]) <= PLANAR), voxel_offset[0])
                 if np.ptp(z) > PLANAR:
                     raise InputError(
                         f"{self.path}: contour {position} of {roi.title} spans {np.ptp(z) * self.grid.spacing[0]:.3g} "

@@ -21,17 +21,17 @@ from ..io.volumes import IMAGE_SUFFIXES, Volume, length_unit, read_image, suffix
 from . import HALF_COVERED, Phantom, Roi, block_mean
 from .dicom_files import not_dicom
 from .dicom_series import read_series
-from .fit import how_to_fit
+from .grid_size import suggest_size
 from .masks import open_regions
-from .plausible import CHECKS, SIZE, require_plausible
-from .repositioning import to_object
-from .rois import RoiEntry, cut, read_entries, separate, shrink
+from .plausibility import CHECKS, SIZE, require_plausible
+from .repositioning import world_to_object
+from .rois import RoiEntry, cut, read_roi_entries, separate, shrink
 
 LARGEST_LOSS = 0.01  # share of an ROI that keep_mm or the grid may cut off: rounding of a box to voxels, no more
 SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
 
 
-def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
+def load_phantom(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     """Load a CT and its ROIs.
 
     The CT is interpolated linearly at points at least as dense as its own voxels, averaged to the refined
@@ -48,7 +48,7 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
         * labels: file of the regions whose entry names no file of its own
         * centre_mm: NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
         * keep_mm: [[x, x], [y, y]] in NIfTI world mm; everything outside becomes air (a table, arms)
-        * not_checked: of plausible.CHECKS, what a false alarm of theirs may not stop
+        * not_checked: of plausibility.CHECKS, what a false alarm of theirs may not stop
     grid : Grid
         Shape and spacing of the study's grid; its centre is put at centre_mm.
     oversampling : int
@@ -62,7 +62,7 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
         in-plane. What ends with the CT itself is not cut by the grid.
     """
     validate(settings, schema_of("phantom", "ct"), "phantom: ct")
-    entries = read_entries(settings["rois"], settings.get("labels"))
+    entries = read_roi_entries(settings["rois"], settings.get("labels"))
     if "image" not in settings:
         raise InputError("phantom: ct: image is missing; name a NIfTI file, or the folder of a DICOM series")
     image = read_hu(Path(settings["image"]), settings.get("not_checked", ()))
@@ -75,7 +75,7 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     check_fit(image, grid)
     fine = resample(image, grid.refined(oversampling), outside=HU_AIR)
     opened: dict = {}
-    rois = tuple(roi for entry in entries for roi in rois_of(entry, image.grid, grid, kept, opened))
+    rois = tuple(roi for entry in entries for roi in make_rois(entry, image.grid, grid, kept, opened))
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
 
 
@@ -85,7 +85,7 @@ def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
     Parameters
     ----------
     settings : dict
-        As `load` takes them.
+        As `load_phantom` takes them.
     grid : Grid
         At its place in the world.
     pose : Pose, optional
@@ -94,14 +94,14 @@ def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
     Raises
     ------
     InputError
-        As `load` does of a region.
+        As `load_phantom` does of a region.
     """
-    image, opened = read_hu(Path(settings["image"]), CHECKS).grid, {}  # `load` checks its values
+    image, opened = read_hu(Path(settings["image"]), CHECKS).grid, {}  # `load_phantom` checks its values
     kept = np.ones(image.shape[1:], bool)
     if "keep_mm" in settings:
         kept = kept_columns(settings["keep_mm"], image)
-    entries = read_entries(settings["rois"], settings.get("labels"))
-    return tuple(roi for entry in entries for roi in rois_of(entry, image, grid, kept, opened, pose))
+    entries = read_roi_entries(settings["rois"], settings.get("labels"))
+    return tuple(roi for entry in entries for roi in make_rois(entry, image, grid, kept, opened, pose))
 
 
 def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
@@ -110,7 +110,7 @@ def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
     Parameters
     ----------
     not_checked : collection of str, optional
-        Members of plausible.CHECKS that are skipped.
+        Members of plausibility.CHECKS that are skipped.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
     ------
     InputError
         If it cannot be read, has voxels that are not finite, a unit of length other than mm, or values or lengths that
-        no CT has (plausible.require_plausible).
+        no CT has (plausibility.require_plausible).
     """
     if path.is_dir():
         image = read_series(path)
@@ -243,7 +243,7 @@ def check_fit(image: Volume, grid: Grid) -> None:
     reach_y = float(np.abs(y[rows] - cy).max()) + image.grid.spacing[1] / 2
     if reach_x > half_x + 1e-3 or reach_y > half_y + 1e-3:
         needed = (0.0, 2 * reach_y, 2 * reach_x)
-        advice = how_to_fit(grid, needed, (image.grid.extent_mm[0], *needed[1:]))
+        advice = suggest_size(grid, needed, (image.grid.extent_mm[0], *needed[1:]))
         raise InputError(
             f"grid: the body in the CT does not fit: around centre_mm ({cx:g}, {cy:g}, {cz:g}) (x, y, z) it needs "
             f"{2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x, and the grid spans {2 * half_y:.0f} and "
@@ -252,7 +252,7 @@ def check_fit(image: Volume, grid: Grid) -> None:
         )
 
 
-def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
+def draw_entry(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
     """The masks of one entry on the CT that it was drawn on.
 
     Parameters
@@ -281,7 +281,7 @@ def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
     return cut(region, entry.parts, grid)
 
 
-def rois_of(
+def make_rois(
     entry: RoiEntry, ct_grid: Grid, grid: Grid, kept: np.ndarray, opened: dict, pose: Pose = IN_PLACE
 ) -> tuple[Roi, ...]:
     """The ROIs of one entry on the study's grid.
@@ -307,12 +307,12 @@ def rois_of(
     Raises
     ------
     InputError
-        As `load` does of a region.
+        As `load_phantom` does of a region.
     """
-    pieces = draw(entry, ct_grid, opened)
+    pieces = draw_entry(entry, ct_grid, opened)
     for name, piece in zip(entry.names, pieces, strict=True):
         _check_whole(name, piece, kept, ct_grid, grid)
-    moved = to_object(pose, grid.centre_mm)
+    moved = world_to_object(pose, grid.centre_mm)
     masks = [resample(_around(piece, ct_grid), grid, 0.0, moved) >= HALF_COVERED for piece in pieces]
     for name, mask in zip(entry.names, masks, strict=True):
         _require(

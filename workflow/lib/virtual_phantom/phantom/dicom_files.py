@@ -133,7 +133,7 @@ class Slice:
         return f" ({text})" if 0 < len(text) <= LONGEST_QUOTE and NUMBER_CHARACTERS.issuperset(text) else ""
 
 
-class Unused:
+class UnusedFiles:
     """Files that are not read, by reason."""
 
     def __init__(self):
@@ -170,12 +170,12 @@ def _code(code: str) -> str:
     return code if code.isalpha() and len(code) <= LONGEST_CODE else code if code == "not given" else "unreadable"
 
 
-def folders_under(root: Path, unused: Unused) -> Iterator[Path]:
+def walk_folders(root: Path, unused: UnusedFiles) -> Iterator[Path]:
     """The folder and all folders below it, through links too, each once.
 
     Parameters
     ----------
-    unused : Unused
+    unused : UnusedFiles
         Folders that are reached a second time, and hidden ones, are added.
 
     Yields
@@ -223,12 +223,12 @@ def is_hidden(name: str) -> bool:
     return name.startswith(".") or name.lower() in ("thumbs.db", "desktop.ini", "__macosx")
 
 
-def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
+def slices_of(paths: Iterable[Path], unused: UnusedFiles) -> list[Slice]:
     """The CT slices among files.
 
     Parameters
     ----------
-    unused : Unused
+    unused : UnusedFiles
         All other files are added, each with a reason.
 
     Returns
@@ -242,7 +242,7 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
         If a file cannot be read, or looks like a damaged slice.
     """
     slices = []
-    candidates, others = dicom_among(paths, unused)
+    candidates, others = split_dicom(paths, unused)
     for path in candidates:
         header = read_header(path)
         if header is None:
@@ -251,22 +251,22 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
             unused.add(path, reason, header)
         else:
             slices.append(header)
-    add_others(others, [one.path for one in slices], unused)
+    add_not_dicom(others, [one.path for one in slices], unused)
     return slices
 
 
-def dicom_among(paths: Iterable[Path], unused: Unused) -> tuple[list[Path], list[tuple[Path, str]]]:
+def split_dicom(paths: Iterable[Path], unused: UnusedFiles) -> tuple[list[Path], list[tuple[Path, str]]]:
     """Separate files that may be DICOM, by their first bytes, from others.
 
     Parameters
     ----------
-    unused : Unused
+    unused : UnusedFiles
         Hidden files are added.
 
     Returns
     -------
     others : list of (Path, str)
-        Each with its reason, for `add_others`.
+        Each with its reason, for `add_not_dicom`.
     """
     candidates, others = [], []
     for path in paths:
@@ -279,7 +279,7 @@ def dicom_among(paths: Iterable[Path], unused: Unused) -> tuple[list[Path], list
     return candidates, others
 
 
-def add_others(others: Iterable[tuple[Path, str]], used: Iterable[Path], unused: Unused) -> None:
+def add_not_dicom(others: Iterable[tuple[Path, str]], used: Iterable[Path], unused: UnusedFiles) -> None:
     """Add files that are not DICOM to those that are not used.
 
     Parameters

@@ -21,7 +21,7 @@ from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.words import counted
 from ..io.volumes import LARGEST_TILT, LPS_TO_RAS, ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
-from .dicom_files import NEEDED, Slice, Unused, files_in, folders_under, not_dicom, slices_of
+from .dicom_files import NEEDED, Slice, UnusedFiles, files_in, not_dicom, slices_of, walk_folders
 from .dicom_pixels import check_pixels, read_into, same_pixels
 
 __all__ = ["Series", "find_series", "read_series", "read_slices", "series_among"]
@@ -77,7 +77,7 @@ def find_series(folder: str | Path) -> Series:
     InputError
         If there is none or more than one, or a file cannot be read.
     """
-    folder, unused = Path(folder), Unused()
+    folder, unused = Path(folder), UnusedFiles()
     slices = slices_of(files_in(folder), unused)
     if not slices:
         raise InputError(_nothing(folder, unused))
@@ -87,7 +87,7 @@ def find_series(folder: str | Path) -> Series:
             f"{folder}: holds more than one DICOM series: {described(found)}; copy or link the files of one series "
             "into a new folder and give that"
         )
-    inner = [path for path in folders_under(folder, Unused()) if path != folder and files_in(path)]
+    inner = [path for path in walk_folders(folder, UnusedFiles()) if path != folder and files_in(path)]
     if inner:
         names = ", ".join(str(path.relative_to(folder)) for path in inner[:LISTED])
         more = f" and {len(inner) - LISTED} more" if len(inner) > LISTED else ""
@@ -96,11 +96,11 @@ def find_series(folder: str | Path) -> Series:
     return found[0]
 
 
-def _nothing(folder: Path, unused: Unused) -> str:
+def _nothing(folder: Path, unused: UnusedFiles) -> str:
     """The message about a folder without CT slices: what is in it, and which folders below have some."""
     lines = unused.lines(folder)
     below = []
-    for inner in itertools.islice(folders_under(folder, Unused()), 1, 200):
+    for inner in itertools.islice(walk_folders(folder, UnusedFiles()), 1, 200):
         if any(not not_dicom(path) for path in files_in(inner)):
             below.append(str(inner))
     any_dicom = "CT slice in HU" if unused.headers else "DICOM file"
@@ -113,14 +113,14 @@ def _nothing(folder: Path, unused: Unused) -> str:
     return f"{folder}: holds no {any_dicom}{there}; give a folder with one CT series"
 
 
-def series_among(slices: Sequence[Slice], unused: Unused, top: Path) -> list[Series]:
+def series_among(slices: Sequence[Slice], unused: UnusedFiles, top: Path) -> list[Series]:
     """Group slices by series, and separate series that are not a stack of axial slices.
 
     Parameters
     ----------
     slices : sequence of Slice
         Of one folder or of a tree.
-    unused : Unused
+    unused : UnusedFiles
         Series that are not used are added. Its files are compared with the series that are.
     top : Path
         The folder, for messages.

@@ -18,12 +18,12 @@ from ..io.yaml_files import read_yaml
 from .shapes import Ellipsoid, Tube
 from .texture import Component, Texture
 
-OWN = RESOURCES / "phantom.yaml"
+DEFAULT_LAYOUT = RESOURCES / "phantom.yaml"
 NAME = re.compile(r"[A-Za-z0-9_]+")
 
 
 @dataclass(frozen=True)
-class Paint:
+class PaintedShape:
     """A shape and what fills it.
 
     Attributes
@@ -64,11 +64,11 @@ def read_layout(path: str | Path | None = None) -> dict:
     InputError
         If it is missing or not YAML.
     """
-    path = OWN if path is None else Path(path)
+    path = DEFAULT_LAYOUT if path is None else Path(path)
     return read_yaml(path, "give a layout of a phantom, with the keys tissues, shapes and rois", restore="restore it")
 
 
-def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
+def parse_layout(layout: dict, seed: Stream) -> tuple[list[PaintedShape], list[RoiSpec]]:
     """What to paint, in order, and the ROIs, on which the textures of their tissues are conditioned.
 
     Parameters
@@ -91,7 +91,7 @@ def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
             raise InputError(f"phantom layout, tissues: a name is {name} to YAML; write it in quotes")
     tissues = {name: _tissue(name, entry, seed) for name, entry in layout["tissues"].items()}
     paints = [
-        Paint(shape, *_look_up(tissues, entry, where), 0.0)
+        PaintedShape(shape, *_look_up(tissues, entry, where), 0.0)
         for where, entry in _named(layout["shapes"], "shapes")
         for shape in _shapes(entry, where)
     ]
@@ -110,7 +110,7 @@ def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
         rois.append(roi)
         hu, texture = _look_up(tissues, entry, where)
         texture.condition(roi.shape)
-        paints.append(Paint(surroundings, hu, texture, entry.get("fade_mm", 0.0)))
+        paints.append(PaintedShape(surroundings, hu, texture, entry.get("fade_mm", 0.0)))
     return paints, rois
 
 

@@ -1,6 +1,6 @@
 """Regions drawn on a CT: masks and label maps (NIfTI, NRRD, MetaImage), DICOM SEG and RTSTRUCT, on the CT's grid.
 
-`open_regions` picks the reader by the file. Every reader has `there`, `crop(label)` and `mask(label)`. The label is a
+`open_regions` picks the reader by the file. Every reader has `list_regions`, `crop(label)` and `mask(label)`. The label is a
 value of a label map (None: any voxel that is not zero), the number or label of a segment, or the name or number of an
 RTSTRUCT ROI (None: the only one).
 """
@@ -21,7 +21,7 @@ from ..base.geometry import Grid
 from ..io.volumes import Volume, read_layers, suffix_of
 from .contours import StructRegions
 from .dicom_files import modality
-from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, placed
+from .regions import GRID_TOLERANCE_MM, CroppedRegion, Regions, Remark, crop_to_box, voxel_offset
 from .segments import SegRegions
 
 __all__ = ["GRID_TOLERANCE_MM", "LabelRegions", "SegRegions", "StructRegions", "open_regions", "report_other_frame"]
@@ -134,7 +134,7 @@ class LabelRegions(Regions):
         self._remarks: list[Remark] = []
         self._layers: list[np.ndarray] = []
         self._values: list[dict[int, tuple[int, tuple[slice, slice, slice]]]] = []  # {value: (stored, box)} per layer
-        self._offset = placed(layers[0].grid, grid, path)
+        self._offset = voxel_offset(layers[0].grid, grid, path)
         for layer in layers:
             self._add(layer)
         self._report_part()
@@ -202,25 +202,27 @@ class LabelRegions(Regions):
             text = f"has {sizes[0]} voxels (x, y, z) of the CT's grid, which has {sizes[1]}; the rest is empty"
             self._remarks.append(Remark("part of the CT", "", text))
 
-    def there(self) -> dict[int | str, str | None]:
+    def list_regions(self) -> dict[int | str, str | None]:
         """Every region: {label, as `mask` takes it: its name; None, as only 3D Slicer's files have names}."""
         if self._names:
             return {key: name for key, (name, _, _) in self._names.items()}
         return {value: None for found in self._values for value in sorted(found)}
 
-    def _draw(self, label: int | str | None) -> tuple[str, Drawn | None, bool]:
+    def _draw(self, label: int | str | None) -> tuple[str, CroppedRegion | None, bool]:
         if label is None:
-            found = boxed(np.logical_or.reduce([layer > 0 for layer in self._layers]), self._offset, self._remarks)
+            found = crop_to_box(
+                np.logical_or.reduce([layer > 0 for layer in self._layers]), self._offset, self._remarks
+            )
             return "the mask", self._inside(found, "the mask"), False
         layer, value, name = self._find(label)
         stored, box = self._values[layer].get(value, (None, None))
         if box is None:
             return name, None, False
         moved = tuple(slice(s.start + n, s.stop + n) for s, n in zip(box, self._offset, strict=True))
-        drawn = Drawn(moved, self._layers[layer][box] == stored, tuple(self._remarks))
+        drawn = CroppedRegion(moved, self._layers[layer][box] == stored, tuple(self._remarks))
         return name, self._inside(drawn, name), False
 
-    def _inside(self, drawn: Drawn | None, name: str) -> Drawn | None:
+    def _inside(self, drawn: CroppedRegion | None, name: str) -> CroppedRegion | None:
         """The same; InputError if it goes beyond the CT."""
         if drawn is not None and any(
             s.start < 0 or s.stop > n for s, n in zip(drawn.box, self.grid.shape, strict=True)

@@ -42,7 +42,7 @@ class Remark:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class CroppedRegion:
     """A region within its box.
 
     Attributes
@@ -85,34 +85,34 @@ class Regions:
     def __init__(self, path: Path, grid: Grid):
         self.path, self.grid = path, grid
 
-    def there(self) -> dict[int | str, str | None]:
+    def list_regions(self) -> dict[int | str, str | None]:
         """Every region: {label, as `mask` and `crop` take it: its name; None if the file has none}."""
         raise NotImplementedError
 
     def aliases(self, label: int | str) -> tuple[str, ...]:
-        """What else a region may be called than its label of `there` and its name."""
+        """What else a region may be called than its label of `list_regions` and its name."""
         return ()
 
-    def _draw(self, label: int | str | None) -> tuple[str, Drawn | None, bool]:
+    def _draw(self, label: int | str | None) -> tuple[str, CroppedRegion | None, bool]:
         """A region's name, its voxels (None: it has none), and whether every empty slice within it is worth a remark.
 
         Without the latter an empty slice is remarked on only if the slices on both sides of the gap overlap.
         """
         raise NotImplementedError
 
-    def crop(self, label: int | str | None, fill_gaps: bool = False) -> Drawn | None:
+    def crop(self, label: int | str | None, fill_gaps: bool = False) -> CroppedRegion | None:
         """A region within its box.
 
         Parameters
         ----------
         label : int, str or None
-            As `there` gives it, or another name or number that means one region only; None: the only region.
+            As `list_regions` gives it, or another name or number that means one region only; None: the only region.
         fill_gaps : bool, optional
             Interpolate empty slices between two drawn ones.
 
         Returns
         -------
-        Drawn or None
+        CroppedRegion or None
             None if the region has no voxel.
 
         Raises
@@ -145,7 +145,7 @@ class Regions:
         return full
 
 
-def _without_gaps(drawn: Drawn, name: str, grid: Grid, fill: bool, always: bool) -> Drawn:
+def _without_gaps(drawn: CroppedRegion, name: str, grid: Grid, fill: bool, always: bool) -> CroppedRegion:
     """The region with empty slices interpolated, or with a remark about them."""
     taken = np.flatnonzero(drawn.mask.any(axis=(1, 2)))
     gaps = [(int(a), int(b)) for a, b in zip(taken[:-1], taken[1:], strict=True) if b - a > 1]
@@ -188,7 +188,9 @@ def _signed_distance(mask: np.ndarray, grid: Grid) -> np.ndarray:
     return (distance_transform_edt(padded, spacing) - distance_transform_edt(~padded, spacing))[1:-1, 1:-1]
 
 
-def boxed(mask: np.ndarray, offset: Sequence[int] = (0, 0, 0), remarks: Sequence[Remark] = ()) -> Drawn | None:
+def crop_to_box(
+    mask: np.ndarray, offset: Sequence[int] = (0, 0, 0), remarks: Sequence[Remark] = ()
+) -> CroppedRegion | None:
     """The smallest box around a mask.
 
     Parameters
@@ -199,7 +201,7 @@ def boxed(mask: np.ndarray, offset: Sequence[int] = (0, 0, 0), remarks: Sequence
 
     Returns
     -------
-    Drawn or None
+    CroppedRegion or None
         None if the mask is empty.
     """
     inner = []
@@ -209,7 +211,7 @@ def boxed(mask: np.ndarray, offset: Sequence[int] = (0, 0, 0), remarks: Sequence
             return None
         inner.append(slice(int(index[0]), int(index[-1]) + 1))
     box = tuple(slice(one.start + int(n), one.stop + int(n)) for one, n in zip(inner, offset, strict=True))
-    return Drawn(box, mask[tuple(inner)].copy(), tuple(remarks))
+    return CroppedRegion(box, mask[tuple(inner)].copy(), tuple(remarks))
 
 
 def to_voxels(grid: Grid) -> list[np.ndarray]:
@@ -238,7 +240,7 @@ def _corners(grid: Grid) -> np.ndarray:
     return np.array(list(product(*[(0, n - 1) for n in grid.shape[::-1]])), float)
 
 
-def placed(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
+def voxel_offset(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
     """The voxel (z, y, x) of a grid at which the first voxel of another grid lies, whose voxels coincide with its own.
 
     They coincide by the directions of both. By their upright grids alone they may, if directions differ by so little

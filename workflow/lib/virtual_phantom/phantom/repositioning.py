@@ -11,7 +11,7 @@ from ..base.pose import Pose, turned_axes
 from ..base.streams import Branch, branch, generator
 
 
-def drawn_pose(study_seed: int, seed: int, shift_mm: float, turn_deg: float) -> Pose:
+def random_pose(study_seed: int, seed: int, shift_mm: float, turn_deg: float) -> Pose:
     """Where the phantom lies in a re-positioned repeat, the same in all scans, noise levels and protocols of it.
 
     Parameters
@@ -28,7 +28,7 @@ def drawn_pose(study_seed: int, seed: int, shift_mm: float, turn_deg: float) -> 
     return Pose(x, y, z, turn)
 
 
-def to_object(pose: Pose, isocentre_mm: tuple[float, float, float]) -> sitk.Transform:
+def world_to_object(pose: Pose, isocentre_mm: tuple[float, float, float]) -> sitk.Transform:
     """Where a point of the room lies in the object at rest.
 
     Parameters
@@ -51,7 +51,7 @@ def to_object(pose: Pose, isocentre_mm: tuple[float, float, float]) -> sitk.Tran
     return transform
 
 
-def beyond(moved: Sequence[np.ndarray], still: Sequence[np.ndarray]) -> list[int]:
+def moved_to_border(moved: Sequence[np.ndarray], still: Sequence[np.ndarray]) -> list[int]:
     """Which regions reach the border of their voxels by having been moved.
 
     Parameters

@@ -47,7 +47,9 @@ class RoiEntry:
         return (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
 
 
-def read_entries(entries: list[dict], default_file: str | None, source: str = "phantom: ct") -> tuple[RoiEntry, ...]:
+def read_roi_entries(
+    entries: list[dict], default_file: str | None, source: str = "phantom: ct"
+) -> tuple[RoiEntry, ...]:
     """The entries of a list as under phantom.ct.rois of the configuration.
 
     Parameters

@@ -13,7 +13,16 @@ from pydicom.pixels import get_decoder
 from ..base.errors import InputError, reading, refusing
 from ..base.geometry import Grid
 from ..base.words import counted
-from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, sequence_of, to_voxels, whole_number
+from .regions import (
+    GRID_TOLERANCE_MM,
+    CroppedRegion,
+    Regions,
+    Remark,
+    crop_to_box,
+    sequence_of,
+    to_voxels,
+    whole_number,
+)
 
 INSIDE = 0.5  # share of a voxel, or probability, from which on it belongs to a segment
 LABEL_MAP = "LABELMAP"
@@ -107,11 +116,11 @@ class SegRegions(Regions):
     def _listed(self) -> str:
         return ", ".join(f"{n} ({name or 'no label'})" for n, name in self._names.items())
 
-    def there(self) -> dict[int | str, str | None]:
+    def list_regions(self) -> dict[int | str, str | None]:
         """Every region: {segment number, as `mask` takes it: its label}."""
         return {number: name or f"segment {number}" for number, name in self._names.items()}
 
-    def _draw(self, label: int | str | None) -> tuple[str, Drawn | None, bool]:
+    def _draw(self, label: int | str | None) -> tuple[str, CroppedRegion | None, bool]:
         number = self._number(label)
         name = f"segment {number} ({self._names[number] or 'no label'})"
         remarks = list(self._remarks)
@@ -128,7 +137,7 @@ class SegRegions(Regions):
         low, high = points.min(axis=0), points.max(axis=0) + 1
         mask = np.zeros(high - low, bool)
         mask[tuple((points - low).T)] = True
-        return name, boxed(mask, low, remarks), False
+        return name, crop_to_box(mask, low, remarks), False
 
     def _points(self, number: int) -> tuple[np.ndarray, int]:
         """Voxels (z, y, x) of a segment, and how many frames repeat the position of another one."""

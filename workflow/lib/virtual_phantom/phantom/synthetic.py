@@ -18,8 +18,8 @@ from ..base.streams import Stream
 from ..base.units import HU_AIR, HU_BODY
 from ..io.volumes import Volume
 from . import HALF_COVERED, Phantom, Roi, block_mean
-from .fit import how_to_fit
-from .layout import Paint, RoiSpec, parse
+from .grid_size import suggest_size
+from .layout import PaintedShape, RoiSpec, parse_layout
 from .shapes import Ellipsoid, Tube, coverage, fade, window
 
 ANGLES, RADII = 361, 1001  # at which the end of an ellipse is sought: a thousandth of its reach
@@ -48,7 +48,7 @@ def build(layout: dict, grid: Grid, oversampling: int, seed: Stream) -> Phantom:
         If the layout has an unknown, missing or impossible entry, if the body or an ROI does not fit the grid, or if an
         ROI covers no voxel by half.
     """
-    paints, rois = parse(layout, seed)
+    paints, rois = parse_layout(layout, seed)
     _check_fit(paints, rois, grid)
     fine_grid = grid.refined(oversampling)
     fine = np.full(fine_grid.shape, HU_AIR, np.float32)
@@ -64,7 +64,7 @@ def build(layout: dict, grid: Grid, oversampling: int, seed: Stream) -> Phantom:
     return Phantom(Volume(fine, fine_grid), Volume(image, grid), tuple(_draw(roi, grid) for roi in rois))
 
 
-def _apply(paint: Paint, slab: np.ndarray, axes, spacing) -> None:
+def _apply(paint: PaintedShape, slab: np.ndarray, axes, spacing) -> None:
     box = window(paint.shape, axes, spacing)
     part = slab[box]
     if part.size == 0:
@@ -103,7 +103,7 @@ def rois(layout: dict, grid: Grid, seed: Stream, pose: Pose = IN_PLACE) -> tuple
     InputError
         If one covers no voxel by half.
     """
-    return tuple(_draw(replace(roi, shape=_moved(roi.shape, pose)), grid) for roi in parse(layout, seed)[1])
+    return tuple(_draw(replace(roi, shape=_moved(roi.shape, pose)), grid) for roi in parse_layout(layout, seed)[1])
 
 
 def _moved(shape: Ellipsoid, pose: Pose) -> Ellipsoid:
@@ -111,7 +111,7 @@ def _moved(shape: Ellipsoid, pose: Pose) -> Ellipsoid:
     return replace(shape, centre_mm=tuple(centre.tolist()), rotation_deg=shape.rotation_deg + pose.turn_deg)
 
 
-def outlined(layout: dict, grid: Grid, seed: Stream) -> tuple[float, tuple[Roi, ...]]:
+def find_outline(layout: dict, grid: Grid, seed: Stream) -> tuple[float, tuple[Roi, ...]]:
     """What a scan must see of the phantom, found without painting it.
 
     Parameters
@@ -133,7 +133,7 @@ def outlined(layout: dict, grid: Grid, seed: Stream) -> tuple[float, tuple[Roi, 
     InputError
         As `build` does.
     """
-    paints, rois = parse(layout, seed)
+    paints, rois = parse_layout(layout, seed)
     _check_fit(paints, rois, grid)
     reach = max((_reach_mm(paint.shape, grid) for paint in paints if paint.hu > HU_BODY), default=0.0)
     return reach, tuple(_draw(roi, grid) for roi in rois)
@@ -154,7 +154,7 @@ def _reach_mm(shape: Ellipsoid | Tube, grid: Grid) -> float:
     return float(np.max(np.broadcast_to(away, inside.shape), where=inside, initial=0))
 
 
-def _check_fit(paints: list[Paint], rois: list[RoiSpec], grid: Grid) -> None:
+def _check_fit(paints: list[PaintedShape], rois: list[RoiSpec], grid: Grid) -> None:
     half = np.array(grid.extent_mm[::-1]) / 2
     bounds = [np.abs(paint.shape.bounds_mm()).max(axis=0) for paint in paints]
     width, height = 2 * np.max(bounds, axis=0)[:2]
@@ -164,10 +164,10 @@ def _check_fit(paints: list[Paint], rois: list[RoiSpec], grid: Grid) -> None:
     if width > 2 * half[0] + 1e-6 or height > 2 * half[1] + 1e-6:
         raise InputError(
             f"grid: the phantom's body needs {height:.0f} mm along y and {width:.0f} mm along x, but the grid spans "
-            f"{2 * half[1]:.0f} and {2 * half[0]:.0f} mm; {how_to_fit(grid, needed)}, or give larger voxels"
+            f"{2 * half[1]:.0f} and {2 * half[0]:.0f} mm; {suggest_size(grid, needed)}, or give larger voxels"
         )
     if reaches[farthest] > half[2] + 1e-6:
         raise InputError(
             f"grid: ROI {farthest} reaches {reaches[farthest]:.1f} mm from the isocentre along z, but the grid only "
-            f"{half[2]:.1f} mm; {how_to_fit(grid, needed)}, or give thicker slices"
+            f"{half[2]:.1f} mm; {suggest_size(grid, needed)}, or give thicker slices"
         )

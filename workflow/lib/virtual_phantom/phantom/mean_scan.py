@@ -19,9 +19,9 @@ from ..base.geometry import Grid
 from ..base.units import HU_AIR, HU_BODY
 from ..io.volumes import Volume
 from .ct import read_hu
+from .deconvolution import PowerSpectra, measure_spectra
 from .displacement import displacement
 from .masks import GRID_TOLERANCE_MM, open_regions
-from .own_blur import Spectra, spectra
 
 LARGEST_MM = 0.2  # that an object may lie elsewhere: a third of a voxel, which widens an edge of 1.2 mm by a fiftieth
 LEAST_OVERLAP = 0.8  # Dice of a scan's region and that of most: drawn on other slices or sides, it is far below
@@ -61,7 +61,7 @@ class MeanScan:
         A row per scan: scan, x_mm, y_mm, z_mm and turn_deg against the first, largest_mm.
     noise_hu : float
         SD of one scan's voxels between scans, in the regions.
-    spectra : Spectra
+    spectra : PowerSpectra
         Power of the mean and of the noise in it, in the box around the regions.
     """
 
@@ -69,7 +69,7 @@ class MeanScan:
     labels: np.ndarray
     rows: list[dict]
     noise_hu: float
-    spectra: Spectra
+    spectra: PowerSpectra
 
     @property
     def remaining_hu(self) -> float:
@@ -77,7 +77,7 @@ class MeanScan:
         return self.noise_hu / math.sqrt(len(self.rows))
 
 
-def mean_of(scans: Sequence[ScanFiles], regions: Sequence[int | str], height_mm: float) -> MeanScan:
+def average_scans(scans: Sequence[ScanFiles], regions: Sequence[int | str], height_mm: float) -> MeanScan:
     """Average scans of one object that was not moved.
 
     Parameters
@@ -104,7 +104,7 @@ def mean_of(scans: Sequence[ScanFiles], regions: Sequence[int | str], height_mm:
     part = _part(image, masks, height_mm, first.ct)
     reference = _cut(image, part)
     drawn = np.any(masks, axis=0)[part]
-    body = object_of(reference, drawn)
+    body = object_mask(reference, drawn)
     votes = masks[(slice(None), *part)].astype(np.uint16)
     total, values = reference.array.astype(np.float64), [reference.array[drawn]]
     pairs = len(scans) // 2  # what the scans of a pair differ by is noise alone; an odd one out is in no pair
@@ -126,7 +126,7 @@ def mean_of(scans: Sequence[ScanFiles], regions: Sequence[int | str], height_mm:
     most = 2 * votes > len(scans)
     _check_regions(own, most, regions, scans)
     mean = (total / len(scans)).astype(np.float32)
-    mean = np.where(object_of(Volume(mean, reference.grid), most.any(axis=0)), mean, np.float32(HU_AIR))
+    mean = np.where(object_mask(Volume(mean, reference.grid), most.any(axis=0)), mean, np.float32(HU_AIR))
     labels = np.zeros(mean.shape, np.uint8)
     for number, mask in enumerate(most, start=1):
         labels[mask] = number
@@ -136,10 +136,10 @@ def mean_of(scans: Sequence[ScanFiles], regions: Sequence[int | str], height_mm:
     dense = mean[box] > HU_BODY
     filled = np.where(dense, mean[box], mean[box][dense].mean())  # a surface against air would pass for texture
     in_box = filled, differences[box]
-    return MeanScan(Volume(mean, reference.grid), labels, rows, noise, spectra(*in_box, reference.grid.spacing))
+    return MeanScan(Volume(mean, reference.grid), labels, rows, noise, measure_spectra(*in_box, reference.grid.spacing))
 
 
-def object_of(image: Volume, inside: np.ndarray) -> np.ndarray:
+def object_mask(image: Volume, inside: np.ndarray) -> np.ndarray:
     """The voxels of an object and a rim of air, without the table that it lies on.
 
     Parameters
@@ -197,7 +197,7 @@ def _part(image: Volume, masks: np.ndarray, height_mm: float, source: Path) -> t
     middle = (drawn[0] + drawn[-1] + 1) / 2
     half = min((height_mm / 2 + SPARE_MM) / grid.spacing[0], middle, grid.shape[0] - middle)
     z = slice(math.ceil(middle - half), math.floor(middle + half))
-    body = object_of(_cut(image, (z, slice(None), slice(None))), masks.any(axis=0)[z])
+    body = object_mask(_cut(image, (z, slice(None), slice(None))), masks.any(axis=0)[z])
     edges = [np.flatnonzero(body.any(axis=axes)) for axes in ((0, 2), (0, 1))]
     return z, *(slice(int(edge[0]), int(edge[-1]) + 1) for edge in edges)
 

@@ -9,7 +9,7 @@ import pytest
 from virtual_phantom.base.errors import InputError, lines_of
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.phantom.ct import read_hu
-from virtual_phantom.phantom.plausible import require_plausible
+from virtual_phantom.phantom.plausibility import require_plausible
 
 GRID = Grid((10, 64, 64), (4.0, 6.0, 6.0), (12.0, -150.0, 640.0))
 Z, Y, X = np.meshgrid(*GRID.axes_mm(), indexing="ij")

@@ -35,7 +35,7 @@ SD_OF_FWHM = 1 / math.sqrt(8 * math.log(2))
 
 
 @dataclass(frozen=True)
-class Spectra:
+class PowerSpectra:
     """Power of the mean of scans, and of the noise in it, by spatial frequency.
 
     Attributes
@@ -60,7 +60,7 @@ class Spectra:
         return pd.DataFrame(dict(zip(COLUMNS, (one.ravel() for one in values), strict=True)))
 
     @classmethod
-    def of_table(cls, table: pd.DataFrame) -> Spectra:
+    def from_table(cls, table: pd.DataFrame) -> PowerSpectra:
         """What `table` wrote."""
         most = tuple(
             float(table[name].max()) * size / (size - 0.5) for name, size in zip(COLUMNS[:2], SHAPE, strict=True)
@@ -73,7 +73,7 @@ class Spectra:
         return np.where(share < LEAST_SIGNAL, 0.0, share)
 
 
-def spectra(mean: np.ndarray, noise: np.ndarray, spacing: Sequence[float]) -> Spectra:
+def measure_spectra(mean: np.ndarray, noise: np.ndarray, spacing: Sequence[float]) -> PowerSpectra:
     """Power of an image and of its noise, in a part that lies within the object.
 
     Parameters
@@ -85,7 +85,7 @@ def spectra(mean: np.ndarray, noise: np.ndarray, spacing: Sequence[float]) -> Sp
 
     Returns
     -------
-    Spectra
+    PowerSpectra
         Each bin a mean over its frequencies.
     """
     most = 0.5 * math.hypot(1 / spacing[1], 1 / spacing[2]), 0.5 / spacing[0]
@@ -102,7 +102,7 @@ def spectra(mean: np.ndarray, noise: np.ndarray, spacing: Sequence[float]) -> Sp
         power = np.abs(fft.rfftn(centred)) ** 2 * math.prod(spacing) / (window**2).sum()
         total = np.bincount(places, power.ravel(), minlength=count.size)
         powers.append(np.divide(total, count, out=np.zeros(count.size), where=count > 0).reshape(SHAPE))
-    return Spectra(most, *powers)
+    return PowerSpectra(most, *powers)
 
 
 def _frequencies(shape: Sequence[int], spacing: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -119,7 +119,7 @@ def _bins(shape: Sequence[int], spacing: Sequence[float], most: tuple[float, flo
     return (in_plane * ALONG + along).ravel()
 
 
-def without_own_blur(image: Volume, blur_mm: Sequence[float], measured: Spectra) -> Volume:
+def deconvolve(image: Volume, blur_mm: Sequence[float], measured: PowerSpectra) -> Volume:
     """The image before a Gaussian blur, as far as it shows more object than noise.
 
     Parameters
@@ -157,12 +157,12 @@ def without_own_blur(image: Volume, blur_mm: Sequence[float], measured: Spectra)
     return Volume(np.ascontiguousarray(restored, dtype=np.float32), image.grid)
 
 
-def with_voxels(
+def add_voxel_blur(
     blur_mm: Sequence[float], own: Sequence[float], fine: Sequence[float], aligned: bool = False
 ) -> tuple[float, float, float]:
     """A blur with what voxels add to it, on the way from an image to line integrals of a phantom made of it.
 
-    Variances add. `ct.load` interpolates between the image's voxels (a triangle: a sixth of a voxel's square) and takes
+    Variances add. `ct.load_phantom` interpolates between the image's voxels (a triangle: a sixth of a voxel's square) and takes
     means of points in the phantom's where these are larger (a box: up to a twelfth). The projector interpolates between
     the phantom's voxels, along z and across the ray [2]_. For a structure in the plane that counts by the square of the
     cosine of its angle to the nearer axis: in the mean over directions 1/2 + 1/pi.
@@ -195,7 +195,7 @@ def with_voxels(
     return tuple(found)
 
 
-def within_object(image: Volume, mean: Volume) -> Volume:
+def keep_air(image: Volume, mean: Volume) -> Volume:
     """The image where the mean is no air, and air where it is or where it would be less than that."""
     kept = np.maximum(image.array, np.float32(HU_AIR))
     return Volume(np.where(mean.array <= HU_AIR, np.float32(HU_AIR), kept), image.grid)

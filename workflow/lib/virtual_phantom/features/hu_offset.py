@@ -10,7 +10,7 @@ from ..base.errors import InputError
 STORED_OFFSET_HU = 1024  # of the published tables over HU: their scans store HU + 1024
 
 
-def to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> pd.DataFrame:
+def convert_to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> pd.DataFrame:
     """First-order features in HU instead of stored values.
 
     Means and quantiles shift; energy is N (variance + mean^2), the mean now in HU and N the stored energy over the

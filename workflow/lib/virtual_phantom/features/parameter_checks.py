@@ -30,7 +30,7 @@ FILTER = {
 MOST_BINS = 2000
 
 
-def refused(content: Mapping, flat: bool) -> Iterator[str]:
+def unsupported(content: Mapping, flat: bool) -> Iterator[str]:
     """A line for each key that pyradiomics accepts and that cannot be done.
 
     Parameters
@@ -73,7 +73,7 @@ def refused(content: Mapping, flat: bool) -> Iterator[str]:
         yield "voxelSetting is of feature maps, which are not made here; take it out"
 
 
-def idle(content: Mapping) -> Iterator[str]:
+def without_effect(content: Mapping) -> Iterator[str]:
     """Each setting that a file states though it changes no value, with the reason.
 
     Parameters

@@ -10,7 +10,7 @@ from ..base.geometry import Grid
 ROUNDING = 1e-6  # of a voxel
 
 
-def least_shape(grid: Grid, needed_mm: Sequence[float]) -> list[int]:
+def minimum_shape(grid: Grid, needed_mm: Sequence[float]) -> list[int]:
     """The fewest voxels (z, y, x) of this size that span lengths (z, y, x), mm; never fewer than there are."""
     return [
         max(n, math.ceil(length / wide - ROUNDING))
@@ -18,7 +18,7 @@ def least_shape(grid: Grid, needed_mm: Sequence[float]) -> list[int]:
     ]
 
 
-def how_to_fit(grid: Grid, needed_mm: Sequence[float], object_mm: Sequence[float] | None = None) -> str:
+def suggest_size(grid: Grid, needed_mm: Sequence[float], object_mm: Sequence[float] | None = None) -> str:
     """What to set so that the grid spans some lengths.
 
     Parameters
@@ -46,7 +46,7 @@ def how_to_fit(grid: Grid, needed_mm: Sequence[float], object_mm: Sequence[float
         fits = all(has >= length - ROUNDING for has, length in zip(turned.extent_mm, needed_mm, strict=True))
         if fits and turned != Grid(shape, spacing):
             right[keys] = turned
-    enough = least_shape(grid, needed_mm)
+    enough = minimum_shape(grid, needed_mm)
     if right:
         target = object_mm or needed_mm
 

@@ -117,7 +117,7 @@ def require_plausible(array: np.ndarray, grid: Grid, source: object, not_checked
         raise InputErrors(lines)
 
 
-def known_checks(names: Collection[str]) -> None:
+def require_known_checks(names: Collection[str]) -> None:
     """Refuse names of checks that there are not, as given by the option --not-checked."""
     if wrong := [one for one in names if one not in CHECKS]:
         raise InputError(f"--not-checked: there is no check '{wrong[0]}'; {meant(wrong[0], CHECKS)}")
