@@ -108,7 +108,7 @@ def test_selecting_takes_the_first_seeds():
         (lambda: tables.merge_tables([TABLES[0], TABLES[1].iloc[:1]]), "ROI cyst_1 is not in every image"),
         (
             lambda: tables.select(tables.merge_tables(TABLES), protocols=["fbp_150"], noise=["low"], seeds=4),
-            "3 seeds for protocol fbp_150, noise low; 4 are asked for",
+            "3 seeds for protocol fbp_150, noise low; 4 are needed",
         ),
         (
             lambda: tables.select(tables.merge_tables(TABLES), protocols=["mlem"], noise=["low"], seeds=1),

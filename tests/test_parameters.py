@@ -106,15 +106,15 @@ def test_settings_of_a_filter_concern_its_features_alone(tmp_path):
         ({"imageType": {"LoG": {"sigma": [3, 900]}}}, "imageType LoG: sigma 900 mm gives no features"),
         (
             {"imageType": {"Original": {"normalize": True}}},
-            "imageType.Original.normalize is passed over by",
+            "imageType.Original.normalize is ignored by",
         ),
-        ({"imageType": {"Wavelet": {"label": 2}}}, "imageType.Wavelet.label is passed over by pyradiomics"),
+        ({"imageType": {"Wavelet": {"label": 2}}}, "imageType.Wavelet.label is ignored by pyradiomics"),
         ({"setting": {"binWidth": "5"}}, "setting.binWidth: '5' is text to YAML; write a number"),
         ("setting: {voxelArrayShift: 1, binWidth: 1e1}", "setting.binWidth: '1e1' is text to YAML"),
         ("setting: {binWidth: .inf}", "setting.binWidth is inf; give a finite number"),
         ({"setting": {"resampledPixelSpacing": [1, 1]}}, "setting.resampledPixelSpacing has 2 entries; give 3"),
         ({"setting": {"resegmentRange": [1, 2, 3]}}, "setting.resegmentRange has 3 entries; give the lower"),
-        ({"setting": {"resegmentRange": [50], "resegmentMode": "relative"}}, "setting.resegmentRange holds shares"),
+        ({"setting": {"resegmentRange": [50], "resegmentMode": "relative"}}, "setting.resegmentRange holds fractions"),
         (
             {"setting": {"binCount": 100000}},
             "setting.binCount is 100000, which needs too much memory; give",
@@ -126,7 +126,7 @@ def test_settings_of_a_filter_concern_its_features_alone(tmp_path):
             "line 2: cannot be read as YAML (found character '\\t' that cannot start",
         ),
         ("setting: {binWidth: 5, binWidth: 6}", "setting.binWidth is there twice, in lines 1 and 1"),
-        ({"voxelSetting": {"kernelRadius": 2}}, "voxelSetting is of feature maps"),
+        ({"voxelSetting": {"kernelRadius": 2}}, "voxelSetting is for feature maps"),
         ({"settings": {"binWidth": 10}}, "Key 'settings' was not defined"),
         ("setting: [", "cannot be read as YAML"),
         ("", "is empty; give a parameter file of pyradiomics under features.parameters"),
@@ -144,9 +144,7 @@ def test_a_region_that_pyradiomics_refuses_is_named(tmp_path):
     image = np.random.default_rng(3).normal(0, 50, (12, 12, 12))
     mask = np.zeros(image.shape, bool)
     mask[3:9, 3:9, 3:9] = True
-    with pytest.raises(
-        InputError, match="scan 7: ROI spot: pyradiomics, as .*parameters.yaml sets it: Size of the ROI"
-    ):
+    with pytest.raises(InputError, match="scan 7: ROI spot: pyradiomics fails with .*parameters.yaml: Size of the ROI"):
         extraction.extract(Volume(image, Grid(image.shape, (2.0, 2.0, 2.0))), {"spot": mask}, "scan 7", parameters)
 
 
@@ -189,7 +187,7 @@ def test_settings_that_change_nothing_are_noted_and_change_nothing(tmp_path, con
     with caplog.at_level(logging.WARNING):
         parameters = read_parameters(path)
     (note,) = [record.getMessage() for record in caplog.records]
-    assert note.startswith(f"{path}: these settings change nothing: {line}")
+    assert note.startswith(f"{path}: these settings have no effect: {line}")
     (plain := tmp_path / "plain").mkdir()
     alone = read_parameters(written(plain, {"featureClass": content["featureClass"]}))
     found, same = (extraction.extract(*spot(), "i", one)[list(alone.features)] for one in (parameters, alone))

@@ -107,7 +107,7 @@ def test_lungs_and_what_is_in_them_are_body_and_arms_are_not():
     body = find_body(Volume(hu.astype(np.float32), GRID))
     assert body.blocks == (1, 1, 1)
     np.testing.assert_array_equal(body.mask, ellipse(165, 110))
-    np.testing.assert_array_equal(body.apart, arms & ~ellipse(165, 110))
+    np.testing.assert_array_equal(body.detached, arms & ~ellipse(165, 110))
 
 
 def test_fine_voxels_give_the_same_outline_as_coarse_ones():

@@ -149,12 +149,12 @@ def test_scans_that_cannot_be_averaged_are_refused(tmp_path, wrong):
     if wrong == "one":
         scans = scans[:1]
     said = {
-        "moved": r"813/ct: the object lies up to 1\.\d mm from where it lies in .*811/ct",
-        "region": r"813/seg.dcm: region cyst2 lies elsewhere than in most of the scans",
+        "moved": r"813/ct: the object is displaced by up to 1\.\d mm relative to .*811/ct",
+        "region": r"813/seg.dcm: region cyst2 differs from most of the scans in position",
         "name": r"811/seg.dcm: .*there are: .*cyst1",
-        "grid": r"813/ct: is on another grid .* leave it out",
+        "grid": r"813/ct: is on another grid .* exclude it",
         "one": r"811/ct: is one scan",
-        "empty": r"the regions lie in nothing that is denser",
+        "empty": r"the regions lie in no object that is denser",
     }[wrong]
     if wrong == "empty":
         scans = write(tmp_path / "b", image_of=lambda _: Volume(np.full(GRID.shape, -1000, np.float32), GRID))

@@ -222,7 +222,7 @@ def test_a_second_run_into_the_same_file_is_refused(table, written):
     """pyradiomics appends to what --out names."""
     folder = table()
     (folder / "t.csv").write_text(written["same"] + written["same"])
-    refused(folder, "t.csv: row 14 repeats the names of the columns")
+    refused(folder, "t.csv: row 14 repeats the column names")
 
 
 def test_conditions_may_have_settings_of_their_own(table):

@@ -1,4 +1,4 @@
-"""What a grid must be to hold a body, said in the order in which the configuration wants it: z, y, x."""
+"""Advice on the size of a grid that is too small for the body, in the order z, y, x of the configuration."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 from ..base.geometry import Grid
 
-ROUNDING = 1e-6  # of a voxel
+ROUNDING = 1e-6  # tolerance, in voxels
 
 
 def minimum_shape(grid: Grid, needed_mm: Sequence[float]) -> list[int]:
-    """The fewest voxels (z, y, x) of this size that span lengths (z, y, x), mm; never fewer than there are."""
+    """Return the shape, at least that of the grid, that spans lengths (z, y, x) in mm."""
     return [
         max(n, math.ceil(length / wide - ROUNDING))
         for n, wide, length in zip(grid.shape, grid.spacing, needed_mm, strict=True)
@@ -19,45 +19,38 @@ def minimum_shape(grid: Grid, needed_mm: Sequence[float]) -> list[int]:
 
 
 def suggest_size(grid: Grid, needed_mm: Sequence[float], object_mm: Sequence[float] | None = None) -> str:
-    """What to set so that the grid spans some lengths.
+    """Suggest settings with which the grid spans the lengths needed (z, y, x), mm.
+
+    If the grid fits with an entry in reverse order, and is then closer to the object size than with more voxels, the
+    order is reported as wrong. Otherwise the needed shape is suggested.
 
     Parameters
     ----------
-    grid : Grid
-        That does not.
-    needed_mm : sequence of 3 float
-        Lengths (z, y, x), mm.
     object_mm : sequence of 3 float, optional
-        How large the object is, mm (z, y, x), where it may be longer than what is needed.
-
-    Returns
-    -------
-    str
-        That the order of an entry is wrong, if the other way round it would do, and lie nearer to the object than with
-        the voxels that are missing; else the shape that is needed.
+        Size of the object (z, y, x), mm, if larger than needed.
     """
     shape, spacing = list(grid.shape), list(grid.spacing)
-    right = {}
-    for keys, turned in (
+    reversals = {}
+    for keys, reverse in (
         (("grid.shape",), Grid(shape[::-1], spacing)),
         (("grid.spacing_mm",), Grid(shape, spacing[::-1])),
         (("grid.shape", "grid.spacing_mm"), Grid(shape[::-1], spacing[::-1])),
     ):
-        fits = all(has >= length - ROUNDING for has, length in zip(turned.extent_mm, needed_mm, strict=True))
-        if fits and turned != Grid(shape, spacing):
-            right[keys] = turned
+        fits = all(has >= length - ROUNDING for has, length in zip(reverse.extent_mm, needed_mm, strict=True))
+        if fits and reverse != Grid(shape, spacing):
+            reversals[keys] = reverse
     enough = minimum_shape(grid, needed_mm)
-    if right:
+    if reversals:
         target = object_mm or needed_mm
 
-        def off(one: Grid) -> float:
-            return sum(abs(math.log(has / of)) for has, of in zip(one.extent_mm, target, strict=True))
+        def misfit(candidate: Grid) -> float:
+            return sum(abs(math.log(has / length)) for has, length in zip(candidate.extent_mm, target, strict=True))
 
-        keys = min(right, key=lambda keys: off(right[keys]))
-        # A body a little too wide fits by chance if voxels of nearly one size are turned.
-        if off(Grid(enough, spacing)) <= off(right[keys]):
-            right = {}
-    if right:
-        said = {"grid.shape": (shape, shape[::-1]), "grid.spacing_mm": (spacing, spacing[::-1])}
-        return " and ".join(f"{key} {said[key][0]} looks like x, y, z; write z, y, x: {said[key][1]}" for key in keys)
+        keys = min(reversals, key=lambda keys: misfit(reversals[keys]))
+        # With nearly cubic voxels, a body that is slightly too wide may fit the reversed grid by chance.
+        if misfit(Grid(enough, spacing)) > misfit(reversals[keys]):
+            values = {"grid.shape": shape, "grid.spacing_mm": spacing}
+            return " and ".join(
+                f"{key} {values[key]} looks like x, y, z; write z, y, x: {values[key][::-1]}" for key in keys
+            )
     return f"set grid.shape to at least {enough} (z, y, x) at this grid.spacing_mm"

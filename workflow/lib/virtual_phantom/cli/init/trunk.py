@@ -89,7 +89,7 @@ def widened(box: Sequence[Sequence[float]], regions: Sequence[Region]) -> list[l
 
 def _with_regions(body: Body, regions: Sequence[Region]) -> Body:
     """The same body; where the regions lie mostly in a piece apart, as in a hand, with that piece."""
-    pieces, count = label(body.apart)
+    pieces, count = label(body.detached)
     if not count or not regions:
         return body
     votes = np.zeros(count + 1, np.int64)
