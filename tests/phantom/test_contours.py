@@ -50,7 +50,7 @@ def written(tmp_path):
         (
             [circle(12, Z[6], x=-8), circle(12, Z[6], x=9)],
             disc(12, -8) | disc(12, 9),
-            "1 contour of it overlaps another one in part",
+            "1 contour of it overlaps another contour partly",
         ),
         ([circle(8, Z[6], x=-20), circle(8, Z[6], x=20)], disc(8, -20) | disc(8, 20), None),
         ([(OUTER, INTERPOLATED)], disc(20), None),
@@ -86,18 +86,18 @@ def test_voxels_on_the_outline_belong_to_the_region_whatever_decimals_round():
 @pytest.mark.parametrize(
     ("item", "remark"),
     [
-        (contour([[0, 0, Z[6]]], "POINT"), "1 contour of type POINT, which encloses no area, is passed over"),
-        (contour(OUTER[:40], "OPEN_PLANAR"), "1 contour of type OPEN_PLANAR, which encloses no area, is passed over"),
+        (contour([[0, 0, Z[6]]], "POINT"), "1 contour of type POINT, which encloses no area, is skipped"),
+        (contour(OUTER[:40], "OPEN_PLANAR"), "1 contour of type OPEN_PLANAR, which encloses no area, is skipped"),
         (
             contour(OUTER[:40] + [0, 0, 40], "OPEN_NONPLANAR"),
             "1 contour of type OPEN_NONPLANAR, which encloses no area",
         ),
-        (contour(OUTER, "CLOSED_CURVE"), "1 contour of the unknown type CLOSED_CURVE is passed over"),
-        (contour(OUTER[:2]), "1 contour of fewer than 3 points, which encloses no area, is passed over"),
-        (contour([], NumberOfContourPoints=None), "1 contour without points is passed over"),
-        (contour([], ContourData=None, NumberOfContourPoints=0), "1 contour without points is passed over"),
-        (contour(circle(15, Z[6] + 1.5)), "1 contour between slices of the CT is passed over"),
-        (contour(circle(15, Z[6] + 0.6)), "1 contour between slices of the CT is passed over"),
+        (contour(OUTER, "CLOSED_CURVE"), "1 contour of the unknown type CLOSED_CURVE is skipped"),
+        (contour(OUTER[:2]), "1 contour of fewer than 3 points, which encloses no area, is skipped"),
+        (contour([], NumberOfContourPoints=None), "1 contour without points is skipped"),
+        (contour([], ContourData=None, NumberOfContourPoints=0), "1 contour without points is skipped"),
+        (contour(circle(15, Z[6] + 1.5)), "1 contour between slices of the CT is skipped"),
+        (contour(circle(15, Z[6] + 0.6)), "1 contour between slices of the CT is skipped"),
     ],
 )
 def test_a_contour_that_is_passed_over_is_named_with_the_reason(item, remark, written, caplog):

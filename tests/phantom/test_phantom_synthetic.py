@@ -262,7 +262,7 @@ def refuse(layout, match, grid=SMALL_GRID):
         (("rois", 0, "margin_mm"), "wide", "rois: plain"),
         (("rois", 0, "size"), 3, "rois: plain: unknown key size"),
         (("rois",), [], "at least one shape and one ROI"),
-        (("rois", 0, "centre_mm"), [0, 0, 12], "ROI plain reaches 22.0 mm from the isocentre along z"),
+        (("rois", 0, "centre_mm"), [0, 0, 12], "ROI plain reaches 22.0 mm from the isocenter along z"),
     ],
 )
 def test_bad_layout_is_one_line(small, path, value, match):

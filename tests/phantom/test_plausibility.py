@@ -120,7 +120,7 @@ WRONG = {
     "a picture": (
         lambda: np.rint(255 * np.clip((chest() + 160) / 400, 0, 1)),
         "hu",
-        "perhaps grey values of a picture",
+        "perhaps gray values of a picture",
     ),
     "sign lost": (lambda: chest() % 65536, "hu", "subtract 65536 from values above 32767"),
     "inverted": (lambda: -chest(), "hu", "the values are inverted; multiply by -1"),

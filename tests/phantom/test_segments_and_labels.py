@@ -112,7 +112,7 @@ def test_frames_of_no_segment_and_repeated_frames_are_reported(slices, tmp_path,
 
     regions = open_regions(changed(path, change), CT_GRID)
     assert regions.mask("bright").any() and regions.mask("dark").sum() < ball("dark").sum()
-    assert "1 frame of no segment (number 9) passed over" in caplog.text
+    assert "1 frame of no segment (number 9) skipped" in caplog.text
     assert "segment 1 (bright): 1 frame at the position of another frame of it" in caplog.text
 
 
@@ -129,7 +129,7 @@ def test_frames_of_no_segment_and_repeated_frames_are_reported(slices, tmp_path,
         ((LABELS == 1) * np.float32(1 / 255), 1, "has the two values 0 and 0.00392157; it is read as a mask, label 1"),
         ((LABELS == 1) * np.float32(0.3), None, "has the two values 0 and 0.3"),
         ((LABELS == 1) * np.int8(-1), 1, "has the two values 0 and -1"),
-        (np.where(LABELS == 1, 1, -1).astype(np.int16), 1, "labels below 0 are no regions and are passed over: -1"),
+        (np.where(LABELS == 1, 1, -1).astype(np.int16), 1, "labels below 0 are skipped: -1"),
         ((LABELS == 1) * np.int64(3_000_000_000), 3_000_000_000, None),
         ((LABELS == 1) * np.float64(70_000) + (LABELS == 2) * 5, 70_000, None),
     ],

@@ -57,8 +57,8 @@ def load_phantom(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     Raises
     ------
     InputError
-        If the image, a region or a setting is unusable; if an ROI is empty on the grid or loses more than LARGEST_LOSS
-        of its volume to keep_mm or the border of the grid; or if the body does not fit the grid in-plane.
+        If the image, a region or a setting is unusable, or the body does not fit the grid in-plane. Also if an ROI is
+        empty on the grid, or loses more than LARGEST_LOSS of its volume to keep_mm or the border of the grid.
     """
     validate(settings, schema_of("phantom", "ct"), "phantom: ct")
     entries = read_roi_entries(settings["rois"], settings.get("labels"))

@@ -54,7 +54,7 @@ class MeanScan:
     noise_hu : float
         SD between scans in the regions, of a single scan.
     spectra : PowerSpectra
-        Of the mean and of its noise, in the bounding box of the regions.
+        Power of the mean and of its noise, in the bounding box of the regions.
     """
 
     image: Volume

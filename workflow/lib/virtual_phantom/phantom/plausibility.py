@@ -1,7 +1,7 @@
-"""Whether an image can be a CT in HU and in mm: its CT numbers, its value range, its lengths.
+"""Check that an image can be a CT in HU and in mm, by its CT numbers, value range and lengths.
 
-NIfTI does not state what voxel values mean, and rarely the unit of length. A rescale gets lost easily. The checks
-refuse what no CT shows. Each has a name under which a user can switch it off (`not_checked`).
+NIfTI files do not state the unit of voxel values, and rarely the unit of length. Each check can be disabled by name
+(`not_checked`).
 """
 
 from __future__ import annotations
@@ -17,60 +17,68 @@ from ..base.geometry import Grid
 from ..base.units import HU_AIR, HU_BODY
 
 HU, WINDOW, SIZE = CHECKS = ("hu", "window", "size")
-MOST_VOXELS = 2_000_000  # of a large image every n-th voxel along each axis is looked at
+MOST_VOXELS = 2_000_000  # of larger images, every n-th voxel along each axis is used
 
-# Attenuation per mm or cm, z-scores and images scaled to 1 are within it; a CT has air, fat or noise beyond it.
+# Attenuation per mm or cm, z-scores and images scaled to 1 are within this value; a CT has air, fat or noise beyond.
 LARGEST_NORMALIZED = 10.0
-TAILS = (0.1, 99.9)  # percentiles that are taken as the range: a few voxels of metal in mu or z-scores do not hide it
-BELOW_AIR_HU = -1100.0  # the noise of air rarely goes lower in numbers: padding outside the scanned circle
-PADDING = 0.01  # share of voxels with the lowest value, below air: padding rather than noise
-AIR_HU = (-1150.0, -850.0)  # air outside the body: beam hardening and scatter of cone-beam CT move it by up to 100 HU
-SOME_AIR = 0.01  # share of voxels there that counts as air
-# Water and soft tissue stored as HU + 1000 or HU + 1024 lie here; few voxels in HU do (dense bone, PTFE).
+TAILS = (0.1, 99.9)  # percentiles used as the range, so that a few voxels of metal do not matter
+BELOW_AIR_HU = -1100.0  # air with noise is rarely lower; padding outside the scanned circle is
+PADDING = 0.01  # more voxels than this fraction with the lowest value, below air: padding
+AIR_HU = (-1150.0, -850.0)  # air outside the body: beam hardening and scatter of cone-beam CT shift it by up to 100 HU
+SOME_AIR = 0.01  # least fraction of voxels in AIR_HU of an image with air
+# Water and soft tissue stored as HU + 1000 or HU + 1024; in HU only dense bone and PTFE.
 OFFSET_TISSUE = (900.0, 1300.0)
-MOST_DENSE = 0.1  # share of voxels there, in an image without air
-LARGEST_LABEL = 255  # of 8 bits. Whole numbers up to it without noise are labels: a CT has air at -1000
-# SD that the lower of two levels is away from 0 if normal noise, in 1e4 voxels and more, leaves no value below 0. The
-# median of Rayleigh noise, of magnitudes, is 1.8 SD from 0.
+MOST_DENSE = 0.1  # largest fraction of voxels in OFFSET_TISSUE of an image without air
+LARGEST_LABEL = 255  # 8 bits. Whole numbers up to this value without noise are labels: a CT has air at -1000
+# Distance of the lower level from 0, in SDs, with which normal noise in 1e4 voxels has no value below 0. The median of
+# Rayleigh noise (of magnitudes) is 1.8 SD.
 NORMAL_NOISE = 3.0
-DENSEST_LEVEL_HU = 1400.0  # of many voxels: cortical bone and PTFE are less dense; metal is in few
-LEAST_DENSE = 0.0005  # share of voxels: a mouse in a field of view of 500 mm has 0.003
-CONTRAST_HU = (700.0, 1400.0)  # of a body over the air around it; water over air is 1000, bone and contrast agents more
-FAINT_HU = 90.0  # contrast of two clearly separate levels: less than fat under muscle (150), so the scale is another
-FAT_HU, ALL_AROUND = 130.0, 0.98  # as little, where the lower level surrounds everything as air does, not fat
-LOWEST_AIR_HU = -1500.0  # of two separate levels the lower, padding aside; noise does not move a median
-HIGHEST_SOFT_HU = 400.0  # of most voxels in an image without air, such as a part of an organ
-SEPARATE = 0.9  # share of the variance that two levels explain. Of one normal distribution 0.64, of air and water 0.98
+DENSEST_LEVEL_HU = 1400.0  # largest level of many voxels: cortical bone and PTFE are less dense, metal is in few voxels
+LEAST_DENSE = 0.0005  # least fraction of voxels of the body: a mouse in a field of view of 500 mm has 0.003
+CONTRAST_HU = (700.0, 1400.0)  # contrast of the body to air: 1000 for water, more for bone and contrast agents
+FAINT_HU = 90.0  # contrast of two separate levels below that of fat and muscle (150): the scale is wrong
+FAT_HU, ALL_AROUND = (
+    130.0,
+    0.98,
+)  # the same, if the lower level surrounds this fraction of the image as air does, not fat
+LOWEST_AIR_HU = -1500.0  # lower of two separate levels, without padding; noise does not shift a median
+HIGHEST_SOFT_HU = 400.0  # median of an image without air, such as a part of an organ
+SEPARATE = (
+    0.9  # fraction of the variance that two levels explain: 0.64 for one normal distribution, 0.98 for air and water
+)
 
-SPIKE = 5.0  # times as many voxels have the value at an end as have a value near it: clipped. Without clipping below 1
-SPIKE_NEAR, MASKED_NEAR = 10.0, 3.0  # values up to here from an end, or from the most frequent one, are near it
-CLIPPED_LOW = 0.01  # share of voxels at the lowest value
-CLIPPED_HIGH = 0.002  # share of the body's voxels at the highest value: cortical bone has 1 to 5 %, metal less
+SPIKE = 5.0  # ratio of voxels at the end of the range to voxels near it, if clipped; below 1 without clipping
+SPIKE_NEAR, MASKED_NEAR = (
+    10.0,
+    3.0,
+)  # distance of values that are near the end of the range, or near the most frequent value
+CLIPPED_LOW = 0.01  # least fraction of voxels at the lowest value, if clipped
+CLIPPED_HIGH = 0.002  # same for the body at the highest value: cortical bone has 1 to 5 %, metal less
 HIGHEST_CLIP_HU = 1900.0  # ranges of scanners end at 1976 HU (12 bits with 1000 above water), 3071 or higher
-MASKED = 0.1  # share of voxels with one and the same value in an image with noise: what is outside was set to it
-NOISE_FREE = 0.6  # share of neighbours that are equal: a drawn phantom, whose values say nothing about clipping
+MASKED = 0.1  # fraction of voxels with the same value in an image with noise: the outside was set to it
+NOISE_FREE = 0.6  # fraction of equal neighbors in a drawn phantom, for which clipping is not checked
 LOWEST_TISSUE_HU = -130.0  # fat
 
-# A body narrower than 60 mm in an image narrower than 100 mm is more likely a patient in cm: 600 mm is the widest body
-# in a scanner's bore (700 to 800 mm with its table), and no field of view is wider than 1000 mm. A crop within
-# the body is left alone: in cm it would be half a metre of tissue.
+# A body narrower than 60 mm in an image narrower than 100 mm is probably a patient in cm. The widest body in the bore
+# of a scanner (700 to 800 mm with its table) is 600 mm, and no field of view is wider than 1000 mm. A crop within the
+# body is accepted: in cm it would be half a meter of tissue.
 NARROWEST_BODY_MM, NARROWEST_VIEW_MM = 60.0, 100.0
-WIDEST_MM = 1500.0  # in-plane: the bore of any scanner, and some air that was added around
-VOXEL_MM = (0.01, 20.0)  # micro-CT to thick slices; the least is a hundred times a micrometre
+WIDEST_MM = 1500.0  # in-plane: wider than any bore with some added air
+VOXEL_MM = (0.01, 20.0)  # from micro-CT to thick slices
 
 
 @dataclass(frozen=True)
 class _Values:
-    """Voxels to look at: padding left out, and what the rest looks like.
+    """Sampled voxels of an image.
 
     Attributes
     ----------
     array : ndarray, shape (z, y, x)
         Every n-th voxel.
     lowest, highest : float
-        Of the whole image.
+        Range of the whole image.
     values : ndarray, shape (n,)
-        Without padding.
+        Values of `array` without padding.
     """
 
     array: np.ndarray
@@ -80,19 +88,17 @@ class _Values:
     noise_free: bool
 
     def share(self, low: float, high: float) -> float:
-        """Return the share of all voxels between two values."""
+        """Return the fraction of all voxels between two values."""
         return float(np.count_nonzero((self.values > low) & (self.values < high)) / self.array.size)
 
 
 def require_plausible(array: np.ndarray, grid: Grid, source: object, not_checked: Collection[str] = ()) -> None:
-    """Refuse an image that cannot be a CT in HU and mm.
+    """Check that an image of finite values [z, y, x] can be a CT in HU and mm.
 
     Parameters
     ----------
-    array : ndarray, shape (z, y, x)
-        Finite values.
     source : object
-        The file, which lines begin with.
+        Start of messages.
     not_checked : collection of str, optional
         Members of CHECKS that are skipped.
 
@@ -101,10 +107,10 @@ def require_plausible(array: np.ndarray, grid: Grid, source: object, not_checked
     InputErrors
         A line for each check that fails.
     """
-    seen = _values(array)
+    image = _values(array)
     found = {
-        HU: [line for line in (_without_hu(seen) or _shifted(seen),) if line],
-        WINDOW: [*_range(seen)],
+        HU: [line for line in (_without_hu(image) or _shifted(image),) if line],
+        WINDOW: [*_range(image)],
         SIZE: [*_lengths(array, grid)],
     }
     lines = [
@@ -118,20 +124,20 @@ def require_plausible(array: np.ndarray, grid: Grid, source: object, not_checked
 
 
 def require_known_checks(names: Collection[str]) -> None:
-    """Refuse names of checks that there are not, as given by the option --not-checked."""
-    if wrong := [one for one in names if one not in CHECKS]:
+    """Check names given by the option --not-checked."""
+    if wrong := [name for name in names if name not in CHECKS]:
         raise InputError(f"--not-checked: there is no check '{wrong[0]}'; {meant(wrong[0], CHECKS)}")
 
 
 def has_air(array: np.ndarray) -> bool:
     """Return whether an image shows air (HU)."""
     low, high = AIR_HU
-    looked_at = _thinned(array)
-    return bool(np.count_nonzero((looked_at > low) & (looked_at < high)) > SOME_AIR * looked_at.size)
+    sampled = _thinned(array)
+    return bool(np.count_nonzero((sampled > low) & (sampled < high)) > SOME_AIR * sampled.size)
 
 
 def note_without_air(array: np.ndarray, source: object) -> None:
-    """Report an image (HU) without air: it ends within the body, and beyond it air is scanned."""
+    """Print a note if an image (HU) has no air, as it was cropped within the body."""
     if not has_air(array):
         note(f"{source}: shows no air (-1000 HU); it is taken as cropped within the body, and what is outside as air")
 
@@ -142,101 +148,100 @@ def _thinned(array: np.ndarray) -> np.ndarray:
 
 
 def _values(array: np.ndarray) -> _Values:
-    looked_at = _thinned(array)
+    sampled = _thinned(array)
     lowest, highest = float(array.min()), float(array.max())
-    rest = looked_at.ravel()
+    rest = sampled.ravel()
     if lowest < BELOW_AIR_HU and np.count_nonzero(rest == lowest) > PADDING * rest.size:
         rest = rest[rest != lowest]
-    return _Values(looked_at, lowest, highest, rest, _is_noise_free(looked_at))
+    return _Values(sampled, lowest, highest, rest, _is_noise_free(sampled))
 
 
 def _is_noise_free(array: np.ndarray) -> bool:
-    """Whether most neighbours are equal, apart from those with the most frequent value or one at an end."""
+    """Return whether most neighbors are equal, without the most frequent, lowest and highest values."""
     values, counts = np.unique(array, return_counts=True)
-    apart = ~np.isin(array, [values[0], values[-1], values[counts.argmax()]])
-    both = apart[..., 1:] & apart[..., :-1]
+    inner = ~np.isin(array, [values[0], values[-1], values[counts.argmax()]])
+    both = inner[..., 1:] & inner[..., :-1]
     if not both.any():
         return len(values) < 100
     return bool((array[..., 1:] == array[..., :-1])[both].mean() > NOISE_FREE)
 
 
-def _without_hu(seen: _Values) -> str | None:
-    """A line about a range that is not that of HU."""
-    if not seen.values.size:
+def _without_hu(image: _Values) -> str | None:
+    """Return a message if the range is not that of HU."""
+    if not image.values.size:
         return None
-    low, high = (float(one) for one in np.percentile(seen.values, TAILS))
-    given = f"values go from {seen.lowest:.3g} to {seen.highest:.3g}, so these are not HU"
-    air, body, explained = _levels(seen.values)
-    if 0 <= seen.lowest and seen.highest <= LARGEST_LABEL and seen.noise_free:
-        values = np.unique(seen.array)
+    low, high = np.percentile(image.values, TAILS).tolist()
+    given = f"values go from {image.lowest:.3g} to {image.highest:.3g}, so these are not HU"
+    air, body, explained = _levels(image.values)
+    if 0 <= image.lowest and image.highest <= LARGEST_LABEL and image.noise_free:
+        values = np.unique(image.array)
         if len(values) == 1:
             return f"has the same value everywhere ({values[0]:g})"
         if (values == np.rint(values)).all():
-            return (
-                f"has {len(values)} different whole numbers up to {seen.highest:g}, as a label map or mask: give the CT"
-            )
+            count = len(values)
+            return f"has {count} different whole numbers up to {image.highest:g}, as a label map or mask: give the CT"
     if max(-low, high) < LARGEST_NORMALIZED:
-        if seen.lowest in (-1, 0) and seen.highest == 1:
-            return f"{given}; they were scaled to {seen.lowest:g} to 1: take the CT before scaling"
+        if image.lowest in (-1, 0) and image.highest == 1:
+            return f"{given}; they were scaled to {image.lowest:g} to 1: take the CT before scaling"
         if -1.15 < air < -0.85 and -0.3 < body < 0.4:
             return f"{given}; perhaps HU / 1000: multiply by 1000"
         if -air > 0.2 * (body - air):  # air in mu is 0
             return f"{given}; perhaps normalized by mean and SD: take the CT before that, or give value * SD + mean"
         return f"{given}; perhaps attenuation mu: give 1000 (mu / mu_water - 1)"
-    if seen.lowest > 0 and explained > SEPARATE and _ends_at_zero(seen, body):
+    if image.lowest > 0 and explained > SEPARATE and _ends_at_zero(image, body):
         return f"{given}; perhaps magnitudes, as of MR, or HU + 1024: take a CT in HU"
-    if seen.lowest < 0 or (seen.lowest > 0 and _is_crop_of_tissue(seen, body, explained)):
+    if image.lowest < 0 or (image.lowest > 0 and _is_crop_of_tissue(image, body, explained)):
         return None
-    if seen.highest <= 255:
-        return f"{given}; perhaps grey values of a picture (8 bits): take the CT itself"
-    if seen.highest > 2**15:
+    if image.highest <= 255:
+        return f"{given}; perhaps gray values of a picture (8 bits): take the CT itself"
+    if image.highest > 2**15:
         return f"{given}; perhaps negative HU stored without a sign: subtract 65536 from values above 32767"
     return "has no value below 0, so these are not HU; perhaps HU + 1024: subtract 1024 first"
 
 
-def _is_crop_of_tissue(seen: _Values, upper: float, explained: float) -> bool:
-    """Whether values above 0 can be HU: soft tissue, and perhaps bone, without air or fat."""
-    soft = float(np.median(seen.values)) < HIGHEST_SOFT_HU
+def _is_crop_of_tissue(image: _Values, upper: float, explained: float) -> bool:
+    """Return whether values above 0 can be HU of soft tissue and bone, without air or fat."""
+    soft = float(np.median(image.values)) < HIGHEST_SOFT_HU
     one_level = explained < SEPARATE
-    return soft and (one_level or (seen.highest > 255 and not _between(upper, OFFSET_TISSUE)))
+    return soft and (one_level or (image.highest > 255 and not _between(upper, OFFSET_TISSUE)))
 
 
-def _ends_at_zero(seen: _Values, upper: float) -> bool:
-    """Whether values in the lower of two levels are all above 0, though normal noise around it would go below."""
-    below = seen.values[seen.values < upper / 2]
-    if not below.size or seen.noise_free:
+def _ends_at_zero(image: _Values, upper: float) -> bool:
+    """Return whether all values of the lower level are above 0 although normal noise would go below."""
+    below = image.values[image.values < upper / 2]
+    if not below.size or image.noise_free:
         return False
     level = float(np.median(below))
     return level < NORMAL_NOISE * 1.4826 * float(np.median(np.abs(below - level)))  # the SD of normal noise by its MAD
 
 
-def _shifted(seen: _Values) -> str | None:
-    """A line about levels that are elsewhere than in HU: of air, and of what is denser."""
-    if not seen.values.size:
+def _shifted(image: _Values) -> str | None:
+    """Return a message if the levels of air or of the body are not those in HU."""
+    if not image.values.size:
         return None
-    padding = seen.array.size - seen.values.size
-    if padding and np.count_nonzero(seen.values > HU_BODY) < LEAST_DENSE * seen.values.size:
+    padding = image.array.size - image.values.size
+    if padding and np.count_nonzero(image.values > HU_BODY) < LEAST_DENSE * image.values.size:
         return (
-            f"apart from {seen.lowest:g} nothing in it is denser than {HU_BODY:g}; perhaps HU - 1000 or HU - 1024: add "
-            "that first"
+            f"apart from {image.lowest:g} nothing in it is denser than {HU_BODY:g}; perhaps HU - 1000 or HU - 1024: "
+            "add that first"
         )
-    air, body, explained = _levels(seen.values)
-    has = seen.share(*AIR_HU) > SOME_AIR and not _is_padding_only(seen)
-    dense = seen.share(*OFFSET_TISSUE)
+    air, body, explained = _levels(image.values)
+    has = image.share(*AIR_HU) > SOME_AIR and not _is_padding_only(image)
+    dense = image.share(*OFFSET_TISSUE)
     if not has and dense > MOST_DENSE:
         given = f"{100 * dense:.0f} % of the voxels are between {OFFSET_TISSUE[0]:g} and {OFFSET_TISSUE[1]:g}"
-        if np.median(_rim(seen.array)) > HU_BODY + 1000:
+        if np.median(_rim(image.array)) > HU_BODY + 1000:
             return f"{given}, and they surround the rest: the values are inverted; multiply by -1"
         return f"{given}: 1000 or 1024 was added to HU; subtract it first"
-    apart = body - air
-    if explained > SEPARATE and CONTRAST_HU[0] < apart < CONTRAST_HU[1] and not _between(air, AIR_HU):
+    contrast = body - air
+    if explained > SEPARATE and CONTRAST_HU[0] < contrast < CONTRAST_HU[1] and not _between(air, AIR_HU):
         # Lungs of a crop without outer air are 100 to 400 HU above air, with vessels in them.
         if air < AIR_HU[0] or (air > -400 and not has):
             shift = air - HU_AIR
-            what = f"subtract {shift:.0f}" if shift > 0 else f"add {-shift:.0f}"
-            return f"the air in it is at about {air:.0f}, not {HU_AIR:g} HU; {what} first"
+            advice = f"subtract {shift:.0f}" if shift > 0 else f"add {-shift:.0f}"
+            return f"the air in it is at about {air:.0f}, not {HU_AIR:g} HU; {advice} first"
     if explained > SEPARATE and not has and body > DENSEST_LEVEL_HU:
-        upper = np.count_nonzero(seen.values > (air + body) / 2) / seen.values.size
+        upper = np.count_nonzero(image.values > (air + body) / 2) / image.values.size
         if upper > MOST_DENSE:
             return (
                 f"{100 * upper:.0f} % of the voxels are near {body:.0f}, denser than bone, and there is no air at "
@@ -244,26 +249,26 @@ def _shifted(seen: _Values) -> str | None:
             )
     if explained > SEPARATE and air < LOWEST_AIR_HU:
         return f"the air in it is at about {air:.0f}, not {HU_AIR:g} HU; correct offset and slope"
-    faint = apart < FAINT_HU or (apart < FAT_HU and np.mean(_rim(seen.array) < (air + body) / 2) > ALL_AROUND)
-    if explained > SEPARATE and 0 < apart and faint and not seen.noise_free:
+    faint = contrast < FAINT_HU or (contrast < FAT_HU and np.mean(_rim(image.array) < (air + body) / 2) > ALL_AROUND)
+    if explained > SEPARATE and 0 < contrast and faint and not image.noise_free:
         return (
             f"most values are near {air:.0f} or {body:.0f}; air and water in HU differ by 1000: perhaps the scale was "
             "lost (RescaleSlope, or mu per m); take the unprocessed CT"
         )
-    rim = _rim(seen.array)
-    rim = rim[rim >= BELOW_AIR_HU] if seen.lowest < BELOW_AIR_HU else rim
+    rim = _rim(image.array)
+    rim = rim[rim >= BELOW_AIR_HU] if image.lowest < BELOW_AIR_HU else rim
     level = float(np.median(rim)) if rim.size else HU_AIR
     if -800 < level < -250 and np.mean(np.abs(rim - level) < 100) > 0.9:
         return f"what surrounds the body is at {level:.0f} HU, where air is {HU_AIR:g}; correct offset and slope"
     return None
 
 
-def _is_padding_only(seen: _Values) -> bool:
-    """Whether what looks like air is one exact value at the low end, and all else, with noise, is far above it."""
+def _is_padding_only(image: _Values) -> bool:
+    """Return whether air is one exact value at the low end, and all other values, with noise, are far above."""
     low, high = AIR_HU
-    there = seen.values[(seen.values > low) & (seen.values < high)]
-    same = there.size and np.count_nonzero(there == seen.lowest) > 0.99 * there.size
-    return bool(same and not seen.noise_free and seen.share(high, HU_BODY) < SOME_AIR)
+    air = image.values[(image.values > low) & (image.values < high)]
+    same = air.size and np.count_nonzero(air == image.lowest) > 0.99 * air.size
+    return bool(same and not image.noise_free and image.share(high, HU_BODY) < SOME_AIR)
 
 
 def _between(value: float, limits: tuple[float, float]) -> bool:
@@ -271,26 +276,26 @@ def _between(value: float, limits: tuple[float, float]) -> bool:
 
 
 def _rim(array: np.ndarray) -> np.ndarray:
-    """Voxels at the border of all slices."""
-    return np.concatenate([one.ravel() for one in (array[:, 0], array[:, -1], array[:, :, 0], array[:, :, -1])])
+    """Return the voxels at the border of all slices."""
+    return np.concatenate([edge.ravel() for edge in (array[:, 0], array[:, -1], array[:, :, 0], array[:, :, -1])])
 
 
 def _levels(values: np.ndarray) -> tuple[float, float, float]:
-    """Split values in two (Otsu, IEEE Trans. Syst. Man Cybern. 9, 62, 1979).
+    """Split values into two classes (Otsu, IEEE Trans. Syst. Man Cybern. 9, 62, 1979).
 
     Returns
     -------
     low, high : float
-        Medians of both parts.
+        Medians of the classes.
     explained : float
-        Share of the variance that the two parts explain.
+        Fraction of the variance between the classes.
     """
     low, high = np.percentile(values, TAILS)
     limited = np.clip(values, low, high)
     counts, edges = np.histogram(limited, 512)
-    centres = (edges[1:] + edges[:-1]) / 2
+    centers = (edges[1:] + edges[:-1]) / 2
     below = np.cumsum(counts)
-    total, moment = below[-1], np.cumsum(counts * centres)
+    total, moment = below[-1], np.cumsum(counts * centers)
     with np.errstate(divide="ignore", invalid="ignore"):
         between = (moment[-1] * below / total - moment) ** 2 / (below * (total - below))
     between = np.where(np.isfinite(between), between, 0)
@@ -302,58 +307,58 @@ def _levels(values: np.ndarray) -> tuple[float, float, float]:
     return float(np.median(limited[lower])), float(np.median(limited[~lower])), float(between[best] / variance)
 
 
-def _range(seen: _Values) -> Iterator[str]:
-    """Lines about values that were clipped, or set to one value outside of the body."""
-    if max(-seen.lowest, seen.highest) < LARGEST_NORMALIZED or not seen.values.size or seen.lowest >= 0:
-        return  # not HU at all, which `_without_hu` reports
-    at_low = np.count_nonzero(seen.array == seen.lowest) / seen.array.size
-    lowest_is_tissue = seen.lowest > AIR_HU[1]
+def _range(image: _Values) -> Iterator[str]:
+    """Yield messages about values that were clipped, or set to one value outside of the body."""
+    if max(-image.lowest, image.highest) < LARGEST_NORMALIZED or not image.values.size or image.lowest >= 0:
+        return  # not HU, which `_without_hu` reports
+    at_low = np.count_nonzero(image.array == image.lowest) / image.array.size
+    lowest_is_tissue = image.lowest > AIR_HU[1]
     if lowest_is_tissue and at_low > CLIPPED_LOW:
-        if (seen.lowest < LOWEST_TISSUE_HU) if seen.noise_free else _spike(seen, seen.lowest, SPIKE_NEAR):
+        if (image.lowest < LOWEST_TISSUE_HU) if image.noise_free else _spike(image, image.lowest, SPIKE_NEAR):
             yield (
-                f"{100 * at_low:.0f} % of the voxels are exactly {seen.lowest:g}, the lowest value: it was clipped to "
+                f"{100 * at_low:.0f} % of the voxels are exactly {image.lowest:g}, the lowest value: it was clipped to "
                 "a display window, and its air is lost; take the unprocessed CT"
             )
             return
-    if seen.noise_free:
+    if image.noise_free:
         return
-    values, counts = np.unique(seen.values, return_counts=True)
+    values, counts = np.unique(image.values, return_counts=True)
     most = float(values[counts.argmax()])
-    share = counts.max() / seen.array.size
-    if most > AIR_HU[1] and share > MASKED and seen.lowest < most < seen.highest and _spike(seen, most, MASKED_NEAR):
+    share = counts.max() / image.array.size
+    if most > AIR_HU[1] and share > MASKED and image.lowest < most < image.highest and _spike(image, most, MASKED_NEAR):
         yield (
             f"{100 * share:.0f} % of the voxels are exactly {most:g}: what is outside of the body was set to it; set "
             f"it to {HU_AIR:g}"
         )
-    body = np.count_nonzero(seen.values > HU_BODY)
-    at_high = np.count_nonzero(seen.values == seen.highest)
+    body = np.count_nonzero(image.values > HU_BODY)
+    at_high = np.count_nonzero(image.values == image.highest)
     if (
-        HU_BODY < seen.highest < HIGHEST_CLIP_HU
+        HU_BODY < image.highest < HIGHEST_CLIP_HU
         and at_high > CLIPPED_HIGH * body
-        and _spike(seen, seen.highest, SPIKE_NEAR)
+        and _spike(image, image.highest, SPIKE_NEAR)
     ):
         yield (
-            f"{100 * at_high / body:.1f} % of the body's voxels are exactly {seen.highest:g}, the highest value: it "
+            f"{100 * at_high / body:.1f} % of the body's voxels are exactly {image.highest:g}, the highest value: it "
             "was clipped to a display window; take the unprocessed CT"
         )
 
 
-def _spike(seen: _Values, value: float, reach: float) -> bool:
-    """Whether far more voxels have a value than have values within reach of it."""
-    around = np.abs(seen.values - value)
+def _spike(image: _Values, value: float, reach: float) -> bool:
+    """Return whether far more voxels have a value than have values near it."""
+    around = np.abs(image.values - value)
     near = np.count_nonzero((around > 0) & (around <= reach))
-    width = reach if value in (seen.lowest, seen.highest) else 2 * reach
+    width = reach if value in (image.lowest, image.highest) else 2 * reach
     return np.count_nonzero(around == 0) > SPIKE * max(near / width, 1)
 
 
 def _lengths(array: np.ndarray, grid: Grid) -> Iterator[str]:
-    """The one line about lengths that are not in mm."""
+    """Yield a message if lengths are not in mm."""
     small, large = min(grid.spacing), max(grid.spacing)
     wide = grid.extent_mm[1:]
     if max(wide) > WIDEST_MM:
         yield f"is {max(wide):.3g} mm wide, where up to {WIDEST_MM:g} mm are expected; are its lengths in mm?"
     elif small < VOXEL_MM[0] or large > VOXEL_MM[1]:
-        size = " x ".join(f"{one:.3g}" for one in grid.spacing[::-1])
+        size = " x ".join(f"{step:.3g}" for step in grid.spacing[::-1])
         yield f"has voxels of {size} mm (x, y, z); are its lengths in mm?"
     elif _is_identity(grid):
         yield (
@@ -368,16 +373,16 @@ def _lengths(array: np.ndarray, grid: Grid) -> Iterator[str]:
 
 
 def _is_identity(grid: Grid) -> bool:
-    """Whether the affine is that of no information, up to the signs of its axes."""
+    """Return whether the affine is the identity, up to the signs of its axes."""
     corners = (abs(abs(c) - (n - 1) / 2) < 1e-3 for c, n in zip(grid.centre_mm, grid.shape[::-1], strict=True))
-    return all(abs(one - 1) < 1e-6 for one in grid.spacing) and all(corners)
+    return all(abs(step - 1) < 1e-6 for step in grid.spacing) and all(corners)
 
 
 def _width_mm(array: np.ndarray, grid: Grid) -> float:
-    """How wide what is denser than HU_BODY is in-plane, at its widest; 0 if it fills the image, or there is none."""
+    """Return the in-plane width of voxels denser than HU_BODY; 0 if they fill the image or there are none."""
     dense = (array > HU_BODY).any(axis=0)
     spans = [np.flatnonzero(dense.any(axis=axis)) for axis in (1, 0)]
-    pixels = [int(one[-1] - one[0]) + 1 if one.size else 0 for one in spans]
+    pixels = [int(span[-1] - span[0]) + 1 if span.size else 0 for span in spans]
     if pixels == list(dense.shape):
         return 0.0
     return max(n * wide for n, wide in zip(pixels, grid.spacing[1:], strict=True))
