@@ -161,7 +161,8 @@ def test_values_are_those_of_pydicom(slices, tmp_path, notes):
         np.testing.assert_allclose(array[k], expected[::-1, ::-1], atol=1e-3)
     assert notes() == [
         "RescaleSlope and RescaleIntercept differ between slices; each slice is read with its own",
-        "PhotometricInterpretation is MONOCHROME1 in 14 of 14 slices: it only concerns the display; values are used as stored",
+        "PhotometricInterpretation is MONOCHROME1 in 14 of 14 slices: it only concerns the display; "
+        "values are used as stored",
     ]
 
 

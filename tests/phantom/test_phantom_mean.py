@@ -153,7 +153,7 @@ def test_scans_that_cannot_be_averaged_are_refused(tmp_path, wrong):
         "region": r"813/seg.dcm: region cyst2 differs from most of the scans in position",
         "name": r"811/seg.dcm: .*there are: .*cyst1",
         "grid": r"813/ct: is on another grid .* exclude it",
-        "one": r"811/ct: is one scan",
+        "one": r"811/ct: is the only scan",
         "empty": r"the regions lie in no object that is denser",
     }[wrong]
     if wrong == "empty":

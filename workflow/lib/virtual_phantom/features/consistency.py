@@ -289,8 +289,8 @@ def _first_order(features: _Features) -> Iterator[tuple]:
         return features(*(f"firstorder_{name}" for name in names))
 
     order = ("Minimum", "10Percentile", "Median", "90Percentile", "Maximum")
-    there = [name for name in order if first(name)]
-    for low, high in [*zip(there, there[1:], strict=False), ("Minimum", "Mean"), ("Mean", "Maximum")]:
+    present = [name for name in order if first(name)]
+    for low, high in [*zip(present, present[1:], strict=False), ("Minimum", "Mean"), ("Mean", "Maximum")]:
         if found := first(low, high):
             yield f"{low} is at most {high}", *found
     if found := first("Range", "Maximum", "Minimum"):

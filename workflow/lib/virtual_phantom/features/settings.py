@@ -206,7 +206,7 @@ def differences(study: Extraction, table: Extraction) -> list[Difference]:
     found = [Difference(key, first.get(key), second.get(key)) for key in sorted(first.keys() | second.keys())]
     for name in sorted(study.image_types.keys() & table.image_types.keys() - {"Original"}):
         filters = [extraction.image_types[name] or {} for extraction in (study, table)]
-        first, second = ({**e.settings, **own} for e, own in zip((study, table), filters, strict=True))
+        first, second = ({**e.settings, **filter_} for e, filter_ in zip((study, table), filters, strict=True))
         keys = filters[0].keys() | filters[1].keys() | (FILTER_SETTINGS & (first.keys() | second.keys()))
         first, second = {**UNSTATED, **first}, {**UNSTATED, **second}
         found += [Difference(key, first.get(key), second.get(key), name) for key in sorted(keys - set(IN_NAMES))]

@@ -292,9 +292,9 @@ def _named(header: Sequence[str], keep: frozenset[str], path: Path) -> list[str]
     if renamed:
         name, other = renamed[0]
         note(f"{path}: {counted(len(renamed), 'column')} read under the names of pyradiomics ({name} as {other})")
-    there = {_plain(name) for name in names}
+    plain_names = {_plain(name) for name in names}
     for key in KEYS:
-        if key == ("image" if "mask" in there else "Image"):  # a batch of pyradiomics has Image and Mask
+        if key == ("image" if "mask" in plain_names else "Image"):  # a batch of pyradiomics has Image and Mask
             continue
         alike = [column for column, name in enumerate(names) if _plain(name) == _plain(key) and name not in keep]
         if len(alike) == 1 and names[alike[0]] not in KEYS:

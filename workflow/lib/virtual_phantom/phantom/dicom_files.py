@@ -318,7 +318,7 @@ def _header(path: Path, header: pydicom.Dataset) -> Slice | None:
         if value := _plain(header, keyword, little):
             values[keyword] = value
     if any(tag in header and (header.get_item(tag).value or b"\0\0") != b"\0\0" for tag in OVERLAYS):
-        values[OVERLAY] = ("there",)
+        values[OVERLAY] = ("present",)
     if "SOPClassUID" not in values and (stored := header.file_meta.get("MediaStorageSOPClassUID")):
         values["SOPClassUID"] = (str(stored),)
     if syntax := header.file_meta.get("TransferSyntaxUID"):
@@ -334,7 +334,7 @@ def _plain(header: pydicom.Dataset, keyword: str, little: bool):
     # pydicom does not parse the bytes, as it warns, raises or rounds, depending on the kind of value.
     tag = TAGS[keyword]
     if keyword in SEQUENCES:
-        return _mapping(header, tag) if keyword == "RealWorldValueMappingSequence" else ("there",)
+        return _mapping(header, tag) if keyword == "RealWorldValueMappingSequence" else ("present",)
     raw = header.get_item(tag)
     if keyword in TEXTS or not isinstance(raw, RawDataElement):
         try:

@@ -205,13 +205,13 @@ def _stored(header: Slice) -> np.ndarray:
     if getattr(element, "length", 0) == UNDEFINED_LENGTH:
         return _decompressed(header, element.value).astype(np.int64)
     kind = np.dtype(f"{'<' if little else '>'}{'i' if signed else 'u'}{allocated // 8}")
-    needed, there = rows * columns * kind.itemsize, len(element.value)
+    needed, available = rows * columns * kind.itemsize, len(element.value)
     # Writers pad with zeros, to an even length or, rarely, by a row.
-    padded = needed <= there < needed + 2 * columns * kind.itemsize and not any(element.value[needed:])
+    padded = needed <= available < needed + 2 * columns * kind.itemsize and not any(element.value[needed:])
     if not padded:
         raise InputError(
-            f"{header.path}: its header says {rows} x {columns} pixels, which the file does not hold ({there} bytes of "
-            f"PixelData, {needed} are needed); is the file complete?"
+            f"{header.path}: its header says {rows} x {columns} pixels, which the file does not hold ({available} bytes "
+            f"of PixelData, {needed} are needed); is the file complete?"
         )
     raw = np.frombuffer(element.value, kind, rows * columns).reshape(rows, columns)
     return _trimmed(header, raw.astype(np.int64))

@@ -82,13 +82,13 @@ def _nothing(folder: Path, unused: UnusedFiles) -> str:
         if any(not not_dicom(path) for path in files_in(inner)):
             below.append(str(inner))
     any_dicom = "CT slice in HU" if unused.headers else "DICOM file"
-    there = f" ({'; '.join(lines)})" if lines else ""
+    content = f" ({'; '.join(lines)})" if lines else ""
     more = f" and {len(below) - LISTED} more" if len(below) > LISTED else ""
     if below:
-        return f"{folder}: holds no {any_dicom}{there}; folders below have DICOM files, give one: " + (
+        return f"{folder}: holds no {any_dicom}{content}; folders below have DICOM files, give one: " + (
             ", ".join(below[:LISTED]) + more
         )
-    return f"{folder}: holds no {any_dicom}{there}; give a folder with one CT series"
+    return f"{folder}: holds no {any_dicom}{content}; give a folder with one CT series"
 
 
 def series_among(slices: Sequence[Slice], unused: UnusedFiles, top: Path) -> list[Series]:

@@ -37,21 +37,13 @@ DENSEST_LEVEL_HU = 1400.0  # largest level of many voxels: cortical bone and PTF
 LEAST_DENSE = 0.0005  # least fraction of voxels of the body: a mouse in a field of view of 500 mm has 0.003
 CONTRAST_HU = (700.0, 1400.0)  # contrast of the body to air: 1000 for water, more for bone and contrast agents
 FAINT_HU = 90.0  # contrast of two separate levels below that of fat and muscle (150): the scale is wrong
-FAT_HU, ALL_AROUND = (
-    130.0,
-    0.98,
-)  # the same, if the lower level surrounds this fraction of the image as air does, not fat
+FAT_HU, ALL_AROUND = 130.0, 0.98  # the same, if the lower level surrounds this fraction as air does, not fat
 LOWEST_AIR_HU = -1500.0  # lower of two separate levels, without padding; noise does not shift a median
 HIGHEST_SOFT_HU = 400.0  # median of an image without air, such as a part of an organ
-SEPARATE = (
-    0.9  # fraction of the variance that two levels explain: 0.64 for one normal distribution, 0.98 for air and water
-)
+SEPARATE = 0.9  # variance fraction between two levels: 0.64 for one normal distribution, 0.98 for air and water
 
 SPIKE = 5.0  # ratio of voxels at the end of the range to voxels near it, if clipped; below 1 without clipping
-SPIKE_NEAR, MASKED_NEAR = (
-    10.0,
-    3.0,
-)  # distance of values that are near the end of the range, or near the most frequent value
+SPIKE_NEAR, MASKED_NEAR = 10.0, 3.0  # distance of values near the end of the range, or near the most frequent value
 CLIPPED_LOW = 0.01  # least fraction of voxels at the lowest value, if clipped
 CLIPPED_HIGH = 0.002  # same for the body at the highest value: cortical bone has 1 to 5 %, metal less
 HIGHEST_CLIP_HU = 1900.0  # ranges of scanners end at 1976 HU (12 bits with 1000 above water), 3071 or higher

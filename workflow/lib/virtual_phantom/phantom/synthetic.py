@@ -109,7 +109,7 @@ def _reach_mm(shape: Ellipsoid | Tube, grid: Grid) -> float:
     """Return the largest distance of a shape from the axis of rotation, mm."""
     if isinstance(shape, Tube):
         return max(math.hypot(x, y) + radius for (x, y, _), radius in zip(shape.points_mm, shape.radii_mm, strict=True))
-    # An ellipsoid is widest at its center, or the closest slice of the grid. Rays from the axis find its farthest point.
+    # An ellipsoid is widest at its center, or the closest slice of the grid. The farthest point is found on rays.
     end = grid.extent_mm[0] / 2
     z = np.clip(shape.centre_mm[2], -end, end) * np.ones(1)
     low, high = shape.bounds_mm()
