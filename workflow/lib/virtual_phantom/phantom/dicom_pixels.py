@@ -210,8 +210,8 @@ def _stored(header: Slice) -> np.ndarray:
     padded = needed <= available < needed + 2 * columns * kind.itemsize and not any(element.value[needed:])
     if not padded:
         raise InputError(
-            f"{header.path}: its header says {rows} x {columns} pixels, which the file does not hold ({available} bytes "
-            f"of PixelData, {needed} are needed); is the file complete?"
+            f"{header.path}: its header says {rows} x {columns} pixels, which the file does not hold ({available} "
+            f"bytes of PixelData, {needed} are needed); is the file complete?"
         )
     raw = np.frombuffer(element.value, kind, rows * columns).reshape(rows, columns)
     return _trimmed(header, raw.astype(np.int64))
