@@ -116,8 +116,8 @@ def white_noise(plan: Plan) -> pd.DataFrame:
                 "noise_level": np.nan,
                 "seed": number,
             }
-            rows.append(tables.complete(extraction.extract(noisy, masks), classes, acquisition))
-    return tables.merge(rows)
+            rows.append(tables.add_acquisition(extraction.extract(noisy, masks), classes, acquisition))
+    return tables.merge_tables(rows)
 
 
 def headline(table: pd.DataFrame, draws: pd.DataFrame, features=FEATURES) -> dict[str, float]:
@@ -232,7 +232,7 @@ def main() -> None:
         path = white if name == "white_noise" else ROOT / RESULTS / name / "features.csv"
         one = tiny if name == "tiny" else plan
         repeated = one.repeats(["dose10"])
-        table = tables.grouped(tables.read(path), one.groups(), noise="dose10", seeds=repeated)
+        table = tables.select_groups(tables.read_features(path), one.groups(), noise="dose10", seeds=repeated)
         rows[name] = headline(table, measured.load_score_draws(repeated)) | over_rois(table)
         if name == "default":
             rows["default, re-positioned too"] = headline(table, measured.load_score_draws(repeated, "all"))

@@ -44,7 +44,7 @@ from virtual_phantom.diagnosis.workload import is_shapes, samples_for
 from virtual_phantom.io.exchange import write_line_integrals
 from virtual_phantom.io.schema import defaults_of, fill_defaults, schema_of
 from virtual_phantom.io.volumes import Volume, shape_of, write_nifti
-from virtual_phantom.phantom import save
+from virtual_phantom.phantom import write_phantom
 from virtual_phantom.physics.chain import Chain
 from virtual_phantom.physics.effect import acts_on_images, checked, names
 from virtual_phantom.recordings.importers.study import scan_of
@@ -148,7 +148,7 @@ def written(case, folder):
     section, given = dict(case.scanned), {}
     if case.scanned == PHANTOM:
         half = case.across // 2  # as it is drawn twice as fine
-        save(draw_phantom((SLICES, half, half), (4.0, ACROSS_MM / half, ACROSS_MM / half)), folder)
+        write_phantom(draw_phantom((SLICES, half, half), (4.0, ACROSS_MM / half, ACROSS_MM / half)), folder)
         given = {"phantom": folder / "fine.nii.gz", "image": folder / "image.nii.gz", "rois": folder / "rois.csv"}
     elif case.scanned == MASK:
         given = {"mask": folder / "mask.nii.gz"}

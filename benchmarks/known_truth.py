@@ -9,7 +9,7 @@ scans of the same do in 95 % of the cells. Prints a row for each phantom:
 
     the truth          scanned again, by other photons: the best there is
     own blur kept      the mean as it is: blurred twice
-    own blur removed   the mean without its own blur and noise (phantom.own_blur)
+    own blur removed   the mean without its own blur and noise (phantom.deconvolution)
     and voxels         the same, what the phantom's voxels blur counted too, as the workflow does
     wrong kernel       own blur removed, and images blurred by a Gaussian of 3 mm that the scanner has not
 
@@ -30,7 +30,7 @@ from virtual_phantom.features.names import FEATURES
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import block_mean
 from virtual_phantom.phantom.ct import resample
-from virtual_phantom.phantom.own_blur import SD_OF_FWHM, SD_OF_HALF, spectra, with_voxels, without_own_blur
+from virtual_phantom.phantom.deconvolution import SD_OF_FWHM, SD_OF_HALF, add_voxel_blur, deconvolve, measure_spectra
 from virtual_phantom.statistics.comparison import compare
 from virtual_phantom.statistics.own_edge import edge_mtf_half
 
@@ -62,7 +62,7 @@ def of_own_scans(drawn, finer, seed):
     (box,) = find_objects(inside.astype(np.uint8))
     in_plane = SD_OF_HALF / edge_mtf_half(mean)
     own = (SD_OF_FWHM * mean.grid.spacing[0], in_plane, in_plane)
-    return mean, own, spectra(mean.array[box], noise[box], mean.grid.spacing)
+    return mean, own, measure_spectra(mean.array[box], noise[box], mean.grid.spacing)
 
 
 def main(repeats, scans, own_voxels, oversampling, seed):
@@ -76,8 +76,8 @@ def main(repeats, scans, own_voxels, oversampling, seed):
         name: of_image(drawn, image, oversampling)
         for name, image in (
             ("own blur kept", mean),
-            ("own blur removed", without_own_blur(mean, own, measured)),
-            ("and voxels", without_own_blur(mean, with_voxels(own, spacing, fine, aligned), measured)),
+            ("own blur removed", deconvolve(mean, own, measured)),
+            ("and voxels", deconvolve(mean, add_voxel_blur(own, spacing, fine, aligned), measured)),
         )
     }
     reference = vp.extract(images(truth, repeats, seed, finer), drawn)
@@ -107,7 +107,7 @@ def modelled():
     (box,) = find_objects(inside.astype(np.uint8))
     in_plane = SD_OF_HALF / edge_mtf_half(mean)
     own = (OWN_VOXELS * mean.grid.spacing[0], in_plane, in_plane)
-    return drawn, truth, mean, own, spectra(mean.array[box], noise[1][box], mean.grid.spacing)
+    return drawn, truth, mean, own, measure_spectra(mean.array[box], noise[1][box], mean.grid.spacing)
 
 
 def scanned(finer, own_voxels, seed):

@@ -146,7 +146,7 @@ def main():
 
 def real(path, number):
     """Features of a study as the truth: every one with its means, SDs and the correlation of SIRT and FBP."""
-    table = tables.grouped(tables.read(path), GROUPS, noise="dose10", seeds=10)
+    table = tables.select_groups(tables.read_features(path), GROUPS, noise="dose10", seeds=10)
     x = stability_measures.cube(table, FEATURES)
     rng = generator(branch(SEED, BRANCH))
     sharing = [0, 1, 2, 3] * 2

@@ -16,7 +16,7 @@ import pandas as pd
 
 from virtual_phantom.base.data import RESOURCES
 from virtual_phantom.features.extraction import FEATURES
-from virtual_phantom.features.stored import to_hu
+from virtual_phantom.features.hu_offset import convert_to_hu
 from virtual_phantom.io.files import replacing
 from virtual_phantom.statistics import measured, repeats, wilcoxon
 
@@ -71,7 +71,7 @@ def main() -> None:
     arguments = parser.parse_args()
     study = measured.load_full_table(arguments.study_table)
     write(
-        summarise(to_hu(study), ["group", "roi"], measured.STUDY_FEATURES),
+        summarise(convert_to_hu(study), ["group", "roi"], measured.STUDY_FEATURES),
         "ct_phantom4radiomics_groups.csv",
     )
     scores = wilcoxon.scores(study, measured.STUDY_FEATURES, source=str(arguments.study_table))

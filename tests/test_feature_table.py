@@ -34,7 +34,7 @@ def image_table(protocol="sirt_150", noise="dose_10mgy", seed=0):
         "noise_level": 1e-4,
         "seed": seed,
     }
-    return tables.complete(extracted, ROIS, acquisition)
+    return tables.add_acquisition(extracted, ROIS, acquisition)
 
 
 TABLES = [
@@ -69,7 +69,7 @@ def test_columns_stand_in_the_contracts_order():
 def test_written_and_read_bit_for_bit(tmp_path):
     path = tmp_path / "table.csv"
     files.write_csv(image_table(), path)
-    back = tables.read(path)
+    back = tables.read_features(path)
     pd.testing.assert_frame_equal(back, image_table(), check_exact=True)
     files.write_csv(back, tmp_path / "again.csv")
     assert path.read_bytes() == (tmp_path / "again.csv").read_bytes()
@@ -78,8 +78,8 @@ def test_written_and_read_bit_for_bit(tmp_path):
 @settings(max_examples=15, deadline=None)
 @given(st.permutations(TABLES))
 def test_the_order_of_files_does_not_matter(shuffled):
-    merged = tables.merge(shuffled)
-    assert merged.equals(tables.merge(TABLES))
+    merged = tables.merge_tables(shuffled)
+    assert merged.equals(tables.merge_tables(TABLES))
     assert len(merged) == 36
     keys = merged[["protocol", "noise", "seed"]].drop_duplicates().values.tolist()
     assert keys == sorted(keys) and keys[0] == ["fbp_150", "dose_1", 0]
@@ -87,7 +87,7 @@ def test_the_order_of_files_does_not_matter(shuffled):
 
 
 def test_selecting_takes_the_first_seeds():
-    merged = tables.merge(TABLES)
+    merged = tables.merge_tables(TABLES)
     chosen = tables.select(merged, protocols=["fbp_150"], noise=["low"], seeds=2)
     assert sorted(chosen["seed"].unique()) == [0, 2] and len(chosen) == 6
     assert set(chosen["protocol"]) == {"fbp_150"} and set(chosen["noise"]) == {"low"}
@@ -97,24 +97,24 @@ def test_selecting_takes_the_first_seeds():
     "call, message",
     [
         (
-            lambda: tables.merge([TABLES[0], TABLES[0]]),
+            lambda: tables.merge_tables([TABLES[0], TABLES[0]]),
             "two rows for protocol sirt_200, noise low, seed 0, roi normal_1",
         ),
         (
-            lambda: tables.merge([TABLES[0], TABLES[1].assign(settings_hash="other")]),
+            lambda: tables.merge_tables([TABLES[0], TABLES[1].assign(settings_hash="other")]),
             "different settings_hash",
         ),
-        (lambda: tables.merge([TABLES[0].iloc[:1], TABLES[1]]), "ROI cyst_1 is not in every image"),
-        (lambda: tables.merge([TABLES[0], TABLES[1].iloc[:1]]), "ROI cyst_1 is not in every image"),
+        (lambda: tables.merge_tables([TABLES[0].iloc[:1], TABLES[1]]), "ROI cyst_1 is not in every image"),
+        (lambda: tables.merge_tables([TABLES[0], TABLES[1].iloc[:1]]), "ROI cyst_1 is not in every image"),
         (
-            lambda: tables.select(tables.merge(TABLES), protocols=["fbp_150"], noise=["low"], seeds=4),
-            "3 seeds for protocol fbp_150, noise low; 4 are asked for",
+            lambda: tables.select(tables.merge_tables(TABLES), protocols=["fbp_150"], noise=["low"], seeds=4),
+            "3 seeds for protocol fbp_150, noise low; 4 are needed",
         ),
         (
-            lambda: tables.select(tables.merge(TABLES), protocols=["mlem"], noise=["low"], seeds=1),
+            lambda: tables.select(tables.merge_tables(TABLES), protocols=["mlem"], noise=["low"], seeds=1),
             "0 seeds for protocol mlem",
         ),
-        (lambda: tables.read("/nowhere/features.csv"), "/nowhere/features.csv: no such file"),
+        (lambda: tables.read_features("/nowhere/features.csv"), "/nowhere/features.csv: no such file"),
         (
             lambda: tables.finite_values(TABLES[0].assign(**{FEATURES[4]: np.nan}), FEATURES, "features.csv"),
             "features.csv: original_firstorder_InterquartileRange is nan for protocol sirt_200",
@@ -134,4 +134,4 @@ def test_bad_input_is_one_clear_line(call, message):
 def test_a_table_without_a_feature_is_refused(tmp_path):
     files.write_csv(image_table().drop(columns=FEATURES[5]), tmp_path / "short.csv")
     with pytest.raises(InputError, match=f"short.csv: lacks 1 column.*{FEATURES[5]}"):
-        tables.read(tmp_path / "short.csv")
+        tables.read_features(tmp_path / "short.csv")

@@ -7,7 +7,7 @@ from recording_folders import features_table
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.extraction import FEATURES
-from virtual_phantom.features.stored import to_hu
+from virtual_phantom.features.hu_offset import convert_to_hu
 from virtual_phantom.statistics import measured, repeats, wilcoxon
 from virtual_phantom.statistics.dose_series import dose_variance
 from virtual_phantom.statistics.ranking import KINDS
@@ -120,13 +120,13 @@ def test_first_order_features_in_hu_are_those_of_the_shifted_values(offset):
     def row(x):
         return pd.DataFrame([{f"original_firstorder_{k}": v for k, v in first_order(x).items()} | {"n_voxels": x.size}])
 
-    pd.testing.assert_frame_equal(to_hu(row(stored), offset), row(hu), rtol=1e-9)
-    assert to_hu(row(hu), 0).equals(row(hu))
+    pd.testing.assert_frame_equal(convert_to_hu(row(stored), offset), row(hu), rtol=1e-9)
+    assert convert_to_hu(row(hu), 0).equals(row(hu))
     few = row(stored)[["original_firstorder_Median", "original_firstorder_Range"]]
-    assert to_hu(few, offset).iloc[0].tolist() == pytest.approx([np.median(hu), np.ptp(hu)])
+    assert convert_to_hu(few, offset).iloc[0].tolist() == pytest.approx([np.median(hu), np.ptp(hu)])
     with pytest.raises(InputError, match="Energy is of stored values .* without original_firstorder_Variance"):
         bare = row(stored).drop(columns=["original_firstorder_Variance", "original_firstorder_RootMeanSquared"])
-        to_hu(bare, offset)
+        convert_to_hu(bare, offset)
 
 
 def test_summaries_are_complete():
@@ -188,11 +188,11 @@ def test_the_kept_draws_are_those_of_the_table(study):
 @pytest.mark.real
 @pytest.mark.skipif(not STUDY.exists(), reason="the table of CT-Phantom4Radiomics is not beside the checkout")
 def test_the_kept_group_summary_is_that_of_the_table():
-    table = to_hu(measured.load_full_table(STUDY))
+    table = convert_to_hu(measured.load_full_table(STUDY))
     means = table.groupby(["group", "roi", "tissue_class"])[list(measured.STUDY_FEATURES)].mean().reset_index()
     kept = measured.group_means()[list(means.columns)]
     pd.testing.assert_frame_equal(kept, means, rtol=1e-7, check_dtype=False)
-    raw = measured.load_full_table(STUDY)  # what to_hu assumes of the file
+    raw = measured.load_full_table(STUDY)  # what convert_to_hu assumes of the file
     square = raw["original_firstorder_Variance"] + raw["original_firstorder_Mean"] ** 2
     assert np.allclose(raw["original_firstorder_Energy"], raw["n_voxels"] * square, rtol=1e-12)
 

@@ -68,7 +68,7 @@ def protocol(**settings):
 def phantom(image="ct.nii.gz", roi=None, oversampling=1):
     roi = {"label": 1} if roi is None else roi
     rois = [{"name": "lesion", "tissue_class": "tumour", **roi}]
-    return ct.load({"image": image, "labels": "labels.nii.gz", "rois": rois}, GRID, oversampling)
+    return ct.load_phantom({"image": image, "labels": "labels.nii.gz", "rois": rois}, GRID, oversampling)
 
 
 def written(array, name, affine=phantom_files.CT_GRID.affine):
@@ -161,7 +161,7 @@ def wrong_parameters():
 
 def of_two_versions():
     row = dict.fromkeys(tables.METADATA, "1") | {"protocol": "sirt_150", "noise": "dose10", "roi": "cyst_1"}
-    tables.merge(
+    tables.merge_tables(
         pd.DataFrame([row | {"seed": seed, "settings_hash": text}]) for seed, text in enumerate(("5f3a", "9c01"))
     )
 

@@ -94,7 +94,7 @@ def test_rois_of_a_phantom(tmp_path):
         Roi(name, ODD[-place - 1], np.broadcast_to(masks[place], grid.shape).copy(), ODD[place])
         for place, name in enumerate(ODD)
     ]
-    phantom.save_rois(rois, Volume(np.zeros(grid.shape, np.float32), grid), tmp_path)
+    phantom.write_rois(rois, Volume(np.zeros(grid.shape, np.float32), grid), tmp_path)
     found = phantom.read_rois(tmp_path / "rois.csv", grid)
     for one, other in zip(rois, found, strict=True):
         assert (one.name, one.tissue_class, one.label_in_file) == (other.name, other.tissue_class, other.label_in_file)
@@ -106,7 +106,7 @@ def test_features_and_parquet(tmp_path):
     rows |= dict.fromkeys(("projections", "noise_level", "seed", "n_voxels", "grey_levels"), 1)
     table = pd.DataFrame(rows | {name: np.arange(len(ODD)) / 3 for name in FEATURES})
     files.write_csv(table, tmp_path / "features.csv")
-    found = tables.read(tmp_path / "features.csv")
+    found = tables.read_features(tmp_path / "features.csv")
     files.write_parquet(found, tmp_path / "features.parquet")
     for one in (found, pd.read_parquet(tmp_path / "features.parquet")):
         assert all(one[name].tolist() == ODD for name in rows if rows[name] is ODD)

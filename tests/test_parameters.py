@@ -16,10 +16,10 @@ from radiomics.featureextractor import RadiomicsFeatureExtractor
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.features import accepted, extraction, settings, tables
+from virtual_phantom.features import extraction, parameter_checks, settings, tables
 from virtual_phantom.features.names import FEATURES, family, features_of
 from virtual_phantom.features.parameters import DEFAULT, read_parameters
-from virtual_phantom.features.settings import differences, distinct, of_parameters, of_table
+from virtual_phantom.features.settings import differences, distinct_extractions, read_extraction, read_extractions
 from virtual_phantom.io.volumes import Volume
 
 FILTERED = {
@@ -62,7 +62,7 @@ def test_values_are_those_of_pyradiomics_own_command(tmp_path, content):
     ours = extraction.extract(Volume(array, Grid(SHAPE, SPACING_MM[::-1])), masks, parameters=parameters)
     assert features_of(ours) == features_of(theirs) == list(parameters.features)
     pd.testing.assert_frame_equal(ours[features_of(ours)], theirs[features_of(ours)], rtol=1e-6, atol=1e-9)
-    assert not differences(of_parameters(path), *distinct(of_table(theirs, "t.csv")))
+    assert not differences(read_extraction(path), *distinct_extractions(read_extractions(theirs, "t.csv")))
     assert {family(name) for name in parameters.features} >= {"first order"}
 
 
@@ -73,9 +73,9 @@ def test_a_table_of_own_features_is_read_back_whole(tmp_path):
     mask[3:9, 3:9, 3:9] = True
     found = extraction.extract(Volume(image, Grid(image.shape, (2.0, 2.0, 2.0))), {"spot": mask}, "i", parameters)
     acquisition = dict.fromkeys(tables.ACQUISITION, 1)
-    table = tables.complete(found, {"spot": "tumour"}, acquisition)
+    table = tables.add_acquisition(found, {"spot": "tumour"}, acquisition)
     table.to_csv(tmp_path / "features.csv", index=False)
-    back = tables.read(tmp_path / "features.csv")
+    back = tables.read_features(tmp_path / "features.csv")
     assert features_of(back) == list(parameters.features) and back["settings_hash"].iloc[0] == parameters.hash()
     (sub := tmp_path / "other").mkdir()
     other = read_parameters(written(sub, FILTERED | {"setting": {"binWidth": 11}}))
@@ -83,9 +83,9 @@ def test_a_table_of_own_features_is_read_back_whole(tmp_path):
 
 
 def test_settings_of_a_filter_concern_its_features_alone(tmp_path):
-    ours = of_parameters(written(tmp_path, FILTERED))
+    ours = read_extraction(written(tmp_path, FILTERED))
     other = FILTERED | {"imageType": {"Original": {}, "Wavelet": {"wavelet": "db1"}, "LoG": {"binWidth": 7}}}
-    found = {str(one): one for one in differences(ours, of_parameters(written(tmp_path, other)))}
+    found = {str(one): one for one in differences(ours, read_extraction(written(tmp_path, other)))}
     assert set(found) == {"LoG: binWidth is 7, the study's 5", "Wavelet: wavelet is db1, the study's haar"}
     log, wavelet = (found[name] for name in sorted(found))
     assert log.changes("log-sigma-3-0-mm-3D_glcm_Idn") and not log.changes("log-sigma-3-0-mm-3D_firstorder_Mean")
@@ -106,15 +106,15 @@ def test_settings_of_a_filter_concern_its_features_alone(tmp_path):
         ({"imageType": {"LoG": {"sigma": [3, 900]}}}, "imageType LoG: sigma 900 mm gives no features"),
         (
             {"imageType": {"Original": {"normalize": True}}},
-            "imageType.Original.normalize is passed over by",
+            "imageType.Original.normalize is ignored by",
         ),
-        ({"imageType": {"Wavelet": {"label": 2}}}, "imageType.Wavelet.label is passed over by pyradiomics"),
+        ({"imageType": {"Wavelet": {"label": 2}}}, "imageType.Wavelet.label is ignored by pyradiomics"),
         ({"setting": {"binWidth": "5"}}, "setting.binWidth: '5' is text to YAML; write a number"),
         ("setting: {voxelArrayShift: 1, binWidth: 1e1}", "setting.binWidth: '1e1' is text to YAML"),
         ("setting: {binWidth: .inf}", "setting.binWidth is inf; give a finite number"),
         ({"setting": {"resampledPixelSpacing": [1, 1]}}, "setting.resampledPixelSpacing has 2 entries; give 3"),
         ({"setting": {"resegmentRange": [1, 2, 3]}}, "setting.resegmentRange has 3 entries; give the lower"),
-        ({"setting": {"resegmentRange": [50], "resegmentMode": "relative"}}, "setting.resegmentRange holds shares"),
+        ({"setting": {"resegmentRange": [50], "resegmentMode": "relative"}}, "setting.resegmentRange holds fractions"),
         (
             {"setting": {"binCount": 100000}},
             "setting.binCount is 100000, which needs too much memory; give",
@@ -126,7 +126,7 @@ def test_settings_of_a_filter_concern_its_features_alone(tmp_path):
             "line 2: cannot be read as YAML (found character '\\t' that cannot start",
         ),
         ("setting: {binWidth: 5, binWidth: 6}", "setting.binWidth is there twice, in lines 1 and 1"),
-        ({"voxelSetting": {"kernelRadius": 2}}, "voxelSetting is of feature maps"),
+        ({"voxelSetting": {"kernelRadius": 2}}, "voxelSetting is for feature maps"),
         ({"settings": {"binWidth": 10}}, "Key 'settings' was not defined"),
         ("setting: [", "cannot be read as YAML"),
         ("", "is empty; give a parameter file of pyradiomics under features.parameters"),
@@ -144,9 +144,7 @@ def test_a_region_that_pyradiomics_refuses_is_named(tmp_path):
     image = np.random.default_rng(3).normal(0, 50, (12, 12, 12))
     mask = np.zeros(image.shape, bool)
     mask[3:9, 3:9, 3:9] = True
-    with pytest.raises(
-        InputError, match="scan 7: ROI spot: pyradiomics, as .*parameters.yaml sets it: Size of the ROI"
-    ):
+    with pytest.raises(InputError, match="scan 7: ROI spot: pyradiomics fails with .*parameters.yaml: Size of the ROI"):
         extraction.extract(Volume(image, Grid(image.shape, (2.0, 2.0, 2.0))), {"spot": mask}, "scan 7", parameters)
 
 
@@ -155,7 +153,7 @@ def test_json_is_read_as_pyradiomics_reads_it(tmp_path):
     content = {"featureClass": {"firstorder": ["Mean"]}, "setting": {"binWidth": 5}}
     path = written(tmp_path, json.dumps(content, indent="\t"))
     assert read_parameters(path).features == ("original_firstorder_Mean",)
-    assert of_parameters(path).settings == {"binWidth": 5}
+    assert read_extraction(path).settings == {"binWidth": 5}
 
 
 @pytest.mark.parametrize(
@@ -189,7 +187,7 @@ def test_settings_that_change_nothing_are_noted_and_change_nothing(tmp_path, con
     with caplog.at_level(logging.WARNING):
         parameters = read_parameters(path)
     (note,) = [record.getMessage() for record in caplog.records]
-    assert note.startswith(f"{path}: these settings change nothing: {line}")
+    assert note.startswith(f"{path}: these settings have no effect: {line}")
     (plain := tmp_path / "plain").mkdir()
     alone = read_parameters(written(plain, {"featureClass": content["featureClass"]}))
     found, same = (extraction.extract(*spot(), "i", one)[list(alone.features)] for one in (parameters, alone))
@@ -213,7 +211,7 @@ def test_what_takes_effect_is_not_noted(tmp_path, caplog):
 def test_every_setting_of_pyradiomics_is_known():
     """By the schema of the version that is installed: a new one needs a decision."""
     schema = yaml.safe_load(Path(getParameterValidationFiles()[0]).read_text())["mapping"]
-    known = settings.UNSTATED.keys() | settings.HARMLESS | accepted.FILTER.keys() | accepted.OF_FILES
+    known = settings.UNSTATED.keys() | settings.HARMLESS | parameter_checks.FILTER.keys() | parameter_checks.OF_FILES
     assert schema["setting"]["mapping"].keys() <= known
     assert set(schema) == {"setting", "voxelSetting", "featureClass", "imageType"}
 

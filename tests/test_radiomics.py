@@ -239,7 +239,7 @@ def test_warns_with_numbers_of_small_and_of_flat_regions():
         extraction.extract(volume(noise), {"spot": small}, name="scan 7")
     assert len(caught) == 1
     flat = np.full((6, 6, 6), 12.0)
-    with pytest.warns(RadiomicsWarning, match=r"ROI flat fills 1 grey-level bins of 25 HU, fewer than the 3"):
+    with pytest.warns(RadiomicsWarning, match=r"ROI flat fills 1 gray-level bins of 25 HU, fewer than the 3"):
         extraction.extract(volume(flat), {"flat": np.ones(flat.shape, bool)})
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -8,7 +8,7 @@ from radiomics.featureextractor import RadiomicsFeatureExtractor
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.features.extraction import FEATURES, extract
 from virtual_phantom.features.parameters import DEFAULT, read_parameters
-from virtual_phantom.features.settings import OWN
+from virtual_phantom.features.settings import CUSTOM_PREFIX
 from virtual_phantom.io.volumes import Volume
 
 GRID = Grid((5, 24, 26), (2.0, 0.7, 0.7))
@@ -61,4 +61,4 @@ def test_settings_say_so():
         read_parameters(None, *one).hash() for one in [("whole", 0), ("largest", 0), ("largest", 1024), ("whole", 1024)]
     }
     assert len(hashes) == 4 and DEFAULT.hash() in hashes
-    assert all(one.startswith(OWN) for one in hashes - {DEFAULT.hash()})
+    assert all(one.startswith(CUSTOM_PREFIX) for one in hashes - {DEFAULT.hash()})

@@ -93,11 +93,11 @@ ALL = np.ones(MEAN.shape, bool)
         (lambda: variants.split(MEAN[None]), "images of shape (1, 3, 4, 5); give at least 2 repeats"),
         (lambda: variants.split(NOISE, MEAN[:2]), "the noiseless image has shape (2, 4, 5), the repeats (3, 4, 5)"),
         (lambda: variants.split(NOISE * np.nan), "voxels that are not finite"),
-        (lambda: variants.scale_noise(MEAN, NOISE, -1), "a noise factor of -1"),
-        (lambda: variants.blur(MEAN, NOISE, (1, -1, 1)), "sigma (1, -1, 1) is none"),
+        (lambda: variants.scale_noise(MEAN, NOISE, -1), "the noise factor is -1"),
+        (lambda: variants.blur(MEAN, NOISE, (1, -1, 1)), "sigma is (1, -1, 1)"),
         (lambda: variants.filter_noise(MEAN, NOISE, 1, ALL[:2]), "the mask of shape (2, 4, 5) is empty or"),
         (lambda: variants.filter_noise(MEAN, NOISE, 1, ~ALL), "is empty or of another shape"),
-        (lambda: variants.filter_noise(MEAN, 0 * NOISE, 1), "there is no noise to give a texture to"),
+        (lambda: variants.filter_noise(MEAN, 0 * NOISE, 1), "there is no noise; give"),
     ],
 )
 def test_bad_input_is_one_clear_line(call, message):

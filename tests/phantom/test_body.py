@@ -5,7 +5,7 @@ import pytest
 
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.io.volumes import Volume
-from virtual_phantom.phantom.body import body_of, edges_mm
+from virtual_phantom.phantom.body import edges_mm, find_body
 
 GRID = Grid((10, 100, 130), (8.0, 4.0, 4.0), (7.0, -30.0, 500.0))
 Z, Y, X = np.meshgrid(*GRID.axes_mm(), indexing="ij")
@@ -97,25 +97,25 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_the_body_is_found_whole(name):
     make, expected = CASES[name]
-    body = body_of(Volume(np.maximum(make(), -1000).astype(np.float32), GRID))
+    body = find_body(Volume(np.maximum(make(), -1000).astype(np.float32), GRID))
     found = [edge for axis in (2, 1) for edge in edges_mm(GRID, axis, body.pixels_of(axis))]
     np.testing.assert_allclose(np.subtract(found, [7, 7, -30, -30]), expected, atol=6)
 
 
 def test_lungs_and_what_is_in_them_are_body_and_arms_are_not():
     hu = beside(chest(), arms := ellipse(36, 36, 215, -20))
-    body = body_of(Volume(hu.astype(np.float32), GRID))
+    body = find_body(Volume(hu.astype(np.float32), GRID))
     assert body.blocks == (1, 1, 1)
     np.testing.assert_array_equal(body.mask, ellipse(165, 110))
-    np.testing.assert_array_equal(body.apart, arms & ~ellipse(165, 110))
+    np.testing.assert_array_equal(body.detached, arms & ~ellipse(165, 110))
 
 
 def test_fine_voxels_give_the_same_outline_as_coarse_ones():
     """Blocks of 5 x 3 pixels: a quarter of a clinical CT's."""
-    whole = body_of(Volume(chest().astype(np.float32), GRID))
+    whole = find_body(Volume(chest().astype(np.float32), GRID))
     fine = np.repeat(np.repeat(chest().astype(np.float32), 5, axis=1), 5, axis=2)
     grid = Grid(fine.shape, (8.0, 0.8, 0.8), GRID.centre_mm)
-    body = body_of(Volume(fine, grid))
+    body = find_body(Volume(fine, grid))
     assert body.blocks == (1, 2, 3)
     for axis in (1, 2):
         found, expected = edges_mm(grid, axis, body.pixels_of(axis)), edges_mm(GRID, axis, whole.pixels_of(axis))
@@ -125,6 +125,6 @@ def test_fine_voxels_give_the_same_outline_as_coarse_ones():
 def test_slices_that_are_not_scanned_do_not_count():
     hu = chest()
     hu[:3] = np.where(plate(-100, 250)[:3], 200, -1000)
-    body = body_of(Volume(hu.astype(np.float32), GRID), 3, 10)
+    body = find_body(Volume(hu.astype(np.float32), GRID), 3, 10)
     assert body.mask.shape[0] == 7 and body.first == 3
     np.testing.assert_array_equal(body.mask, ellipse(165, 110)[3:])

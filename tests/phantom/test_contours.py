@@ -50,7 +50,7 @@ def written(tmp_path):
         (
             [circle(12, Z[6], x=-8), circle(12, Z[6], x=9)],
             disc(12, -8) | disc(12, 9),
-            "1 contour of it overlaps another one in part",
+            "1 contour of it overlaps another contour partly",
         ),
         ([circle(8, Z[6], x=-20), circle(8, Z[6], x=20)], disc(8, -20) | disc(8, 20), None),
         ([(OUTER, INTERPOLATED)], disc(20), None),
@@ -86,18 +86,18 @@ def test_voxels_on_the_outline_belong_to_the_region_whatever_decimals_round():
 @pytest.mark.parametrize(
     ("item", "remark"),
     [
-        (contour([[0, 0, Z[6]]], "POINT"), "1 contour of type POINT, which encloses no area, is passed over"),
-        (contour(OUTER[:40], "OPEN_PLANAR"), "1 contour of type OPEN_PLANAR, which encloses no area, is passed over"),
+        (contour([[0, 0, Z[6]]], "POINT"), "1 contour of type POINT, which encloses no area, is skipped"),
+        (contour(OUTER[:40], "OPEN_PLANAR"), "1 contour of type OPEN_PLANAR, which encloses no area, is skipped"),
         (
             contour(OUTER[:40] + [0, 0, 40], "OPEN_NONPLANAR"),
             "1 contour of type OPEN_NONPLANAR, which encloses no area",
         ),
-        (contour(OUTER, "CLOSED_CURVE"), "1 contour of the unknown type CLOSED_CURVE is passed over"),
-        (contour(OUTER[:2]), "1 contour of fewer than 3 points, which encloses no area, is passed over"),
-        (contour([], NumberOfContourPoints=None), "1 contour without points is passed over"),
-        (contour([], ContourData=None, NumberOfContourPoints=0), "1 contour without points is passed over"),
-        (contour(circle(15, Z[6] + 1.5)), "1 contour between slices of the CT is passed over"),
-        (contour(circle(15, Z[6] + 0.6)), "1 contour between slices of the CT is passed over"),
+        (contour(OUTER, "CLOSED_CURVE"), "1 contour of the unknown type CLOSED_CURVE is skipped"),
+        (contour(OUTER[:2]), "1 contour of fewer than 3 points, which encloses no area, is skipped"),
+        (contour([], NumberOfContourPoints=None), "1 contour without points is skipped"),
+        (contour([], ContourData=None, NumberOfContourPoints=0), "1 contour without points is skipped"),
+        (contour(circle(15, Z[6] + 1.5)), "1 contour between slices of the CT is skipped"),
+        (contour(circle(15, Z[6] + 0.6)), "1 contour between slices of the CT is skipped"),
     ],
 )
 def test_a_contour_that_is_passed_over_is_named_with_the_reason(item, remark, written, caplog):
@@ -135,7 +135,7 @@ def test_two_rois_of_one_name_are_read_by_number(written):
         (3, "cyst", [contour(OUTER)]), (7, "cyst", [contour(circle(10, Z[6]))]), (8, "Cyst ", [contour(OUTER)])
     )
     regions = open_regions(path, GRID)
-    assert regions.there() == {3: "cyst", 7: "cyst", "Cyst": "Cyst"}
+    assert regions.list_regions() == {3: "cyst", 7: "cyst", "Cyst": "Cyst"}
     assert regions.mask(3).sum() == disc(20).sum() and regions.mask("7").sum() == disc(10).sum()
     assert np.array_equal(regions.mask(8), regions.mask("Cyst"))
     with pytest.raises(InputError, match=r"2 ROIs are called 'cyst'; give the number as the label: 3 and 7"):
@@ -148,7 +148,7 @@ def test_roi_numbers_that_do_not_fit_together(written, caplog):
     ring = [contour(OUTER)]
     path = written((1, "a", ring), (1, "b", None), (2, None, ring), (4, "", ring), (5, "5 mm", None), (0, "zero", ring))
     regions = open_regions(path, GRID)
-    assert set(regions.there()) == {"a", "b", 2, 4, "5 mm", "zero"}
+    assert set(regions.list_regions()) == {"a", "b", 2, 4, "5 mm", "zero"}
     with pytest.raises(InputError, match=r"ROI number 1 is given to several ROIs \(a, b\)"):
         regions.mask("a")
     assert regions.mask(2).sum() == regions.mask(4).sum() == regions.mask("0").sum() == disc(20).sum()
@@ -179,7 +179,7 @@ def test_names_in_other_scripts(charset, tmp_path):
             )
         dataset.save_as(path)
     regions = open_regions(path, GRID)
-    assert list(regions.there()) == names
+    assert list(regions.list_regions()) == names
     assert [int(regions.mask(name).sum()) for name in names] == [disc(10 + n).sum() for n in range(1, len(names) + 1)]
 
 

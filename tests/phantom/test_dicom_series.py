@@ -161,27 +161,26 @@ def test_values_are_those_of_pydicom(slices, tmp_path, notes):
         np.testing.assert_allclose(array[k], expected[::-1, ::-1], atol=1e-3)
     assert notes() == [
         "RescaleSlope and RescaleIntercept differ between slices; each slice is read with its own",
-        "PhotometricInterpretation is MONOCHROME1 in 14 of 14 slices: it concerns the display; values are as stored",
+        "PhotometricInterpretation is MONOCHROME1 in 14 of 14 slices: it only concerns the display; "
+        "values are used as stored",
     ]
 
 
 def test_a_rescale_that_differs_in_a_few_slices_is_refused(slices, tmp_path):
     slices[5].RescaleIntercept = -1000
-    message = (
-        "009.dcm: RescaleSlope and RescaleIntercept are 1 and -1000, those of most slices 1 and -1024; correct them"
-    )
+    message = "009.dcm: RescaleSlope and RescaleIntercept are 1 and -1000, but 1 and -1024 in most slices; correct them"
     refused(write_series(slices, tmp_path / "series"), message)
 
 
 def test_a_slice_that_looks_damaged_is_refused_and_not_passed_over(slices, tmp_path):
     folder = tmp_path / "series"
     write_series(slices, folder)
-    for content, message in ((b"", "an empty file, but named as the slices are"), (b"abc", "not DICOM, but named")):
+    for content, message in ((b"", "an empty file, but named like the slices"), (b"abc", "not DICOM, but named")):
         (folder / "015.DCM").write_bytes(content)
         refused(folder, f"015.DCM: {message}")
     (folder / "015.DCM").unlink()
     (folder / "015.dcm").symlink_to(folder / "nowhere.dcm")
-    refused(folder, "015.dcm: a link to a file that is missing, but named as the slices are")
+    refused(folder, "015.dcm: a link to a file that is missing, but named like the slices")
 
 
 @pytest.mark.parametrize("length", [300, 700, 1000, 3000])

@@ -10,7 +10,7 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom.displacement import displacement
-from virtual_phantom.phantom.mean import ScanFiles, mean_of, object_of
+from virtual_phantom.phantom.mean_scan import ScanFiles, average_scans, object_mask
 
 GRID = Grid((30, 60, 70), (2.0, 1.5, 1.5), (4.0, -20.0, 900.0))
 NOISE_HU = 18.0
@@ -60,7 +60,7 @@ def test_a_small_motion_is_found_beside_noise(shift_mm, turn_deg):
     inside = np.any(list(masks().values()), axis=0)
     reference = scan(2)
     # The table that it lies on stays where it is.
-    within = object_of(reference, inside)
+    within = object_mask(reference, inside)
     found = displacement(scan(1, shift_mm=shift_mm, turn_deg=turn_deg), reference, within)
     # The noise of 18 HU leaves some hundredths of a millimetre and of a degree.
     np.testing.assert_allclose(found.shift_mm, shift_mm, atol=0.03)
@@ -77,7 +77,7 @@ def test_a_large_motion_is_no_small_one():
 
 def test_a_table_is_no_part_of_the_object():
     inside = np.any(list(masks().values()), axis=0)
-    kept = object_of(Volume((np.maximum(body(), table())).astype(np.float32), GRID), inside)
+    kept = object_mask(Volume((np.maximum(body(), table())).astype(np.float32), GRID), inside)
     assert kept[body() > -300].all()
     alone = (table() > 0) & (body() < -900)
     # What lies right under the object is within its rim.
@@ -100,7 +100,7 @@ def write(folder, names=NAMES, image_of=lambda scan_: scan(scan_.acquisition), m
 
 def test_the_mean_has_less_noise_no_table_and_the_regions_by_name(tmp_path):
     regions = ("cyst2", "normal1")
-    mean = mean_of(write(tmp_path), regions, height_mm=8.0)
+    mean = average_scans(write(tmp_path), regions, height_mm=8.0)
     place = [
         np.searchsorted(axis + centre, inner[0] + middle - 1e-6)
         for axis, centre, inner, middle in zip(
@@ -149,15 +149,15 @@ def test_scans_that_cannot_be_averaged_are_refused(tmp_path, wrong):
     if wrong == "one":
         scans = scans[:1]
     said = {
-        "moved": r"813/ct: the object lies up to 1\.\d mm from where it lies in .*811/ct",
-        "region": r"813/seg.dcm: region cyst2 lies elsewhere than in most of the scans",
+        "moved": r"813/ct: the object is displaced by up to 1\.\d mm relative to .*811/ct",
+        "region": r"813/seg.dcm: region cyst2 differs from most of the scans in position",
         "name": r"811/seg.dcm: .*there are: .*cyst1",
-        "grid": r"813/ct: is on another grid .* leave it out",
-        "one": r"811/ct: is one scan",
-        "empty": r"the regions lie in nothing that is denser",
+        "grid": r"813/ct: is on another grid .* exclude it",
+        "one": r"811/ct: is the only scan",
+        "empty": r"the regions lie in no object that is denser",
     }[wrong]
     if wrong == "empty":
         scans = write(tmp_path / "b", image_of=lambda _: Volume(np.full(GRID.shape, -1000, np.float32), GRID))
     with pytest.raises(InputError, match=said) as error:
-        mean_of(scans, regions, height_mm=8.0)
+        average_scans(scans, regions, height_mm=8.0)
     assert "\n" not in str(error.value)

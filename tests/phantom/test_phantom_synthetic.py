@@ -10,7 +10,7 @@ import pytest
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.io.volumes import read_nifti
-from virtual_phantom.phantom import block_mean, save, synthetic
+from virtual_phantom.phantom import block_mean, synthetic, write_phantom
 from virtual_phantom.phantom.layout import read_layout
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -221,7 +221,7 @@ def test_mirrored_shapes_are_symmetrical(small):
 
 def test_save_writes_what_the_other_stages_read(small, tmp_path):
     phantom = synthetic.build(small, SMALL_GRID, 2, SEED)
-    save(phantom, tmp_path)
+    write_phantom(phantom, tmp_path)
     table = pd.read_csv(tmp_path / "rois.csv")
     assert list(table.columns) == ["roi", "tissue_class", "label", "n_voxels", "mean_hu"]
     assert list(table.roi) == ["plain", "rough"] and list(table.label) == [1, 2]
@@ -262,7 +262,7 @@ def refuse(layout, match, grid=SMALL_GRID):
         (("rois", 0, "margin_mm"), "wide", "rois: plain"),
         (("rois", 0, "size"), 3, "rois: plain: unknown key size"),
         (("rois",), [], "at least one shape and one ROI"),
-        (("rois", 0, "centre_mm"), [0, 0, 12], "ROI plain reaches 22.0 mm from the isocentre along z"),
+        (("rois", 0, "centre_mm"), [0, 0, 12], "ROI plain reaches 22.0 mm from the isocenter along z"),
     ],
 )
 def test_bad_layout_is_one_line(small, path, value, match):

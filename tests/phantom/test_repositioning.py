@@ -13,7 +13,7 @@ from virtual_phantom.base.streams import root
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom import ct, synthetic
 from virtual_phantom.phantom.layout import read_layout
-from virtual_phantom.phantom.repositioning import beyond, drawn_pose
+from virtual_phantom.phantom.repositioning import moved_to_border, random_pose
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.projectors.cpu import CpuProjector
 from virtual_phantom.reconstruction.fbp import fbp
@@ -111,16 +111,16 @@ def test_regions_of_a_ct_follow(tmp_path):
 
 
 def test_places_are_drawn_within_their_bounds_and_each_for_itself():
-    poses = [drawn_pose(2022, seed, 4.0, 2.0) for seed in range(200)]
+    poses = [random_pose(2022, seed, 4.0, 2.0) for seed in range(200)]
     places = np.array([[pose.x_mm, pose.y_mm, pose.z_mm, 2 * pose.turn_deg] for pose in poses])
     assert len(np.unique(places, axis=0)) == 200 and np.abs(places).max() <= 4
     # Evenly from -4 to 4: SD 8 / sqrt(12); of 200, its own error is some 3 %.
     assert places.std(axis=0) == pytest.approx(8 / np.sqrt(12), rel=0.12)
     assert np.abs(np.corrcoef(places.T) - np.eye(4)).max() < 0.25
-    assert drawn_pose(2022, 7, 4.0, 2.0) == poses[7] != drawn_pose(2023, 7, 4.0, 2.0)
+    assert random_pose(2022, 7, 4.0, 2.0) == poses[7] != random_pose(2023, 7, 4.0, 2.0)
 
 
 def test_a_region_that_is_moved_to_the_border_is_told():
     inside, outside = np.zeros((2, 4, 5, 6), bool)
     inside[1:3, 2, 2], outside[1:3, 2, 5] = True, True
-    assert beyond([inside, outside, outside], [inside, inside, outside]) == [1]
+    assert moved_to_border([inside, outside, outside], [inside, inside, outside]) == [1]

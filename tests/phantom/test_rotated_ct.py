@@ -105,7 +105,7 @@ def test_a_mask_without_the_rotation_is_refused_where_it_lies_elsewhere(tmp_path
         nibabel.save(nibabel.Nifti1Image(mask, one), tmp_path / f"{name}.nii")
     grid = read_image(tmp_path / "ct.nii").grid
     assert np.array_equal(open_regions(tmp_path / "ct.nii", grid).mask(1), mask.T == 1)
-    with pytest.raises(InputError, match="lies on another grid than the CT, with its axes rotated otherwise"):
+    with pytest.raises(InputError, match="lies on another grid than the CT, with rotated axes"):
         open_regions(tmp_path / "upright.nii", grid)
 
 

@@ -32,7 +32,7 @@ def test_segments_of_every_type_and_order_are_placed_by_their_frames(kind, order
     array = lps(LABELS)[order] if kind == "LABELMAP" else masks.astype(np.float32 if kind == "FRACTIONAL" else np.uint8)
     path = segmentation(slices[order], tmp_path / "s.dcm", array, kind)
     regions = open_regions(path, CT_GRID)
-    assert regions.there() == {1: "bright", 2: "dark"}
+    assert regions.list_regions() == {1: "bright", 2: "dark"}
     kept = np.isin(np.arange(14), np.arange(14)[order])[:, None, None]
     for n, name in enumerate(BALLS, 1):
         for label in (n, name, str(n)):
@@ -112,7 +112,7 @@ def test_frames_of_no_segment_and_repeated_frames_are_reported(slices, tmp_path,
 
     regions = open_regions(changed(path, change), CT_GRID)
     assert regions.mask("bright").any() and regions.mask("dark").sum() < ball("dark").sum()
-    assert "1 frame of no segment (number 9) passed over" in caplog.text
+    assert "1 frame of no segment (number 9) skipped" in caplog.text
     assert "segment 1 (bright): 1 frame at the position of another frame of it" in caplog.text
 
 
@@ -129,7 +129,7 @@ def test_frames_of_no_segment_and_repeated_frames_are_reported(slices, tmp_path,
         ((LABELS == 1) * np.float32(1 / 255), 1, "has the two values 0 and 0.00392157; it is read as a mask, label 1"),
         ((LABELS == 1) * np.float32(0.3), None, "has the two values 0 and 0.3"),
         ((LABELS == 1) * np.int8(-1), 1, "has the two values 0 and -1"),
-        (np.where(LABELS == 1, 1, -1).astype(np.int16), 1, "labels below 0 are no regions and are passed over: -1"),
+        (np.where(LABELS == 1, 1, -1).astype(np.int16), 1, "labels below 0 are skipped: -1"),
         ((LABELS == 1) * np.int64(3_000_000_000), 3_000_000_000, None),
         ((LABELS == 1) * np.float64(70_000) + (LABELS == 2) * 5, 70_000, None),
     ],
@@ -138,7 +138,7 @@ def test_labels_of_any_type_and_scale_are_whole(array, label, remark, tmp_path, 
     nibabel.save(nibabel.Nifti1Image(array.T, CT_GRID.affine, dtype=array.dtype), tmp_path / "l.nii.gz")
     regions = open_regions(tmp_path / "l.nii.gz", CT_GRID)
     assert np.array_equal(regions.mask(label), ball("bright"))
-    assert label in regions.there() or label is None
+    assert label in regions.list_regions() or label is None
     assert remark in caplog.text if remark else not caplog.records
 
 
@@ -208,7 +208,7 @@ def test_slicer_segmentations_have_names_and_layers(tmp_path, caplog):
     path = itk(both[2:13], tmp_path / "s.seg.nrrd", _part(2, 13), header, vector=True)
     regions = open_regions(path, CT_GRID)
     kept = np.isin(np.arange(14), np.arange(2, 13))[:, None, None]
-    assert list(regions.there().values()) == ["liver", "lesion é"]
+    assert list(regions.list_regions().values()) == ["liver", "lesion é"]
     assert np.array_equal(regions.mask("liver"), ball("bright") & kept)
     assert np.array_equal(regions.mask("lesion é"), (ball("bright") | ball("dark")) & kept)
     assert (

@@ -13,7 +13,7 @@ MAY_BE_LOADED = {
     *("study.progress", "study.progress.said"),
     *(
         "phantom",
-        "phantom.fit",
+        "phantom.grid_size",
         "phantom.layout",
         "phantom.rois",
         "phantom.shapes",

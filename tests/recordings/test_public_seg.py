@@ -33,7 +33,7 @@ def series(tmp_path_factory):
 def held_against(path, folder):
     """Regions of a file against the masks that were written."""
     regions = open_regions(path, read_series(folder).grid)
-    assert list(regions.there().values()) == list(public_files.SEGMENTS)
+    assert list(regions.list_regions().values()) == list(public_files.SEGMENTS)
     for name, mask in public_files.some_masks().items():
         np.testing.assert_array_equal(regions.mask(name), mask, name)
     with pytest.raises(InputError, match="there are: .*cyst1"):

@@ -9,7 +9,7 @@ from recording_folders import refused, write_yaml
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.features import extraction
 from virtual_phantom.features.names import FEATURES
-from virtual_phantom.features.settings import STUDY, differences, distinct, of_table
+from virtual_phantom.features.settings import STUDY, differences, distinct_extractions, read_extractions
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.recordings.summary import summary
@@ -128,10 +128,11 @@ def test_a_setting_changes_the_features_that_it_is_said_to_change(images, tmp_pa
         other = pd.read_csv(batch(cases, tmp_path / f"{setting}.csv", SAME | {setting: value}))
         apart = (plain[list(FEATURES)] - other[list(FEATURES)]).abs().max()
         moved = set(FEATURES) - set(apart.index[apart <= 1e-9 * plain[list(FEATURES)].abs().max()])
-        (found,) = [one for one in differences(STUDY, *distinct(of_table(other, "t"))) if one.setting == setting]
-        said = {name for name in FEATURES if found.changes(name)}
-        assert moved <= said, (setting, moved - said)
-        assert len(moved) >= 0.75 * len(said), (setting, said - moved)
+        (used,) = distinct_extractions(read_extractions(other, "t"))
+        (found,) = [difference for difference in differences(STUDY, used) if difference.setting == setting]
+        changed = {name for name in FEATURES if found.changes(name)}
+        assert moved <= changed, (setting, moved - changed)
+        assert len(moved) >= 0.75 * len(changed), (setting, changed - moved)
 
 
 def test_rows_of_other_rois_and_features_are_left_out_and_counted(table):
@@ -221,7 +222,7 @@ def test_a_second_run_into_the_same_file_is_refused(table, written):
     """pyradiomics appends to what --out names."""
     folder = table()
     (folder / "t.csv").write_text(written["same"] + written["same"])
-    refused(folder, "t.csv: row 14 repeats the names of the columns")
+    refused(folder, "t.csv: row 14 repeats the column names")
 
 
 def test_conditions_may_have_settings_of_their_own(table):

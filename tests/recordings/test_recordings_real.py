@@ -11,7 +11,7 @@ from recording_folders import write_yaml
 from scipy.io import loadmat
 
 from virtual_phantom.base.geometry import Grid, OrbitGeometry
-from virtual_phantom.features.stored import to_hu
+from virtual_phantom.features.hu_offset import convert_to_hu
 from virtual_phantom.projectors import projector
 from virtual_phantom.reconstruction import fbp
 from virtual_phantom.recordings.importers.dicom_tree import import_dicom_tree
@@ -118,7 +118,7 @@ def test_the_tandem_study_keeps_its_values(tmp_path):
     assert recording.dimensions == 2 and recording.stored_offset_hu == 1024 and len(recording.features) == 85
     pd.testing.assert_frame_equal(recording.repeats[list(recording.features)], raw[list(recording.features)])
     assert recording.images_per_condition().tolist() == [29, 29, 30, 30, 30, 30, 30, 30]
-    in_hu = to_hu(recording.repeats).groupby("roi")["original_firstorder_Mean"].mean()
+    in_hu = convert_to_hu(recording.repeats).groupby("roi")["original_firstorder_Mean"].mean()
     noted = {"normal_1": 98, "normal_2": 86, "cyst_1": 5, "cyst_2": 14, "hemangioma": 43, "metastasis": 45}
     assert in_hu.to_dict() == pytest.approx(noted, abs=1)
 

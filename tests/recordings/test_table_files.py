@@ -112,7 +112,7 @@ CONTRAST = "original_glcm_Contrast"
 REFUSED = {
     "Excel": (lambda text, table: b"PK\x03\x04" + bytes(60), "is an Excel workbook or another ZIP archive; save"),
     "old Excel": (lambda text, table: b"\xd0\xcf\x11\xe0\xa1", "is an Excel workbook; save the table as CSV"),
-    "Mac": (lambda text, table: b"\x00\x05\x16\x07\x00\x02\x00", "a Mac keeps attributes of another file"),
+    "Mac": (lambda text, table: b"\x00\x05\x16\x07\x00\x02\x00", "an AppleDouble file with attributes of another file"),
     "JSON": (lambda text, table: '{"original_glcm_Id": 1}', "is JSON; write one row per image and ROI as CSV"),
     "binary": (lambda text, table: bytes(range(256)), "is not UTF-8 text; save the table as CSV UTF-8"),
     "Windows": (lambda text, table: text.replace("r1.nii", "r\xe4.nii").encode("cp1252"), "line 4 is not UTF-8 text"),
@@ -136,16 +136,16 @@ REFUSED = {
     ),
     "a title between separators": (
         lambda text, table: "My cohort,,\n" + text,
-        "row 2 has 132 fields and the header 3 (and 6 more rows); is the first line a title? Delete what precedes the",
+        "row 2 has 132 fields and the header 3 (and 6 more rows); is the first line a title? Delete the lines before",
     ),
-    "a second table": (lambda text, table: "\n\n" + text + text, "row 10 repeats the names of the columns"),
+    "a second table": (lambda text, table: "\n\n" + text + text, "row 10 repeats the column names"),
     "one name twice": (
         lambda text, table: table.assign(glcm_Contrast=1).to_csv(index=False),
-        f"the column '{CONTRAST}' is there twice",
+        f"the column '{CONTRAST}' occurs twice",
     ),
     "separators of thousands": (
         lambda text, table: with_entry(table, CONTRAST, "1,061,670").to_csv(sep=";", index=False),
-        f"{CONTRAST} is '1,061,670' in row 3; save the table without separators of thousands",
+        f"{CONTRAST} is '1,061,670' in row 3; save the table without thousands separators",
     ),
     "two decimal signs": (
         lambda text, table: with_entry(table, CONTRAST, "7,5").to_csv(index=False),

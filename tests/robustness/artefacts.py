@@ -71,7 +71,7 @@ def _read_nifti(path: Path):
 
 def _rois(folder: Path) -> Path:
     masks = [phantom.Roi(name, "cyst", _array() > 40) for name in ("a", "b")]
-    phantom.save_rois(masks, volumes.Volume(_array(), GRID), folder)
+    phantom.write_rois(masks, volumes.Volume(_array(), GRID), folder)
     return folder / "rois.csv"
 
 

@@ -127,7 +127,7 @@ def test_hu_beyond_sixteen_bits_are_set_to_the_last_with_a_warning():
 
 def test_a_constant_roi_has_finite_features_and_a_warning():
     grid = Grid((5, 8, 8), (2.0, 2.0, 2.0))
-    with pytest.warns(RadiomicsWarning, match="fills 1 grey-level bins"):
+    with pytest.warns(RadiomicsWarning, match="fills 1 gray-level bins"):
         table = extract(Volume(np.full(grid.shape, 40.0, np.float32), grid), {"flat": np.ones(grid.shape, bool)}, "one")
     row = table.iloc[0]
     assert row["original_firstorder_Variance"] == 0 and row["original_firstorder_Mean"] == 40
@@ -138,7 +138,7 @@ def test_a_roi_of_one_voxel_is_refused():
     grid = Grid((5, 8, 8), (2.0, 2.0, 2.0))
     mask = np.zeros(grid.shape, bool)
     mask[2, 3, 4] = True
-    with pytest.raises(InputError, match="has 1 voxels; texture needs neighbours"):
+    with pytest.raises(InputError, match="has 1 voxels; textures need neighbors"):
         extract(Volume(np.zeros(grid.shape, np.float32), grid), {"dot": mask}, "image")
 
 

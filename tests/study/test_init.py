@@ -70,7 +70,9 @@ def test_regions_of_every_form_become_rois(image, labels, desk, capsys):
     settings = initialised(image, "--labels", labels, "--size", "quick", *names)
     printed = capsys.readouterr().out
     assert preflight.problems(settings) == []
-    phantom = ct.load(settings["phantom"]["ct"], Grid(settings["grid"]["shape"], settings["grid"]["spacing_mm"]), 1)
+    phantom = ct.load_phantom(
+        settings["phantom"]["ct"], Grid(settings["grid"]["shape"], settings["grid"]["spacing_mm"]), 1
+    )
     assert {roi.name for roi in phantom.rois} == {"bright", "dark"}
     for roi in phantom.rois:
         offset, radius, value = phantom_files.BALLS[roi.name]

@@ -104,14 +104,14 @@ def test_aliases_that_unfold_without_end_are_refused_at_once():
 @pytest.mark.parametrize("name", ["no", "1e+3_", "3.5", "2024-01-01", "null"])
 def test_names_of_a_layout_are_text(name):
     from virtual_phantom.base.streams import Branch, branch
-    from virtual_phantom.phantom.layout import parse
+    from virtual_phantom.phantom.layout import parse_layout
 
     layout = read_layout()
     layout["rois"][0]["name"] = yaml.safe_load(name)
     if isinstance(layout["rois"][0]["name"], str):
         return
     with pytest.raises(InputError, match="to YAML; write the name in quotes"):
-        parse(layout, branch(1, Branch.PHANTOM))
+        parse_layout(layout, branch(1, Branch.PHANTOM))
 
 
 # ---- null ----------------------------------------------------------------------------------------

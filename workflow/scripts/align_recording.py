@@ -6,7 +6,7 @@ from pathlib import Path
 
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.io import files, volumes
-from virtual_phantom.phantom import read_rois, save_rois
+from virtual_phantom.phantom import read_rois, write_rois
 from virtual_phantom.recordings import alignment, registration
 from virtual_phantom.recordings.reading import load
 from virtual_phantom.study.job import job
@@ -33,7 +33,7 @@ with job(snakemake) as log:
         "repeats": [asdict(shift) for shift in shifts],
     }
     volumes.write_nifti(image, snakemake.output.image)
-    save_rois(carried, image, Path(snakemake.output.table).parent)
+    write_rois(carried, image, Path(snakemake.output.table).parent)
     files.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", snakemake.output.alignment)
     text = f"{name}: {registration.describe(found)}"
     log.info("%s", text)

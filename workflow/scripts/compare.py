@@ -8,14 +8,14 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params = snakemake.params
-    simulated = tables.read(snakemake.input.features)
+    simulated = tables.read_features(snakemake.input.features)
     simulated = tables.select(simulated, protocols=[params.protocol], noise=[params.noise], seeds=params.seeds)
     source = f"recording {params.recording}"
     recorded = where(files.read_csv(snakemake.input.recorded), params.where, source)
     features = comparison.common_features(simulated, recorded)
     cells = comparison.compare(simulated, recorded, features, rois=params.rois, margin_sd=params.margin_sd)
     files.write_csv(cells, snakemake.output.cells)
-    other = settings.other_settings(features, recorded, settings.of_parameters(params.parameters["path"]), source)
+    other = settings.other_settings(features, recorded, settings.read_extraction(params.parameters["path"]), source)
     for line in dict.fromkeys(other.values()):
         log.warning("%s: features were extracted with other settings: %s", source, line)
     sizes = comparability.other_sizes(simulated, recorded, features, list(cells["roi"].unique()))

@@ -29,6 +29,6 @@ with job(snakemake) as log:
             **one,
         }
         found = extraction.extract(image, masks, name=str(path), parameters=parameters)
-        table = tables.complete(found, classes, acquisition)
+        table = tables.add_acquisition(found, classes, acquisition)
         files.write_csv(table, output)
         log.info("%s: %d ROIs", path, len(table))

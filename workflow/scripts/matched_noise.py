@@ -13,7 +13,7 @@ from virtual_phantom.study import matched_noise
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
-    features = tables.read(snakemake.input.features)
+    features = tables.read_features(snakemake.input.features)
     if VARIANCE not in features:
         raise InputError(
             f"{snakemake.input.features}: has no {VARIANCE}, by which matched noise levels are told; have firstorder "

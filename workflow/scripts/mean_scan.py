@@ -7,7 +7,7 @@ import pandas as pd
 from virtual_phantom.base.geometry import grid_of
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import Volume, write_nifti
-from virtual_phantom.phantom.mean import ScanFiles, mean_of
+from virtual_phantom.phantom.mean_scan import ScanFiles, average_scans
 from virtual_phantom.recordings.public_scans.fetch import check
 from virtual_phantom.recordings.public_scans.files import regions_file
 from virtual_phantom.study.job import job
@@ -18,7 +18,7 @@ with job(snakemake) as log:
     for scan, folder in zip(params.scans, map(Path, snakemake.input.scans), strict=True):
         check(scan, folder, sizes=False)
         scans.append(ScanFiles(scan.name, folder / "ct", regions_file(folder)))
-    mean = mean_of(scans, params.regions, grid_of(params.grid).extent_mm[0])
+    mean = average_scans(scans, params.regions, grid_of(params.grid).extent_mm[0])
     write_nifti(mean.image, output.image)
     write_nifti(Volume(mean.labels, mean.image.grid), output.regions)
     table = pd.DataFrame(mean.rows).assign(noise_hu=mean.noise_hu, remaining_noise_hu=mean.remaining_hu)

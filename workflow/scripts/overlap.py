@@ -12,7 +12,9 @@ with job(snakemake) as log:
     scores = snakemake.input.scores
     recorded = files.read_csv(scores) if params.recording else measured.load_score_draws(params.seeds)
     repeats = int(recorded["repeats"].iloc[0])
-    features = tables.grouped(tables.read(source), dict(params.groups), noise=params.noise, seeds=repeats)
+    features = tables.select_groups(
+        tables.read_features(source), dict(params.groups), noise=params.noise, seeds=repeats
+    )
     simulated = wilcoxon.scores(features, features_of(features), source=source, **params.statistics)
     table = ranking.overlap(simulated, recorded, ranking.shared_variance(features, features_of(features)))
     files.write_csv(table, snakemake.output[0])

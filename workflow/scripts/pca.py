@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from virtual_phantom.features import settings, tables
-from virtual_phantom.features.stored import to_hu
+from virtual_phantom.features.hu_offset import convert_to_hu
 from virtual_phantom.io import files
 from virtual_phantom.recordings.reference import reference
 from virtual_phantom.statistics import measured, pca
@@ -13,14 +13,16 @@ from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     params, output = snakemake.params, snakemake.output
-    study = settings.of_parameters(params.parameters["path"])
-    features = tables.read(str(snakemake.input.features))
+    study = settings.read_extraction(params.parameters["path"])
+    features = tables.read_features(str(snakemake.input.features))
     simulated = tables.select(features, **params.selection)
     if params.recordings:
         parts = []
         for path, name in zip(snakemake.input.measured, params.recordings, strict=True):
             table = files.read_csv(path)
-            for line in settings.said(study, settings.distinct(settings.of_table(table, path))):
+            for line in settings.describe_differences(
+                study, settings.distinct_extractions(settings.read_extractions(table, path))
+            ):
                 log.warning("recording %s: setting: %s", name, line)
             conditions = params.by or params.conditions[name]
             parts.append(reference(table, conditions, "condition", named=bool(params.by)))
@@ -30,7 +32,7 @@ with job(snakemake) as log:
     elif params.measured["table"] is None:
         shown = measured.group_means()
     else:
-        shown = to_hu(measured.load_full_table(params.measured["table"]))
+        shown = convert_to_hu(measured.load_full_table(params.measured["table"]))
     points = pca.project(simulated, shown, **params.pca)
     separability = pca.separability(points, Path(output.table).stem)
     files.write_csv(points, output.table)

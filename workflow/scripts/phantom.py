@@ -4,7 +4,7 @@ from pathlib import Path
 
 from virtual_phantom.base.geometry import grid_of
 from virtual_phantom.base.streams import Branch, branch
-from virtual_phantom.phantom import ct, layout, save, synthetic
+from virtual_phantom.phantom import ct, layout, synthetic, write_phantom
 from virtual_phantom.physics.scenes import voxelized
 from virtual_phantom.physics.scenes.objects import read_phantom_object
 from virtual_phantom.study.job import job
@@ -20,6 +20,6 @@ with job(snakemake) as log:
         shaped, rois = read_phantom_object(settings["object"])
         phantom = voxelized.build(shaped, grid, oversampling, snakemake.params.mu_water_per_mm, rois)
     else:
-        phantom = ct.load(settings["ct"], grid, oversampling)
-    save(phantom, Path(snakemake.output.image).parent)
+        phantom = ct.load_phantom(settings["ct"], grid, oversampling)
+    write_phantom(phantom, Path(snakemake.output.image).parent)
     log.info("%s phantom on %s, %d ROIs", settings["source"], phantom.image.grid, len(phantom.rois))

@@ -4,13 +4,13 @@ import pandas as pd
 
 from virtual_phantom.base.pose import IN_PLACE
 from virtual_phantom.io import files
-from virtual_phantom.phantom.repositioning import drawn_pose
+from virtual_phantom.phantom.repositioning import random_pose
 from virtual_phantom.study.job import job
 
 with job(snakemake) as log:
     rows = []
     for row in snakemake.params.repeats:
-        pose = drawn_pose(**row["pose"]) if row["repositioned"] else IN_PLACE
+        pose = random_pose(**row["pose"]) if row["repositioned"] else IN_PLACE
         place = {key: getattr(pose, key) for key in ("x_mm", "y_mm", "z_mm", "turn_deg")}
         rows.append({key: row[key] for key in ("noise", "seed", "repositioned")} | place)
     files.write_csv(pd.DataFrame(rows), snakemake.output[0])

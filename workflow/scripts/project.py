@@ -8,7 +8,7 @@ with job(snakemake) as log:
     from virtual_phantom.io.exchange import write_line_integrals
     from virtual_phantom.io.volumes import read_nifti
     from virtual_phantom.phantom import read_masks
-    from virtual_phantom.phantom.repositioning import drawn_pose
+    from virtual_phantom.phantom.repositioning import random_pose
     from virtual_phantom.physics.scenes.line_integrals import check_rois_seen
     from virtual_phantom.physics.stored_state import to_store
     from virtual_phantom.simulation.found import read_found
@@ -29,7 +29,7 @@ with job(snakemake) as log:
     physics = params.geometry["physics"]
     if snakemake.input.physics:
         physics, _ = read_found(*snakemake.input.physics)
-    pose = drawn_pose(**params.pose) if params.pose else IN_PLACE
+    pose = random_pose(**params.pose) if params.pose else IN_PLACE
     log.info("%s", pose)
     line_integrals, state = projected(
         phantom,

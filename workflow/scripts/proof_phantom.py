@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from virtual_phantom.base.streams import Branch, branch
-from virtual_phantom.phantom import save
+from virtual_phantom.phantom import write_phantom
 from virtual_phantom.proof.conceal.objects import OBJECTS
 from virtual_phantom.proof.conceal.phantoms import build
 from virtual_phantom.study.job import job
@@ -13,5 +13,5 @@ with job(snakemake) as log:
     one = OBJECTS[snakemake.wildcards.phantom]
     seed = branch(params.seed, Branch.PROOF_PHANTOM)
     phantom = build(one, snakemake.input.layout, params.scan["columns"], params.scan["rows"], seed)
-    save(phantom, Path(snakemake.output.image).parent)
+    write_phantom(phantom, Path(snakemake.output.image).parent)
     log.info("scanned on %s, known on %s", phantom.fine.grid, phantom.image.grid)

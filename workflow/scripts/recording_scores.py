@@ -20,7 +20,7 @@ with job(snakemake) as log:
             f"recording {snakemake.wildcards.recording}: holds {recording.kind}; analyses.stability.recordings takes "
             "recordings of features only"
         )
-    for line in settings.said(parameters.extraction, recording.extractions, recording.features):
+    for line in settings.describe_differences(parameters.extraction, recording.extractions, recording.features):
         log.warning("setting: %s", line)
     name = f"recording {recording.name}"
     recording = replace(recording, repeats=where(recording.repeats, snakemake.params.where, name))

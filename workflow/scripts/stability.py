@@ -9,7 +9,9 @@ from virtual_phantom.study.job import job
 with job(snakemake) as log:
     params = snakemake.params
     source = str(snakemake.input.features)
-    table = tables.grouped(tables.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds)
+    table = tables.select_groups(
+        tables.read_features(source), dict(params.groups), noise=params.noise, seeds=params.seeds
+    )
     scores = wilcoxon.scores(table, features_of(table), source=source, **params.statistics)
     files.write_csv(scores, snakemake.output[0])
     log.info(

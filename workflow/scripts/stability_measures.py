@@ -9,7 +9,9 @@ from virtual_phantom.study.job import job
 with job(snakemake) as log:
     params, output = snakemake.params, snakemake.output
     source = str(snakemake.input.features)
-    table = tables.grouped(tables.read(source), dict(params.groups), noise=params.noise, seeds=params.seeds)
+    table = tables.select_groups(
+        tables.read_features(source), dict(params.groups), noise=params.noise, seeds=params.seeds
+    )
     scores = files.read_csv(snakemake.input.trust)
     measured = stability_measures.measures(table, scores, features_of(table), params.cut_offs, source)
     features = stability_measures.by_feature(measured)

@@ -10,7 +10,7 @@ with job(snakemake) as log:
     params = snakemake.params
     source = str(snakemake.input.features)
     groups = dict(params.groups)
-    table = tables.grouped(tables.read(source), groups, noise=params.noise, seeds=params.seeds)
+    table = tables.select_groups(tables.read_features(source), groups, noise=params.noise, seeds=params.seeds)
     sharing = {groups[protocol]: label for protocol, label in params.sharing.items()}
     found = trust.table(
         table,

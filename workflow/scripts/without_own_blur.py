@@ -4,13 +4,13 @@ import pandas as pd
 
 from virtual_phantom.io import files
 from virtual_phantom.io.volumes import read_nifti, write_nifti
-from virtual_phantom.phantom.own_blur import (
+from virtual_phantom.phantom.deconvolution import (
     SD_OF_FWHM,
     SD_OF_HALF,
-    Spectra,
-    with_voxels,
-    within_object,
-    without_own_blur,
+    PowerSpectra,
+    add_voxel_blur,
+    deconvolve,
+    keep_air,
 )
 from virtual_phantom.statistics.own_edge import edge_mtf_half
 from virtual_phantom.study.job import job
@@ -21,10 +21,10 @@ with job(snakemake) as log:
     regions = read_nifti(snakemake.input.regions).array.round().astype(int)
     half = edge_mtf_half(mean)
     in_plane, along = SD_OF_HALF / half, SD_OF_FWHM * params.slice_mm
-    spectra = Spectra.of_table(files.read_csv(snakemake.input.spectra, numbers=["noise"]))
+    spectra = PowerSpectra.from_table(files.read_csv(snakemake.input.spectra, numbers=["noise"]))
     fine = [step / params.grid["oversampling"] for step in params.grid["spacing_mm"]]
-    blur = with_voxels((along, in_plane, in_plane), mean.grid.spacing, fine)
-    sharp = within_object(without_own_blur(mean, blur, spectra), mean)
+    blur = add_voxel_blur((along, in_plane, in_plane), mean.grid.spacing, fine)
+    sharp = keep_air(deconvolve(mean, blur, spectra), mean)
     write_nifti(sharp, output.image)
     rows = [("mtf_half_per_mm", "", half, edge_mtf_half(sharp))]
     rows += [("blur_in_plane_mm", "", in_plane, SD_OF_HALF / rows[0][3]), ("blur_along_z_mm", "", along, None)]

@@ -130,13 +130,14 @@ def read_phantom(
     Raises
     ------
     InputError
-        For an unusable image, region or setting (phantom.ct.load).
+        For an unusable image, region or setting (phantom.ct.load_phantom).
     """
     regions = sequence(rois, "rois", "mappings with name and tissue_class")
     settings = {"image": path(image, "image"), "rois": [_plain(one) for one in regions], **_plain(places)}
     if labels is not None:
         settings["labels"] = path(labels, "labels")
-    return ct.load(expand_home(settings), _grid(shape, spacing_mm), whole(oversampling, "oversampling", 1, FINEST))
+    finer = whole(oversampling, "oversampling", 1, FINEST)
+    return ct.load_phantom(expand_home(settings), _grid(shape, spacing_mm), finer)
 
 
 def _grid(shape: object, spacing_mm: object) -> Grid:

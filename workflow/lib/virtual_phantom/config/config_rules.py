@@ -550,12 +550,12 @@ class Rules:
             )
         elif phantom.get("source") == "ct" and "ct" in phantom:
             # Here, because they take a second to load, and every start of the workflow reads the configuration.
-            from ..phantom.rois import read_entries
+            from ..phantom.rois import read_roi_entries
             from ..statistics.measured import TISSUE_CLASSES
 
             settings = phantom["ct"]
             try:
-                entries = read_entries(settings["rois"], settings.get("labels"))
+                entries = read_roi_entries(settings["rois"], settings.get("labels"))
             except InputError:  # said where the phantom's files are looked at
                 return
             names = {name for entry in entries for name in entry.names}

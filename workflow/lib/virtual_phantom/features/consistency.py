@@ -1,9 +1,9 @@
-"""Relations between the features of one region that any correct table satisfies.
+"""Check relations between the features of one region that every correct table satisfies.
 
-They show rows that are shifted by a column, columns that are swapped, and numbers that lost their decimal sign. Each
-follows from the definitions of pyradiomics 3.0.1 (radiomics/firstorder.py, glcm.py, gldm.py, glrlm.py, glszm.py,
-ngtdm.py, shape.py, shape2D.py). Features of the GLCM and GLRLM are means over directions, so only relations that
-survive a mean are used: linear ones, and inequalities by Jensen or Cauchy-Schwarz.
+They detect rows that are shifted by a column, swapped columns, and numbers without their decimal separator. Each
+relation follows from the definitions of pyradiomics 3.0.1 (radiomics/firstorder.py, glcm.py, gldm.py, glrlm.py,
+glszm.py, ngtdm.py, shape.py, shape2D.py). GLCM and GLRLM features are means over directions, so only relations that
+also hold for means are used: linear ones, and inequalities by Jensen or Cauchy-Schwarz.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ import pandas as pd
 
 from ..base.errors import InputError
 from .names import features_of
-from .settings import SETTINGS_COLUMN, of_table
+from .settings import SETTINGS_COLUMN, read_extractions
 
-DIGITS = 9  # decimals from which on a number counts as unrounded: its error is then at most 5e-10
-RELATIVE = 1e-6  # error of programs in single precision: 2^-23 per operation, for a few operations
-MOST = 1e12  # largest square of a gray level: a million levels, when 16 bits in bins of 1 have 65,536
+DIGITS = 9  # numbers with at least this many decimals count as unrounded: the error is at most 5e-10
+RELATIVE = 1e-6  # relative error in single precision: 2^-23 per operation, for a few operations
+MOST = 1e12  # largest square of a gray level: a million levels; 16 bits in bins of width 1 give 65,536
 BITS = 64.0  # largest entropy: no matrix has more than 2^64 entries
-DIRECTIONS = 13  # of neighbors in 3D: of as many positive numbers, none is above 13 times the mean
-LARGEST_VOXEL, SMALLEST_VOXEL = 1e4, 1e-9  # mm^3: of 21 mm (PET has 4) and of 1 um
-LARGEST = 1e60  # of any feature: the energy of 1e9 voxels and the fourth power of a million levels are below 1e30
-CANDIDATES = 50  # rows that propose a shift of grey values
+DIRECTIONS = 13  # directions to neighbors in 3D: none of 13 positive numbers is above 13 times their mean
+LARGEST_VOXEL, SMALLEST_VOXEL = 1e4, 1e-9  # volumes, mm^3: sides of 21 mm (PET has 4 mm) and of 1 um
+LARGEST = 1e60  # largest feature: the energy of 1e9 voxels and the fourth power of a million levels are below 1e30
+CANDIDATES = 50  # rows from which shifts of gray values are proposed
 
 
 @dataclass(frozen=True)
 class Terms:
-    """Values of one row per entry, each with the largest error that rounding in the file can have made."""
+    """A value per row of a table, with the largest error that rounding in the file can have caused."""
 
     value: np.ndarray
     error: np.ndarray
@@ -61,7 +61,7 @@ class Terms:
             return Terms(value, (self.error + abs(value) * other.error) / least)
 
     def through(self, function: Callable[[np.ndarray], np.ndarray]) -> Terms:
-        """A monotonic function of the values."""
+        """Apply a monotonic function."""
         with np.errstate(divide="ignore", invalid="ignore"):
             value = function(self.value)
             ends = [abs(function(self.value + sign * self.error) - value) for sign in (-1, 1)]
@@ -70,7 +70,7 @@ class Terms:
 
 @dataclass(frozen=True)
 class Relation:
-    """Two sides of which the first is at most, or equal to, the second; `usual`: only if most rows satisfy it."""
+    """low <= high, or low = high if `equal`. If `usual`, it is only checked if most rows satisfy it."""
 
     text: str
     low: Terms
@@ -79,7 +79,7 @@ class Relation:
     usual: bool = False
 
     def broken(self) -> np.ndarray:
-        """Rows that break the relation by more than rounding explains."""
+        """Mark the rows that break the relation by more than rounding explains."""
         with np.errstate(invalid="ignore"):
             size = np.maximum(abs(self.low.value), abs(self.high.value))
             tolerance = self.low.error + self.high.error + RELATIVE * size + 10.0**-DIGITS
@@ -93,15 +93,15 @@ def check(table: pd.DataFrame, source: str) -> None:
     Parameters
     ----------
     table : DataFrame
-        Features as numbers, under the names of pyradiomics; its index numbers the rows of the file. Entries that are
-        NaN, and features that are missing, are passed over.
+        Numeric features under the names of pyradiomics, indexed by row number in the file. NaN entries and missing
+        features are ignored.
     source : str
-        Beginning of the message.
+        Start of messages.
 
     Raises
     ------
     InputError
-        Naming the first row that breaks a relation, the relation, and its two sides, or a number beyond LARGEST.
+        If a row breaks a relation or a number is beyond LARGEST.
     """
     names = features_of(table)
     if not names or table.empty:
@@ -115,14 +115,14 @@ def check(table: pd.DataFrame, source: str) -> None:
     values = np.where(np.abs(values) < 1 / LARGEST, 0.0, values)
     errors = rounding(values)
     types: dict[str, dict[str, Terms]] = {}
-    for place, name in enumerate(names):
+    for column, name in enumerate(names):
         kind, _, feature = name.partition("_")
-        types.setdefault(kind, {})[feature] = Terms(values[:, place], errors[:, place])
+        types.setdefault(kind, {})[feature] = Terms(values[:, column], errors[:, column])
     first: tuple[int, Relation, str] | None = None
     wrong = np.zeros(len(table), dtype=bool)
-    with np.errstate(divide="ignore", invalid="ignore"):  # what is not finite breaks no relation
-        for kind, own in types.items():
-            for relation in relations(own, _shift(table, own, source), _voxels(table)):
+    with np.errstate(divide="ignore", invalid="ignore"):  # values that are not finite break no relation
+        for kind, terms in types.items():
+            for relation in relations(terms, _shift(table, terms, source), _voxels(table)):
                 broken = relation.broken()
                 known = np.isfinite(relation.low.value - relation.high.value)
                 if not broken.any() or relation.usual and broken.sum() > known.sum() / 2:
@@ -134,8 +134,7 @@ def check(table: pd.DataFrame, source: str) -> None:
     if first is None:
         return
     row, relation, kind = first
-    sides = [side.value if side.value.ndim == 0 else side.value[row] for side in (relation.low, relation.high)]
-    shown = [f"{side:.6g}" for side, of in zip(sides, (relation.low, relation.high), strict=True) if of.value.ndim]
+    shown = [f"{side.value[row]:.6g}" for side in (relation.low, relation.high) if side.value.ndim]
     found = f"the values are {' and '.join(shown)}" if len(shown) > 1 else f"it is {shown[0]}"
     where = "" if kind == "original" else f" of {kind}"
     advice = "is the row shifted, or are columns mixed up?"
@@ -146,14 +145,10 @@ def check(table: pd.DataFrame, source: str) -> None:
 
 
 def rounding(values: np.ndarray) -> np.ndarray:
-    """Bound on the rounding error of every entry, from the digits that its row and its column have.
+    """Bound the rounding error of every entry of [row, feature] by the digits of its row and its column.
 
-    A table may be rounded to decimals or to significant digits, column by column or row by row. So an entry counts as
-    rounded as coarsely as the finest entry of its row, or of its column, whichever is coarser.
-
-    Parameters
-    ----------
-    values : ndarray, shape (rows, features)
+    A table may be rounded to decimals or to significant digits, by column or by row. The precision of an entry is
+    that of the finest entry of its row or of its column, whichever is coarser.
     """
     finite = np.isfinite(values)
     size = np.where(finite & (values != 0), abs(values), 1.0)
@@ -168,39 +163,39 @@ def rounding(values: np.ndarray) -> np.ndarray:
         return np.where(finite, np.maximum(0.5 * 10.0**-unit, 5.0 * 10.0**-share * abs(values)), 0.0)
 
 
-def relations(own: Mapping[str, Terms], shift: np.ndarray | float, voxels: Terms | None = None) -> Iterator[Relation]:
-    """All relations between the features of one image type.
+def relations(terms: Mapping[str, Terms], shift: np.ndarray | float, voxels: Terms | None = None) -> Iterator[Relation]:
+    """Yield all relations between the features of one image type.
 
     Parameters
     ----------
-    own : mapping of str to Terms
-        By name without image type, such as firstorder_Mean.
+    terms : mapping of str to Terms
+        By feature name without image type, such as firstorder_Mean.
     shift : ndarray or float
-        The voxelArrayShift of every row, NaN where it is not known.
+        voxelArrayShift of every row; NaN if unknown.
     voxels : Terms, optional
         Number of voxels of every region.
     """
-    for text, low, high, equal, usual in _all(_Features(own, shift, voxels)):
-        yield Relation(text, _terms(low), _terms(high), equal, usual)
+    for text, low, high, *flags in _all(_Features(terms, shift, voxels)):
+        yield Relation(text, _terms(low), _terms(high), *flags)
 
 
 class _Features:
-    """Features by name, and what else is known of every row."""
+    """Features by name, with voxelArrayShift and number of voxels of every row."""
 
-    def __init__(self, own: Mapping[str, Terms], shift: np.ndarray | float, voxels: Terms | None):
-        self.own, self.shift, self.voxels = own, shift, voxels
+    def __init__(self, terms: Mapping[str, Terms], shift: np.ndarray | float, voxels: Terms | None):
+        self.terms, self.shift, self.voxels = terms, shift, voxels
 
     def __call__(self, *names: str) -> list[Terms] | None:
         """Return these features, or None if one is missing."""
-        return [self.own[name] for name in names] if all(name in self.own for name in names) else None
+        return [self.terms[name] for name in names] if all(name in self.terms for name in names) else None
 
 
 def _terms(value: Terms | float) -> Terms:
     return value if isinstance(value, Terms) else Terms(np.asarray(value, dtype=np.float64), np.zeros(()))
 
 
-def _all(features: _Features) -> Iterator[tuple[str, Terms | float, Terms | float, bool, bool]]:
-    """The fields of every Relation."""
+def _all(features: _Features) -> Iterator[tuple]:
+    """Yield the text, sides and, if not both False, flags of every Relation."""
     yield from _first_order(features)
     yield from _bounds(features)
     yield from _glcm(features)
@@ -210,7 +205,7 @@ def _all(features: _Features) -> Iterator[tuple[str, Terms | float, Terms | floa
     yield from _shape(features)
 
 
-# Least and largest value of features by class; None: no limit. A mean over directions has the limits of one direction.
+# Smallest and largest value of features by class; None: no limit. Limits also hold for means over directions.
 BOUNDS: dict[str, dict[str, tuple[float | None, float | None]]] = {
     "firstorder": {
         "Variance": (0, None),
@@ -249,7 +244,7 @@ BOUNDS: dict[str, dict[str, tuple[float | None, float | None]]] = {
         **dict.fromkeys(("Idn", "Idmn"), (0.5, 1)),
     },
     "ngtdm": {
-        "Coarseness": (0, 1e6),  # 1e6: what pyradiomics gives of a uniform region
+        "Coarseness": (0, 1e6),  # 1e6: value that pyradiomics gives for a uniform region
         "Contrast": (0, None),
         "Busyness": (0, None),
         "Complexity": (0, None),
@@ -269,8 +264,9 @@ BOUNDS: dict[str, dict[str, tuple[float | None, float | None]]] = {
         "Elongation": (0, 1),
     },
 }
-# What follows counts j (dependences, runs, zones of a size) and levels i, both from 1: names of the emphasis of small
-# and large j, of low and high i, of the four products, of non-uniformities, variances, entropy and percentage.
+# Parts of feature names of matrices of gray levels i >= 1 and counts j >= 1 (dependences, run lengths, zone sizes).
+# They are the kind of count, prefixes for small and large j, infix of level emphases, prefix of non-uniformities, and
+# the percentage.
 MATRICES = {
     "gldm": ("Dependence", "SmallDependence", "LargeDependence", "", "Dependence", None),
     "glrlm": ("Run", "ShortRun", "LongRun", "Run", "RunLength", "RunPercentage"),
@@ -283,9 +279,9 @@ def _bounds(features: _Features) -> Iterator[tuple]:
         for name, (low, high) in names.items():
             if found := features(f"{family}_{name}"):
                 if low is not None:
-                    yield f"{family}_{name} is at least {low:g}", low, found[0], False, False
+                    yield f"{family}_{name} is at least {low:g}", low, found[0]
                 if high is not None:
-                    yield f"{family}_{name} is at most {high:g}", found[0], high, False, False
+                    yield f"{family}_{name} is at most {high:g}", found[0], high
 
 
 def _first_order(features: _Features) -> Iterator[tuple]:
@@ -293,61 +289,57 @@ def _first_order(features: _Features) -> Iterator[tuple]:
         return features(*(f"firstorder_{name}" for name in names))
 
     order = ("Minimum", "10Percentile", "Median", "90Percentile", "Maximum")
-    there = [name for name in order if first(name)]
-    for low, high in [*zip(there, there[1:], strict=False), ("Minimum", "Mean"), ("Mean", "Maximum")]:
+    present = [name for name in order if first(name)]
+    for low, high in [*zip(present, present[1:], strict=False), ("Minimum", "Mean"), ("Mean", "Maximum")]:
         if found := first(low, high):
-            yield f"{low} is at most {high}", *found, False, False
+            yield f"{low} is at most {high}", *found
     if found := first("Range", "Maximum", "Minimum"):
-        yield "Range is Maximum - Minimum", found[0], found[1] - found[2], True, False
+        yield "Range is Maximum - Minimum", found[0], found[1] - found[2], True
     for low in ("MeanAbsoluteDeviation", "InterquartileRange"):
         if found := first(low, "Range"):
-            yield f"{low} is at most Range", *found, False, False
+            yield f"{low} is at most Range", *found
     if found := first("InterquartileRange", "90Percentile", "10Percentile"):
-        yield "InterquartileRange is at most 90Percentile - 10Percentile", found[0], found[1] - found[2], False, False
+        yield "InterquartileRange is at most 90Percentile - 10Percentile", found[0], found[1] - found[2]
     if found := first("RobustMeanAbsoluteDeviation", "90Percentile", "10Percentile"):
-        # of values within an interval, half at each of its ends
+        # extreme case: half of the values at each end of the interval
         text = "RobustMeanAbsoluteDeviation is at most half of 90Percentile - 10Percentile"
-        yield text, found[0], 0.5 * (found[1] - found[2]), False, False
+        yield text, found[0], 0.5 * (found[1] - found[2])
     if found := first("MeanAbsoluteDeviation", "Variance"):
-        text = "MeanAbsoluteDeviation^2 is at most Variance"
-        yield text, found[0] * found[0], found[1], False, False
+        yield "MeanAbsoluteDeviation^2 is at most Variance", found[0] * found[0], found[1]
     if found := first("StandardDeviation", "Variance"):
-        yield "StandardDeviation^2 is Variance", found[0] * found[0], found[1], True, False
+        yield "StandardDeviation^2 is Variance", found[0] * found[0], found[1], True
     if found := first("Mean", "Median", "Variance"):
         change = found[0] - found[1]
-        yield "(Mean - Median)^2 is at most Variance", change * change, found[2], False, False
+        yield "(Mean - Median)^2 is at most Variance", change * change, found[2]
     if found := first("Variance", "Maximum", "Mean", "Minimum"):
         variance, most, mean, least = found
         text = "Variance is at most (Maximum - Mean)(Mean - Minimum)"  # Bhatia and Davis, 2000
-        yield text, variance, (most - mean) * (mean - least), False, False
+        yield text, variance, (most - mean) * (mean - least)
     if found := first("Variance", "Range"):
-        yield "Variance is at most Range^2 / 4", found[0], 0.25 * (found[1] * found[1]), False, False
+        yield "Variance is at most Range^2 / 4", found[0], 0.25 * (found[1] * found[1])
     if found := first("Kurtosis", "Skewness", "Variance"):
         kurtosis, skewness, variance = found
-        # Pearson, 1916. Both are 0 where all voxels are equal, and rounding errors alone where they nearly are.
+        # Pearson, 1916. Both are 0 if all voxels are equal, and only rounding errors if they nearly are.
         uneven = variance.value > variance.error + RELATIVE * (1 + abs(variance.value))
         if mean := first("Mean"):
             uneven &= variance.value > RELATIVE**2 * mean[0].value ** 2
         low = Terms(np.where(uneven, 1 + skewness.value**2, -np.inf), (skewness * skewness).error)
-        yield "Kurtosis is at least 1 + Skewness^2 (3 is not subtracted)", low, kurtosis, False, False
+        yield "Kurtosis is at least 1 + Skewness^2 (3 is not subtracted)", low, kurtosis
         if ends := first("Maximum", "Mean", "Minimum"):
-            far = (ends[0] - ends[1]) + (ends[1] - ends[2])  # from the mean to the farther end, or more
+            far = (ends[0] - ends[1]) + (ends[1] - ends[2])  # at least the distance from the mean to the farther end
             text = "Kurtosis is at most Range^2 / Variance"
             high = far * far / variance
-            yield text, kurtosis, Terms(np.where(uneven, high.value, np.inf), high.error), False, False
+            yield text, kurtosis, Terms(np.where(uneven, high.value, np.inf), high.error)
     if found := first("TotalEnergy", "Energy"):
         volume = "TotalEnergy / Energy, the volume of a voxel in mm^3,"
-        yield f"{volume} is at most {LARGEST_VOXEL:g}", found[0], LARGEST_VOXEL * found[1], False, False
-        yield f"{volume} is at least {SMALLEST_VOXEL:g}", SMALLEST_VOXEL * found[1], found[0], False, False
+        yield f"{volume} is at most {LARGEST_VOXEL:g}", found[0], LARGEST_VOXEL * found[1]
+        yield f"{volume} is at least {SMALLEST_VOXEL:g}", SMALLEST_VOXEL * found[1], found[0]
     if found := first("Entropy", "Uniformity"):
-        text = "Entropy is at least -log2(Uniformity)"
-        yield text, -1.0 * found[1].through(np.log2), found[0], False, False
+        yield "Entropy is at least -log2(Uniformity)", -1.0 * found[1].through(np.log2), found[0]
     if found := first("RootMeanSquared", "Mean", "Variance"):
         square, mean = found[0] * found[0], found[1] + features.shift
-        text = "RootMeanSquared^2 is Variance + Mean^2"
-        if np.any(np.nan_to_num(features.shift)):
-            text = "RootMeanSquared^2 is Variance + (Mean + voxelArrayShift)^2"
-        yield text, square, found[2] + mean * mean, True, False
+        offset = "(Mean + voxelArrayShift)" if np.any(np.nan_to_num(features.shift)) else "Mean"
+        yield f"RootMeanSquared^2 is Variance + {offset}^2", square, found[2] + mean * mean, True
     if (found := first("Energy", "RootMeanSquared")) and features.voxels is not None:
         text = "Energy is the number of voxels times RootMeanSquared^2"
         yield text, found[0], features.voxels * (found[1] * found[1]), True, True
@@ -369,27 +361,24 @@ def _glcm(features: _Features) -> Iterator[tuple]:
         ("DifferenceAverage", "Contrast"),  # |i - j| is a whole number
     ):
         if found := glcm(low, high):
-            yield f"glcm_{low} is at most glcm_{high}", *found, False, False
+            yield f"glcm_{low} is at most glcm_{high}", *found
     if found := glcm("MaximumProbability", "JointEnergy"):
-        text = "glcm_MaximumProbability^2 is at most glcm_JointEnergy"
-        yield text, found[0] * found[0], found[1], False, False
+        yield "glcm_MaximumProbability^2 is at most glcm_JointEnergy", found[0] * found[0], found[1]
     if found := glcm("JointEntropy", "JointEnergy"):
-        text = "glcm_JointEntropy is at least -log2(glcm_JointEnergy)"
-        yield text, -1.0 * found[1].through(np.log2), found[0], False, False
+        yield "glcm_JointEntropy is at least -log2(glcm_JointEnergy)", -1.0 * found[1].through(np.log2), found[0]
     if found := glcm("JointEntropy", "SumEntropy", "DifferenceEntropy"):
-        # i + j, |i - j| and the sign of i - j, one bit, give i and j
+        # i + j, |i - j| and the sign of i - j (one bit) determine i and j
         text = "glcm_JointEntropy is at most glcm_SumEntropy + glcm_DifferenceEntropy + 1"
-        yield text, found[0], found[1] + found[2] + 1, False, False
+        yield text, found[0], found[1] + found[2] + 1
     if found := glcm("DifferenceVariance", "Contrast", "DifferenceAverage"):
         text = "glcm_DifferenceVariance is at most glcm_Contrast - glcm_DifferenceAverage^2"
-        yield text, found[0], found[1] - found[2] * found[2], False, False
+        yield text, found[0], found[1] - found[2] * found[2]
     if found := glcm("ClusterTendency", "ClusterProminence"):
-        text = "glcm_ClusterTendency^2 is at most glcm_ClusterProminence"
-        yield text, found[0] * found[0], found[1], False, False
+        yield "glcm_ClusterTendency^2 is at most glcm_ClusterProminence", found[0] * found[0], found[1]
     if found := glcm("ClusterShade", "ClusterTendency", "ClusterProminence"):
         text = "glcm_ClusterShade^2 is at most glcm_ClusterTendency glcm_ClusterProminence"
-        yield text, found[0] * found[0], found[1] * found[2], False, False
-    # The following are of a symmetrical matrix.
+        yield text, found[0] * found[0], found[1] * found[2]
+    # The following relations hold for a symmetrical matrix.
     if found := glcm("SumAverage", "JointAverage"):
         yield "glcm_SumAverage is twice glcm_JointAverage", found[0], 2.0 * found[1], True, True
     if found := glcm("ClusterTendency", "Contrast", "SumSquares"):
@@ -406,11 +395,11 @@ def _glcm(features: _Features) -> Iterator[tuple]:
 def _matrix(
     features: _Features, family: str, kind: str, small: str, large: str, of_levels: str, length: str, share: str | None
 ) -> Iterator[tuple]:
-    """Relations of a matrix of levels i and counts j: moments of its normalized entries p(i, j)."""
+    """Relations between moments of the normalized entries p(i, j) of a matrix of levels i and counts j."""
     low, high = f"LowGrayLevel{of_levels}Emphasis", f"HighGrayLevel{of_levels}Emphasis"
     few, many = f"{small}Emphasis", f"{large}Emphasis"
 
-    def own(*names: str) -> list[Terms] | None:
+    def matrix(*names: str) -> list[Terms] | None:
         return features(*(f"{family}_{name}" for name in names))
 
     def named(name: str) -> str:
@@ -427,12 +416,12 @@ def _matrix(
         **({share: (0, 1)} if share else {}),
     }
     for name, (least, most) in within.items():
-        if found := own(name):
+        if found := matrix(name):
             if least is not None:
-                yield f"{named(name)} is at least {least:g}", least, found[0], False, False
+                yield f"{named(name)} is at least {least:g}", least, found[0]
             if most is not None:
-                yield f"{named(name)} is at most {most:g}", found[0], most, False, False
-    for one, other in (
+                yield f"{named(name)} is at most {most:g}", found[0], most
+    for lower, upper in (
         (f"{small}LowGrayLevelEmphasis", few),
         (f"{small}LowGrayLevelEmphasis", low),
         (few, f"{small}HighGrayLevelEmphasis"),
@@ -444,42 +433,41 @@ def _matrix(
         ("GrayLevelNonUniformityNormalized", "GrayLevelNonUniformity"),
         (f"{length}NonUniformityNormalized", f"{length}NonUniformity"),
     ):
-        if found := own(one, other):
-            yield f"{named(one)} is at most {named(other)}", *found, False, False
-    for one, other in ((few, many), (low, high)):
-        if found := own(one, other):  # Cauchy-Schwarz
-            yield f"{named(one)} {named(other)} is at least 1", 1.0, found[0] * found[1], False, False
-    for one, other in (("GrayLevelVariance", high), (f"{kind}Variance", many)):
-        if found := own(one, other):  # the mean is at least 1
-            yield f"{named(one)} is at most {named(other)} - 1", found[0], found[1] - 1.0, False, False
+        if found := matrix(lower, upper):
+            yield f"{named(lower)} is at most {named(upper)}", *found
+    for lower, upper in ((few, many), (low, high)):
+        if found := matrix(lower, upper):  # Cauchy-Schwarz
+            yield f"{named(lower)} {named(upper)} is at least 1", 1.0, found[0] * found[1]
+    for lower, upper in (("GrayLevelVariance", high), (f"{kind}Variance", many)):
+        if found := matrix(lower, upper):  # the mean is at least 1
+            yield f"{named(lower)} is at most {named(upper)} - 1", found[0], found[1] - 1.0
     for name in ("GrayLevelNonUniformityNormalized", f"{length}NonUniformityNormalized"):
-        if found := own(f"{kind}Entropy", name):  # Shannon entropy is at least Renyi's of order 2
-            text = f"{named(kind)}Entropy is at least -log2({named(name)})"
-            yield text, -1.0 * found[1].through(np.log2), found[0], False, False
-    # The highest level occurs at least once, so its square is at most that emphasis times the number of entries.
+        if found := matrix(f"{kind}Entropy", name):  # Shannon entropy is at least Renyi's of order 2
+            yield f"{named(kind)}Entropy is at least -log2({named(name)})", -1.0 * found[1].through(np.log2), found[0]
+    # The highest level occurs at least once, so its square is at most its emphasis times the number of entries.
     counted = f"{length}NonUniformity" if family == "gldm" else "GrayLevelNonUniformity"
-    if found := own(f"{large}HighGrayLevelEmphasis", many, high, counted, f"{counted}Normalized"):
+    if found := matrix(f"{large}HighGrayLevelEmphasis", many, high, counted, f"{counted}Normalized"):
         text = f"{named(large)}HighGrayLevelEmphasis is at most {named(many)} {named(high)} times the entries counted"
         most = found[1] * found[2] * (found[3] / found[4])
-        yield text, found[0], (DIRECTIONS if family == "glrlm" else 1.0) * most, False, False
-    if share and (found := own(f"{kind}Variance", many, share)):
-        # The mean of j is the number of voxels over that of runs or zones.
+        yield text, found[0], (DIRECTIONS if family == "glrlm" else 1.0) * most
+    if share and (found := matrix(f"{kind}Variance", many, share)):
+        # The mean of j is the number of voxels divided by the number of runs or zones.
         equal = family == "glszm"
         text = f"{named(kind)}Variance is {'' if equal else 'at most '}{named(many)} - 1 / {named(share)}^2"
         inverse = _terms(1.0) / found[2]
-        yield text, found[0], found[1] - inverse * inverse, equal, False
-    number = own("GrayLevelNonUniformity", "GrayLevelNonUniformityNormalized")
-    if family == "glszm" and number and (found := own(f"{length}NonUniformity", f"{length}NonUniformityNormalized")):
+        yield text, found[0], found[1] - inverse * inverse, equal
+    number = matrix("GrayLevelNonUniformity", "GrayLevelNonUniformityNormalized")
+    if family == "glszm" and number and (found := matrix(f"{length}NonUniformity", f"{length}NonUniformityNormalized")):
         text = "glszm_GrayLevelNonUniformity glszm_SizeZoneNonUniformityNormalized is glszm_SizeZoneNonUniformity "
         text += "glszm_GrayLevelNonUniformityNormalized"  # both ratios are the number of zones
-        yield text, number[0] * found[1], found[0] * number[1], True, False
-        if entropy := own("ZoneEntropy"):
+        yield text, number[0] * found[1], found[0] * number[1], True
+        if entropy := matrix("ZoneEntropy"):
             text = "glszm_ZoneEntropy is at most log2 of the number of zones"
-            yield text, entropy[0], (found[0] / found[1]).through(np.log2), False, False
+            yield text, entropy[0], (found[0] / found[1]).through(np.log2)
 
 
 def _numbers_of_voxels(features: _Features) -> Iterator[tuple]:
-    """Relations between families, which tables put together from several extractions may break in every row."""
+    """Relations between families. A table that combines several extractions may break them in every row."""
     every = features("gldm_DependenceNonUniformity", "gldm_DependenceNonUniformityNormalized")
     if every is None:
         return
@@ -503,7 +491,7 @@ def _numbers_of_voxels(features: _Features) -> Iterator[tuple]:
         yield text, levels[2], 4.0 * (levels[1] * levels[0] * count), False, True
     zones = features("glszm_SizeZoneNonUniformity", "glszm_SizeZoneNonUniformityNormalized", "glszm_ZonePercentage")
     if zones:
-        text = "glszm_ZonePercentage is the number of zones over that of voxels"
+        text = "glszm_ZonePercentage is the number of zones divided by the number of voxels"
         yield text, zones[0] / zones[1], zones[2] * count, True, True
     for name in ("GrayLevel", "RunLength"):
         if found := features(f"glrlm_{name}NonUniformity", f"glrlm_{name}NonUniformityNormalized"):
@@ -524,7 +512,7 @@ def _shape(features: _Features) -> Iterator[tuple]:
             ("Flatness", "Elongation"),
         ):
             if found := shape(low, high):
-                yield f"{family}_{low} is at most {family}_{high}", *found, False, False
+                yield f"{family}_{low} is at most {family}_{high}", *found
         for ratio, part, whole in (
             ("Elongation", "MinorAxisLength", "MajorAxisLength"),
             ("Flatness", "LeastAxisLength", "MajorAxisLength"),
@@ -532,17 +520,16 @@ def _shape(features: _Features) -> Iterator[tuple]:
             ("PerimeterSurfaceRatio", "Perimeter", "MeshSurface"),
         ):
             if found := shape(ratio, part, whole):
-                text = f"{family}_{ratio} is {family}_{part} / {family}_{whole}"
-                yield text, found[0] * found[2], found[1], True, False
+                yield f"{family}_{ratio} is {family}_{part} / {family}_{whole}", found[0] * found[2], found[1], True
     if found := features("shape_Sphericity", "shape_SurfaceArea", "shape_MeshVolume"):
         sphericity, area, volume = found
         text = "shape_Sphericity is (36 pi shape_MeshVolume^2)^(1/3) / shape_SurfaceArea"
-        yield text, sphericity * area, (36 * np.pi * (volume * volume)).through(np.cbrt), True, False
-        yield "shape_Sphericity is at most 1", sphericity, 1.0, False, False
+        yield text, sphericity * area, (36 * np.pi * (volume * volume)).through(np.cbrt), True
+        yield "shape_Sphericity is at most 1", sphericity, 1.0
 
 
 def _voxels(table: pd.DataFrame) -> Terms | None:
-    """Numbers of voxels that pyradiomics wrote, after resampling and resegmentation."""
+    """Number of voxels by pyradiomics' own columns, after resampling and resegmentation."""
     for stage in ("resegmented", "interpolated", "original"):
         name = f"diagnostics_Mask-{stage}_VoxelNum"
         if name in table:
@@ -551,22 +538,26 @@ def _voxels(table: pd.DataFrame) -> Terms | None:
     return None
 
 
-def _shift(table: pd.DataFrame, own: Mapping[str, Terms], source: str) -> np.ndarray:
-    """The voxelArrayShift of every row: as the table states it, else the one that explains most rows."""
+def _shift(table: pd.DataFrame, terms: Mapping[str, Terms], source: str) -> np.ndarray:
+    """Return voxelArrayShift of every row: as the table states it, or else the value that explains most rows."""
     needed = [f"firstorder_{name}" for name in ("RootMeanSquared", "Mean", "Variance")]
-    if any(name not in own for name in needed):
+    if any(name not in terms for name in needed):
         return np.full(len(table), np.nan)
     if SETTINGS_COLUMN in table:
-        stated = of_table(table, source, table.index)
-        return np.array([np.nan if one is None else _number(one.settings.get("voxelArrayShift")) for one in stated])
-    square, mean, variance = own[needed[0]] * own[needed[0]], own[needed[1]], own[needed[2]]
+        stated = read_extractions(table, source, table.index)
+        shifts = [extraction and extraction.settings.get("voxelArrayShift") for extraction in stated]
+        return np.array(
+            [np.nan if found is None else _number(shift) for found, shift in zip(stated, shifts, strict=True)]
+        )
+    root, mean, variance = (terms[name] for name in needed)
+    square = root * root
     with np.errstate(invalid="ignore"):
         size = np.sqrt(np.maximum(square.value - variance.value, 0))
     some = np.unique(np.linspace(0, len(table) - 1, CANDIDATES).astype(int))
     proposed = np.concatenate([[0.0], *(sign * size[some] - mean.value[some] for sign in (1, -1))])
     proposed = np.unique(np.round(proposed[np.isfinite(proposed)], 3))
     best, explained = 0.0, -1
-    for shift in sorted(proposed, key=abs):  # of equally good ones, the smallest
+    for shift in sorted(proposed, key=abs):  # the smallest of equally good shifts
         moved = mean + float(shift)
         number = int((~Relation("", square, variance + moved * moved, equal=True).broken()).sum())
         if number > explained:

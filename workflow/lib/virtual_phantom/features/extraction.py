@@ -1,8 +1,8 @@
-"""Radiomics features, computed by pyradiomics: the paper's 86, or those that a parameter file asks for.
+"""Extract radiomics features with pyradiomics: the 86 of the study, or those of a parameter file.
 
-Flouris et al. [1]_, section "Radiomics feature extraction": original image, bin width 25, no resampling, no
-normalisation, no resegmentation, distance 1, symmetrical co-occurrence, dependence cut-off 0, voxel array shift 0.
-Definitions: [2]_, [3]_.
+Default settings are those of Flouris et al. [1]_, section "Radiomics feature extraction": original image, bin width
+25, no resampling, no normalization, no resegmentation. Distance 1, symmetrical co-occurrence, dependence cut-off 0,
+voxel array shift 0. Definitions: [2]_, [3]_.
 
 References
 ----------
@@ -30,34 +30,34 @@ from scipy import ndimage
 from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..io.volumes import Volume
+from .hu_offset import convert_to_hu
 from .names import FEATURES
 from .parameters import DEFAULT, LARGEST, Parameters
 from .settings import SETTINGS
-from .stored import to_hu
 
-# A block of 4 x 4 x 4 voxels has 8 whose 26 neighbours all lie in the ROI; with fewer, textures rest on the
-# ROI's shape.
+# In a block of 4 x 4 x 4 voxels, 8 have all of their 26 neighbors in the ROI. Textures of smaller ROIs depend mostly
+# on the shape of the ROI.
 MINIMUM_VOXELS = 64
-# A symmetrical, normalised n x n co-occurrence matrix holds n(n + 1)/2 - 1 free numbers: 2 for two grey
-# levels, so that the 22 GLCM features are then functions of two numbers, and 0 for one.
+# A symmetrical, normalized n x n co-occurrence matrix has n(n + 1)/2 - 1 degrees of freedom: 2 for two gray levels,
+# which all 22 GLCM features then depend on, and 0 for one level.
 MINIMUM_GREY_LEVELS = 3
 
 
 class RadiomicsWarning(UserWarning):
-    """An ROI whose features were computed but say little, or a message from pyradiomics."""
+    """Features of an ROI carry little information, or pyradiomics logged a message."""
 
 
 def settings_hash() -> str:
-    """First 16 hexadecimal digits of the SHA-256 of the study's settings and feature names as canonical JSON."""
+    """Return the hash of the default settings (Parameters.hash)."""
     return DEFAULT.hash()
 
 
 def extract(
     volume: Volume, masks: dict[str, np.ndarray], name: str = "image", parameters: Parameters = DEFAULT
 ) -> pd.DataFrame:
-    """The 86 features of every ROI of an image, or those of a parameter file.
+    """Extract the features of every ROI of an image.
 
-    Warns (RadiomicsWarning) of ROIs with fewer than MINIMUM_VOXELS voxels or MINIMUM_GREY_LEVELS occupied bins.
+    Warns (RadiomicsWarning) about ROIs with fewer than MINIMUM_VOXELS voxels or MINIMUM_GREY_LEVELS occupied bins.
 
     Parameters
     ----------
@@ -66,21 +66,20 @@ def extract(
     masks : dict of str to ndarray of bool, shape (z, y, x)
         On the image's grid, by ROI.
     name : str, optional
-        What messages call the image.
+        Name of the image in messages.
 
     Returns
     -------
     DataFrame
-        One row per ROI, in the order of `masks`: roi, n_voxels, grey_levels (occupied bins), settings_hash, versions,
-        then the features.
+        One row per ROI: roi, n_voxels, grey_levels (occupied bins), settings_hash, versions, features.
 
     Raises
     ------
     InputError
-        For a mask on another grid, an empty mask, an ROI of one voxel, voxels of the image that are not finite, or what
-        a parameter file asks for and cannot be had of an ROI.
+        If a mask is on another grid or has fewer than 2 voxels, if a voxel of the image is not finite, or if
+        pyradiomics fails with the parameter file.
     TypeError
-        For a mask that is not boolean.
+        If a mask is not boolean.
     """
     if not np.isfinite(volume.array).all():
         bad = np.count_nonzero(~np.isfinite(volume.array))
@@ -97,7 +96,7 @@ def extract(
             raise TypeError(f"mask of ROI {roi} is {mask.dtype}, not bool")
         n_voxels = int(np.count_nonzero(mask[_largest(mask)] if parameters.section == LARGEST else mask))
         if n_voxels < 2:
-            raise InputError(f"{name}: ROI {roi} has {n_voxels} voxels; texture needs neighbours, so give a larger ROI")
+            raise InputError(f"{name}: ROI {roi} has {n_voxels} voxels; textures need neighbors; give a larger ROI")
         image, label = _images(volume, mask, parameters)
         with _pyradiomics_messages(f"{name}, ROI {roi}"):
             values, levels = _values(image, label, parameters, f"{name}: ROI {roi}")
@@ -112,13 +111,13 @@ def extract(
             }
         )
         _warn_if_poor(name, rows[-1], parameters)
-    return to_hu(pd.DataFrame(rows), parameters.stored_offset_hu)
+    return convert_to_hu(pd.DataFrame(rows), parameters.stored_offset_hu)
 
 
 def extract_repeats(
     images: np.ndarray, grid: Grid, masks: dict[str, np.ndarray], name: str, parameters: Parameters = DEFAULT
 ) -> pd.DataFrame:
-    """`extract` of every image of [repeat, z, y, x], one table below the other."""
+    """Extract the features of all images [repeat, z, y, x] into one table."""
     volumes = (Volume(image.astype(np.float32), grid) for image in images)
     return pd.concat([extract(volume, masks, f"{name}, repeat {i}", parameters) for i, volume in enumerate(volumes)])
 
@@ -129,7 +128,7 @@ def _extractor() -> RadiomicsFeatureExtractor:
 
 
 def _values(image: sitk.Image, label: sitk.Image, parameters: Parameters, source: str) -> tuple[dict[str, float], int]:
-    """Features by name, and the number of occupied bins."""
+    """Return the features by name, and the number of occupied bins."""
     if parameters.source is None:
         found = _extractor().execute(image, label)
         return {feature: float(found[feature]) for feature in FEATURES}, _grey_levels(image, label, SETTINGS)
@@ -139,17 +138,20 @@ def _values(image: sitk.Image, label: sitk.Image, parameters: Parameters, source
         prepared = extractor.loadImage(image, label, None, **extractor.settings)
     except (ValueError, RuntimeError) as error:
         reason = " ".join(str(error).split())
-        raise InputError(f"{source}: pyradiomics, as {parameters.source} sets it: {reason[:300]}") from None
+        raise InputError(f"{source}: pyradiomics fails with {parameters.source}: {reason[:300]}") from None
     except MemoryError:
         raise InputError(
-            f"{source}: the bins that {parameters.source} asks for need more memory than there is; set a larger "
+            f"{source}: the bins set in {parameters.source} need more memory than is available; set a larger "
             "binWidth or a smaller binCount"
         ) from None
     if missing := [feature for feature in parameters.features if feature not in found]:
         raise InputError(
-            f"{source}: gives no {missing[0]} as {parameters.source} asks; the image may be too small for the filter"
+            f"{source}: pyradiomics gives no {missing[0]}, which {parameters.source} requests; the image may be too "
+            "small for the filter"
         )
-    return {one: float(found[one]) for one in parameters.features}, _grey_levels(*prepared, extractor.settings)
+    return {feature: float(found[feature]) for feature in parameters.features}, _grey_levels(
+        *prepared, extractor.settings
+    )
 
 
 @cache
@@ -162,16 +164,15 @@ def _versions() -> dict[str, str]:
 
 
 def _largest(mask: np.ndarray) -> int:
-    """The slice with the most voxels of a region, the lowest of several."""
+    """Return the index of the slice with the most voxels, the lowest of several."""
     return int(np.count_nonzero(mask, axis=(1, 2)).argmax())
 
 
 def _images(volume: Volume, mask: np.ndarray, parameters: Parameters) -> tuple[sitk.Image, sitk.Image]:
-    """Image and label; cropped to the ROI's bounding box and one voxel around it, or whole.
+    """Return image and label, cropped to the ROI if the features depend on nothing else.
 
-    Features of the original image depend on nothing outside the ROI. Looking at the box alone saves most of the time.
-    The rim keeps a background in the label, which pyradiomics asks for. Filters, resampling and normalisation look
-    beyond it.
+    Cropping saves most of the time. A margin of one voxel keeps the background in the label that pyradiomics needs.
+    Filters, resampling and normalization need the whole image.
     """
     arrays, spacing = (volume.array, mask.astype(np.uint8)), volume.grid.spacing
     if parameters.section == LARGEST:
@@ -179,7 +180,7 @@ def _images(volume: Volume, mask: np.ndarray, parameters: Parameters) -> tuple[s
         arrays, spacing = tuple(array[largest] for array in arrays), (1.0, 1.0)
     if parameters.stored_offset_hu:
         arrays = arrays[0].astype(np.float64) + parameters.stored_offset_hu, arrays[1]
-    if parameters.of_the_region_alone:
+    if parameters.depends_on_roi_only:
         (box,) = ndimage.find_objects(arrays[1])
         arrays = tuple(np.pad(array[box], 1) for array in arrays)
     images = []
@@ -200,14 +201,14 @@ def _warn_if_poor(name: str, row: dict, parameters: Parameters) -> None:
     if row["n_voxels"] < MINIMUM_VOXELS:
         warnings.warn(
             f"{name}: ROI {row['roi']} has {row['n_voxels']} voxels, fewer than the {MINIMUM_VOXELS} that "
-            "texture features need to mean anything",
+            "texture features need",
             RadiomicsWarning,
             stacklevel=3,
         )
     if row["grey_levels"] < MINIMUM_GREY_LEVELS:
         warnings.warn(
-            f"{name}: ROI {row['roi']} fills {row['grey_levels']} grey-level bins{_width(parameters)}, "
-            f"fewer than the {MINIMUM_GREY_LEVELS} that texture features need to mean anything",
+            f"{name}: ROI {row['roi']} fills {row['grey_levels']} gray-level bins{_width(parameters)}, "
+            f"fewer than the {MINIMUM_GREY_LEVELS} that texture features need",
             RadiomicsWarning,
             stacklevel=3,
         )
@@ -220,13 +221,13 @@ def _warn_if_poor(name: str, row: dict, parameters: Parameters) -> None:
 
 
 def _width(parameters: Parameters) -> str:
-    asked = parameters.extraction.effective()
-    return f" of {asked['binWidth']} HU" if "binWidth" in asked and not asked["normalize"] else ""
+    settings = parameters.extraction.effective()
+    return f" of {settings['binWidth']} HU" if "binWidth" in settings and not settings["normalize"] else ""
 
 
 @contextlib.contextmanager
 def _pyradiomics_messages(where: str) -> Iterator[None]:
-    """Turn what pyradiomics logs as a warning or an error into a RadiomicsWarning that says where; drop the rest."""
+    """Issue warnings and errors that pyradiomics logs as RadiomicsWarning with the ROI; drop other log messages."""
     records: list[logging.LogRecord] = []
     handler = logging.Handler(logging.WARNING)
     handler.emit = records.append

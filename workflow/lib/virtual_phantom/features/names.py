@@ -1,6 +1,6 @@
-"""Names of the paper's 86 radiomics features, as pyradiomics has them, and of their families.
+"""Names and families of radiomics features, as in pyradiomics.
 
-Apart from `extraction`, so that tables of features are handled without loading pyradiomics.
+Separate from `extraction`, so that code that handles tables does not load pyradiomics.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # heavy, and the workflow reads this in every job
+if TYPE_CHECKING:  # slow to import, and every job imports this module
     import pandas as pd
 
 FAMILIES = {"firstorder": "first order", "glcm": "GLCM", "gldm": "GLDM", "glrlm": "GLRLM", "glszm": "GLSZM"}
@@ -39,12 +39,12 @@ MEAN, VARIANCE = "original_firstorder_Mean", "original_firstorder_Variance"
 FEATURES = tuple(f"original_{family}_{name}" for family, names in NAMES.items() for name in names.split())
 
 
-# Every voxel has one dependence, so that summed over dependences the matrix is the histogram of grey levels.
+# Every voxel has one dependence, so the GLDM summed over dependences is the histogram of gray levels.
 HISTOGRAM_ONLY = tuple(
     f"original_gldm_{name}"
     for name in ("GrayLevelNonUniformity", "GrayLevelVariance", "HighGrayLevelEmphasis", "LowGrayLevelEmphasis")
 )
-# Classes of pyradiomics that the study's 86 features are not of.
+# Feature classes of pyradiomics that are not among the 86 features.
 OTHER_FAMILIES = {"ngtdm": "NGTDM", "shape": "shape", "shape2D": "shape in 2D"}
 EVERY_FAMILY = FAMILIES | OTHER_FAMILIES
 # Image type (original, wavelet-LLH, log-sigma-1-0-mm-3D, ...), class, name: as pyradiomics joins them.
@@ -52,20 +52,20 @@ PATTERN = re.compile(rf"[^_\s]+_({'|'.join(EVERY_FAMILY)})_[^_\s]+")
 
 
 def is_feature(name: str) -> bool:
-    """Whether pyradiomics calls features so, of an original or of a filtered image."""
+    """Return whether a name has the form that pyradiomics gives to features."""
     return PATTERN.fullmatch(str(name)) is not None
 
 
 def features_of(table: pd.DataFrame) -> list[str]:
-    """The columns of a table that are features, in its order."""
+    """List the columns of a table that are features."""
     return [name for name in table.columns if is_feature(name)]
 
 
 def family(feature: str) -> str:
-    """Display name of a feature's family: first order, GLCM, GLDM, GLRLM, GLSZM, NGTDM or shape, filtered or not."""
+    """Return the display name of the family of a feature, such as GLCM."""
     return EVERY_FAMILY[feature.split("_")[1]]
 
 
 def unfiltered(feature: str) -> str:
-    """The feature of the original image that a feature of a filtered one is alike."""
+    """Return the name of the same feature of the original image."""
     return f"original_{feature.partition('_')[2]}"

@@ -1,6 +1,6 @@
-"""How features are extracted: the study's 86, or what a parameter file of pyradiomics asks.
+"""Parameters of the extraction: the default 86 features, or a parameter file of pyradiomics.
 
-Such a file means here what it means to the command `pyradiomics`: what it leaves out is as pyradiomics has it.
+A parameter file means the same as for the command `pyradiomics`, including the default values of missing settings.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from ..base.console import note
 from ..base.errors import InputError, InputErrors
 from ..base.streams import generator
 from ..io.yaml_files import read_yaml
-from .accepted import idle, refused
 from .names import FEATURES, NAMES, is_feature
-from .settings import OWN, SETTINGS, STUDY, Extraction, image_type, of_parameters
+from .parameter_checks import unsupported, without_effect
+from .settings import CUSTOM_PREFIX, SETTINGS, STUDY, Extraction, image_type, read_extraction
 
 WHOLE, LARGEST = "whole", "largest"
 ADVICE = "give a parameter file of pyradiomics under features.parameters"
 SECTIONS = ("imageType", "featureClass", "setting")
-# Where the names of features are asked for, on an image of noise: whatever could refuse it or its region is off.
+# Feature names are found by extraction from a noise image. These settings ensure that pyradiomics accepts it.
 PROBE_VOXELS = 32
-PROBE_SPACING_MM = 10.0  # LoG passes over images that are narrow beside its sigma
+PROBE_SPACING_MM = 10.0  # LoG skips images that are narrow relative to its sigma
 PROBE = {
     "resampledPixelSpacing": None,
     "normalize": False,
@@ -48,20 +48,18 @@ PROBE = {
 
 @dataclass(frozen=True, eq=False)
 class Parameters:
-    """Settings, image types and classes of features.
+    """Settings, image types and feature classes.
 
     Attributes
     ----------
-    extraction : Extraction
-        Settings, and those of every image type.
     classes : dict of str to list of str
-        Names by class of features; an empty list for all of a class that are not outdated.
+        Feature names by class; an empty list means all of the class that are not deprecated.
     source : str or None
-        The file; None for the study's default.
+        Parameter file; None for the default.
     section : {"whole", "largest"}
-        Of each region: all of it, in 3D, or its slice with the most voxels, in 2D with pixels 1 long.
+        Part of each region: all of it, in 3D, or the slice with the most voxels, in 2D with pixels of side 1.
     stored_offset_hu : float
-        What is added to HU before.
+        Offset that is added to HU before the extraction.
     """
 
     extraction: Extraction
@@ -71,24 +69,24 @@ class Parameters:
     stored_offset_hu: float = 0.0
 
     @property
-    def own(self) -> bool:
-        """Whether anything differs from the study's default."""
+    def is_custom(self) -> bool:
+        """Whether anything differs from the default."""
         return self.source is not None or self.section != WHOLE or self.stored_offset_hu != 0
 
     @cached_property
     def extractor(self) -> RadiomicsFeatureExtractor:
-        """What extracts."""
+        """The feature extractor of pyradiomics."""
         return _extractor(self.extraction.settings, self.extraction.image_types, self.classes)
 
     @cached_property
     def features(self) -> tuple[str, ...]:
-        """Names of all features, in the order in which they are extracted."""
+        """Names of all features, in the order of extraction."""
         if self.source is None:
             return FEATURES
-        # Bins change no name, and noise that a type's own bin width cuts finely would take all memory.
+        # Bins do not change names, but a small bin width of an image type could exhaust the memory.
         types = {
-            name: {key: value for key, value in (own or {}).items() if key not in PROBE}
-            for name, own in self.extraction.image_types.items()
+            name: {key: value for key, value in (section or {}).items() if key not in PROBE}
+            for name, section in self.extraction.image_types.items()
         }
         probe = _extractor({**self.extraction.settings, **PROBE}, types, self.classes)
         noise = generator(0).normal(0, 100, (PROBE_VOXELS,) * 3)
@@ -103,22 +101,19 @@ class Parameters:
             return tuple(name for name in probe.execute(*images) if is_feature(name))
 
     @property
-    def of_the_region_alone(self) -> bool:
-        """Whether nothing outside of a region matters to its features."""
-        asked = self.extraction.settings
+    def depends_on_roi_only(self) -> bool:
+        """Whether the features of a region do not depend on voxels outside of it."""
+        settings = self.extraction.settings
         return (
             set(self.extraction.image_types) == {"Original"}
-            and not asked.get("normalize")
-            and asked.get("resampledPixelSpacing") is None
+            and not settings.get("normalize")
+            and settings.get("resampledPixelSpacing") is None
         )
 
     def hash(self) -> str:
-        """First 16 hexadecimal digits of the SHA-256 of settings and feature names as canonical JSON.
+        """Return the first 16 hexadecimal digits of the SHA-256 of settings and feature names as canonical JSON.
 
-        Returns
-        -------
-        str
-            Beginning with OWN where it is not the study's default.
+        The hash of custom settings starts with CUSTOM_PREFIX.
         """
         content: dict = {"features": self.features, "settings": self.extraction.settings}
         if self.source is not None:
@@ -127,7 +122,7 @@ class Parameters:
             content |= {"section": self.section, "stored_offset_hu": float(self.stored_offset_hu)}
         text = json.dumps(content, sort_keys=True, separators=(",", ":"))
         digits = hashlib.sha256(text.encode()).hexdigest()[:16]
-        return OWN + digits if self.own else digits
+        return CUSTOM_PREFIX + digits if self.is_custom else digits
 
 
 DEFAULT = Parameters(STUDY, {key: names.split() for key, names in NAMES.items()})
@@ -135,21 +130,19 @@ DEFAULT = Parameters(STUDY, {key: names.split() for key, names in NAMES.items()}
 
 @cache
 def read_parameters(path: str | None, section: str = WHOLE, stored_offset_hu: float = 0.0) -> Parameters:
-    """A parameter file of pyradiomics, checked by pyradiomics' own schema.
+    """Read a parameter file of pyradiomics and check it with the schema of pyradiomics.
 
     Parameters
     ----------
     path : str or None
-        None for the study's 86 features.
-    section, stored_offset_hu : optional
-        As Parameters has them.
+        None for the default 86 features.
 
     Raises
     ------
     InputError
-        One line, for a file that is missing, not YAML, refused by the schema, or asks for no feature.
+        If the file is missing, not YAML, invalid by the schema, or selects no feature.
     InputErrors
-        A line for each key that pyradiomics accepts and that cannot be done here.
+        A line for each valid key that is not supported.
     """
     if path is None:
         changed = section != WHOLE or stored_offset_hu
@@ -160,45 +153,45 @@ def read_parameters(path: str | None, section: str = WHOLE, stored_offset_hu: fl
     if not content:
         raise InputError(f"{path}: holds none of {', '.join(SECTIONS)}; {ADVICE}")
     _check(content, path)
-    if lines := list(refused(content, section == LARGEST)):
+    if lines := list(unsupported(content, section == LARGEST)):
         raise InputErrors(f"{path}: {line}" for line in lines)
-    if nothing := list(idle(content)):
-        note(f"{path}: these settings change nothing: {', '.join(nothing)}")
-    extraction = of_parameters(path)
+    if unused := list(without_effect(content)):
+        note(f"{path}: these settings have no effect: {', '.join(unused)}")
+    extraction = read_extraction(path)
     settings = {**extraction.settings, **{key: SETTINGS[key] for key in ("label", "additionalInfo")}}
     settings.pop("label_channel", None)
-    classes = {name: own or [] for name, own in (content.get("featureClass") or {}).items()}
+    classes = {name: names or [] for name, names in (content.get("featureClass") or {}).items()}
     found = Parameters(Extraction(settings, extraction.image_types, extraction.version), classes, path, section)
     for name in extraction.image_types:
         if name != "Original" and not any(image_type(feature) == name for feature in found.features):
             raise InputError(
                 f"{path}: imageType {name} gives no features; complete its settings (LoG needs sigma), install the "
-                "package that it needs (LBP3D), or take it out"
+                "package that it needs (LBP3D), or remove it"
             )
     _check_sigmas(found)
     if not found.features:
-        raise InputError(f"{path}: asks for no feature that can be extracted from volumes; name a featureClass")
+        raise InputError(f"{path}: selects no feature that can be extracted from volumes; name a featureClass")
     return found
 
 
 def _check_sigmas(found: Parameters) -> None:
-    """Each width of LoG gives features: pyradiomics passes over one that no image is large enough for."""
-    own = {**found.extraction.settings, **(found.extraction.image_types.get("LoG") or {})}
-    for sigma in own.get("sigma") or [] if "LoG" in found.extraction.image_types else []:
+    """Check that every sigma of LoG gives features: pyradiomics skips a sigma that is too large for the image."""
+    settings = {**found.extraction.settings, **(found.extraction.image_types.get("LoG") or {})}
+    for sigma in settings.get("sigma") or [] if "LoG" in found.extraction.image_types else []:
         start = f"log-sigma-{sigma}-mm-".replace(".", "-")
         if not any(feature.startswith(start) for feature in found.features):
             raise InputError(
                 f"{found.source}: imageType LoG: sigma {sigma:g} mm gives no features, as images are too small for it; "
-                "take it out"
+                "remove it"
             )
 
 
 def _extractor(settings, image_types, classes) -> RadiomicsFeatureExtractor:
     if not classes:
-        # pyradiomics' default, all classes, without the one that it passes over in volumes unless force2D is true, and
-        # then stops at.
+        # The default of pyradiomics is all classes. shape2D is excluded: pyradiomics skips it in volumes, or fails if
+        # force2D is true.
         classes = {name: [] for name in getFeatureClasses() if name != "shape2D"}
-    content = {"imageType": dict(image_types), "featureClass": {name: own or None for name, own in classes.items()}}
+    content = {"imageType": dict(image_types), "featureClass": {name: names or None for name, names in classes.items()}}
     with _quiet():
         extractor = RadiomicsFeatureExtractor(content)
     extractor.settings.update(settings)
@@ -222,7 +215,7 @@ def _check(content: dict, path: str) -> None:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Nothing that pyradiomics or its schema logs, which is said in one line or is of a probe."""
+    """Suppress log messages of pyradiomics and of its schema."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:

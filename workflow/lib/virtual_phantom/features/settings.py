@@ -1,6 +1,6 @@
-"""How features were extracted: the study's settings, those that a table tells of itself, and where they differ.
+"""Settings of the extraction: defaults, settings recorded in a table, and their differences.
 
-Apart from `extraction`, so that settings are compared without loading pyradiomics.
+Separate from `extraction`, so that code that compares settings does not load pyradiomics.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.metadata import version
+from importlib import metadata
 
 import pandas as pd
 
@@ -35,16 +35,16 @@ SETTINGS = {
     "additionalInfo": False,
 }
 
-OWN = "own-"  # begins the hash of settings that are not the study's default
+CUSTOM_PREFIX = "own-"  # prefix of the hash of settings that are not the default
 
-# Columns in which pyradiomics tells how it was set.
+# Columns in which pyradiomics records its settings.
 SETTINGS_COLUMN = "diagnostics_Configuration_Settings"
 TYPES_COLUMN = "diagnostics_Configuration_EnabledImageTypes"
 VERSION_COLUMN = "diagnostics_Versions_PyRadiomics"
 COLUMNS = (SETTINGS_COLUMN, TYPES_COLUMN, VERSION_COLUMN)
-LONGEST = 20_000  # characters of a dictionary in a table; those of pyradiomics have some hundreds
+LONGEST = 20_000  # characters of a dictionary in a table; pyradiomics writes some hundreds
 
-# What pyradiomics takes for a setting that is not stated (3.0.1, "Customizing the Extraction").
+# Default values of pyradiomics 3.0.1 ("Customizing the Extraction").
 UNSTATED = {
     "wavelet": "coif1",
     "gradientUseSpacing": True,
@@ -67,7 +67,7 @@ UNSTATED = {
     "gldm_a": 0,
     "voxelArrayShift": 0,
 }
-# Settings that do nothing unless another one is on.
+# Settings that have no effect unless another setting is on.
 ONLY_WITH = {
     "normalizeScale": "normalize",
     "removeOutliers": "normalize",
@@ -76,24 +76,25 @@ ONLY_WITH = {
     "resegmentMode": "resegmentRange",
     "force2Ddimension": "force2D",
 }
-# They choose or refuse regions, or concern shapes, feature maps or filters: no value of the original image changes.
+# Settings that select or reject regions, or concern shapes, feature maps or filters. They do not change feature values
+# of the original image.
 HARMLESS = frozenset(
     "minimumROIDimensions minimumROISize geometryTolerance correctMask additionalInfo label label_channel preCrop "
     "resegmentShape voxelBased kernelRadius maskedKernel initValue voxelBatch sigma start_level level wavelet "
     "gradientUseSpacing lbp2DRadius lbp2DSamples lbp2DMethod lbp3DLevels lbp3DIcosphereRadius "
     "lbp3DIcosphereSubdivision enableCExtensions verbose".split()
 )
-# SimpleITK's numbers of interpolators, which are allowed in place of names.
+# SimpleITK's numbers of interpolators, which pyradiomics accepts instead of names.
 INTERPOLATORS = {1: "sitkNearestNeighbor", 2: "sitkLinear", 3: "sitkBSpline", 23: "sitkBSpline"}
 
 TEXTURES = ("glcm", "gldm", "glrlm", "glszm", "ngtdm")
-# Classes of features, or single ones, that a setting changes; one that is not here changes all.
+# Feature classes or features that a setting changes. Settings that are not listed change all.
 CHANGES = {
     "binWidth": (*TEXTURES, "firstorder_Entropy", "firstorder_Uniformity"),
     "binCount": (*TEXTURES, "firstorder_Entropy", "firstorder_Uniformity"),
     "voxelArrayShift": ("firstorder_Energy", "firstorder_TotalEnergy", "firstorder_RootMeanSquared"),
     "distances": ("glcm", "gldm", "ngtdm"),
-    # The others are of i + j, |i - j| or i j, which the transposed matrix has alike.
+    # The other features depend on i + j, |i - j| or i j, which are the same for the transposed matrix.
     "symmetricalGLCM": (
         *("glcm_Correlation", "glcm_Imc1", "glcm_Imc2", "glcm_JointAverage", "glcm_JointEnergy", "glcm_JointEntropy"),
         *("glcm_MCC", "glcm_MaximumProbability", "glcm_SumSquares"),
@@ -103,10 +104,10 @@ CHANGES = {
     "force2D": TEXTURES,
     "force2Ddimension": TEXTURES,
 }
-OF_NEIGHBOURS = ("distances", "gldm_a", "force2D", "force2Ddimension")
+NEIGHBOR_SETTINGS = ("distances", "gldm_a", "force2D", "force2Ddimension")
 
 
-# Image types by how names of their features begin.
+# Image types by prefix of feature names.
 TYPES = {
     "wavelet": "Wavelet",
     "log-sigma": "LoG",
@@ -118,17 +119,17 @@ TYPES = {
     "lbp-2D": "LBP2D",
     "lbp-3D": "LBP3D",
 }
-# Settings of filters alone, which may stand among those of all images too.
+# Settings of filters, which may also be given among the settings of all images.
 FILTER_SETTINGS = frozenset(
     "wavelet gradientUseSpacing lbp2DRadius lbp2DSamples lbp2DMethod lbp3DLevels lbp3DIcosphereRadius "
     "lbp3DIcosphereSubdivision preCrop".split()
 )
-# Told by the names of features already.
+# Settings that feature names already contain.
 IN_NAMES = ("sigma", "level", "start_level")
 
 
 def image_type(feature: str) -> str:
-    """The image type that a feature is of, as pyradiomics calls it."""
+    """Return the image type of a feature, as pyradiomics names it."""
     return next((name for start, name in TYPES.items() if feature.startswith(start)), "Original")
 
 
@@ -139,11 +140,11 @@ class Extraction:
     Attributes
     ----------
     settings : mapping
-        As stated.
+        As given, without default values.
     image_types : mapping of str to mapping
-        Settings of its own of every image type, such as Original and Wavelet.
+        Settings of each image type, such as Original and Wavelet.
     version : str or None
-        Of pyradiomics; None where it is not known.
+        Version of pyradiomics; None if unknown.
     """
 
     settings: Mapping
@@ -151,13 +152,7 @@ class Extraction:
     version: str | None = None
 
     def effective(self) -> dict:
-        """What each setting came to for the original image; those that do nothing are left out.
-
-        Returns
-        -------
-        dict
-            {setting: value}, comparable with those of another extraction.
-        """
+        """Return {setting: value} of the settings that have an effect on the original image, with default values."""
         stated = {**self.settings, **(self.image_types.get("Original") or {})}
         values = {key: value for key, value in {**UNSTATED, **stated}.items() if key not in HARMLESS}
         if isinstance(values["interpolator"], int):
@@ -177,25 +172,25 @@ class Difference:
     Attributes
     ----------
     study, table : object
-        Its values; None also where it has none.
-    of : str or None
-        The image type that it is of alone; None for all.
+        Values; None also if not set.
+    image_type : str or None
+        Image type that the setting applies to; None for all.
     """
 
     setting: str
     study: object
     table: object
-    of: str | None = None
+    image_type: str | None = None
 
     def __str__(self) -> str:
-        where = f"{self.of}: " if self.of else ""
+        where = f"{self.image_type}: " if self.image_type else ""
         return f"{where}{self.setting} is {_shown(self.table)}, the study's {_shown(self.study)}"
 
     def changes(self, feature: str) -> bool:
-        """Whether a feature's value depends on the setting."""
-        if self.of is not None and image_type(feature) != self.of:
+        """Return whether the value of a feature depends on the setting."""
+        if self.image_type is not None and image_type(feature) != self.image_type:
             return False
-        if unfiltered(feature) in HISTOGRAM_ONLY and self.setting in OF_NEIGHBOURS:
+        if unfiltered(feature) in HISTOGRAM_ONLY and self.setting in NEIGHBOR_SETTINGS:
             return False
         kind = feature.partition("_")[2]
         parts = CHANGES.get(self.setting)
@@ -206,50 +201,32 @@ STUDY = Extraction(SETTINGS)
 
 
 def differences(study: Extraction, table: Extraction) -> list[Difference]:
-    """Settings that make other values of features, of all images or of a filtered one that both have.
-
-    Returns
-    -------
-    list of Difference
-        In the order of the settings' names.
-    """
-    ours, theirs = study.effective(), table.effective()
-    found = [
-        Difference(key, ours.get(key), theirs.get(key))
-        for key in sorted(ours.keys() | theirs.keys())
-        if ours.get(key) != theirs.get(key)
-    ]
+    """List settings that lead to different feature values, of all images or of a filter that both use."""
+    first, second = study.effective(), table.effective()
+    found = [Difference(key, first.get(key), second.get(key)) for key in sorted(first.keys() | second.keys())]
     for name in sorted(study.image_types.keys() & table.image_types.keys() - {"Original"}):
-        mine, others = ({**one.settings, **(one.image_types[name] or {})} for one in (study, table))
-        own = (study.image_types[name] or {}).keys() | (table.image_types[name] or {}).keys()
-        stated = own | (FILTER_SETTINGS & (mine.keys() | others.keys()))
-        found += [
-            Difference(key, mine.get(key, UNSTATED.get(key)), others.get(key, UNSTATED.get(key)), name)
-            for key in sorted(stated - set(IN_NAMES))
-            if mine.get(key, UNSTATED.get(key)) != others.get(key, UNSTATED.get(key))
-        ]
-    return found
+        filters = [extraction.image_types[name] or {} for extraction in (study, table)]
+        first, second = ({**e.settings, **filter_} for e, filter_ in zip((study, table), filters, strict=True))
+        keys = filters[0].keys() | filters[1].keys() | (FILTER_SETTINGS & (first.keys() | second.keys()))
+        first, second = {**UNSTATED, **first}, {**UNSTATED, **second}
+        found += [Difference(key, first.get(key), second.get(key), name) for key in sorted(keys - set(IN_NAMES))]
+    return [difference for difference in found if difference.study != difference.table]
 
 
-def of_table(table: pd.DataFrame, source: str, rows: Iterable[int] | None = None) -> list[Extraction | None]:
-    """How the features of every row of a table were extracted, as its own columns tell.
+def read_extractions(table: pd.DataFrame, source: str, rows: Iterable[int] | None = None) -> list[Extraction | None]:
+    """Read the settings of every row from the columns that pyradiomics writes; None if there are none.
 
     Parameters
     ----------
     source : str
-        What the message begins with.
+        Start of messages.
     rows : iterable of int, optional
-        Numbers of the rows in the file; absent: from 2 on, below the header.
-
-    Returns
-    -------
-    list of Extraction or None
-        Of every row; None where the table does not say.
+        Row numbers in the file; by default from 2 on, below the header.
 
     Raises
     ------
     InputError
-        For a column that does not hold what pyradiomics writes.
+        If a column does not hold what pyradiomics writes.
     """
     if SETTINGS_COLUMN not in table:
         return [None] * len(table)
@@ -257,81 +234,73 @@ def of_table(table: pd.DataFrame, source: str, rows: Iterable[int] | None = None
     cells = zip(*(table.get(name, empty).fillna("").astype(str) for name in COLUMNS), strict=True)
     known: dict[tuple[str, str, str], Extraction | None] = {}
     found = []
-    for row, one in zip(range(2, len(table) + 2) if rows is None else rows, cells, strict=True):
-        if one not in known:
-            known[one] = _extraction(*one, f"{source}: row {row}")
-        found.append(known[one])
+    for row, texts in zip(range(2, len(table) + 2) if rows is None else rows, cells, strict=True):
+        if texts not in known:
+            known[texts] = _extraction(*texts, f"{source}: row {row}")
+        found.append(known[texts])
     return found
 
 
-def distinct(extractions: Iterable[Extraction | None]) -> list[Extraction]:
-    """Those that are known, each once, in the order in which they come; a label alone makes no other."""
+def distinct_extractions(extractions: Iterable[Extraction | None]) -> list[Extraction]:
+    """Return the extractions that differ in effective settings or version, without None."""
     found: list[Extraction] = []
-    for one in extractions:
-        if one is not None and all(
-            one.effective() != other.effective() or one.version != other.version for other in found
+    for extraction in extractions:
+        if extraction is not None and all(
+            extraction.effective() != other.effective() or extraction.version != other.version for other in found
         ):
-            found.append(one)
+            found.append(extraction)
     return found
 
 
-def said(study: Extraction, tables: Sequence[Extraction], features: Sequence[str] = FEATURES) -> list[str]:
-    """A line for every setting of tables that differs from the study's.
-
-    Parameters
-    ----------
-    features : sequence of str, optional
-        Of which to count those that the setting changes.
-    """
+def describe_differences(
+    study: Extraction, tables: Sequence[Extraction], features: Sequence[str] = FEATURES
+) -> list[str]:
+    """Describe every setting of tables that differs from the study's, with the number of features that it changes."""
     lines: dict[str, None] = {}
     for table in tables:
-        for one in differences(study, table):
-            changed = sum(one.changes(feature) for feature in features)
-            lines[f"{one} (changes {changed} of {len(features)} features)"] = None
+        for difference in differences(study, table):
+            changed = sum(difference.changes(feature) for feature in features)
+            lines[f"{difference} (changes {changed} of {len(features)} features)"] = None
     return list(lines)
 
 
 def other_settings(
     features: Sequence[str], table: pd.DataFrame, study: Extraction = STUDY, source: str = "features"
 ) -> dict[str, str]:
-    """Features of a table that were extracted with other settings than the study's, and with which.
+    """Return {feature: settings that differ from the study's, joined by semicolons} of a table.
 
     Parameters
     ----------
     table : DataFrame
-        With pyradiomics' columns about its settings; without them nothing is known and nothing is said.
+        With the columns in which pyradiomics records its settings; without them the result is empty.
     source : str, optional
-        What messages about those columns begin with.
-
-    Returns
-    -------
-    dict of str to str
-        {feature: the settings, joined by semicolons}.
+        Start of messages about those columns.
     """
-    found = [one for own in distinct(of_table(table, source)) for one in differences(study, own)]
-    texts = {name: "; ".join(dict.fromkeys(str(one) for one in found if one.changes(name))) for name in features}
+    extractions = distinct_extractions(read_extractions(table, source))
+    found = [difference for extraction in extractions for difference in differences(study, extraction)]
+    texts = {name: "; ".join(dict.fromkeys(str(item) for item in found if item.changes(name))) for name in features}
     return {name: text for name, text in texts.items() if text}
 
 
-def of_parameters(path: str | None) -> Extraction:
-    """What a parameter file of pyradiomics that has been checked asks; the study's default for None."""
+def read_extraction(path: str | None) -> Extraction:
+    """Read the settings of a checked parameter file of pyradiomics; the default if None."""
     if path is None:
         return STUDY
     content = read_yaml(path, "give a parameter file of pyradiomics", restore="restore it")
-    types = {name: own or {} for name, own in (content.get("imageType") or {"Original": {}}).items()}
+    types = {name: section or {} for name, section in (content.get("imageType") or {"Original": {}}).items()}
     return Extraction(content.get("setting") or {}, types, installed())
 
 
 def installed() -> str:
-    """The version of pyradiomics here, as it writes it into tables."""
-    return f"v{version('pyradiomics')}"
+    """Return the installed version of pyradiomics, as it writes it into tables."""
+    return f"v{metadata.version('pyradiomics')}"
 
 
-def _extraction(settings: str, image_types: str, made_by: str, source: str) -> Extraction | None:
+def _extraction(settings: str, image_types: str, version: str, source: str) -> Extraction | None:
     if not settings:
         return None
     types = _dictionary(image_types, TYPES_COLUMN, source) if image_types else {"Original": {}}
-    return Extraction(_dictionary(settings, SETTINGS_COLUMN, source), types, made_by or None)
+    return Extraction(_dictionary(settings, SETTINGS_COLUMN, source), types, version or None)
 
 
 def _dictionary(text: str, column: str, source: str) -> dict:
@@ -341,10 +310,10 @@ def _dictionary(text: str, column: str, source: str) -> dict:
         found = None
     inner = found.values() if column == TYPES_COLUMN and isinstance(found, dict) else ()
     whole = isinstance(found, dict) and all(isinstance(key, str) for key in found)
-    if not whole or not all(isinstance(one, dict) for one in inner):
+    if not whole or not all(isinstance(section, dict) for section in inner):
         raise InputError(
-            f"{source}: {column} holds {text[:40]!r}, not a dictionary as pyradiomics writes it; restore it, or take "
-            "the column out"
+            f"{source}: {column} holds {text[:40]!r}, not a dictionary as pyradiomics writes it; restore it, or remove "
+            "the column"
         )
     return found
 

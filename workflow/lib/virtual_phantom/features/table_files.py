@@ -1,8 +1,7 @@
-"""Tables of features that other programs saved as delimited text.
+"""Read feature tables that other programs saved as delimited text.
 
-Spreadsheets and statistics programs write one table in many ways: with commas, semicolons or tabs, a decimal comma,
-a byte order mark, UTF-16, a first line `sep=;`, comments, or columns without a name. `read_table` reads these, and
-refuses what has two meanings.
+`read_table` reads commas, semicolons or tabs, decimal commas, byte order marks, UTF-16, a first line `sep=;`, comments
+and columns without a name. It rejects files with more than one interpretation.
 """
 
 from __future__ import annotations
@@ -28,32 +27,32 @@ from .names import EVERY_FAMILY, is_feature
 from .settings import COLUMNS
 
 SEPARATORS = (",", ";", "\t", "|")
-# Columns of a batch of pyradiomics and of this project, which may be written in another case.
+# Columns of batches of pyradiomics and of Virtual Phantom, recognized in any case.
 KEYS = ("image", "roi", "tissue_class", "Image", "Mask", "Label")
 DIAGNOSTICS = "diagnostics_"
-MARKS = (  # the mark of UTF-32 begins as the mark of UTF-16 does
+BYTE_ORDER_MARKS = (  # UTF-32 first, as its mark starts with the mark of UTF-16
     (codecs.BOM_UTF32_LE, "utf-32"),
     (codecs.BOM_UTF32_BE, "utf-32"),
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-OTHERS = (
+OTHER_FORMATS = (
     (b"PK\x03\x04", "an Excel workbook or another ZIP archive; save the table as CSV"),
     (b"\xd0\xcf\x11\xe0", "an Excel workbook; save the table as CSV"),
-    (b"\x00\x05\x16\x07", "a file in which a Mac keeps attributes of another file; give the table itself"),
+    (b"\x00\x05\x16\x07", "an AppleDouble file with attributes of another file; give the table itself"),
     (b"PAR1", "a Parquet file; save the table as CSV"),
     (b"{", "JSON; write one row per image and ROI as CSV"),
     (b"[", "JSON; write one row per image and ROI as CSV"),
 )
 MISSING = frozenset(("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none"))
 NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?inf", re.ASCII)
-# Outside of features a number is only what no name is: neither 007 nor 1e3.
+# Columns other than features may hold names such as 007 or 1e3, which are not read as numbers.
 PLAIN = re.compile(r"-?(?:0|[1-9][0-9]*)(?:\.[0-9]+)?(?:[eE][+-][0-9]+)?", re.ASCII)
-GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+", re.ASCII)  # 7,678 and 1,061,670: commas of thousands?
-OWN_NAME = re.compile(rf"(?:(.*)_)?({'|'.join(EVERY_FAMILY)})_([A-Za-z0-9]+)", re.IGNORECASE)
+GROUPED = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+", re.ASCII)  # 7,678 or 1,061,670: may be thousands separators
+FEATURE_PATTERN = re.compile(rf"(?:(.*)_)?({'|'.join(EVERY_FAMILY)})_([A-Za-z0-9]+)", re.IGNORECASE)
 CLASSES = {name.lower(): name for name in EVERY_FAMILY}
-# Names of features in pyradiomics 3.0.1, deprecated ones included.
+# Names of features in pyradiomics 3.0.1, including deprecated ones.
 FEATURE_NAMES = {
     name.lower(): name
     for name in """10Percentile 90Percentile Energy Entropy InterquartileRange Kurtosis Maximum Mean
@@ -83,28 +82,28 @@ Record = tuple[int, list[str]]
 def read_table(
     path: str | Path, text: Iterable[str] = (), keep: Iterable[str] = (), advice: str = "make it again"
 ) -> pd.DataFrame:
-    """Read a table of features, whichever program wrote it.
+    """Read a feature table from any program.
 
     Parameters
     ----------
     text : iterable of str, optional
-        Columns of names besides KEYS and `io.files.NAMES`.
+        Text columns besides KEYS and `io.files.NAMES`.
     keep : iterable of str, optional
-        Further columns whose names stay as they are.
+        Further columns that are not renamed.
     advice : str, optional
-        What to do if the file was changed after this project wrote it.
+        What to do if the file was changed after Virtual Phantom wrote it.
 
     Returns
     -------
     DataFrame
-        Its index is the number of each row as a person counts it in the file. Features are numbers, under the names
-        of pyradiomics. Other columns are numbers only if all their entries are plainly written ones.
+        Indexed by line number in the file. Features are numbers, under the names of pyradiomics. Other columns are
+        numbers if all of their entries match PLAIN.
 
     Raises
     ------
     InputError
-        If the file is no delimited text, has rows with more or fewer fields than the header, has text where numbers
-        belong, or decimal commas that may separate thousands.
+        If the file is not delimited text, rows and header differ in length, a feature is not a number, or a decimal
+        comma may be a thousands separator.
     """
     path, text = Path(path), frozenset(text)
     keep = text.union(keep)
@@ -115,20 +114,20 @@ def read_table(
     header, rows = _whole_rows(header, rows, path)
     names = _named(header, keep, path)
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise InputError(f"{path}: the column {twice[0]!r} is there twice; keep one")
-    columns = {name: [fields[place].strip() for _, fields in rows] for place, name in enumerate(names) if name}
+        raise InputError(f"{path}: the column {twice[0]!r} occurs twice; remove one")
+    columns = {name: [fields[column].strip() for _, fields in rows] for column, name in enumerate(names) if name}
     if "" in names:
         note(f"{path}: a column without a name was skipped")
     lines = [line for line, _ in rows]
     features = {name: entries for name, entries in columns.items() if is_feature(name)}
     comma = _decimal_comma(features, lines, path)
-    made = {}
+    converted = {}
     for name, entries in columns.items():
         if name in features:
-            made[name] = _numbers(name, entries, comma, lines, path)
+            converted[name] = _numbers(name, entries, comma, lines, path)
         else:
-            made[name] = _text_or_numbers(entries, comma, name in text or name in NAMES or name in KEYS)
-    return pd.DataFrame(made, index=pd.Index(lines, dtype=int), columns=list(columns))
+            converted[name] = _text_or_numbers(entries, comma, name in text or name in NAMES or name in KEYS)
+    return pd.DataFrame(converted, index=pd.Index(lines, dtype=int), columns=list(columns))
 
 
 def _text(path: Path) -> str:
@@ -141,10 +140,10 @@ def _text(path: Path) -> str:
     except (OSError, EOFError, zlib.error) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise InputError(f"{path}: cannot be read as CSV ({reason})") from None
-    for start, what in OTHERS:
-        if content.startswith(start):
-            raise InputError(f"{path}: is {what}")
-    encoding = next((name for mark, name in MARKS if content.startswith(mark)), "utf-8")
+    for signature, format_and_advice in OTHER_FORMATS:
+        if content.startswith(signature):
+            raise InputError(f"{path}: is {format_and_advice}")
+    encoding = next((name for mark, name in BYTE_ORDER_MARKS if content.startswith(mark)), "utf-8")
     if encoding == "utf-8" and b"\0" in content:  # UTF-16 without a mark: every second byte of a digit is zero
         even, odd = content[::2].count(0), content[1::2].count(0)
         if max(even, odd) > len(content) / 4 and not min(even, odd):
@@ -155,22 +154,22 @@ def _text(path: Path) -> str:
         line = content[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: line {line} is not {encoding.upper()} text; save the table as CSV UTF-8") from None
     if "\0" in text:
-        raise InputError(f"{path}: is no text; save the table as CSV UTF-8")
+        raise InputError(f"{path}: is not text; save the table as CSV UTF-8")
     return text
 
 
 def _table(text: str, path: Path) -> tuple[list[str], list[Record]]:
-    """The header, and the other records with the number of their line; neither blank ones nor comments."""
+    """Return the header, and the data records with their line numbers, without blank lines and comments."""
     lines = text.splitlines()
     first = next((line for line in lines if line.strip()), None)
     if first is None:
         raise InputError(f"{path}: cannot be read as CSV (it is empty)")
-    stated = re.fullmatch(r'"?sep=(.)"?[,;\t|]*', first.strip(" \ufeff"), re.IGNORECASE)
-    beginning = [line for line in lines if line.strip() and not (stated and line is first)]
+    declared = re.fullmatch(r'"?sep=(.)"?[,;\t|]*', first.strip(" \ufeff"), re.IGNORECASE)
+    beginning = [line for line in lines if line.strip() and not (declared and line is first)]
     header_line = _header_line(beginning)
-    separator = stated[1] if stated else _separator(header_line)
+    separator = declared[1] if declared else _separator(header_line)
     records = _records(text, separator, path)
-    if stated:
+    if declared:
         del records[0]
     header: list[str] | None = None
     rows, comments = [], 0
@@ -186,9 +185,9 @@ def _table(text: str, path: Path) -> tuple[list[str], list[Record]]:
         else:
             rows.append((line, fields))
     if header is None or len(header) < 2:
-        seen = "" if header is None else f" ({header[0][:40]!r} has one)"
+        found = "" if header is None else f" ({header[0][:40]!r} has one)"
         raise InputError(
-            f"{path}: its first line does not hold the names of several columns{seen}; separate them by commas, "
+            f"{path}: its first line does not hold the names of several columns{found}; separate them by commas, "
             "semicolons or tabs"
         )
     if comments:
@@ -197,7 +196,7 @@ def _table(text: str, path: Path) -> tuple[list[str], list[Record]]:
 
 
 def _header_line(lines: Sequence[str]) -> str:
-    """The first line that is no comment, or a comment with as many columns as the line after it (as of NumPy)."""
+    """Return the first line that is not a comment, or a comment with as many columns as the next line (NumPy)."""
     for line, following in zip(lines, [*lines[1:], ""], strict=True):
         separator = _separator(line)
         number = len(_split(line, separator))
@@ -211,13 +210,13 @@ def _split(line: str, separator: str) -> list[str]:
 
 
 def _separator(line: str) -> str:
-    """What separates the names of columns: the character that gives most names of features, then most columns."""
+    """Return the separator that gives the most known column names, then the most columns."""
 
-    def found(separator: str) -> tuple[int, int]:
+    def score(separator: str) -> tuple[int, int]:
         names = [name.strip() for name in _split(line, separator)]
         return sum(_known(name) for name in names), len(names)
 
-    return max(SEPARATORS, key=found)
+    return max(SEPARATORS, key=score)
 
 
 def _known(name: str) -> bool:
@@ -225,7 +224,7 @@ def _known(name: str) -> bool:
 
 
 def _records(text: str, separator: str, path: Path) -> list[Record]:
-    """All records with anything in them, and the line on which each begins."""
+    """Return all records that are not empty, with the number of their first line."""
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, skipinitialspace=True, strict=True)
     records, start = [], 1
     try:
@@ -239,27 +238,26 @@ def _records(text: str, separator: str, path: Path) -> list[Record]:
 
 
 def _other_form(header: Sequence[str], rows: Sequence[Record]) -> str | None:
-    """What a table is if its rows, not its columns, are features; None if they are not."""
+    """Return the problem if the rows, not the columns, are features."""
     if any(map(_known, set(header) - set(KEYS))) or len(rows) < 2:
         return None
-    for place in range(min(len(header), 4)):
-        named = sum(_known(fields[place].strip()) for _, fields in rows if place < len(fields))
+    for column in range(min(len(header), 4)):
+        named = sum(_known(fields[column].strip()) for _, fields in rows if column < len(fields))
         if named > len(rows) / 2:
-            return "is transposed: each row is a feature" if place == 0 else "is in long form: each row is a feature"
+            return "is transposed: each row is a feature" if column == 0 else "is in long form: each row is a feature"
     return None
 
 
 def _whole_rows(header: list[str], rows: list[Record], path: Path) -> tuple[list[str], list[Record]]:
-    """Header and rows without empty columns at their end, all equally long."""
+    """Remove empty columns at the end, and check that header and rows have the same length."""
     while header and not header[-1] and not any("".join(fields[len(header) - 1 :]).strip() for _, fields in rows):
         header = header[:-1]
     width = len(header)
     whole = [(line, fields[:width] if not "".join(fields[width:]).strip() else fields) for line, fields in rows]
     for line, fields in whole:
-        if sum(one == other for one, other in zip((one.strip() for one in fields), header, strict=False)) > width / 2:
+        if sum(field.strip() == name for field, name in zip(fields, header, strict=False)) > width / 2:
             raise InputError(
-                f"{path}: row {line} repeats the names of the columns, as if a second table had been appended; keep "
-                "one of them"
+                f"{path}: row {line} repeats the column names, as if a second table had been appended; keep one of them"
             )
     wrong = [(line, len(fields)) for line, fields in whole if len(fields) != width]
     if len(wrong) == len(whole) > 1 and {number for _, number in wrong} == {width + 1}:
@@ -273,7 +271,7 @@ def _whole_rows(header: list[str], rows: list[Record], path: Path) -> tuple[list
         if number < width:
             advice = "is a value missing, or was the file cut off?"
         elif len(wrong) == len(whole) > 1 and len(lengths) == 1:
-            advice = "is the first line a title? Delete what precedes the names of the columns"
+            advice = "is the first line a title? Delete the lines before the column names"
         elif number % width == 0:
             advice = "are several rows in one line?"
         else:
@@ -284,22 +282,21 @@ def _whole_rows(header: list[str], rows: list[Record], path: Path) -> tuple[list
 
 
 def _named(header: Sequence[str], keep: frozenset[str], path: Path) -> list[str]:
-    """Names of columns as pyradiomics and this project write them."""
+    """Rename columns to the names that pyradiomics and Virtual Phantom write."""
     names, renamed = list(header), []
-    for place, name in enumerate(header):
+    for column, name in enumerate(header):
         other = DIAGNOSED.get(name.lower()) or _feature_name(name) or name
         if name not in keep and other != name:
-            names[place] = other
+            names[column] = other
             renamed.append((name, other))
     if renamed:
         name, other = renamed[0]
-        what = counted(len(renamed), "column")
-        note(f"{path}: {what} read under the names of pyradiomics ({name} as {other})")
-    there = {_plain(name) for name in names}
+        note(f"{path}: {counted(len(renamed), 'column')} read under the names of pyradiomics ({name} as {other})")
+    plain_names = {_plain(name) for name in names}
     for key in KEYS:
-        if key == ("image" if "mask" in there else "Image"):  # a batch of pyradiomics has Image and Mask
+        if key == ("image" if "mask" in plain_names else "Image"):  # a batch of pyradiomics has Image and Mask
             continue
-        alike = [place for place, name in enumerate(names) if _plain(name) == _plain(key) and name not in keep]
+        alike = [column for column, name in enumerate(names) if _plain(name) == _plain(key) and name not in keep]
         if len(alike) == 1 and names[alike[0]] not in KEYS:
             names[alike[0]] = key
     return names
@@ -310,8 +307,8 @@ def _plain(name: str) -> str:
 
 
 def _feature_name(name: str) -> str | None:
-    """How pyradiomics writes the name of a feature, given in another case, without image type or with other signs."""
-    match = OWN_NAME.fullmatch(re.sub(r"[\s.]+", "_", name)) or OWN_NAME.fullmatch(name)
+    """Convert a feature name in another case, without image type or with other separators to pyradiomics' form."""
+    match = FEATURE_PATTERN.fullmatch(re.sub(r"[\s.]+", "_", name)) or FEATURE_PATTERN.fullmatch(name)
     if match is None or match[3].lower() not in FEATURE_NAMES:
         return None
     kind = (match[1] or "original").replace("_", "-")
@@ -320,7 +317,7 @@ def _feature_name(name: str) -> str | None:
 
 
 def _decimal_comma(features: dict[str, list[str]], lines: Sequence[int], path: Path) -> bool:
-    """Whether numbers have a decimal comma; InputError for separators of thousands, and commas that may be such."""
+    """Return whether numbers have a decimal comma; reject thousands separators and ambiguous commas."""
     first: dict[str, str] = {}
     for name, entries in features.items():
         for line, entry in zip(lines, entries, strict=True):
@@ -333,7 +330,7 @@ def _decimal_comma(features: dict[str, list[str]], lines: Sequence[int], path: P
             if kind and kind not in first:
                 first[kind] = f"{name} is '{entry}' in row {line}"
     if "thousands" in first:
-        raise InputError(f"{path}: {first['thousands']}; save the table without separators of thousands")
+        raise InputError(f"{path}: {first['thousands']}; save the table without thousands separators")
     comma = first.get("comma") or first.get("either")
     if comma and "point" in first:
         raise InputError(f"{path}: {comma} and {first['point']}; write all numbers with a decimal point")
@@ -343,24 +340,24 @@ def _decimal_comma(features: dict[str, list[str]], lines: Sequence[int], path: P
 
 
 def _numbers(name: str, entries: Sequence[str], comma: bool, lines: Sequence[int], path: Path) -> np.ndarray:
-    found = np.full(len(entries), np.nan)
-    for place, entry in enumerate(entries):
+    numbers = np.full(len(entries), np.nan)
+    for row, entry in enumerate(entries):
         if entry.lower() in MISSING:
             continue
         number = entry.replace(",", ".") if comma else entry
         if not NUMBER.fullmatch(number):
-            raise InputError(f"{path}: {name} holds text ('{entry[:40]}' in row {lines[place]}); give numbers")
-        found[place] = float(number)
-    return found
+            raise InputError(f"{path}: {name} holds text ('{entry[:40]}' in row {lines[row]}); give numbers")
+        numbers[row] = float(number)
+    return numbers
 
 
 def _text_or_numbers(entries: Sequence[str], comma: bool, text: bool) -> pd.Series | list:
-    """A column beside the features, with None where an entry is empty."""
+    """Convert a column other than a feature; empty entries become None."""
     if not text:
         points = [entry.replace(",", ".") if comma and entry.count(",") == 1 else entry for entry in entries]
-        there = [entry for entry in points if entry]
+        present = [entry for entry in points if entry]
         for match, convert in ((PLAIN.fullmatch, _number), (("True", "False").__contains__, "True".__eq__)):
-            if there and all(map(match, there)):
+            if present and all(map(match, present)):
                 return [convert(entry) if entry else None for entry in points]
     return pd.array([entry or None for entry in entries], dtype="str")
 

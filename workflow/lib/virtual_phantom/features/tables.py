@@ -1,4 +1,4 @@
-"""Tables of features: one row per image and ROI, what was scanned first, then the features."""
+"""Feature tables: one row per image and ROI, with columns METADATA, then the features."""
 
 from __future__ import annotations
 
@@ -11,70 +11,45 @@ import pandas as pd
 from ..base.errors import InputError
 from ..io.files import read_csv
 from .names import FEATURES, features_of
-from .settings import OWN
+from .settings import CUSTOM_PREFIX
 
 PROVENANCE = ("settings_hash", "pyradiomics_version", "numpy_version", "simpleitk_version")
 ACQUISITION = ("protocol", "algorithm", "projections", "noise", "noise_level", "seed")
 METADATA = (*ACQUISITION, "roi", "tissue_class", "n_voxels", "grey_levels", *PROVENANCE)
 
 
-def complete(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisition: dict) -> pd.DataFrame:
-    """Rows of a table with the acquisition and each ROI's tissue class beside them.
-
-    Parameters
-    ----------
-    extracted : DataFrame
-        From `extraction.extract`.
-    tissue_classes : dict of str to str
-        By ROI.
-    acquisition : dict
-        Keys of ACQUISITION.
-
-    Returns
-    -------
-    DataFrame
-        Columns METADATA and the features.
-    """
+def add_acquisition(extracted: pd.DataFrame, tissue_classes: dict[str, str], acquisition: dict) -> pd.DataFrame:
+    """Add the columns of `acquisition` (keys ACQUISITION) and the tissue class of each ROI to an extracted table."""
     features = features_of(extracted)
     table = extracted.assign(**acquisition, tissue_class=extracted["roi"].map(tissue_classes))
     return table[[*METADATA, *features]]
 
 
-def read(path: str | Path) -> pd.DataFrame:
-    """Read a table of features; numbers come back bit for bit.
+def read_features(path: str | Path) -> pd.DataFrame:
+    """Read a feature table; numbers are restored bit for bit.
 
     Raises
     ------
     InputError
-        If it is missing or lacks a column.
+        If the file is missing or lacks a column.
     """
     table = read_csv(path)
-    # What a parameter file asked for stands in the table alone; its extraction refuses to leave any out.
-    own = "settings_hash" in table and table["settings_hash"].astype(str).str.startswith(OWN).all()
-    features = (features_of(table) or FEATURES[:1]) if own else FEATURES
+    # Only the table records the features of a parameter file; the extraction ensures that none is missing.
+    custom = "settings_hash" in table and table["settings_hash"].astype(str).str.startswith(CUSTOM_PREFIX).all()
+    features = (features_of(table) or FEATURES[:1]) if custom else FEATURES
     if missing := [column for column in (*METADATA, *features) if column not in table]:
         raise InputError(f"{path}: lacks {len(missing)} column(s) of a feature table, the first {missing[0]}")
     return table
 
 
-def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """All tables in one, whatever their order.
-
-    Parameters
-    ----------
-    tables : iterable of DataFrame
-        From `complete`.
-
-    Returns
-    -------
-    DataFrame
-        Sorted by protocol, noise label, seed and the order in which ROIs stand in the tables.
+def merge_tables(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Merge tables from `add_acquisition`, sorted by protocol, noise label, seed and order of ROIs.
 
     Raises
     ------
     InputError
-        If two rows describe the same ROI of the same image, an ROI is not in every table, or rows were made with
-        different settings or versions.
+        If two rows are for the same ROI of the same image, an ROI is not in every table, or settings or versions
+        differ.
     """
     tables = list(tables)
     roi_order = dict.fromkeys(tables[0]["roi"])
@@ -95,7 +70,7 @@ def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     if (double := merged.duplicated(keys)).any():
         row = merged.loc[double, keys].iloc[0]
         raise InputError("feature tables: two rows for " + ", ".join(f"{key} {row[key]}" for key in keys))
-    rank = merged["roi"].map({roi: place for place, roi in enumerate(roi_order)})
+    rank = merged["roi"].map({roi: position for position, roi in enumerate(roi_order)})
     return (
         merged.assign(_rank=rank)
         .sort_values(["protocol", "noise", "seed", "_rank"], ignore_index=True)
@@ -104,17 +79,17 @@ def merge(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
 
 
 def _file(row: pd.Series) -> str:
-    """Where a row comes from, under results_dir/features."""
+    """Return the file of a row, relative to results_dir/features."""
     return f"{row['protocol']}/{row['noise']}/seed{row['seed']:02d}.csv"
 
 
 def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str], seeds: int) -> pd.DataFrame:
-    """Rows of these protocols and noise labels, and of the first `seeds` seeds of each.
+    """Select rows by protocol and noise label, with the first `seeds` seeds of each.
 
     Raises
     ------
     InputError
-        Naming the protocol and noise label that has fewer seeds.
+        If a protocol and noise label has fewer seeds.
     """
     chosen = table[table["protocol"].isin(protocols) & table["noise"].isin(noise)]
     order = chosen.groupby(["protocol", "noise"])["seed"].rank(method="dense")
@@ -123,80 +98,42 @@ def select(table: pd.DataFrame, *, protocols: Sequence[str], noise: Sequence[str
     for key in ((p, n) for p in protocols for n in noise):
         if have.get(key, 0) < seeds:
             raise InputError(
-                f"features: {have.get(key, 0)} seeds for protocol {key[0]}, noise {key[1]}; {seeds} are asked for"
+                f"features: {have.get(key, 0)} seeds for protocol {key[0]}, noise {key[1]}; {seeds} are needed"
             )
     return chosen.reset_index(drop=True)
 
 
-def grouped(table: pd.DataFrame, groups: Mapping[str, int], *, noise: str, seeds: int) -> pd.DataFrame:
-    """Rows of the protocols that have a group number, at one noise label.
-
-    Parameters
-    ----------
-    groups : mapping of str to int
-        Number of each protocol's group.
-    noise : str
-        Label of the noise level.
-    seeds : int
-        How many of each protocol.
-
-    Returns
-    -------
-    DataFrame
-        With the number as column group.
-
-    Raises
-    ------
-    InputError
-        As `select`.
-    """
+def select_groups(table: pd.DataFrame, groups: Mapping[str, int], *, noise: str, seeds: int) -> pd.DataFrame:
+    """Select rows as `select`, with the group number of each protocol {protocol: number} as column group."""
     chosen = select(table, protocols=list(groups), noise=[noise], seeds=seeds)
     return chosen.assign(group=chosen["protocol"].map(groups))
 
 
-def refuse_doubles(table: pd.DataFrame, source: str) -> None:
-    """Refuse a table in which a group has a seed of an ROI twice: two protocols of one group are no repeats.
-
-    Parameters
-    ----------
-    table : DataFrame
-        With columns roi, group and seed.
-    source : str
-        What the message begins with.
+def require_unique_rows(table: pd.DataFrame, source: str) -> None:
+    """Check that no two rows have the same roi, group and seed: two protocols of one group are not repeats.
 
     Raises
     ------
     InputError
-        Naming the first such row.
+        Starting with `source` and naming the first repeated row.
     """
     keys = ["roi", "group", "seed"]
     double = table.duplicated(keys).to_numpy()
     if double.any():
         roi, group, seed = table.loc[double, keys].iloc[0]
         raise InputError(
-            f"{source}: two rows for ROI {roi}, group {group}, seed {seed}; give every protocol a group of its own, or "
-            "make the table again"
+            f"{source}: two rows for ROI {roi}, group {group}, seed {seed}; give each protocol a different group, "
+            "or recreate the table"
         )
 
 
 def finite_values(table: pd.DataFrame, features: Sequence[str], source: str) -> np.ndarray:
-    """The features of a table as numbers.
-
-    Parameters
-    ----------
-    features : sequence of str
-        Which columns.
-    source : str
-        What the message begins with.
-
-    Returns
-    -------
-    ndarray of float64, shape (rows, features)
+    """Return features of a table as float64, shape (rows, features).
 
     Raises
     ------
     InputError
-        Naming the first value that is text or not finite.
+        Starting with `source` and naming the first value that is text or not finite.
     """
     values = table[list(features)].apply(pd.to_numeric, errors="coerce").to_numpy(dtype=np.float64)
     if not np.isfinite(values).all():

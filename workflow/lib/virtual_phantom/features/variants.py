@@ -1,11 +1,10 @@
-"""Simulated images with one property changed and the others kept, to find out which of them explains a misfit.
+"""Change one property of simulated images: noise amplitude, noise texture or resolution.
 
-Every function takes the mean image and the noise of repeats of one scan, as `split` gives them, and returns new images
-float64 [repeat, z, y, x] in HU on the same grid. An image is the mean plus its noise, so that each property is changed
-where it lies: amplitude and texture in the noise, resolution in the mean.
+Used to find which property explains a difference between scans and simulation. Each function takes the mean image and
+the noise of repeats, as `split` returns them, and returns images float64 [repeat, z, y, x] in HU on the same grid.
 
-A mean over n repeats still holds 1/n of the noise variance, which changes of the noise do not reach and a blur of the
-mean does. Where a noiseless simulation is at hand, take it as the mean and the differences from it as noise.
+The mean over n repeats contains 1/n of the noise variance. Changes of the noise do not affect this part, but a blur of
+the mean does. If a noiseless simulation is available, use it as the mean.
 """
 
 from __future__ import annotations
@@ -17,31 +16,29 @@ from scipy import ndimage
 
 from ..base.errors import InputError
 
-MINIMUM_REPEATS = 2  # from which noise is what differs between them
-TRUNCATE = 6.0  # of Gaussians, in SDs: what is cut off has no weight in single precision
+MINIMUM_REPEATS = 2  # needed to separate noise from the mean
+TRUNCATE = 6.0  # of Gaussians, in SDs: the weights beyond vanish in single precision
 
 
 def split(images: np.ndarray, noiseless: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """The mean image, and what each repeat differs from it by.
+    """Split repeats into their mean and noise.
 
     Parameters
     ----------
     images : ndarray, shape (repeats, z, y, x)
         HU.
     noiseless : ndarray, shape (z, y, x), optional
-        The same scan without noise, to be used in place of the mean over repeats.
+        The same scan without noise, used as the mean.
 
     Returns
     -------
     mean : ndarray of float64, shape (z, y, x)
-        HU.
     noise : ndarray of float64, shape (repeats, z, y, x)
-        HU. Its variance over repeats (n - 1) is that of the images, at every voxel.
 
     Raises
     ------
     InputError
-        For fewer than two repeats, other shapes, or values that are not finite.
+        If there are fewer than two repeats, shapes differ, or values are not finite.
     """
     images = np.asarray(images, dtype=np.float64)
     if images.ndim != 4 or len(images) < MINIMUM_REPEATS:
@@ -57,55 +54,29 @@ def split(images: np.ndarray, noiseless: np.ndarray | None = None) -> tuple[np.n
 
 
 def scale_noise(mean: np.ndarray, noise: np.ndarray, factor: float) -> np.ndarray:
-    """Noise amplitude: its SD times `factor`, its variance times the square.
-
-    Parameters
-    ----------
-    mean, noise : ndarray
-        From `split`, HU.
-
-    Returns
-    -------
-    ndarray, shape (repeats, z, y, x)
-        HU.
-
-    Raises
-    ------
-    InputError
-        If the factor is negative.
-    """
+    """Multiply the SD of the noise by a factor >= 0."""
     if not factor >= 0:
-        raise InputError(f"variants: a noise factor of {factor} is none; give 0 or more")
+        raise InputError(f"variants: the noise factor is {factor}; give 0 or more")
     return mean + factor * noise
 
 
 def filter_noise(
     mean: np.ndarray, noise: np.ndarray, sigma_voxels: float | Sequence[float], within: np.ndarray | None = None
 ) -> np.ndarray:
-    """Noise texture: the noise smoothed by a Gaussian, and scaled to the variance it had.
-
-    Noise can only be made coarser like this.
+    """Make the noise coarser: smooth it by a Gaussian, and scale it by one factor to its previous variance.
 
     Parameters
     ----------
-    mean, noise : ndarray
-        From `split`, HU.
     sigma_voxels : float or sequence of 3 float
-        SD of the Gaussian along (z, y, x), or one for all; the autocorrelation of white noise becomes exp(-d^2 / (4
-        sigma^2)) at the distance d.
+        SD of the Gaussian along (z, y, x). The autocorrelation of white noise becomes exp(-d^2 / (4 sigma^2)) at
+        distance d.
     within : ndarray of bool, shape (z, y, x), optional
-        Where the variance, averaged over voxels and repeats, is kept, such as the ROIs; everywhere if left out. One
-        factor serves the whole image: where noise is stronger, it stays so.
-
-    Returns
-    -------
-    ndarray, shape (repeats, z, y, x)
-        HU.
+        Voxels in which the mean variance is preserved, such as the ROIs; by default all.
 
     Raises
     ------
     InputError
-        For a negative sigma, a mask of another shape or without voxels, or if nothing is left of the noise.
+        If sigma is negative, the mask has another shape or is empty, or there is no noise.
     """
     sigma = _sigma(sigma_voxels)
     where = np.ones(mean.shape, bool) if within is None else np.asarray(within, dtype=bool)
@@ -116,37 +87,19 @@ def filter_noise(
     smooth = np.stack([_gaussian(repeat, sigma) for repeat in noise])
     before, after = ((part[:, where] ** 2).mean() for part in (noise, smooth))
     if not after > 0:
-        raise InputError("variants: there is no noise to give a texture to; give repeats that differ")
+        raise InputError("variants: there is no noise; give repeats that differ")
     return mean + np.sqrt(before / after) * smooth
 
 
 def blur(mean: np.ndarray, noise: np.ndarray, sigma_voxels: float | Sequence[float]) -> np.ndarray:
-    """Resolution: the mean image smoothed by a Gaussian, under the same noise.
-
-    Parameters
-    ----------
-    mean, noise : ndarray
-        From `split`, HU.
-    sigma_voxels : float or sequence of 3 float
-        SD of the Gaussian along (z, y, x), or one for all.
-
-    Returns
-    -------
-    ndarray, shape (repeats, z, y, x)
-        HU.
-
-    Raises
-    ------
-    InputError
-        For a negative sigma.
-    """
+    """Reduce the resolution: smooth the mean by a Gaussian of SD `sigma_voxels` along (z, y, x), not the noise."""
     return _gaussian(mean, _sigma(sigma_voxels)) + noise
 
 
 def _sigma(sigma_voxels: float | Sequence[float]) -> np.ndarray:
     sigma = np.broadcast_to(np.asarray(sigma_voxels, dtype=np.float64), 3)
     if not (np.isfinite(sigma) & (sigma >= 0)).all():
-        raise InputError(f"variants: sigma {sigma_voxels} is none; give 0 or more voxels")
+        raise InputError(f"variants: sigma is {sigma_voxels}; give 0 or more voxels")
     return sigma
 
 

@@ -1,7 +1,6 @@
-"""The phantom: what is scanned, and the regions in which features are measured.
+"""The phantom: the object that is scanned, and the regions of interest (ROIs) in which features are measured.
 
-`synthetic.build` makes one from shapes; `ct.load` makes one from a CT and its ROIs. Both give the same
-`Phantom`.
+`synthetic.build` creates a `Phantom` from shapes, `ct.load_phantom` from a CT and its ROIs.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from ..base.geometry import Grid
 from ..io.files import read_csv, write_csv
 from ..io.volumes import Volume, read_nifti, write_nifti
 
-HALF_COVERED = 0.5  # a voxel of the grid belongs to an ROI if at least this share of it does
+HALF_COVERED = 0.5  # a voxel belongs to an ROI if the ROI covers at least this fraction of it
 
 
 @dataclass(frozen=True)
@@ -31,7 +30,7 @@ class Roi:
     mask : ndarray of bool, shape (z, y, x)
         On the phantom's grid.
     label_in_file : int, str or None
-        Which region of a user's file it was made from.
+        Label of the region in the user's file.
     """
 
     name: str
@@ -42,21 +41,18 @@ class Roi:
 
 @dataclass(frozen=True)
 class Phantom:
-    """What is scanned, in HU (float32), and where features are measured.
+    """The object in HU (float32) and its ROIs in the order of the configuration.
 
     Attributes
     ----------
     fine : Volume
-        On the grid refined by the oversampling: projections are taken of this one, so that the reconstruction does not
-        meet its own voxels again.
+        On the refined grid. Projecting this one avoids the inverse crime [1]_.
     image : Volume
         On the reconstruction grid: the block mean of `fine`.
-    rois : tuple of Roi
-        In the order of the configuration.
 
     References
     ----------
-    Kaipio and Somersalo, J. Comput. Appl. Math. 198, 493, 2007.
+    .. [1] Kaipio and Somersalo, J. Comput. Appl. Math. 198, 493, 2007.
     """
 
     fine: Volume
@@ -65,41 +61,23 @@ class Phantom:
 
 
 def block_mean(array: np.ndarray, factor: int) -> np.ndarray:
-    """Mean over blocks of voxels.
-
-    Parameters
-    ----------
-    array : ndarray, shape (z, y, x)
-        Its sides are multiples of `factor`.
-    factor : int
-        Voxels along each side of a block.
-
-    Returns
-    -------
-    ndarray of float32, shape (z / factor, y / factor, x / factor)
-    """
+    """Return the float32 mean over blocks of factor^3 voxels; sides of the array are multiples of `factor`."""
     return block_reduce(array, (factor,) * 3, np.mean).astype(np.float32, copy=False)
 
 
-def save(phantom: Phantom, folder: str | Path) -> None:
-    """Write image.nii.gz and fine.nii.gz (HU, float32), and the ROIs as save_rois does."""
+def write_phantom(phantom: Phantom, folder: str | Path) -> None:
+    """Write image.nii.gz and fine.nii.gz (HU, float32), and the ROIs (`write_rois`)."""
     folder = Path(folder)
     write_nifti(phantom.fine, folder / "fine.nii.gz")
     write_nifti(phantom.image, folder / "image.nii.gz")
-    save_rois(phantom.rois, phantom.image, folder)
+    write_rois(phantom.rois, phantom.image, folder)
 
 
-def save_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
+def write_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
     """Write rois/{roi}.nii.gz (uint8, 0 or 1) and rois.csv.
 
-    rois.csv holds one row per ROI: roi, tissue_class, label (1, 2, ... in the order of the configuration),
-    n_voxels and mean_hu on `image`, and, where ROIs were made from regions of a file, label_in_file, their label there;
-    parts of one region share it.
-
-    Parameters
-    ----------
-    image : Volume
-        HU, on the grid of the ROIs.
+    rois.csv has one row per ROI: roi, tissue_class, label (1, 2, ...), n_voxels and mean_hu on `image`. If ROIs come
+    from regions of a file, label_in_file is the label in that file.
     """
     folder = Path(folder)
     rows = []
@@ -121,26 +99,12 @@ def save_rois(rois: Sequence[Roi], image: Volume, folder: str | Path) -> None:
 
 
 def read_masks(rois_csv: str | Path, grid: Grid) -> tuple[pd.DataFrame, dict[str, np.ndarray]]:
-    """Read the ROIs that `save` wrote.
-
-    Parameters
-    ----------
-    rois_csv : str or Path
-        The table; masks lie in rois/ beside it.
-    grid : Grid
-        Where the masks must be.
-
-    Returns
-    -------
-    table : DataFrame
-        Of ROIs: roi, tissue_class, ...
-    masks : dict of str to ndarray of bool, shape (z, y, x)
-        By name.
+    """Read the table that `write_rois` wrote, and the masks bool [z, y, x] by ROI.
 
     Raises
     ------
     InputError
-        If the table lacks a column, or a mask is missing or on another grid than `grid`.
+        If the table lacks a column, or a mask is missing or not on `grid`.
     """
     rois_csv = Path(rois_csv)
     table = read_csv(rois_csv)
@@ -157,18 +121,7 @@ def read_masks(rois_csv: str | Path, grid: Grid) -> tuple[pd.DataFrame, dict[str
 
 
 def read_rois(rois_csv: str | Path, grid: Grid) -> tuple[Roi, ...]:
-    """The same as `Roi`s, in the table's order.
-
-    Parameters
-    ----------
-    grid : Grid
-        Where the masks must be.
-
-    Raises
-    ------
-    InputError
-        As `read_masks`.
-    """
+    """Read the ROIs that `write_rois` wrote, with the same checks as `read_masks`."""
     table, masks = read_masks(rois_csv, grid)
     labels = table["label_in_file"] if "label_in_file" in table else [None] * len(table)
     return tuple(

@@ -1,14 +1,14 @@
-"""DICOM RT Structure Sets (PS3.3, A.19): planar contours, filled slice by slice.
+"""Read regions from DICOM RT Structure Sets (PS3.3, A.19): planar contours are filled slice by slice.
 
-How contours of one slice make a region (PS3.3, C.8.8.6):
+Contours of one slice are combined as follows (PS3.3, C.8.8.6):
 
-* CLOSED_PLANAR, and INTERPOLATED_PLANAR, which some systems write for contours that they interpolated: a contour within
-  another one is a hole, one within the hole is part of the region again, and so on. Contours that overlap in part are
-  united. The standard knows only the keyhole, but treatment planning systems export nested contours in this way.
-* CLOSEDPLANAR_XOR: contours are combined by exclusive or, as the standard says.
-* The same contour stored again, in either direction, counts once.
-* A voxel belongs to a contour if its center lies within or on it. Contours cross themselves by the even-odd rule, so
-  that a keyhole stays open.
+* CLOSED_PLANAR, and INTERPOLATED_PLANAR of some systems: a contour within another contour is a hole, a contour within
+  the hole belongs to the region, and so on. Contours that overlap partly are united. The standard only defines
+  keyholes, but treatment planning systems export nested contours in this way.
+* CLOSEDPLANAR_XOR: contours are combined by exclusive or.
+* Repeated contours, in either direction, count once.
+* A voxel belongs to a contour if its center lies within or on it. The even-odd rule applies to contours that cross
+  themselves, so keyholes stay open.
 """
 
 from __future__ import annotations
@@ -25,32 +25,26 @@ from skimage.measure import points_in_poly
 from ..base.errors import InputError, meant, reading
 from ..base.geometry import Grid
 from ..base.words import counted
-from .regions import Drawn, Regions, Remark, boxed, sequence_of, to_voxels, whole_number
+from .regions import CroppedRegion, Regions, Remark, crop_to_box, sequence_of, to_voxels, whole_number
 
 XOR = "CLOSEDPLANAR_XOR"
 CLOSED = ("CLOSED_PLANAR", "INTERPOLATED_PLANAR", XOR)
 OPEN = ("POINT", "OPEN_PLANAR", "OPEN_NONPLANAR")
-POINTS = 3  # a closed contour has at least
-PLANAR = 0.1  # of a slice; contours that span more along z are not planar
-IN_SLICE = 0.25  # of the distance of slices: a contour is nearer to one slice than to the middle between two
-SAME_PLANE = 0.1  # of the distance of slices: contours nearer than this along z belong together, and to the slice
-# Outlines that are nowhere farther apart than half a voxel are one: a wall between them would be no voxel wide.
+POINTS = 3  # least number of points of a closed contour
+PLANAR = 0.1  # of the slice spacing: contours that extend more along z are not planar
+IN_SLICE = 0.25  # of the slice spacing: contours within this distance belong to a slice
+SAME_PLANE = 0.1  # of the slice spacing: contours within this distance are in one plane
+# Voxels: outlines within this distance everywhere are the same contour.
 SAME = 0.5
-# Coordinates within this length of a voxel center are on it: headers often give them as text with two decimals.
+# Coordinates this close to a voxel center are on it: headers often store two decimals.
 ON_CENTER_MM = 0.01
-ROUNDING = 1e-9  # voxels, of a crossing worked out in double precision
+ROUNDING = 1e-9  # voxels, of crossings in double precision
 ADVICE = "is this the CT on which it was drawn?"
 
 
 @dataclass
 class Structure:
-    """One ROI of a structure set.
-
-    Attributes
-    ----------
-    problem : str
-        Why its contours cannot be assigned; empty if they can.
-    """
+    """An ROI of a structure set; `problem` tells why its contours cannot be assigned, and is empty if they can."""
 
     number: int | None
     name: str
@@ -59,23 +53,13 @@ class Structure:
 
     @property
     def title(self) -> str:
-        """Name and, where there is no name, number, for messages."""
+        """Name for messages, or number if there is no name."""
         return f"ROI {self.name}" if self.name else f"ROI number {self.number}"
 
 
 @dataclass(frozen=True)
 class Contour:
-    """A closed contour in voxels of the CT.
-
-    Attributes
-    ----------
-    points : ndarray, shape (points, 2)
-        Row and column.
-    z : float
-        Slice.
-    xor : bool
-        Combined by exclusive or.
-    """
+    """A closed contour: points (row, column) and slice z in voxels of the CT, and whether it is combined by XOR."""
 
     points: np.ndarray
     z: float
@@ -83,13 +67,13 @@ class Contour:
 
     @property
     def area(self) -> float:
-        """Enclosed area, in voxels."""
+        """Enclosed area in voxels."""
         row, column = self.points.T
         return abs(float(row @ np.roll(column, -1) - column @ np.roll(row, -1))) / 2
 
 
 class StructRegions(Regions):
-    """ROIs of a structure set, each by its name or, where several have one name, by its number."""
+    """ROIs of a structure set, by name, or by number if several have the same name."""
 
     def __init__(self, path: Path, dataset: pydicom.Dataset, grid: Grid):
         super().__init__(path, grid)
@@ -127,7 +111,7 @@ class StructRegions(Regions):
                 roi.problem = f"ROI number {roi.number} is given to several ROIs ({names})"
             roi.contours = drawn.get(roi.number, [])
             if items[roi.number] > 1:
-                text = f"{items[roi.number]} items of ROIContourSequence refer to it; their contours are put together"
+                text = f"{items[roi.number]} items of ROIContourSequence refer to it; their contours are merged"
                 self._remarks.append(Remark("several items of contours", roi.title, text))
         for number in drawn.keys() - numbers.keys():
             orphan = Structure(number, "", drawn[number])
@@ -136,21 +120,21 @@ class StructRegions(Regions):
             found.append(orphan)
         return found
 
-    def there(self) -> dict[int | str, str | None]:
-        """Every region: {ROI name, or where it is missing or not the only one, number: name}."""
+    def list_regions(self) -> dict[int | str, str | None]:
+        """Return {ROI name, or number if the name is missing or not unique: name}."""
         names = Counter(roi.name for roi in self._rois)
         labels: dict[int | str, str | None] = {}
         for roi in self._rois:
             named = roi.name and names[roi.name] == 1
             if not named and roi.number is None:
                 continue
-            # The configuration takes whole numbers from 1 on, and others as text.
+            # The configuration accepts integers from 1 on; other numbers are text.
             number = roi.number if roi.number is not None and roi.number > 0 else str(roi.number)
             labels[roi.name if named else number] = roi.name or f"roi {roi.number}"
         return labels
 
     def aliases(self, label: int | str) -> tuple[str, ...]:
-        """The number of an ROI."""
+        """Return the number of an ROI."""
         return (str(self._find(label).number),)
 
     def _find(self, label: int | str | None) -> Structure:
@@ -162,35 +146,35 @@ class StructRegions(Regions):
         matching = first or second
         if len(matching) == 1:
             return matching[0]
-        there = ", ".join(f"{roi.name or '(no name)'} ({roi.number})" for roi in self._rois) or "none"
+        listed = ", ".join(f"{roi.name or '(no name)'} ({roi.number})" for roi in self._rois) or "none"
         if label is None:
-            raise InputError(f"{self.path}: label is needed; there are: {there}")
+            raise InputError(f"{self.path}: label is needed; there are: {listed}")
         if matching:
             numbers = " and ".join(str(roi.number) for roi in matching)
             what = f"{len(matching)} ROIs are called {label!r}; give the number as the label: {numbers}"
-            raise InputError(f"{self.path}: {what}; there are: {there}")
+            raise InputError(f"{self.path}: {what}; there are: {listed}")
         names = [roi.name for roi in self._rois if roi.name]
-        near = meant(str(label), names, "there are")
-        advice = near if near.startswith("did") else f"there are: {there}"
+        suggestion = meant(str(label), names, "there are")
+        advice = suggestion if suggestion.startswith("did") else f"there are: {listed}"
         raise InputError(f"{self.path}: ROI {label!r} is not there; {advice}")
 
-    def _draw(self, label: int | str | None) -> tuple[str, Drawn | None, bool]:
+    def _draw(self, label: int | str | None) -> tuple[str, CroppedRegion | None, bool]:
         roi = self._find(label)
         if roi.problem:
             raise InputError(f"{self.path}: {roi.problem}, so its contours cannot be assigned; export it again")
-        remarks = [one for one in self._remarks if one.name in ("", roi.title)]
+        remarks = [remark for remark in self._remarks if remark.name in ("", roi.title)]
         with reading(self.path, "DICOM RTSTRUCT"):
             slices = self._slices(roi, self._contours(roi, remarks), remarks)
         if not slices:
-            if roi.contours:  # the remarks say why; a region without voxels is passed over and they with it
-                why = "; ".join(one.text for one in remarks if one.name) or "they enclose no area"
+            if roi.contours:  # the remarks explain why; they are not reported for a region without voxels
+                why = "; ".join(remark.text for remark in remarks if remark.name) or "they enclose no area"
                 raise InputError(f"{self.path}: {roi.title} has no closed contour that can be filled ({why})")
             return roi.title, None, True
         return roi.title, self._filled(roi, slices, remarks), True
 
-    def _filled(self, roi: Structure, slices: dict[int, list[Contour]], remarks: list[Remark]) -> Drawn | None:
+    def _filled(self, roi: Structure, slices: dict[int, list[Contour]], remarks: list[Remark]) -> CroppedRegion | None:
         low, high = min(slices), max(slices)
-        corners = [one.points for contours in slices.values() for one in contours]
+        corners = [contour.points for contours in slices.values() for contour in contours]
         first = np.maximum(np.ceil(np.min([p.min(axis=0) for p in corners], axis=0)), 0).astype(int)
         last = np.minimum(np.floor(np.max([p.max(axis=0) for p in corners], axis=0)) + 1, self.grid.shape[1:]).astype(
             int
@@ -208,49 +192,49 @@ class StructRegions(Regions):
             remarks.append(Remark("contours stored more than once", roi.title, text))
         if overlaps:
             verb = "overlaps" if overlaps == 1 else "overlap"
-            text = f"{counted(overlaps, 'contour')} of it {verb} another one in part; they are united"
-            remarks.append(Remark("contours that overlap in part", roi.title, text))
+            text = f"{counted(overlaps, 'contour')} of it {verb} another contour partly; they are united"
+            remarks.append(Remark("contours that overlap partly", roi.title, text))
         if not mask.any():
             raise InputError(f"{self.path}: {roi.title} encloses no voxel center; draw it larger, or take a finer CT")
-        return boxed(mask, (low, *first), remarks)
+        return crop_to_box(mask, (low, *first), remarks)
 
     def _contours(self, roi: Structure, remarks: list[Remark]) -> list[Contour]:
-        """Closed contours in voxels; what is passed over goes to `remarks`."""
-        found, passed = [], Counter()
+        """Return the closed contours in voxels; add a remark about skipped contours."""
+        found, skipped = [], Counter()
         affines = to_voxels(self.grid)
         for position, item in enumerate(roi.contours, 1):
             kind = str(item.get("ContourGeometricType") or "").strip().upper()
             points = self._points(roi, position, item)
             if kind in OPEN:
-                passed[f"of type {kind}, which encloses no area,"] += 1
+                skipped[f"of type {kind}, which encloses no area,"] += 1
             elif kind and kind not in CLOSED:
-                passed[f"of the unknown type {kind if len(kind) <= 16 and kind.isascii() else '?'}"] += 1
+                skipped[f"of the unknown type {kind if len(kind) <= 16 and kind.isascii() else '?'}"] += 1
             elif len(points) == 0:
-                passed["without points"] += 1
+                skipped["without points"] += 1
             elif len(points) < POINTS:
-                passed[f"of fewer than {POINTS} points, which encloses no area,"] += 1
+                skipped[f"of fewer than {POINTS} points, which encloses no area,"] += 1
             else:
                 if not kind:
-                    passed[""] += 1
-                placed = [(one @ np.column_stack([points, np.ones(len(points))]).T)[:3] for one in affines]
-                x, y, z = next((one for one in placed if np.ptp(one[2]) <= PLANAR), placed[0])
+                    skipped[""] += 1
+                positions = [(affine @ np.column_stack([points, np.ones(len(points))]).T)[:3] for affine in affines]
+                x, y, z = next((xyz for xyz in positions if np.ptp(xyz[2]) <= PLANAR), positions[0])
                 if np.ptp(z) > PLANAR:
                     raise InputError(
                         f"{self.path}: contour {position} of {roi.title} spans {np.ptp(z) * self.grid.spacing[0]:.3g} "
-                        "mm along z; contours in axial planes are read"
+                        "mm along z; only contours in axial planes are supported"
                     )
                 found.append(Contour(_on_centers(np.column_stack([y, x]), self.grid), float(z.mean()), kind == XOR))
-        for what, count in passed.items():
+        for what, count in skipped.items():
             contours = counted(count, "contour")
             if what:
-                text = f"{contours} {what} {'is' if count == 1 else 'are'} passed over"
+                text = f"{contours} {what} {'is' if count == 1 else 'are'} skipped"
             else:
                 text = f"{contours} without ContourGeometricType {'is' if count == 1 else 'are'} read as CLOSED_PLANAR"
             remarks.append(Remark(f"contours {what or 'without ContourGeometricType'}", roi.title, text))
         return found
 
     def _points(self, roi: Structure, position: int, item: pydicom.Dataset) -> np.ndarray:
-        """Points of a contour, LPS, mm; shape (points, 3)."""
+        """Return the points of a contour, LPS, mm, shape (points, 3)."""
         try:
             values = item.get("ContourData")
             numbers = np.array([] if values is None else values, float).reshape(-1)
@@ -268,49 +252,41 @@ class StructRegions(Regions):
         return numbers.reshape(-1, 3)
 
     def _slices(self, roi: Structure, contours: Sequence[Contour], remarks: list[Remark]) -> dict[int, list[Contour]]:
-        """Contours of each slice; what lies between slices goes to `remarks`."""
-        wide = self.grid.spacing[0]
+        """Assign contours to slices; add a remark about skipped contours between slices."""
         near: dict[int, list[Contour]] = {}
         between: list[Contour] = []
-        for one in contours:
-            k = round(one.z)
-            self._check_inside(roi, one, k)
-            if abs(one.z - k) > IN_SLICE:
-                between.append(one)
+        for contour in contours:
+            k = round(contour.z)
+            self._check_inside(roi, contour, k)
+            if abs(contour.z - k) > IN_SLICE:
+                between.append(contour)
             else:
-                near.setdefault(k, []).append(one)
-        passed = 0
-        for one in between:
-            if not {int(np.floor(one.z)), int(np.ceil(one.z))} <= near.keys():
-                raise InputError(
-                    f"{self.path}: a contour of {roi.title} at z = {self._z_mm(one):g} mm does not lie in a slice of "
-                    f"the CT; {ADVICE}"
-                )
-            passed += 1
+                near.setdefault(k, []).append(contour)
+        for contour in between:
+            if not {int(np.floor(contour.z)), int(np.ceil(contour.z))} <= near.keys():
+                raise InputError(self._not_in_slice(roi, contour))
+        skipped = len(between)
         slices, farthest = {}, 0.0
-        for k, there in near.items():
-            plane = min((one.z for one in there), key=lambda z: abs(z - k))
-            slices[k] = [one for one in there if abs(one.z - plane) <= SAME_PLANE]
-            passed += len(there) - len(slices[k])
-            farthest = max(farthest, *(abs(one.z - k) for one in slices[k]))
-        if passed:
-            text = (
-                f"{counted(passed, 'contour')} between slices of the CT {'is' if passed == 1 else 'are'} passed over, "
-            )
-            remarks.append(Remark("contours between slices", roi.title, text + "as the slices beside have their own"))
+        for k, candidates in near.items():
+            plane = min((contour.z for contour in candidates), key=lambda z: abs(z - k))
+            slices[k] = [contour for contour in candidates if abs(contour.z - plane) <= SAME_PLANE]
+            skipped += len(candidates) - len(slices[k])
+            farthest = max(farthest, *(abs(contour.z - k) for contour in slices[k]))
+        if skipped:
+            text = f"{counted(skipped, 'contour')} between slices of the CT {'is' if skipped == 1 else 'are'} skipped, "
+            remarks.append(Remark("contours between slices", roi.title, text + "as the adjacent slices have contours"))
         if farthest > SAME_PLANE:
-            text = (
-                f"its contours lie up to {farthest * wide:.3g} mm from the CT's slices; each is put in the nearest one"
-            )
-            remarks.append(Remark("contours beside slices", roi.title, text))
+            text = f"its contours lie up to {farthest * self.grid.spacing[0]:.3g} mm from the slices of the CT; "
+            remarks.append(Remark("contours beside slices", roi.title, text + "each is moved to the nearest slice"))
         return slices
+
+    def _not_in_slice(self, roi: Structure, contour: Contour) -> str:
+        z = self._z_mm(contour)
+        return f"{self.path}: a contour of {roi.title} at z = {z:g} mm does not lie in a slice of the CT; {ADVICE}"
 
     def _check_inside(self, roi: Structure, contour: Contour, k: int) -> None:
         if not 0 <= k < self.grid.shape[0]:
-            raise InputError(
-                f"{self.path}: a contour of {roi.title} at z = {self._z_mm(contour):g} mm does not lie in a slice of "
-                f"the CT; {ADVICE}"
-            )
+            raise InputError(self._not_in_slice(roi, contour))
         edges = np.array(self.grid.shape[1:]) - 0.5
         if contour.points.min() < -0.5 or (contour.points > edges).any():
             raise InputError(
@@ -322,13 +298,13 @@ class StructRegions(Regions):
 
 
 def _on_centers(points: np.ndarray, grid: Grid) -> np.ndarray:
-    """Points (row, column) with coordinates that are on a voxel center but for rounding moved onto it."""
+    """Move coordinates (row, column) that equal a voxel center up to rounding onto it."""
     centers = points.round()
     return np.where(np.abs(points - centers) * np.array(grid.spacing[1:]) <= ON_CENTER_MM, centers, points)
 
 
 def _name(item: pydicom.Dataset, dataset: pydicom.Dataset) -> str:
-    """Name of an ROI; UTF-8 is recognized where the file states no character set."""
+    """Return the name of an ROI; UTF-8 is recognized if the file has no character set."""
     name = str(item.get("ROIName") or "").strip()
     if not dataset.get("SpecificCharacterSet"):
         try:
@@ -344,33 +320,31 @@ def _combine(contours: Sequence[Contour], plane: np.ndarray, first: np.ndarray) 
     Parameters
     ----------
     plane : ndarray of bool, shape (y, x)
-        Part of the slice, empty; it is changed.
+        Part of the slice that is filled in place.
     first : ndarray
-        Row and column of the slice that the plane begins at.
+        First row and column of the plane in the slice.
 
     Returns
     -------
-    again : int
-        Contours that are stored more than once.
-    overlaps : int
-        Contours that overlap another one in part.
+    repeated, overlaps : int
+        Numbers of contours that are stored more than once, and that overlap another contour partly.
     """
     distinct: list[Contour] = []
-    for one in contours:
-        if not any(_same(one, other) for other in distinct):
-            distinct.append(one)
-    distinct.sort(key=lambda one: -one.area)
+    for contour in contours:
+        if not any(_same(contour, other) for other in distinct):
+            distinct.append(contour)
+    distinct.sort(key=lambda contour: -contour.area)
     depths: list[int] = []
     overlaps = 0
-    for n, one in enumerate(distinct):
-        around = [m for m in range(n) if _within(one, distinct[m])]
+    for n, contour in enumerate(distinct):
+        around = [m for m in range(n) if _within(contour, distinct[m])]
         depths.append(1 + max((depths[m] for m in around), default=-1))
         hole = depths[-1] % 2 == 1
-        box, inside, on = _rasterized(one.points - first, plane.shape)
+        box, inside, on = _rasterized(contour.points - first, plane.shape)
         part = plane[box]
-        if one.xor:
+        if contour.xor:
             part ^= inside if hole else inside | on
-        elif hole:  # the outline of a hole belongs to the region, as that of the region does
+        elif hole:  # the outline of a hole belongs to the region
             part &= ~inside
         else:
             overlaps += bool((part & inside).any())
@@ -379,15 +353,10 @@ def _combine(contours: Sequence[Contour], plane: np.ndarray, first: np.ndarray) 
 
 
 def _rasterized(points: np.ndarray, shape: tuple[int, int]) -> tuple[tuple[slice, slice], np.ndarray, np.ndarray]:
-    """A box of a plane, and the voxels in it whose centers lie within a contour and on it.
+    """Return a box of the plane, and its voxels whose centers lie within a contour and on it.
 
-    A center is within if an odd number of edges cross its row to the left of it. This takes a time in proportion to the
-    length of the outline, where skimage.measure.grid_points_in_poly compares each voxel with each edge: 0.2 s for each
-    slice of a body.
-
-    Returns
-    -------
-    box : tuple of 2 slice
+    A center is inside if an odd number of edges cross its row to the left of it. The time is proportional to the length
+    of the outline; skimage.measure.grid_points_in_poly takes 0.2 s per slice of a body.
     """
     low = np.clip(np.ceil(points.min(axis=0)), 0, shape).astype(int)
     high = np.clip(np.floor(points.max(axis=0)) + 1, low, shape).astype(int)
@@ -407,7 +376,7 @@ def _rasterized(points: np.ndarray, shape: tuple[int, int]) -> tuple[tuple[slice
     edge, row = edge[seen], row[seen]
     slope = (end[edge, 1] - start[edge, 1]) / (end[edge, 0] - start[edge, 0])
     crossing = start[edge, 1] + (row - start[edge, 0]) * slope
-    # An edge crosses the row of its upper end and not that of its lower end, so that a vertex is crossed once.
+    # An edge crosses the row of its upper end, not that of its lower end, so vertices are crossed once.
     crossed = row < lower[edge]
     flips = np.zeros((rows, columns + 1), np.uint8)
     np.add.at(flips, (row[crossed], np.clip(np.ceil(crossing[crossed]), 0, columns).astype(int)), 1)
@@ -421,22 +390,24 @@ def _rasterized(points: np.ndarray, shape: tuple[int, int]) -> tuple[tuple[slice
     return box, within & ~on, on
 
 
-def _same(one: Contour, other: Contour) -> bool:
-    """Whether two outlines are nowhere farther apart than SAME."""
-    for reach in (np.min, np.max):
-        if np.abs(reach(one.points, axis=0) - reach(other.points, axis=0)).max() > SAME:
+def _same(contour: Contour, other: Contour) -> bool:
+    """Return whether two outlines are within a distance of SAME everywhere."""
+    for extreme in (np.min, np.max):
+        if np.abs(extreme(contour.points, axis=0) - extreme(other.points, axis=0)).max() > SAME:
             return False
-    return bool(_distance(one.points, other.points).max() <= SAME and _distance(other.points, one.points).max() <= SAME)
+    return bool(
+        _distance(contour.points, other.points).max() <= SAME and _distance(other.points, contour.points).max() <= SAME
+    )
 
 
-def _within(one: Contour, other: Contour) -> bool:
-    """Whether a contour lies within another one, up to SAME beyond its outline."""
+def _within(contour: Contour, other: Contour) -> bool:
+    """Return whether a contour lies within another one, with a tolerance of SAME."""
     slack = SAME
-    if (one.points.min(axis=0) < other.points.min(axis=0) - slack).any():
+    if (contour.points.min(axis=0) < other.points.min(axis=0) - slack).any():
         return False
-    if (one.points.max(axis=0) > other.points.max(axis=0) + slack).any():
+    if (contour.points.max(axis=0) > other.points.max(axis=0) + slack).any():
         return False
-    edge = _refined(one.points)
+    edge = _refined(contour.points)
     inside = points_in_poly(edge, other.points)
     if not inside.any():
         return False
@@ -444,7 +415,7 @@ def _within(one: Contour, other: Contour) -> bool:
 
 
 def _refined(points: np.ndarray) -> np.ndarray:
-    """The outline at steps of SAME at most, and a point within each step."""
+    """Subdivide an outline into steps of SAME at most."""
     following = np.roll(points, -1, axis=0)
     steps = np.maximum(np.ceil(np.linalg.norm(following - points, axis=1) / SAME).astype(int), 1)
     start = np.repeat(points, steps, axis=0)
@@ -453,7 +424,7 @@ def _refined(points: np.ndarray) -> np.ndarray:
 
 
 def _distance(points: np.ndarray, outline: np.ndarray) -> np.ndarray:
-    """Distance of each point to a closed outline."""
+    """Return the distance of each point to a closed outline."""
     start, step = outline, np.roll(outline, -1, axis=0) - outline
     length = np.maximum((step**2).sum(axis=1), 1e-30)
     nearest = np.full(len(points), np.inf)

@@ -1,4 +1,4 @@
-"""Your own phantom: a CT in HU and the regions drawn on it, brought onto the study's grid."""
+"""Create a phantom from a CT in HU and the regions drawn on it, resampled to the grid of the study."""
 
 from __future__ import annotations
 
@@ -21,48 +21,47 @@ from ..io.volumes import IMAGE_SUFFIXES, Volume, length_unit, read_image, suffix
 from . import HALF_COVERED, Phantom, Roi, block_mean
 from .dicom_files import not_dicom
 from .dicom_series import read_series
-from .fit import how_to_fit
+from .grid_size import suggest_size
 from .masks import open_regions
-from .plausible import CHECKS, SIZE, require_plausible
-from .repositioning import to_object
-from .rois import RoiEntry, cut, read_entries, separate, shrink
+from .plausibility import CHECKS, SIZE, require_plausible
+from .repositioning import world_to_object
+from .rois import RoiEntry, cut, read_roi_entries, separate, shrink
 
-LARGEST_LOSS = 0.01  # share of an ROI that keep_mm or the grid may cut off: rounding of a box to voxels, no more
-SLAB_SLICES = 4  # slices of a grid resampled at a time: bounds the memory
+LARGEST_LOSS = 0.01  # fraction of an ROI that keep_mm or the grid may cut off, for rounding of a box to voxels
+SLAB_SLICES = 4  # slices that are resampled at a time, to limit memory
 
 
-def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
+def load_phantom(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     """Load a CT and its ROIs.
 
-    The CT is interpolated linearly at points at least as dense as its own voxels, averaged to the refined
-    grid and again to the grid; outside the CT is air. Values under air are set to air. A voxel of the grid
-    belongs to an ROI if at least half of it does; parts of one region are kept one voxel apart.
+    The CT is interpolated linearly at points at least as dense as its voxels, then averaged to the refined grid and to
+    the grid. Values below air, and voxels outside the CT, are set to air. A voxel belongs to an ROI if the ROI covers
+    at least half of it. Parts of one region are separated by one voxel.
 
     Parameters
     ----------
     settings : dict
-        As phantom.ct in the configuration, whose schema they are checked against:
+        phantom.ct of the configuration, validated by its schema:
 
-        * image: NIfTI, NRRD or MetaImage file, or folder with one DICOM CT series, in HU; needed here
+        * image: NIfTI, NRRD or MetaImage file, or folder with one DICOM CT series, in HU; required
         * rois: list of entries, see rois.RoiEntry
-        * labels: file of the regions whose entry names no file of its own
-        * centre_mm: NIfTI world position (x, y, z) of the isocentre; by default the centre of the CT
-        * keep_mm: [[x, x], [y, y]] in NIfTI world mm; everything outside becomes air (a table, arms)
-        * not_checked: of plausible.CHECKS, what a false alarm of theirs may not stop
+        * labels: file of the regions, for entries without a file
+        * centre_mm: NIfTI world position (x, y, z) of the isocenter; by default the center of the CT
+        * keep_mm: [[x, x], [y, y]] in NIfTI world mm; voxels outside become air (a table, arms)
+        * not_checked: members of plausibility.CHECKS that are skipped
     grid : Grid
-        Shape and spacing of the study's grid; its centre is put at centre_mm.
+        Shape and spacing; the center is set to centre_mm.
     oversampling : int
-        By how much the phantom's own grid is finer.
+        Refinement of the grid of `Phantom.fine`.
 
     Raises
     ------
     InputError
-        On an unusable image, region or setting, on an ROI that is empty or gets lost on the way, on one that loses more
-        than LARGEST_LOSS of its volume to keep_mm or the grid's border, and on a body that does not fit the grid
-        in-plane. What ends with the CT itself is not cut by the grid.
+        If the image, a region or a setting is unusable, or the body does not fit the grid in-plane. Also if an ROI is
+        empty on the grid, or loses more than LARGEST_LOSS of its volume to keep_mm or the border of the grid.
     """
     validate(settings, schema_of("phantom", "ct"), "phantom: ct")
-    entries = read_entries(settings["rois"], settings.get("labels"))
+    entries = read_roi_entries(settings["rois"], settings.get("labels"))
     if "image" not in settings:
         raise InputError("phantom: ct: image is missing; name a NIfTI file, or the folder of a DICOM series")
     image = read_hu(Path(settings["image"]), settings.get("not_checked", ()))
@@ -75,33 +74,18 @@ def load(settings: dict, grid: Grid, oversampling: int) -> Phantom:
     check_fit(image, grid)
     fine = resample(image, grid.refined(oversampling), outside=HU_AIR)
     opened: dict = {}
-    rois = tuple(roi for entry in entries for roi in rois_of(entry, image.grid, grid, kept, opened))
+    rois = tuple(roi for entry in entries for roi in make_rois(entry, image.grid, grid, kept, opened))
     return Phantom(Volume(fine, grid.refined(oversampling)), Volume(block_mean(fine, oversampling), grid), rois)
 
 
 def rois(settings: dict, grid: Grid, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
-    """The ROIs alone, on any voxels.
-
-    Parameters
-    ----------
-    settings : dict
-        As `load` takes them.
-    grid : Grid
-        At its place in the world.
-    pose : Pose, optional
-        Where the phantom lies.
-
-    Raises
-    ------
-    InputError
-        As `load` does of a region.
-    """
-    image, opened = read_hu(Path(settings["image"]), CHECKS).grid, {}  # `load` checks its values
+    """Make the ROIs of the settings of `load_phantom` on a grid in world coordinates, with the phantom at a pose."""
+    image, opened = read_hu(Path(settings["image"]), CHECKS).grid, {}  # `load_phantom` checks the values
     kept = np.ones(image.shape[1:], bool)
     if "keep_mm" in settings:
         kept = kept_columns(settings["keep_mm"], image)
-    entries = read_entries(settings["rois"], settings.get("labels"))
-    return tuple(roi for entry in entries for roi in rois_of(entry, image, grid, kept, opened, pose))
+    entries = read_roi_entries(settings["rois"], settings.get("labels"))
+    return tuple(roi for entry in entries for roi in make_rois(entry, image, grid, kept, opened, pose))
 
 
 def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
@@ -110,18 +94,12 @@ def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
     Parameters
     ----------
     not_checked : collection of str, optional
-        Members of plausible.CHECKS that are skipped.
-
-    Returns
-    -------
-    Volume
-        float32.
+        Members of plausibility.CHECKS that are skipped.
 
     Raises
     ------
     InputError
-        If it cannot be read, has voxels that are not finite, a unit of length other than mm, or values or lengths that
-        no CT has (plausible.require_plausible).
+        If it cannot be read, has voxels that are not finite, or fails `check_hu`.
     """
     if path.is_dir():
         image = read_series(path)
@@ -143,19 +121,14 @@ def read_hu(path: Path, not_checked: Collection[str] = ()) -> Volume:
 
 
 def check_hu(image: Volume, path: Path, not_checked: Collection[str] = ()) -> None:
-    """Check that an image can be in HU and mm.
-
-    Parameters
-    ----------
-    path : Path
-        Its file, or the folder of its series.
-    not_checked : collection of str, optional
-        As `read_hu` takes it.
+    """Check that the values and lengths of an image can be in HU and mm.
 
     Raises
     ------
     InputError
-        For a unit of length other than mm; otherwise a line for each check that fails (InputErrors).
+        If the header gives another unit of length than mm.
+    InputErrors
+        A line for each check of plausibility.require_plausible that fails.
     """
     if SIZE not in not_checked and not path.is_dir() and (unit := length_unit(path)) not in ("mm", "unknown"):
         raise InputError(f"{path}: its header gives lengths in {unit}; write it in mm")
@@ -167,41 +140,22 @@ def _world_axes(grid: Grid) -> tuple[np.ndarray, ...]:
 
 
 def trimmed(image: Volume, keep_mm: list) -> Volume:
-    """The image with air outside a box.
-
-    Parameters
-    ----------
-    image : Volume
-        HU.
-    keep_mm : list
-        The box, [[x, x], [y, y]] in NIfTI world mm.
-
-    Raises
-    ------
-    InputError
-        If no voxel lies in the box.
-    """
+    """Set an image to air outside the box keep_mm, with the same checks as `kept_columns`."""
     return Volume(np.where(kept_columns(keep_mm, image.grid), image.array, np.float32(HU_AIR)), image.grid)
 
 
 def kept_columns(keep_mm: list, grid: Grid) -> np.ndarray:
-    """The columns of a CT whose centres lie in keep_mm.
+    """Return which columns of the CT grid, bool [y, x], have their center in keep_mm.
 
     Parameters
     ----------
     keep_mm : list
-        The box, [[x, x], [y, y]] in NIfTI world mm.
-    grid : Grid
-        The CT's.
-
-    Returns
-    -------
-    ndarray of bool, shape (y, x)
+        Box [[x, x], [y, y]] in NIfTI world mm.
 
     Raises
     ------
     InputError
-        If there are none.
+        If no column is in the box.
     """
     (x_low, x_high), (y_low, y_high) = keep_mm
     _, y, x = _world_axes(grid)
@@ -215,19 +169,17 @@ def kept_columns(keep_mm: list, grid: Grid) -> np.ndarray:
 
 
 def check_fit(image: Volume, grid: Grid) -> None:
-    """Check that a grid holds the body of a CT in-plane.
+    """Check that the body in a CT fits a grid in-plane.
 
     Parameters
     ----------
     image : Volume
-        The CT, HU, without what is not scanned.
-    grid : Grid
-        At its place in the world.
+        The CT in HU, after `trimmed`.
 
     Raises
     ------
     InputError
-        If it does not, or lies beside the CT, or there is no body in it.
+        If it does not fit, the grid does not overlap the CT along z, or there is no body on it.
     """
     z, y, x = _world_axes(image.grid)
     half_z, half_y, half_x = (extent / 2 for extent in grid.extent_mm)
@@ -243,34 +195,26 @@ def check_fit(image: Volume, grid: Grid) -> None:
     reach_y = float(np.abs(y[rows] - cy).max()) + image.grid.spacing[1] / 2
     if reach_x > half_x + 1e-3 or reach_y > half_y + 1e-3:
         needed = (0.0, 2 * reach_y, 2 * reach_x)
-        advice = how_to_fit(grid, needed, (image.grid.extent_mm[0], *needed[1:]))
+        advice = suggest_size(grid, needed, (image.grid.extent_mm[0], *needed[1:]))
         raise InputError(
             f"grid: the body in the CT does not fit: around centre_mm ({cx:g}, {cy:g}, {cz:g}) (x, y, z) it needs "
             f"{2 * reach_y:.0f} mm along y and {2 * reach_x:.0f} mm along x, and the grid spans {2 * half_y:.0f} and "
-            f"{2 * half_x:.0f} mm; {advice}, or set phantom.ct.keep_mm to "
-            "leave out table and arms"
+            f"{2 * half_x:.0f} mm; {advice}, or set phantom.ct.keep_mm to leave out table and arms"
         )
 
 
-def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
-    """The masks of one entry on the CT that it was drawn on.
+def draw_entry(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
+    """Return a mask, bool [z, y, x], for each part of an entry on the grid of the CT.
 
     Parameters
     ----------
-    grid : Grid
-        The CT's.
     opened : dict
-        The files of regions that are open already, by name; this one is added.
-
-    Returns
-    -------
-    list of ndarray of bool, shape (z, y, x)
-        One for each of the entry's parts.
+        Cache of opened region files, by name.
 
     Raises
     ------
     InputError
-        For a file or label that is not there, or a region that is empty or lost by its margin.
+        If the file or label does not exist, or the region is empty, also after its margin is removed.
     """
     if entry.file not in opened:
         opened[entry.file] = open_regions(entry.file, grid)
@@ -281,68 +225,55 @@ def draw(entry: RoiEntry, grid: Grid, opened: dict) -> list[np.ndarray]:
     return cut(region, entry.parts, grid)
 
 
-def rois_of(
+def make_rois(
     entry: RoiEntry, ct_grid: Grid, grid: Grid, kept: np.ndarray, opened: dict, pose: Pose = IN_PLACE
 ) -> tuple[Roi, ...]:
-    """The ROIs of one entry on the study's grid.
+    """Make an ROI on the grid of the study for each part of an entry.
 
     Parameters
     ----------
-    ct_grid : Grid
-        The CT's.
     grid : Grid
-        The study's, at its place in the world.
+        Grid of the study, in world coordinates.
     kept : ndarray of bool, shape (y, x)
-        Of the CT's voxels, those within keep_mm.
+        Columns of the CT within keep_mm.
     opened : dict
-        As `draw` takes it.
-    pose : Pose, optional
-        Where the phantom lies.
-
-    Returns
-    -------
-    tuple of Roi
-        One for each part.
+        Cache of opened region files, by name.
 
     Raises
     ------
     InputError
-        As `load` does of a region.
+        As `draw_entry`, or if the ROI is cut off or has no voxel on the grid.
     """
-    pieces = draw(entry, ct_grid, opened)
+    pieces = draw_entry(entry, ct_grid, opened)
     for name, piece in zip(entry.names, pieces, strict=True):
         _check_whole(name, piece, kept, ct_grid, grid)
-    moved = to_object(pose, grid.centre_mm)
+    moved = world_to_object(pose, grid.centre_mm)
     masks = [resample(_around(piece, ct_grid), grid, 0.0, moved) >= HALF_COVERED for piece in pieces]
     for name, mask in zip(entry.names, masks, strict=True):
-        _require(
-            mask,
-            name,
-            "fills no voxel of the grid by half; use a finer grid, or a smaller margin_mm, or fewer parts",
-        )
-    apart = separate(masks)
-    for name, mask in zip(entry.names, apart, strict=True):
-        _require(mask, name, f"is lost between its neighbours when cut into {entry.parts} parts; give fewer")
-    named = zip(entry.names, apart, strict=True)
+        _require(mask, name, "fills no voxel of the grid by half; use a finer grid, a smaller margin_mm or fewer parts")
+    separated = separate(masks)
+    for name, mask in zip(entry.names, separated, strict=True):
+        _require(mask, name, f"is lost between its neighbors when cut into {entry.parts} parts; give fewer")
+    named = zip(entry.names, separated, strict=True)
     return tuple(Roi(name, entry.tissue_class, mask, entry.label) for name, mask in named)
 
 
 def _around(mask: np.ndarray, grid: Grid) -> Volume:
-    """The part of a mask that is not empty, and a voxel around it, where there is one: all that is interpolated."""
-    found = find_objects(mask.astype(np.uint8))
-    if not found:
+    """Crop a mask to its region and a margin of one voxel, which the interpolation needs."""
+    boxes = find_objects(mask.astype(np.uint8))
+    if not boxes:
         return Volume(mask.astype(np.float32), grid)
-    box = tuple(slice(max(s.start - 1, 0), min(s.stop + 1, n)) for s, n in zip(found[0], mask.shape, strict=True))
+    box = tuple(slice(max(s.start - 1, 0), min(s.stop + 1, n)) for s, n in zip(boxes[0], mask.shape, strict=True))
     centre = tuple(float(axis[part].mean()) for axis, part in zip(_world_axes(grid), box, strict=True))[::-1]
     part = mask[box].astype(np.float32)
     return Volume(part, replace(grid, shape=part.shape, centre_mm=centre))
 
 
 def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, grid: Grid) -> None:
-    """Refuse an ROI, on the CT's grid, of which keep_mm (`kept`, bool [y, x]) or the grid's border cuts off a part."""
+    """Check that neither keep_mm nor the border of the grid cuts off more than LARGEST_LOSS of an ROI on the CT."""
     voxels = np.count_nonzero(piece)
     if voxels == 0:
-        return  # a part too many, refused as one that fills no voxel
+        return  # reported later, as it fills no voxel of the grid
     lost = np.count_nonzero(piece & ~kept) / voxels
     if lost > LARGEST_LOSS:
         raise InputError(
@@ -361,14 +292,14 @@ def _check_whole(name: str, piece: np.ndarray, kept: np.ndarray, ct_grid: Grid, 
 
 
 def _shares_inside(ct_grid: Grid, grid: Grid) -> list[np.ndarray]:
-    """Along z, y and x: which share of each of the CT's voxels lies within the grid's borders."""
+    """Return the fraction of each voxel of the CT within the grid, along z, y and x."""
     shares = []
-    for places, wide, middle, extent in zip(
+    for centers, step, middle, extent in zip(
         _world_axes(ct_grid), ct_grid.spacing, grid.centre_mm[::-1], grid.extent_mm, strict=True
     ):
-        low = np.maximum(places - wide / 2, middle - extent / 2)
-        high = np.minimum(places + wide / 2, middle + extent / 2)
-        shares.append(np.clip((high - low) / wide, 0, 1))
+        low = np.maximum(centers - step / 2, middle - extent / 2)
+        high = np.minimum(centers + step / 2, middle + extent / 2)
+        shares.append(np.clip((high - low) / step, 0, 1))
     return shares
 
 
@@ -378,24 +309,18 @@ def _require(mask: np.ndarray, name: str, problem: str) -> None:
 
 
 def resample(volume: Volume, grid: Grid, outside: float, transform: sitk.Transform | None = None) -> np.ndarray:
-    """Mean over each voxel of a grid of the linearly interpolated volume.
+    """Return the mean of the linearly interpolated volume over each voxel of a grid, as float32.
 
-    Sampled at points no farther apart than the volume's own voxels, so that nothing falls between them.
+    Sample points are at most one voxel of the volume apart.
 
     Parameters
     ----------
-    grid : Grid
-        Of the result.
     outside : float
-        Value where the volume holds none.
+        Value outside the volume.
     transform : SimpleITK.Transform, optional
-        World of the result to world of the volume; None: the same.
-
-    Returns
-    -------
-    ndarray of float32, shape (z, y, x)
+        From the world of the result to the world of the volume; by default the identity.
     """
-    samples = max(math.ceil(wide / own - 1e-6) for wide, own in zip(grid.spacing, volume.grid.spacing, strict=True))
+    samples = max(math.ceil(to / of - 1e-6) for to, of in zip(grid.spacing, volume.grid.spacing, strict=True))
     image = itk_image(volume.array, volume.grid)
     result = np.empty(grid.shape, np.float32)
     for first in range(0, grid.shape[0], SLAB_SLICES):

@@ -1,6 +1,6 @@
-"""Decide which files are CT slices, by SOP class, and read the attributes that are used as plain text.
+"""Find CT slices among files by SOP class, and read the attributes of their headers.
 
-Only the attributes in KEYWORDS are taken from a header, so that nothing about the patient is kept or quoted. SOP
+For privacy, only the attributes in KEYWORDS are read, so that nothing about the patient is stored or quoted. SOP
 classes as in DICOM PS3.4, B.5; attributes as in PS3.3, C.7.6 and C.8.2.1.
 """
 
@@ -28,8 +28,8 @@ from ..base.errors import InputError
 from ..io.volumes import suffix_of
 
 LONGEST_CODE = 16  # characters of a DICOM code string
-LONGEST_FIRST = 1024  # bytes of the first element of a file, a length, a version, a character set or a UID
-LONGEST_QUOTE = 40  # characters of a number that a message quotes
+LONGEST_FIRST = 1024  # bytes of the first element of a file, which is a length, version, character set or UID
+LONGEST_QUOTE = 40  # characters of a number in a message
 NUMBER_CHARACTERS = frozenset("0123456789+-.,eE \\")
 NEEDED = ("ImagePositionPatient", "ImageOrientationPatient", "PixelSpacing", "Rows", "Columns")
 PIXEL = ("SamplesPerPixel", "BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation")
@@ -44,20 +44,19 @@ KEYWORDS = (
 )
 TAGS = {keyword: tag_for_keyword(keyword) for keyword in KEYWORDS}
 OVERLAY = "OverlayBitPosition"
-OVERLAYS = [(group << 16) + 0x0102 for group in range(0x6000, 0x6020, 2)]  # of up to 16 overlays (PS3.5, 7.6)
-TEXTS = {"Manufacturer", "ManufacturerModelName", "ConvolutionKernel"}  # their characters depend on the character set
+OVERLAYS = [(group << 16) + 0x0102 for group in range(0x6000, 0x6020, 2)]  # up to 16 overlays (PS3.5, 7.6)
+TEXTS = {"Manufacturer", "ManufacturerModelName", "ConvolutionKernel"}  # values that depend on the character set
 SEQUENCES = {"ModalityLUTSequence", "RealWorldValueMappingSequence"}
 BINARY = {"US": "H", "SS": "h", "UL": "I", "SL": "i", "FL": "f", "FD": "d", "UV": "Q", "SV": "q"}
-BROKEN = object()  # the attribute is there, but its bytes are no value
-UNDEFINED_LENGTH = 0xFFFFFFFF  # of sequences, and of encapsulated, that is compressed, pixel data (PS3.5, 7.5 and A.4)
-HOUNSFIELD = "[hnsf'U]"  # code of the Hounsfield unit in UCUM, which DICOM uses
+BROKEN = object()  # value of attributes whose bytes cannot be decoded
+UNDEFINED_LENGTH = 0xFFFFFFFF  # of sequences and of compressed pixel data (PS3.5, 7.5 and A.4)
+HOUNSFIELD = "[hnsf'U]"  # UCUM code of the Hounsfield unit
 EMPTY, MISSING = "an empty file", "a link to a file that is missing"
 MULTI_FRAME = {EnhancedCTImageStorage, LegacyConvertedEnhancedCTImageStorage}
 
-# Beginnings of words in ImageType, blanks as underscores, of images whose values are not HU of the location: material
-# and other maps of multi-energy CT (PS3.3, C.8.15.3.10, and vendors' words), projections through a volume, renderings,
-# differences, and parametric maps of perfusion. Virtual monoenergetic (VMI) and virtual non-contrast images
-# (MAT_REMOVED) are in HU.
+# Prefixes of words in ImageType (with underscores for blanks) of images that are not in HU. These are maps of
+# multi-energy CT (PS3.3, C.8.15.3.10, and vendors' words), projections, renderings, differences and perfusion maps.
+# Virtual monoenergetic (VMI) and virtual non-contrast images (MAT_REMOVED) are in HU.
 NOT_HU = tuple(
     """MAT_SPEC MAT_FRAC MAT_VALUE MAT_MODIF EFF_ATOMIC EFFECTIVE_Z Z_EFF ZEFF RHO_Z IODINE ELECTRON_DENS RELATIVE_ED
     URIC_ACID MIP MINIP MIN_IP MAXIP MAX_IP PROJECTION_IMAGE VRT SSD VOLUME_REND CURVED SCREEN_SAVE SUBTRACT
@@ -68,41 +67,24 @@ SCOUTS = {"LOCALIZER", "SCOUT", "TOPOGRAM", "SURVIEW", "SCANOGRAM"}
 
 @dataclass(frozen=True)
 class Slice:
-    """A DICOM file and those attributes of its header that are used.
-
-    Attributes
-    ----------
-    values : dict of str to tuple of str
-        By keyword. Attributes that are missing or empty are left out.
-    """
+    """Path of a DICOM file, and values of its header by keyword, without missing and empty attributes."""
 
     path: Path
     values: dict[str, object]
 
     def has(self, keyword: str) -> bool:
-        """True if the attribute is in the header and is not empty."""
+        """Return whether the header has the attribute."""
         return keyword in self.values
 
     def text(self, keyword: str) -> str:
-        """The attribute as text, several values joined by a slash; empty if it is missing."""
+        """Return the values joined by slashes; empty if missing."""
         value = self.values.get(keyword, ())
         if value is BROKEN:
             raise InputError(f"{self.path}: {keyword} is not readable; correct it, or export the series again")
         return "/".join(value)
 
     def numbers(self, keyword: str, count: int = 1) -> tuple[float, ...]:
-        """The numbers of an attribute.
-
-        Parameters
-        ----------
-        count : int, optional
-            How many there are.
-
-        Raises
-        ------
-        InputError
-            If the attribute is missing, has another number of values, or one of them is not a finite number.
-        """
+        """Return `count` finite numbers; InputError if the attribute has anything else."""
         if keyword not in self.values:
             raise InputError(f"{self.path}: has no {keyword}; export the series again with all attributes of CT slices")
         values = self.values[keyword]
@@ -116,25 +98,25 @@ class Slice:
         return found
 
     def number(self, keyword: str, default: float | None = None) -> float:
-        """The number of an attribute that has one value; `default`, if there is one, where the attribute is missing."""
+        """Return the number of an attribute with one value; `default` if missing."""
         return default if default is not None and keyword not in self.values else self.numbers(keyword)[0]
 
     def whole(self, keyword: str, default: int | None = None) -> int:
-        """The whole number of an attribute that has one value, as `number`."""
+        """Return the whole number of an attribute with one value; `default` if missing."""
         value = self.number(keyword, default)
         if value != int(value):
             raise InputError(f"{self.path}: {keyword} is {value:g}; it must be a whole number")
         return int(value)
 
     def quoted(self, keyword: str) -> str:
-        """The value in brackets for a message, if it can only be numbers: a broken header may contain a name."""
+        """Return the value in brackets for a message. Only numbers are quoted: a broken header may contain a name."""
         values = self.values[keyword]
         text = "" if values is BROKEN else "\\".join(values)
         return f" ({text})" if 0 < len(text) <= LONGEST_QUOTE and NUMBER_CHARACTERS.issuperset(text) else ""
 
 
-class Unused:
-    """Files that are not read, by reason."""
+class UnusedFiles:
+    """Files that are not used, by reason."""
 
     def __init__(self):
         self.by_reason: dict[str, list[Path]] = {}
@@ -147,13 +129,13 @@ class Unused:
             self.headers.append((header, reason))
 
     def lines(self, top: Path) -> list[str]:
-        """One line for each reason, with the number of files and the first of them."""
-        found = []
+        """Return a line for each reason, with the number of files and the first file."""
+        lines = []
         for reason, paths in self.by_reason.items():
             first = paths[0].relative_to(top) if paths[0].is_relative_to(top) else paths[0]
             count = f"{len(paths)} files, the first of them {first}" if len(paths) > 1 else str(first)
-            found.append(f"{count}: {reason}")
-        return found
+            lines.append(f"{count}: {reason}")
+        return lines
 
     def report(self, top: Path) -> None:
         """Print a note for each reason."""
@@ -162,7 +144,7 @@ class Unused:
 
 
 def modality(header: pydicom.Dataset) -> str:
-    """The modality of a header, for messages: a broken one may include what follows, such as the patient's name."""
+    """Return the modality for messages. A broken one may include other attributes, such as the patient's name."""
     return _code(str(header.get("Modality", "not given")))
 
 
@@ -170,18 +152,10 @@ def _code(code: str) -> str:
     return code if code.isalpha() and len(code) <= LONGEST_CODE else code if code == "not given" else "unreadable"
 
 
-def folders_under(root: Path, unused: Unused) -> Iterator[Path]:
-    """The folder and all folders below it, through links too, each once.
+def walk_folders(root: Path, unused: UnusedFiles) -> Iterator[Path]:
+    """Yield the folder and all folders below it by name, each once; links are followed.
 
-    Parameters
-    ----------
-    unused : Unused
-        Folders that are reached a second time, and hidden ones, are added.
-
-    Yields
-    ------
-    Path
-        In the order of their names.
+    Hidden folders, and links to folders that were visited before, are added to `unused`.
 
     Raises
     ------
@@ -196,20 +170,20 @@ def folders_under(root: Path, unused: Unused) -> Iterator[Path]:
     for name, inner, _ in os.walk(root, followlinks=True, onerror=refuse):
         folder, real = Path(name), os.path.realpath(name)
         if real in seen:
-            unused.add(folder, "a link to a folder that is read already")
+            unused.add(folder, "a link to a folder that was read before")
             inner.clear()
             continue
         seen.add(real)
-        for hidden in sorted(one for one in inner if is_hidden(one)):
+        for hidden in sorted(filter(is_hidden, inner)):
             unused.add(folder / hidden, "a hidden or system folder")
-        inner[:] = sorted(one for one in inner if not is_hidden(one))
+        inner[:] = sorted(name for name in inner if not is_hidden(name))
         yield folder
 
 
 def files_in(folder: Path) -> list[Path]:
-    """Everything in a folder that is not a folder, in the order of the names; links to nothing too."""
+    """List all files of a folder by name, including broken links."""
     try:
-        # A .sha256 is the checksum that Virtual Phantom keeps of a file that it wrote.
+        # Virtual Phantom writes the checksum of its files to .sha256.
         paths = sorted(path for path in folder.iterdir() if not (is_hidden(path.name) and path.suffix == ".sha256"))
         return [path for path in paths if not path.is_dir()]
     except NotADirectoryError:
@@ -219,22 +193,12 @@ def files_in(folder: Path) -> list[Path]:
 
 
 def is_hidden(name: str) -> bool:
-    """True for files and folders of the system: names that start with a dot, and those of Windows and macOS."""
+    """Return whether a name is that of a hidden file, or of a system file of Windows or macOS."""
     return name.startswith(".") or name.lower() in ("thumbs.db", "desktop.ini", "__macosx")
 
 
-def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
-    """The CT slices among files.
-
-    Parameters
-    ----------
-    unused : Unused
-        All other files are added, each with a reason.
-
-    Returns
-    -------
-    list of Slice
-        In the order of the paths.
+def slices_of(paths: Iterable[Path], unused: UnusedFiles) -> list[Slice]:
+    """List the CT slices among files; add other files with a reason to `unused`.
 
     Raises
     ------
@@ -242,7 +206,7 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
         If a file cannot be read, or looks like a damaged slice.
     """
     slices = []
-    candidates, others = dicom_among(paths, unused)
+    candidates, others = split_dicom(paths, unused)
     for path in candidates:
         header = read_header(path)
         if header is None:
@@ -251,22 +215,18 @@ def slices_of(paths: Iterable[Path], unused: Unused) -> list[Slice]:
             unused.add(path, reason, header)
         else:
             slices.append(header)
-    add_others(others, [one.path for one in slices], unused)
+    add_not_dicom(others, [header.path for header in slices], unused)
     return slices
 
 
-def dicom_among(paths: Iterable[Path], unused: Unused) -> tuple[list[Path], list[tuple[Path, str]]]:
-    """Separate files that may be DICOM, by their first bytes, from others.
-
-    Parameters
-    ----------
-    unused : Unused
-        Hidden files are added.
+def split_dicom(paths: Iterable[Path], unused: UnusedFiles) -> tuple[list[Path], list[tuple[Path, str]]]:
+    """Split paths into possible DICOM files and others, by their first bytes; add hidden files to `unused`.
 
     Returns
     -------
+    candidates : list of Path
     others : list of (Path, str)
-        Each with its reason, for `add_others`.
+        With the reason, for `add_not_dicom`.
     """
     candidates, others = [], []
     for path in paths:
@@ -279,35 +239,28 @@ def dicom_among(paths: Iterable[Path], unused: Unused) -> tuple[list[Path], list
     return candidates, others
 
 
-def add_others(others: Iterable[tuple[Path, str]], used: Iterable[Path], unused: Unused) -> None:
-    """Add files that are not DICOM to those that are not used.
-
-    Parameters
-    ----------
-    others : iterable of (Path, str)
-        Each with its reason.
-    used : iterable of Path
-        The files that are read.
+def add_not_dicom(others: Iterable[tuple[Path, str]], used: Iterable[Path], unused: UnusedFiles) -> None:
+    """Add files that are not DICOM, with their reasons, to the unused ones.
 
     Raises
     ------
     InputError
-        If a file is named as those that are read, so that it may be a damaged one.
+        If a file has the suffix of used files, as it may be a damaged slice.
     """
     suffixes = {path.suffix.lower() for path in used}
     suffixes = {suffix for suffix in suffixes if not suffix[1:].isdigit()}  # names that are UIDs end in a number
     for path, reason in others:
         suffix = (path.with_suffix("") if path.suffix.lower() == ".gz" else path).suffix.lower()
         if suffix in suffixes and (suffix or reason in (EMPTY, MISSING)):
-            raise InputError(f"{path}: {reason}, but named as the slices are; copy it again, or move it elsewhere")
+            raise InputError(f"{path}: {reason}, but named like the slices; copy it again, or move it elsewhere")
         unused.add(path, reason)
 
 
 def not_dicom(path: Path) -> str:
-    """Why a file is not DICOM, by its first bytes; empty if it may be.
+    """Return why a file is not DICOM, by its first bytes; empty if it may be DICOM.
 
-    DICOM has a mark after a preamble of 128 bytes (PS3.10, 7.1). Files without the preamble start with an element of
-    group 2 or 8.
+    DICOM files have the prefix DICM after a preamble of 128 bytes (PS3.10, 7.1), or start with an element of group 2
+    or 8.
 
     Raises
     ------
@@ -333,7 +286,7 @@ def not_dicom(path: Path) -> str:
 
 
 def _starts_with_element(start: bytes) -> bool:
-    """True if bytes are an element of group 2 or 8, with a value representation or with a short length."""
+    """Return whether bytes are an element of group 2 or 8, with a value representation or a short length."""
     for order, group in (("little", start[:2]), ("big", start[1::-1])):
         if group in (b"\x02\x00", b"\x08\x00") and len(start) >= 8:
             letters = start[4:6].isalpha() and start[4:6].isupper()
@@ -342,25 +295,14 @@ def _starts_with_element(start: bytes) -> bool:
 
 
 def read_header(path: Path) -> Slice | None:
-    """Read the attributes in KEYWORDS.
-
-    Returns
-    -------
-    Slice or None
-        None if the file is not DICOM.
-
-    Raises
-    ------
-    InputError
-        If its header is damaged.
-    """
+    """Read the attributes in KEYWORDS; None if the file is not DICOM, InputError if the header is damaged."""
     try:
-        with disable_value_validation():  # its warnings quote the header; values are checked here
+        with disable_value_validation():  # warnings of pydicom quote the header; values are checked later
             header = pydicom.dcmread(
                 path, stop_before_pixels=True, force=True, specific_tags=[*TAGS.values(), *OVERLAYS]
             )
             return _header(path, header)
-    except Exception as error:  # of many types; its words may quote the header
+    except Exception as error:  # of many types; its text may quote the header
         raise InputError(f"{path}: cannot be read as DICOM ({type(error).__name__}); is the file complete?") from None
 
 
@@ -376,30 +318,30 @@ def _header(path: Path, header: pydicom.Dataset) -> Slice | None:
         if value := _plain(header, keyword, little):
             values[keyword] = value
     if any(tag in header and (header.get_item(tag).value or b"\0\0") != b"\0\0" for tag in OVERLAYS):
-        values[OVERLAY] = ("there",)
+        values[OVERLAY] = ("present",)
     if "SOPClassUID" not in values and (stored := header.file_meta.get("MediaStorageSOPClassUID")):
         values["SOPClassUID"] = (str(stored),)
     if syntax := header.file_meta.get("TransferSyntaxUID"):
         values["TransferSyntaxUID"] = (str(syntax),)
-    # Every DICOM image has one of these; without any of them other bytes were taken for DICOM.
+    # Every DICOM image has one of these attributes.
     if not {"SOPClassUID", "SeriesInstanceUID", "Modality"}.intersection(values):
         return None
     return Slice(path, values)
 
 
 def _plain(header: pydicom.Dataset, keyword: str, little: bool):
-    """The values of an element as text; empty if there is none, BROKEN if its bytes are no value."""
-    # The bytes are parsed here, not by pydicom: it warns, raises or rounds, depending on the kind of value.
+    """Return the values of an element as text; empty if missing, BROKEN if the bytes cannot be decoded."""
+    # pydicom does not parse the bytes, as it warns, raises or rounds, depending on the kind of value.
     tag = TAGS[keyword]
     if keyword in SEQUENCES:
-        return _mapping(header, tag) if keyword == "RealWorldValueMappingSequence" else ("there",)
+        return _mapping(header, tag) if keyword == "RealWorldValueMappingSequence" else ("present",)
     raw = header.get_item(tag)
     if keyword in TEXTS or not isinstance(raw, RawDataElement):
         try:
             with pydicom.config.disable_value_validation():
                 value = header[tag].value
                 values = [value] if isinstance(value, str | int | float) else list(value or ())
-                return tuple(text for one in values if (text := str(one).strip(" \0")))
+                return tuple(text for item in values if (text := str(item).strip(" \0")))
         except Exception:  # of many types
             return BROKEN
     content = raw.value or b""
@@ -415,7 +357,7 @@ def _plain(header: pydicom.Dataset, keyword: str, little: bool):
 
 
 def _mapping(header: pydicom.Dataset, tag: int):
-    """For each real world value mapping its unit, slope and intercept."""
+    """Return unit, slope and intercept of each real world value mapping."""
     try:
         with pydicom.config.disable_value_validation():
             return tuple(
@@ -428,12 +370,12 @@ def _mapping(header: pydicom.Dataset, tag: int):
                 )
                 for item in header[tag].value
             )
-    except Exception:  # an attribute that is missing, or of another type
+    except Exception:  # a missing attribute, or a wrong type
         return BROKEN
 
 
 def _unusable(header: Slice) -> str:
-    """Why a DICOM file is no slice in HU by its kind; empty if it is one."""
+    """Return why a DICOM file is not a slice in HU, by its attributes; empty if it is one."""
     uid, kind = header.values.get("SOPClassUID", ()), header.values.get("Modality", ())
     code = _code(kind[0]) if kind and kind is not BROKEN else "not given"
     if not uid or uid is BROKEN:
@@ -457,16 +399,17 @@ def _unusable(header: Slice) -> str:
     # US is "unspecified" (PS3.3, C.11.1.1.2).
     if unit not in ("", "HU", "US") and not unit.startswith("HOUNSFIELD"):
         return f"RescaleType is {unit if len(unit) <= LONGEST_CODE else 'not readable'}, not HU"
-    return _not_grey(header)
+    return _not_gray(header)
 
 
-def _not_grey(header: Slice) -> str:
-    """Why pixels are not the stored values of one slice, by attributes that a screen capture or a color image has."""
-    frames, samples, bits = (header.values.get(one) for one in ("NumberOfFrames", "SamplesPerPixel", "BitsAllocated"))
-    grey = header.values.get("PhotometricInterpretation", ("MONOCHROME2",))
+def _not_gray(header: Slice) -> str:
+    """Return why a file is not a single gray-scale slice, such as a screen capture; empty if it is one."""
+    keywords = ("NumberOfFrames", "SamplesPerPixel", "BitsAllocated")
+    frames, samples, bits = (header.values.get(keyword) for keyword in keywords)
+    photometric = header.values.get("PhotometricInterpretation", ("MONOCHROME2",))
     if frames not in (None, BROKEN) and frames[0].isdigit() and int(frames[0]) > 1:
         return f"multi-frame ({int(frames[0])} frames); convert it to one file per slice, or to NIfTI"
-    if grey is not BROKEN and grey[0] not in ("MONOCHROME1", "MONOCHROME2"):
+    if photometric is not BROKEN and photometric[0] not in ("MONOCHROME1", "MONOCHROME2"):
         return "PhotometricInterpretation is neither MONOCHROME1 nor MONOCHROME2: a color image or screen capture"
     if samples not in (None, BROKEN) and samples[0] == "3":
         return "three samples per pixel: a color image or screen capture"

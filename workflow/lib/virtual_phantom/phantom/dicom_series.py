@@ -1,7 +1,7 @@
-"""Read one axial CT series from DICOM files, and refuse anything that would be read wrongly.
+"""Read one axial CT series from DICOM files, and reject ambiguous ones.
 
-Attributes as in DICOM PS3.3, C.7.6.2 (image plane) and C.8.2.1 (CT image). DICOM's patient frame is LPS: x
-and y have the opposite sign of the NIfTI world frame used here.
+Attributes as in DICOM PS3.3, C.7.6.2 (image plane) and C.8.2.1 (CT image). DICOM's patient frame is LPS: x and y have
+the opposite sign of the NIfTI world frame of Virtual Phantom.
 """
 
 from __future__ import annotations
@@ -21,63 +21,41 @@ from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..base.words import counted
 from ..io.volumes import LARGEST_TILT, LPS_TO_RAS, ORTHOGONAL, Volume, check_fits, is_small_rotation, upright
-from .dicom_files import NEEDED, Slice, Unused, files_in, folders_under, not_dicom, slices_of
+from .dicom_files import NEEDED, Slice, UnusedFiles, files_in, not_dicom, slices_of, walk_folders
 from .dicom_pixels import check_pixels, read_into, same_pixels
 
 __all__ = ["Series", "find_series", "read_series", "read_slices", "series_among"]
 
-POSITION_TOLERANCE_MM = 0.01  # headers give positions as decimal text, often rounded to this
-# Largest disagreement between slices, in voxels at the border of a slice or in distance between slices. A missing slice
-# moves its neighbors by at least a third of a voxel from the line that fits best (3 slices), by more with more slices.
+POSITION_TOLERANCE_MM = 0.01  # headers often round positions to this
+# Largest disagreement between slices, in voxels at the border of a slice or in slice spacings. A missing slice moves
+# its neighbors by at least a third of the spacing from the best fitting line (3 slices), by more with more slices.
 LARGEST_DISAGREEMENT = 0.1
-SQUARE = 0.01  # share by which sides of a pixel may differ: reconstructed CT has square pixels, up to rounding
-LISTED = 4  # series that a message names
+SQUARE = 0.01  # relative difference of the sides of a pixel: CT has square pixels, up to rounding
+LISTED = 4  # largest number of series or folders in a message
 
 
 @dataclass(frozen=True)
 class Series:
-    """The slices of one series.
-
-    Attributes
-    ----------
-    name : str
-        What messages begin with: its folder, and its number where the folder has several.
-    """
+    """The slices of one series, and its name in messages: its folder, and its number if the folder has several."""
 
     name: str
     slices: tuple[Slice, ...]
 
 
 def read_series(folder: str | Path) -> Volume:
-    """Read a series as HU on an upright grid, whatever the order of the files.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Files of one CT series. What else is in it is not used, and a note says so.
-
-    Returns
-    -------
-    Volume
-        float32.
+    """Read the one CT series in a folder as HU (float32) on an upright grid; a note reports files that are not used.
 
     Raises
     ------
     InputError
-        If the folder has no CT slice or more than one series, or as `read_slices`.
+        As `find_series` and `read_slices`.
     """
     return read_slices(find_series(folder))
 
 
 def find_series(folder: str | Path) -> Series:
-    """The one axial CT series in a folder.
-
-    Raises
-    ------
-    InputError
-        If there is none or more than one, or a file cannot be read.
-    """
-    folder, unused = Path(folder), Unused()
+    """Find the one axial CT series in a folder; InputError if there is none or more than one."""
+    folder, unused = Path(folder), UnusedFiles()
     slices = slices_of(files_in(folder), unused)
     if not slices:
         raise InputError(_nothing(folder, unused))
@@ -87,7 +65,7 @@ def find_series(folder: str | Path) -> Series:
             f"{folder}: holds more than one DICOM series: {described(found)}; copy or link the files of one series "
             "into a new folder and give that"
         )
-    inner = [path for path in folders_under(folder, Unused()) if path != folder and files_in(path)]
+    inner = [path for path in walk_folders(folder, UnusedFiles()) if path != folder and files_in(path)]
     if inner:
         names = ", ".join(str(path.relative_to(folder)) for path in inner[:LISTED])
         more = f" and {len(inner) - LISTED} more" if len(inner) > LISTED else ""
@@ -96,45 +74,43 @@ def find_series(folder: str | Path) -> Series:
     return found[0]
 
 
-def _nothing(folder: Path, unused: Unused) -> str:
-    """The message about a folder without CT slices: what is in it, and which folders below have some."""
+def _nothing(folder: Path, unused: UnusedFiles) -> str:
+    """Return the message about a folder without CT slices, with its content and folders below that have DICOM files."""
     lines = unused.lines(folder)
     below = []
-    for inner in itertools.islice(folders_under(folder, Unused()), 1, 200):
+    for inner in itertools.islice(walk_folders(folder, UnusedFiles()), 1, 200):
         if any(not not_dicom(path) for path in files_in(inner)):
             below.append(str(inner))
     any_dicom = "CT slice in HU" if unused.headers else "DICOM file"
-    there = f" ({'; '.join(lines)})" if lines else ""
+    content = f" ({'; '.join(lines)})" if lines else ""
     more = f" and {len(below) - LISTED} more" if len(below) > LISTED else ""
     if below:
-        return f"{folder}: holds no {any_dicom}{there}; folders below have DICOM files, give one: " + (
+        return f"{folder}: holds no {any_dicom}{content}; folders below have DICOM files, give one: " + (
             ", ".join(below[:LISTED]) + more
         )
-    return f"{folder}: holds no {any_dicom}{there}; give a folder with one CT series"
+    return f"{folder}: holds no {any_dicom}{content}; give a folder with one CT series"
 
 
-def series_among(slices: Sequence[Slice], unused: Unused, top: Path) -> list[Series]:
-    """Group slices by series, and separate series that are not a stack of axial slices.
+def series_among(slices: Sequence[Slice], unused: UnusedFiles, top: Path) -> list[Series]:
+    """Group slices of a folder or a tree by series, and exclude series that are not a stack of axial slices.
 
     Parameters
     ----------
-    slices : sequence of Slice
-        Of one folder or of a tree.
-    unused : Unused
-        Series that are not used are added. Its files are compared with the series that are.
+    unused : UnusedFiles
+        Excluded series are added.
     top : Path
         The folder, for messages.
 
     Returns
     -------
     list of Series
-        In the order of folders, then of series numbers. If none is a stack of axial slices, all are returned, and
-        `read_slices` says why each cannot be read.
+        Sorted by folder and series number. If none is a stack of axial slices, all are returned, and `read_slices`
+        reports why they cannot be read.
 
     Raises
     ------
     InputError
-        If a file that is not used continues a series that is.
+        If an unused file continues a used series.
     """
     groups = _groups(slices)
     stacks = [group for group in groups if _is_stack(group)] or groups
@@ -149,8 +125,8 @@ def series_among(slices: Sequence[Slice], unused: Unused, top: Path) -> list[Ser
                 f"{top}: holds more than one DICOM series: {series}; give them one SeriesInstanceUID, or move it "
                 "elsewhere"
             )
-        for one in group:
-            unused.add(one.path, f"another series ({_label(group)}), not a stack of axial slices")
+        for header in group:
+            unused.add(header.path, f"another series ({_label(group)}), not a stack of axial slices")
     for header, reason in unused.headers:
         for stack in stacks:
             if header.values.get("SeriesInstanceUID") == stack[0].values.get("SeriesInstanceUID"):
@@ -163,7 +139,7 @@ def series_among(slices: Sequence[Slice], unused: Unused, top: Path) -> list[Ser
     for stack in stacks:
         several[_folder(stack)] += 1
     named = []
-    for stack in sorted(stacks, key=lambda one: (_folder(one), _series_number(one), one[0].path)):
+    for stack in sorted(stacks, key=lambda group: (_folder(group), _series_number(group), group[0].path)):
         folder = _folder(stack)
         number = "" if several[folder] == 1 else f" ({_label(stack)}, {stack[0].path.name})"
         named.append(Series(f"{folder}{number}", tuple(stack)))
@@ -171,24 +147,24 @@ def series_among(slices: Sequence[Slice], unused: Unused, top: Path) -> list[Ser
 
 
 def _groups(slices: Sequence[Slice]) -> list[list[Slice]]:
-    """Slices by SeriesInstanceUID; by folder too if folders have slices of one UID at the same position."""
-    # Exports spread one series over folders; anonymization may give one UID to all series.
+    """Group slices by SeriesInstanceUID, and by folder if folders have slices of one UID at the same position."""
+    # Exports may spread one series over folders. Anonymization may give one UID to all series.
     by_uid = defaultdict(lambda: defaultdict(list))
-    for one in slices:
-        uid = one.values.get("SeriesInstanceUID", ())
-        by_uid[uid if isinstance(uid, tuple) else ()][one.path.parent].append(one)
+    for header in slices:
+        uid = header.values.get("SeriesInstanceUID", ())
+        by_uid[uid if isinstance(uid, tuple) else ()][header.path.parent].append(header)
     groups = []
     for folders in by_uid.values():
-        sets = [{one.values.get("ImagePositionPatient") for one in group} for group in folders.values()]
+        sets = [{header.values.get("ImagePositionPatient") for header in group} for group in folders.values()]
         if sum(map(len, sets)) == len(set().union(*sets)):
-            groups.append([one for group in folders.values() for one in group])
+            groups.append([header for group in folders.values() for header in group])
         else:
             groups += folders.values()
     return groups
 
 
 def _folder(group: Sequence[Slice]) -> str:
-    return os.path.commonpath([one.path.parent for one in group])
+    return os.path.commonpath([header.path.parent for header in group])
 
 
 def _series_number(group: Sequence[Slice]) -> float:
@@ -199,7 +175,7 @@ def _series_number(group: Sequence[Slice]) -> float:
 
 
 def _label(group: Sequence[Slice]) -> str:
-    """A series in words, by facts about the scan: a SeriesDescription may name the patient."""
+    """Describe a series without its SeriesDescription, which may name the patient."""
     number = _series_number(group)
     words = [f"series {number:g}" if math.isfinite(number) else "a series without number"]
     words.append(counted(len(group), "slice"))
@@ -212,45 +188,43 @@ def _label(group: Sequence[Slice]) -> str:
 
 
 def described(series: Sequence[Series]) -> str:
-    """Series in words, for messages: number, slices, kernel, thickness and the first file of each."""
-    words = [f"{_label(one.slices)} ({one.slices[0].path.name})" for one in series[:LISTED]]
+    """Describe series for messages: number, slices, kernel, thickness and the first file of each."""
+    words = [f"{_label(found.slices)} ({found.slices[0].path.name})" for found in series[:LISTED]]
     more = [f"{len(series) - LISTED} more"] if len(series) > LISTED else []
     return "; ".join(words + more)
 
 
-def _frame(one: Slice) -> tuple[np.ndarray, ...] | None:
-    """Position, direction cosines, spacing and size; None if an attribute is missing or wrong."""
+def _frame(header: Slice) -> tuple[np.ndarray, ...] | None:
+    """Return position, direction cosines, spacing and size; None if an attribute is missing or wrong."""
     try:
         return tuple(
-            np.array(one.numbers(keyword, count)) for keyword, count in zip(NEEDED, (3, 6, 2, 1, 1), strict=True)
+            np.array(header.numbers(keyword, count)) for keyword, count in zip(NEEDED, (3, 6, 2, 1, 1), strict=True)
         )
     except InputError:
         return None
 
 
 def _is_stack(group: Sequence[Slice]) -> bool:
-    """True for axial slices at two positions at least."""
-    frames = [frame for one in group if (frame := _frame(one)) is not None]
+    """Return whether slices are axial, at two or more positions."""
+    frames = [frame for header in group if (frame := _frame(header)) is not None]
     axial = [frame for frame in frames if _axes(frame[1]) is not None]
     return len({float(frame[0][2]) for frame in axial}) > 1
 
 
-def _continues(one: Slice, stack: Sequence[Slice]) -> bool:
-    """True if a slice has the size, place in-plane and orientation of a stack, or does not tell."""
-    mine = _frame(one)
-    theirs = next((frame for other in stack if (frame := _frame(other)) is not None), None)
-    if theirs is None:
+def _continues(header: Slice, stack: Sequence[Slice]) -> bool:
+    """Return whether a slice has the size, in-plane position and orientation of a stack, or none is known."""
+    frame = _frame(header)
+    expected = next((found for other in stack if (found := _frame(other)) is not None), None)
+    if expected is None:
         return False
-    if mine is None:  # a slice whose header is damaged; an RTSTRUCT or a report has no pixels
-        return one.has("Rows")
-    return all(
-        np.allclose(a, b, atol=1e-2)
-        for a, b in zip((mine[0][:2], *mine[1:]), (theirs[0][:2], *theirs[1:]), strict=True)
-    )
+    if frame is None:  # a slice with a damaged header; an RTSTRUCT or a report has no pixels
+        return header.has("Rows")
+    pairs = zip((frame[0][:2], *frame[1:]), (expected[0][:2], *expected[1:]), strict=True)
+    return all(np.allclose(a, b, atol=1e-2) for a, b in pairs)
 
 
 def _axes(cosines: np.ndarray) -> np.ndarray | None:
-    """Directions of rows and columns rounded to the patient's axes, shape (2, 3); None if slices are not axial."""
+    """Round the directions of rows and columns to the axes of the patient, shape (2, 3); None if not axial."""
     axes = cosines.round().reshape(2, 3)
     along = np.abs(axes[:, :2])
     return (
@@ -261,18 +235,13 @@ def _axes(cosines: np.ndarray) -> np.ndarray | None:
 
 
 def read_slices(series: Series) -> Volume:
-    """Read the slices of one series as HU on an upright grid.
-
-    Returns
-    -------
-    Volume
-        float32.
+    """Read the slices of one series as HU (float32) on an upright grid.
 
     Raises
     ------
     InputError
-        If an attribute is missing, wrong or differs between slices, slices are tilted, one is missing, two are at one
-        position, or pixels are not in HU.
+        If an attribute is missing, wrong or differs between slices, slices are tilted, a slice is missing, two slices
+        have the same position, or pixels are not in HU.
     """
     slices = list(series.slices)
     _check_geometry(slices)
@@ -288,60 +257,60 @@ def read_slices(series: Series) -> Volume:
 
 
 def _check_geometry(slices: Sequence[Slice]) -> None:
-    """Check that all slices have the attributes of the image plane, and the same size, spacing and orientation."""
+    """Check that all slices have the attributes of an image plane, with the same size, spacing and orientation."""
     first = slices[0]
-    frames = {id(one): one.text("FrameOfReferenceUID") for one in slices if one.has("FrameOfReferenceUID")}
+    frames = {id(header): header.text("FrameOfReferenceUID") for header in slices if header.has("FrameOfReferenceUID")}
     if len(set(frames.values())) > 1:
-        odd = next(one for one in slices if frames.get(id(one), "") not in ("", next(iter(frames.values()))))
+        odd = next(header for header in slices if frames.get(id(header), "") not in ("", next(iter(frames.values()))))
         raise InputError(f"{odd.path}: FrameOfReferenceUID differs from the other slices'; give one uniform series")
-    for one in slices:
+    for header in slices:
         for keyword in NEEDED:
-            if not one.has(keyword):
+            if not header.has(keyword):
                 raise InputError(
-                    f"{one.path}: has no {keyword}; give plain CT slices (multi-frame CT: convert it to NIfTI)"
+                    f"{header.path}: has no {keyword}; give plain CT slices (multi-frame CT: convert it to NIfTI)"
                 )
-        size = one.whole("Rows"), one.whole("Columns")
+        size = header.whole("Rows"), header.whole("Columns")
         if min(size) < 1:
-            raise InputError(f"{one.path}: Rows and Columns are {size[0]} and {size[1]}; is the file complete?")
-        spacing = np.array(one.numbers("PixelSpacing", 2))
+            raise InputError(f"{header.path}: Rows and Columns are {size[0]} and {size[1]}; is the file complete?")
+        spacing = np.array(header.numbers("PixelSpacing", 2))
         if spacing.min() <= 0:
-            raise InputError(f"{one.path}: PixelSpacing{one.quoted('PixelSpacing')} is not positive; correct it")
-        theirs = np.array(first.numbers("PixelSpacing", 2))
-        away = np.abs(spacing - theirs) / theirs * max(size) / 2
-        if size != (first.whole("Rows"), first.whole("Columns")) or away.max() > LARGEST_DISAGREEMENT:
+            raise InputError(f"{header.path}: PixelSpacing{header.quoted('PixelSpacing')} is not positive; correct it")
+        expected = np.array(first.numbers("PixelSpacing", 2))
+        shift = np.abs(spacing - expected) / expected * max(size) / 2
+        if size != (first.whole("Rows"), first.whole("Columns")) or shift.max() > LARGEST_DISAGREEMENT:
             raise InputError(
-                f"{one.path}: slice size or pixel spacing differs from the others'; give one uniform series"
+                f"{header.path}: slice size or pixel spacing differs from the others'; give one uniform series"
             )
-        one.numbers("ImagePositionPatient", 3)
-        axes = _axes(np.array(one.numbers("ImageOrientationPatient", 6)))
+        header.numbers("ImagePositionPatient", 3)
+        axes = _axes(np.array(header.numbers("ImageOrientationPatient", 6)))
         if axes is None:
             raise InputError(
-                f"{one.path}: slices are tilted or not axial; resample the series onto upright axial slices first"
+                f"{header.path}: slices are tilted or not axial; resample the series onto upright axial slices first"
             )
         if not np.array_equal(axes, _axes(np.array(first.numbers("ImageOrientationPatient", 6)))):
-            raise InputError(f"{one.path}: orientation differs from the other slices'; give one uniform series")
+            raise InputError(f"{header.path}: orientation differs from the other slices'; give one uniform series")
 
 
 def _without_copies(name: str, slices: Sequence[Slice]) -> list[Slice]:
-    """Slices from inferior to superior. Of two with the same position and pixels one is left out."""
-    ordered = sorted(slices, key=lambda one: one.numbers("ImagePositionPatient", 3)[2])
+    """Sort slices from inferior to superior, and remove copies with the same position and pixels."""
+    ordered = sorted(slices, key=lambda header: header.numbers("ImagePositionPatient", 3)[2])
     kept, copies = ordered[:1], []
-    for one in ordered[1:]:
-        low, high = (each.numbers("ImagePositionPatient", 3)[2] for each in (kept[-1], one))
+    for header in ordered[1:]:
+        low, high = (item.numbers("ImagePositionPatient", 3)[2] for item in (kept[-1], header))
         if high - low > POSITION_TOLERANCE_MM:
-            kept.append(one)
-        elif same_pixels(kept[-1], one):
-            copies.append(one.path)
+            kept.append(header)
+        elif same_pixels(kept[-1], header):
+            copies.append(header.path)
         else:
-            numbers = {each.text("AcquisitionNumber") for each in (kept[-1], one)}
+            numbers = {item.text("AcquisitionNumber") for item in (kept[-1], header)}
             why = (
                 f" (AcquisitionNumber {' and '.join(sorted(numbers))})"
                 if len(numbers) > 1 and "" not in numbers
                 else ""
             )
             raise InputError(
-                f"{name}: two slices at z = {low:g} mm, {kept[-1].path.name} and {one.path.name}{why}; give one series "
-                "with one slice per position"
+                f"{name}: two slices at z = {low:g} mm, {kept[-1].path.name} and {header.path.name}{why}; give one "
+                "series with one slice per position"
             )
     if copies:
         count = f"{len(copies)} files, the first of them {copies[0].name}" if len(copies) > 1 else copies[0].name
@@ -350,24 +319,24 @@ def _without_copies(name: str, slices: Sequence[Slice]) -> list[Slice]:
 
 
 def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
-    """From voxel index (column, row, slice) to mm in LPS, upright; InputError if that moves a voxel too far."""
-    positions = np.array([one.numbers("ImagePositionPatient", 3) for one in slices])
+    """Return the upright affine from voxel (column, row, slice) to mm in LPS; InputError if slices are tilted."""
+    positions = np.array([header.numbers("ImagePositionPatient", 3) for header in slices])
     step = _slice_spacing(name, positions)
-    cosines = np.array([one.numbers("ImageOrientationPatient", 6) for one in slices]).reshape(-1, 2, 3)
-    spacings = np.array([one.numbers("PixelSpacing", 2) for one in slices])
+    cosines = np.array([header.numbers("ImageOrientationPatient", 6) for header in slices]).reshape(-1, 2, 3)
+    spacings = np.array([header.numbers("PixelSpacing", 2) for header in slices])
     axes, (row_spacing, column_spacing) = _axes(cosines[0].ravel()), spacings[0]
     ends = np.array([slices[0].whole("Columns") - 1, slices[0].whole("Rows") - 1])
     corners = np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * ends
-    own = np.einsum("sa,ca,sav->scv", spacings[:, ::-1], corners, cosines) + positions[:, None]
+    actual = np.einsum("sa,ca,sav->scv", spacings[:, ::-1], corners, cosines) + positions[:, None]
     nominal = (corners * (column_spacing, row_spacing)) @ axes
     nominal = positions[0] + nominal + np.arange(len(slices))[:, None, None] * [0, 0, step]
-    difference = (own - nominal).reshape(-1, 3)
+    difference = (actual - nominal).reshape(-1, 3)
     shift = (difference.max(axis=0) + difference.min(axis=0)) / 2
     shift[np.abs(shift) <= POSITION_TOLERANCE_MM] = 0
     away = np.abs(difference - shift).max(axis=0)
     size = np.abs(axes.T @ [column_spacing, row_spacing]) + [0, 0, step]
-    # A tilt of the gantry that the orientation does not show moves voxels along z, most at the border of the slices.
-    tilts = [abs(one.number("GantryDetectorTilt", 0.0)) for one in slices]
+    # A gantry tilt that is not in the orientation moves voxels along z, most at the border of the slices.
+    tilts = [abs(header.number("GantryDetectorTilt", 0.0)) for header in slices]
     turned = math.sin(math.radians(min(max(tilts), 90))) * ends[1] * row_spacing / 2
     sideways = np.ptp(positions[:, :2], axis=0).max() / 2
     rotated = turned == 0 and _rotated_together(cosines, positions, axes)
@@ -392,9 +361,9 @@ def _affine(name: str, slices: Sequence[Slice]) -> np.ndarray:
 
 
 def _directions(slices: Sequence[Slice], grid: Grid) -> tuple[tuple[float, ...], ...] | None:
-    """Directions of the axes x, y and z by the slices' own geometry; None if the upright grid is the same."""
-    cosines = np.mean([one.numbers("ImageOrientationPatient", 6) for one in slices], axis=0).reshape(2, 3)
-    first, last = (np.array(one.numbers("ImagePositionPatient", 3)) for one in (slices[0], slices[-1]))
+    """Return the directions of x, y and z by the geometry of the slices; None if the upright grid has the same."""
+    cosines = np.mean([header.numbers("ImageOrientationPatient", 6) for header in slices], axis=0).reshape(2, 3)
+    first, last = (np.array(header.numbers("ImagePositionPatient", 3)) for header in (slices[0], slices[-1]))
     axes = _axes(cosines.ravel())
     actual = np.column_stack([*cosines, last - first])
     nominal = np.column_stack([*axes, (0, 0, 1)])  # slices go from inferior to superior
@@ -404,15 +373,15 @@ def _directions(slices: Sequence[Slice], grid: Grid) -> tuple[tuple[float, ...],
 
 
 def _rotated_together(cosines: np.ndarray, positions: np.ndarray, axes: np.ndarray) -> bool:
-    """Whether all slices lie above each other along their common normal, rotated as a whole by a small angle."""
+    """Return whether all slices are aligned along their common normal, rotated as a whole by a small angle."""
     if np.ptp(cosines, axis=0).max() > ORTHOGONAL:
         return False
     normal = np.cross(*cosines[0])
     offsets = positions - positions[0]
     if np.abs(offsets - np.outer(offsets @ normal, normal)).max() > POSITION_TOLERANCE_MM:
         return False
-    # The frame's axes in their order: what remains is the rotation.
-    actual, upright_axes = (np.column_stack([*one, np.cross(*one)]) for one in (cosines[0], axes))
+    # With the axes of the frame in the same order, the difference is a rotation.
+    actual, upright_axes = (np.column_stack([*pair, np.cross(*pair)]) for pair in (cosines[0], axes))
     return is_small_rotation(actual @ upright_axes.T)
 
 

@@ -18,23 +18,13 @@ from ..io.yaml_files import read_yaml
 from .shapes import Ellipsoid, Tube
 from .texture import Component, Texture
 
-OWN = RESOURCES / "phantom.yaml"
+DEFAULT_LAYOUT = RESOURCES / "phantom.yaml"
 NAME = re.compile(r"[A-Za-z0-9_]+")
 
 
 @dataclass(frozen=True)
-class Paint:
-    """A shape and what fills it.
-
-    Attributes
-    ----------
-    hu : float
-        Mean, HU.
-    texture : Texture
-        What is added to it.
-    fade_mm : float
-        Width over which it blends into what lies below, mm.
-    """
+class PaintedShape:
+    """A shape filled with a mean HU plus a texture; it blends into the shapes below over fade_mm."""
 
     shape: Ellipsoid | Tube
     hu: float
@@ -44,7 +34,7 @@ class Paint:
 
 @dataclass(frozen=True)
 class RoiSpec:
-    """An ROI of the layout, in mm: not yet a mask."""
+    """An ROI of the layout, as a shape in mm."""
 
     name: str
     tissue_class: str
@@ -52,36 +42,23 @@ class RoiSpec:
 
 
 def read_layout(path: str | Path | None = None) -> dict:
-    """Read a layout file.
-
-    Parameters
-    ----------
-    path : str or Path, optional
-        None is the library's own.
-
-    Raises
-    ------
-    InputError
-        If it is missing or not YAML.
-    """
-    path = OWN if path is None else Path(path)
+    """Read a layout file, by default that of Virtual Phantom; InputError if it is missing or not YAML."""
+    path = DEFAULT_LAYOUT if path is None else Path(path)
     return read_yaml(path, "give a layout of a phantom, with the keys tissues, shapes and rois", restore="restore it")
 
 
-def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
-    """What to paint, in order, and the ROIs, on which the textures of their tissues are conditioned.
+def parse_layout(layout: dict, seed: Stream) -> tuple[list[PaintedShape], list[RoiSpec]]:
+    """Convert a layout to shapes in the order of painting, and ROIs; textures are conditioned on their ROI.
 
     Parameters
     ----------
-    layout : dict
-        As `read_layout` gives it.
     seed : Stream
-        Of the textures.
+        Random stream of the textures.
 
     Raises
     ------
     InputError
-        Naming the entry, on anything unknown, missing or impossible.
+        If an entry is unknown, missing or impossible.
     """
     _keys(layout, "layout", {"tissues", "shapes", "rois"})
     if not isinstance(layout["tissues"], dict) or not layout["shapes"] or not layout["rois"]:
@@ -91,7 +68,7 @@ def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
             raise InputError(f"phantom layout, tissues: a name is {name} to YAML; write it in quotes")
     tissues = {name: _tissue(name, entry, seed) for name, entry in layout["tissues"].items()}
     paints = [
-        Paint(shape, *_look_up(tissues, entry, where), 0.0)
+        PaintedShape(shape, *_look_up(tissues, entry, where), 0.0)
         for where, entry in _named(layout["shapes"], "shapes")
         for shape in _shapes(entry, where)
     ]
@@ -102,7 +79,9 @@ def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
             if not isinstance(entry[key], str):
                 raise InputError(f"phantom layout, {where}: {key} is {entry[key]} to YAML; write the name in quotes")
         if not NAME.fullmatch(roi.name) or not NAME.fullmatch(roi.tissue_class):
-            raise InputError(f"phantom layout, {where}: names are of letters, digits and underscores only")
+            raise InputError(
+                f"phantom layout, {where}: a name has other characters than letters, digits and underscores; rename it"
+            )
         if roi.name in {r.name for r in rois}:
             raise InputError(f"phantom layout, {where}: the name is given twice")
         if alike := same_but_for_case([*(r.name for r in rois), roi.name]):
@@ -110,12 +89,12 @@ def parse(layout: dict, seed: Stream) -> tuple[list[Paint], list[RoiSpec]]:
         rois.append(roi)
         hu, texture = _look_up(tissues, entry, where)
         texture.condition(roi.shape)
-        paints.append(Paint(surroundings, hu, texture, entry.get("fade_mm", 0.0)))
+        paints.append(PaintedShape(surroundings, hu, texture, entry.get("fade_mm", 0.0)))
     return paints, rois
 
 
 def _roi(entry: dict, where: str) -> tuple[RoiSpec, Ellipsoid]:
-    """The ROI, an ellipsoid whose height follows from its volume 4/3 pi a b c, and that of its tissue."""
+    """Return the ROI, an ellipsoid whose semi-axis c follows from its volume 4/3 pi a b c, and the tissue around it."""
     sizes = {"width_mm", "height_mm", "volume_mm3", "margin_mm"}
     _keys(entry, where, {"name", "tissue_class", "tissue", "centre_mm", *sizes}, {"fade_mm"})
     try:
@@ -147,7 +126,7 @@ def _look_up(tissues: dict, entry: dict, where: str) -> tuple[float, Texture]:
 
 
 def _shapes(entry: dict, where: str) -> Iterator[Ellipsoid | Tube]:
-    """The entry's shape, or with `mirror: true` also its mirror image in the midplane x = 0."""
+    """Yield the shape of an entry, and its mirror image at x = 0 if `mirror` is true."""
     kinds = {
         "ellipsoid": (Ellipsoid, _ellipsoid),
         "column": (Ellipsoid, _column),
@@ -193,7 +172,7 @@ def _tube(points_mm, radius_mm):
 
 
 def _arc(semi_axes_mm, from_deg, to_deg, z_mm, radius_mm, centre_mm=(0.0, 0.0), exponent=2.0):
-    """A tube along the superellipse of a column, from one angle about +z to another, rising evenly."""
+    """Return a tube along a superellipse between two angles about +z, with z rising linearly."""
     angle = np.radians(np.linspace(from_deg, to_deg, 2 + int(abs(to_deg - from_deg) // 8)))
     cos, sin = np.cos(angle), np.sin(angle)
     power = 2 / exponent

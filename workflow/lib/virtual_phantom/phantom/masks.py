@@ -1,8 +1,10 @@
-"""Regions drawn on a CT: masks and label maps (NIfTI, NRRD, MetaImage), DICOM SEG and RTSTRUCT, on the CT's grid.
+"""Read regions drawn on a CT: masks and label maps (NIfTI, NRRD, MetaImage), DICOM SEG and RTSTRUCT.
 
-`open_regions` picks the reader by the file. Every reader has `there`, `crop(label)` and `mask(label)`. The label is a
-value of a label map (None: any voxel that is not zero), the number or label of a segment, or the name or number of an
-RTSTRUCT ROI (None: the only one).
+`open_regions` selects the reader by the file. Labels of regions depend on the file:
+
+* label map: value (None: all voxels that are not zero)
+* DICOM SEG: number or label of a segment (None: the only one)
+* RTSTRUCT: name or number of an ROI (None: the only one)
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from ..base.geometry import Grid
 from ..io.volumes import Volume, read_layers, suffix_of
 from .contours import StructRegions
 from .dicom_files import modality
-from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, placed
+from .regions import GRID_TOLERANCE_MM, CroppedRegion, Regions, Remark, crop_to_box, voxel_offset
 from .segments import SegRegions
 
 __all__ = ["GRID_TOLERANCE_MM", "LabelRegions", "SegRegions", "StructRegions", "open_regions", "report_other_frame"]
@@ -32,29 +34,22 @@ KINDS = {
     "1.2.840.10008.5.1.4.1.1.481.3": StructRegions,
 }
 MODALITIES = {"SEG": SegRegions, "RTSTRUCT": StructRegions}
-# Distance of a label from a whole number. Half precision, the coarsest type of stored values, rounds to 5e-4 of them.
+# Tolerance of labels that are whole numbers: half precision, the coarsest type, has a relative error of 5e-4.
 WHOLE = 1e-3
-# Different values of a label map. TotalSegmentator has 117 labels, FreeSurfer's Destrieux parcellation 192. A CT has
-# thousands, and values below 0.
+# Largest number of different labels: TotalSegmentator has 117, FreeSurfer's Destrieux parcellation 192. A CT has
+# thousands of values.
 MOST_LABELS = 1000
-MOST_NEGATIVE = 10  # different values below 0: some programs mark what is unlabeled by -1, a CT has one for each HU
-LARGEST_LABEL = 65_535  # up to here boxes are listed by label; larger labels are renumbered first
+MOST_NEGATIVE = 10  # different values below 0: some programs mark unlabeled voxels by -1, a CT has hundreds of values
+LARGEST_LABEL = 65_535  # larger labels are renumbered before bounding boxes are found
 
 
 def open_regions(path: str | Path, grid: Grid) -> Regions:
-    """The reader for a file of regions drawn on a CT.
-
-    Parameters
-    ----------
-    path : str or Path
-        NIfTI, NRRD, MetaImage, DICOM SEG or RTSTRUCT.
-    grid : Grid
-        The CT's.
+    """Open a file of regions (NIfTI, NRRD, MetaImage, DICOM SEG or RTSTRUCT) that were drawn on the grid of a CT.
 
     Raises
     ------
     InputError
-        If the file is missing, of another kind, or does not lie on the CT's grid.
+        If the file is missing, of another kind, or on another grid.
     """
     path = Path(path)
     if not path.is_file():
@@ -71,17 +66,10 @@ def open_regions(path: str | Path, grid: Grid) -> Regions:
 
 
 def report_other_frame(regions: str | Path, ct: str | Path) -> None:
-    """Report regions that were drawn in another frame of reference than a DICOM CT has (PS3.3, C.7.4.1).
+    """Report a DICOM SEG or RTSTRUCT with another frame of reference than the CT in a folder (PS3.3, C.7.4.1).
 
-    They are read nevertheless: their positions show whether they fit, and anonymization often replaces the identifiers
-    of one of both only.
-
-    Parameters
-    ----------
-    regions : str or Path
-        DICOM SEG or RTSTRUCT; other files have no frame of reference.
-    ct : str or Path
-        Folder of the CT; other files have no frame of reference.
+    This is not an error: positions show whether regions fit, and anonymization often replaces the identifiers of only
+    one of both. Files other than DICOM have no frame of reference.
     """
     regions, ct = Path(regions), Path(ct)
     if not ct.is_dir() or not regions.is_file() or suffix_of(regions):
@@ -98,15 +86,15 @@ def report_other_frame(regions: str | Path, ct: str | Path) -> None:
 
 
 def _frames(path: Path) -> set[str]:
-    """The frames of reference that a DICOM file names; none of other files."""
+    """Return the frames of reference in a DICOM file; none for other files."""
     keys = ("FrameOfReferenceUID", "ReferencedFrameOfReferenceUID")
     sections = ("ReferencedFrameOfReferenceSequence", "StructureSetROISequence")
     try:
         header = pydicom.dcmread(path, stop_before_pixels=True, specific_tags=[*keys, *sections])
-        parts = [header, *(item for one in sections for item in header.get(one) or [])]
+        parts = [header, *(item for section in sections for item in header.get(section) or [])]
         return {str(part.get(key)) for part in parts for key in keys if part.get(key)}
     except (InvalidDicomError, OSError, ValueError, TypeError, AttributeError, EOFError, struct.error):
-        return set()  # its reader says what is wrong with it
+        return set()  # its reader reports the problem
 
 
 def _dicom(path: Path) -> pydicom.Dataset:
@@ -118,7 +106,7 @@ def _dicom(path: Path) -> pydicom.Dataset:
             dataset = pydicom.dcmread(path, force=True)
             if "SOPClassUID" in dataset:
                 return dataset
-    except Exception as error:  # of many types; cut short, or not DICOM
+    except Exception as error:  # of many types; truncated, or not DICOM
         raise InputError(
             f"{path}: neither an image of labels nor readable DICOM ({type(error).__name__}); is the file complete?"
         ) from None
@@ -134,7 +122,7 @@ class LabelRegions(Regions):
         self._remarks: list[Remark] = []
         self._layers: list[np.ndarray] = []
         self._values: list[dict[int, tuple[int, tuple[slice, slice, slice]]]] = []  # {value: (stored, box)} per layer
-        self._offset = placed(layers[0].grid, grid, path)
+        self._offset = voxel_offset(layers[0].grid, grid, path)
         for layer in layers:
             self._add(layer)
         self._report_part()
@@ -153,7 +141,7 @@ class LabelRegions(Regions):
         self._values.append(found)
 
     def _whole(self, array: np.ndarray) -> tuple[np.ndarray, list[int]]:
-        """Labels as stored, from 1 on and 0 elsewhere, and the label of each stored number (empty: the same)."""
+        """Return labels from 1 on, 0 elsewhere, and the original labels if they were renumbered."""
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             raise InputError(f"{self.path}: holds NaN or infinite values; give whole numbers")
         low, high = float(array.min()), float(array.max())
@@ -178,16 +166,16 @@ class LabelRegions(Regions):
                     f"{self.path}: has {len(below)} different values below 0, from {low:g} on: an image, not regions; "
                     "give a label map or a mask"
                 )
-            some = ", ".join(f"{one:g}" for one in below)
-            self._remarks.append(Remark("negative", "", f"labels below 0 are no regions and are passed over: {some}"))
+            listed = ", ".join(f"{value:g}" for value in below)
+            self._remarks.append(Remark("negative", "", f"labels below 0 are skipped: {listed}"))
         if low > WHOLE:
-            text = f"no voxel is 0: every voxel is of a region, and the lowest label is {low:g}"
+            text = f"no voxel is 0: every voxel belongs to a region, and the lowest label is {low:g}"
             self._remarks.append(Remark("no background", "", text))
         if high > LARGEST_LABEL:
             names, stored = np.unique(np.rint(array), return_inverse=True)
             first = int(np.searchsorted(names, 0.5))
             stored = np.maximum(stored.reshape(array.shape) - (first - 1), 0).astype(np.int32)
-            return stored, [int(one) for one in names[first:]]
+            return stored, names[first:].astype(int).tolist()
         kind = np.uint8 if high <= np.iinfo(np.uint8).max else np.uint16
         labels = np.empty(array.shape, kind)
         for plane, out in zip(array, labels, strict=True):
@@ -195,33 +183,35 @@ class LabelRegions(Regions):
         return labels, []
 
     def _report_part(self) -> None:
-        """Remark on a file that covers another part of space than the CT."""
+        """Add a remark if the file covers only a part of the CT."""
         shape = self._layers[0].shape
         if self._offset != (0, 0, 0) or shape != self.grid.shape:
             sizes = " x ".join(map(str, shape[::-1])), " x ".join(map(str, self.grid.shape[::-1]))
             text = f"has {sizes[0]} voxels (x, y, z) of the CT's grid, which has {sizes[1]}; the rest is empty"
             self._remarks.append(Remark("part of the CT", "", text))
 
-    def there(self) -> dict[int | str, str | None]:
-        """Every region: {label, as `mask` takes it: its name; None, as only 3D Slicer's files have names}."""
+    def list_regions(self) -> dict[int | str, str | None]:
+        """Return {label: name} of every region; only files of 3D Slicer have names."""
         if self._names:
             return {key: name for key, (name, _, _) in self._names.items()}
         return {value: None for found in self._values for value in sorted(found)}
 
-    def _draw(self, label: int | str | None) -> tuple[str, Drawn | None, bool]:
+    def _draw(self, label: int | str | None) -> tuple[str, CroppedRegion | None, bool]:
         if label is None:
-            found = boxed(np.logical_or.reduce([layer > 0 for layer in self._layers]), self._offset, self._remarks)
+            found = crop_to_box(
+                np.logical_or.reduce([layer > 0 for layer in self._layers]), self._offset, self._remarks
+            )
             return "the mask", self._inside(found, "the mask"), False
         layer, value, name = self._find(label)
         stored, box = self._values[layer].get(value, (None, None))
         if box is None:
             return name, None, False
         moved = tuple(slice(s.start + n, s.stop + n) for s, n in zip(box, self._offset, strict=True))
-        drawn = Drawn(moved, self._layers[layer][box] == stored, tuple(self._remarks))
+        drawn = CroppedRegion(moved, self._layers[layer][box] == stored, tuple(self._remarks))
         return name, self._inside(drawn, name), False
 
-    def _inside(self, drawn: Drawn | None, name: str) -> Drawn | None:
-        """The same; InputError if it goes beyond the CT."""
+    def _inside(self, drawn: CroppedRegion | None, name: str) -> CroppedRegion | None:
+        """Check that a region lies within the CT."""
         if drawn is not None and any(
             s.start < 0 or s.stop > n for s, n in zip(drawn.box, self.grid.shape, strict=True)
         ):
@@ -231,14 +221,14 @@ class LabelRegions(Regions):
         return drawn
 
     def _find(self, label: int | str) -> tuple[int, int, str]:
-        """Layer, value and name of a region."""
+        """Return layer, value and name of a region."""
         if self._names:
             matching = [k for k, (name, _, value) in self._names.items() if str(label) in (str(k), name, str(value))]
             matching = [label] if label in self._names else matching
             if len(matching) != 1:
-                there = ", ".join(f"{key} ({name})" for key, (name, _, _) in self._names.items())
+                listed = ", ".join(f"{key} ({name})" for key, (name, _, _) in self._names.items())
                 problem = "is not there" if not matching else f"means {len(matching)} segments"
-                raise InputError(f"{self.path}: segment {label!r} {problem}; there are: {there}")
+                raise InputError(f"{self.path}: segment {label!r} {problem}; there are: {listed}")
             name, layer, value = self._names[matching[0]]
             return layer, value, name
         if isinstance(label, bool) or not isinstance(label, int):
@@ -246,18 +236,18 @@ class LabelRegions(Regions):
         for layer, found in enumerate(self._values):
             if label in found:
                 return layer, label, f"label {label}"
-        there = ", ".join(str(value) for found in self._values for value in sorted(found))
-        raise InputError(f"{self.path}: no voxel has the label {label}; there are: {there or 'none'}")
+        listed = ", ".join(str(value) for found in self._values for value in sorted(found))
+        raise InputError(f"{self.path}: no voxel has the label {label}; there are: {listed or 'none'}")
 
 
 def _slicer_names(header: dict[str, str], values: list[dict]) -> dict[int | str, tuple[str, int, int]]:
-    """Segments of a file of 3D Slicer: {label: (name, layer, value)}; empty if its header describes none."""
+    """Return the segments {label: (name, layer, value)} in the header of a file of 3D Slicer."""
     segments = []
     while (start := f"Segment{len(segments)}_") and f"{start}Name" in header:
         numbers = [header.get(f"{start}{key}", default) for key, default in (("Layer", "0"), ("LabelValue", "1"))]
-        layer, value = (int(one) if one.isdecimal() else -1 for one in numbers)
+        layer, value = (int(number) if number.isdecimal() else -1 for number in numbers)
         segments.append((header[f"{start}Name"].strip(), layer, value))
-    segments = [one for one in segments if one[1] < len(values)]
+    segments = [segment for segment in segments if segment[1] < len(values)]
     described = {(layer, value) for _, layer, value in segments}
     segments += [
         (f"label {value}", layer, value)

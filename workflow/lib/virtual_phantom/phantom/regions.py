@@ -1,4 +1,4 @@
-"""What every reader of drawn regions shares: regions within their boxes, remarks about them, gaps between slices."""
+"""Base class of the readers of drawn regions: cropped regions, remarks, and gaps between slices."""
 
 from __future__ import annotations
 
@@ -16,24 +16,22 @@ from ..base.errors import InputError
 from ..base.geometry import Grid
 from ..io.volumes import LARGEST_TILT, LPS_TO_RAS
 
-GRID_TOLERANCE_MM = 0.02  # of positions read from different files: single precision and decimal text
-ONE_BY_ONE = 3  # remarks of one kind about one file; more become one line
+GRID_TOLERANCE_MM = 0.02  # tolerance of positions from different files: single precision and decimal text
+ONE_BY_ONE = 3  # remarks of one kind about a file that are listed; further ones are summarized
 
 Box = tuple[slice, slice, slice]
 
 
 @dataclass(frozen=True)
 class Remark:
-    """Something about a region that was skipped or interpreted, which is no error.
+    """A note about data that were skipped or interpreted, and why.
 
     Attributes
     ----------
     kind : str
-        What regions with the same remark have in common.
+        Groups the same remarks about several regions.
     name : str
-        Name of the region; empty if the remark is about the file.
-    text : str
-        What was skipped or interpreted, and why.
+        Name of the region; empty for a remark about the file.
     """
 
     kind: str
@@ -42,16 +40,8 @@ class Remark:
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """A region within its box.
-
-    Attributes
-    ----------
-    box : tuple of 3 slice
-        Part of the CT, (z, y, x).
-    mask : ndarray of bool
-        Within the box.
-    """
+class CroppedRegion:
+    """A region: its bounding box (z, y, x) in the CT, and the mask within the box."""
 
     box: Box
     mask: np.ndarray
@@ -59,66 +49,53 @@ class Drawn:
 
 
 def report(path: Path, remarks: Iterable[Remark]) -> None:
-    """Report remarks about the regions of a file as notes; many of one kind become one line that names all regions."""
+    """Print remarks about the regions of a file as notes; many of one kind become one line."""
     kinds: dict[str, list[Remark]] = {}
     for remark in dict.fromkeys(remarks):
         kinds.setdefault(remark.kind, []).append(remark)
-    for alike in kinds.values():
-        for one in alike if len(alike) <= ONE_BY_ONE else alike[:1]:
-            note(f"{path}: {f'{one.name}: ' if one.name else ''}{one.text}")
-        if len(alike) > ONE_BY_ONE:
-            others = ", ".join(one.name for one in alike[1:])
-            note(f"{path}: the same applies to {len(alike) - 1} more regions ({alike[0].kind}): {others}")
+    for same in kinds.values():
+        for remark in same if len(same) <= ONE_BY_ONE else same[:1]:
+            note(f"{path}: {f'{remark.name}: ' if remark.name else ''}{remark.text}")
+        if len(same) > ONE_BY_ONE:
+            others = ", ".join(remark.name for remark in same[1:])
+            note(f"{path}: the same applies to {len(same) - 1} more regions ({same[0].kind}): {others}")
 
 
 class Regions:
-    """Base of the readers: regions that are drawn on a CT.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    grid : Grid
-        The CT's.
-    """
+    """Regions in a file that were drawn on the grid of a CT: base class of the readers."""
 
     def __init__(self, path: Path, grid: Grid):
         self.path, self.grid = path, grid
 
-    def there(self) -> dict[int | str, str | None]:
-        """Every region: {label, as `mask` and `crop` take it: its name; None if the file has none}."""
+    def list_regions(self) -> dict[int | str, str | None]:
+        """Return {label: name} of every region; names are None if the file has none."""
         raise NotImplementedError
 
     def aliases(self, label: int | str) -> tuple[str, ...]:
-        """What else a region may be called than its label of `there` and its name."""
+        """Return other names of a region than its label and name in `list_regions`."""
         return ()
 
-    def _draw(self, label: int | str | None) -> tuple[str, Drawn | None, bool]:
-        """A region's name, its voxels (None: it has none), and whether every empty slice within it is worth a remark.
+    def _draw(self, label: int | str | None) -> tuple[str, CroppedRegion | None, bool]:
+        """Return the name of a region, its voxels (None if empty), and whether all gaps are reported.
 
-        Without the latter an empty slice is remarked on only if the slices on both sides of the gap overlap.
+        Otherwise, gaps are reported only if the slices on both sides overlap.
         """
         raise NotImplementedError
 
-    def crop(self, label: int | str | None, fill_gaps: bool = False) -> Drawn | None:
-        """A region within its box.
+    def crop(self, label: int | str | None, fill_gaps: bool = False) -> CroppedRegion | None:
+        """Return a region within its bounding box; None if it has no voxel.
 
         Parameters
         ----------
         label : int, str or None
-            As `there` gives it, or another name or number that means one region only; None: the only region.
+            Label of `list_regions`, or another unique name or number; None for the only region.
         fill_gaps : bool, optional
-            Interpolate empty slices between two drawn ones.
-
-        Returns
-        -------
-        Drawn or None
-            None if the region has no voxel.
+            Interpolate empty slices between drawn ones.
 
         Raises
         ------
         InputError
-            If there is no such region, or several, or it cannot be read.
+            If there is no such region or several, or it cannot be read.
         """
         name, drawn, always = self._draw(label)
         if drawn is None:
@@ -126,17 +103,7 @@ class Regions:
         return _without_gaps(drawn, name, self.grid, fill_gaps, always)
 
     def mask(self, label: int | str | None, fill_gaps: bool = False) -> np.ndarray:
-        """A region on the CT's grid; what was skipped or interpreted is reported.
-
-        Returns
-        -------
-        ndarray of bool, shape (z, y, x)
-
-        Raises
-        ------
-        InputError
-            As `crop`.
-        """
+        """Return a region on the grid of the CT, bool [z, y, x], and report remarks; parameters as in `crop`."""
         full = np.zeros(self.grid.shape, bool)
         drawn = self.crop(label, fill_gaps)
         if drawn is not None:
@@ -145,8 +112,8 @@ class Regions:
         return full
 
 
-def _without_gaps(drawn: Drawn, name: str, grid: Grid, fill: bool, always: bool) -> Drawn:
-    """The region with empty slices interpolated, or with a remark about them."""
+def _without_gaps(drawn: CroppedRegion, name: str, grid: Grid, fill: bool, always: bool) -> CroppedRegion:
+    """Interpolate empty slices, or add a remark about them."""
     taken = np.flatnonzero(drawn.mask.any(axis=(1, 2)))
     gaps = [(int(a), int(b)) for a, b in zip(taken[:-1], taken[1:], strict=True) if b - a > 1]
     if not gaps:
@@ -176,55 +143,37 @@ def _without_gaps(drawn: Drawn, name: str, grid: Grid, fill: bool, always: bool)
 
 def _between(low: np.ndarray, high: np.ndarray, steps: int, grid: Grid) -> np.ndarray:
     """Shape-based interpolation: linear between signed distances (Raya and Udupa 1990, doi:10.1109/42.52980)."""
-    first, last = (_signed_distance(one, grid) for one in (low, high))
+    first, last = (_signed_distance(mask, grid) for mask in (low, high))
     shares = (np.arange(1, steps) / steps)[:, None, None]
     return (1 - shares) * first + shares * last > 0
 
 
 def _signed_distance(mask: np.ndarray, grid: Grid) -> np.ndarray:
-    """Distance to the outline, mm, positive inside."""
+    """Return the distance to the outline, mm, positive inside."""
     padded = np.pad(mask, 1)
     spacing = grid.spacing[1:]
     return (distance_transform_edt(padded, spacing) - distance_transform_edt(~padded, spacing))[1:-1, 1:-1]
 
 
-def boxed(mask: np.ndarray, offset: Sequence[int] = (0, 0, 0), remarks: Sequence[Remark] = ()) -> Drawn | None:
-    """The smallest box around a mask.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (z, y, x)
-    offset : sequence of int, optional
-        Voxel of the CT that is the mask's first.
-
-    Returns
-    -------
-    Drawn or None
-        None if the mask is empty.
-    """
+def crop_to_box(
+    mask: np.ndarray, offset: Sequence[int] = (0, 0, 0), remarks: Sequence[Remark] = ()
+) -> CroppedRegion | None:
+    """Crop a mask, whose first voxel is at `offset` in the CT, to its bounding box; None if it is empty."""
     inner = []
     for axes in ((1, 2), (0, 2), (0, 1)):
         index = np.flatnonzero(mask.any(axis=axes))
         if not index.size:
             return None
         inner.append(slice(int(index[0]), int(index[-1]) + 1))
-    box = tuple(slice(one.start + int(n), one.stop + int(n)) for one, n in zip(inner, offset, strict=True))
-    return Drawn(box, mask[tuple(inner)].copy(), tuple(remarks))
+    box = tuple(slice(s.start + int(n), s.stop + int(n)) for s, n in zip(inner, offset, strict=True))
+    return CroppedRegion(box, mask[tuple(inner)].copy(), tuple(remarks))
 
 
 def to_voxels(grid: Grid) -> list[np.ndarray]:
-    """How positions of regions can be meant that were drawn on a CT.
+    """Return possible affines from DICOM's patient frame (mm, LPS) to voxel indices (x, y, z) of a CT.
 
-    Parameters
-    ----------
-    grid : Grid
-        The CT's.
-
-    Returns
-    -------
-    list of ndarray, shape (4, 4)
-        From DICOM's patient frame (mm, LPS) to voxel indices (x, y, z); the first that fits is meant: by the CT's own
-        directions or, if that moves no voxel center by more than LARGEST_TILT, upright.
+    The first affine that fits the regions is used. The first has the directions of the CT. The second is upright, if
+    this moves no voxel center by more than LARGEST_TILT.
     """
     ends = np.vstack([_corners(grid).T, np.ones(8)])
     moved = np.linalg.inv(grid.affine) @ (grid.drawn_affine @ ends) - ends
@@ -234,25 +183,20 @@ def to_voxels(grid: Grid) -> list[np.ndarray]:
 
 
 def _corners(grid: Grid) -> np.ndarray:
-    """Voxel indices (x, y, z) of the corners, shape (8, 3)."""
+    """Return the voxel indices (x, y, z) of the corners, shape (8, 3)."""
     return np.array(list(product(*[(0, n - 1) for n in grid.shape[::-1]])), float)
 
 
-def placed(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
-    """The voxel (z, y, x) of a grid at which the first voxel of another grid lies, whose voxels coincide with its own.
+def voxel_offset(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
+    """Return the voxel (z, y, x) of a grid at the first voxel of a part whose voxels coincide with those of the grid.
 
-    They coincide by the directions of both. By their upright grids alone they may, if directions differ by so little
-    that no voxel center moves by more than LARGEST_TILT: converters often drop a small rotation.
-
-    Returns
-    -------
-    tuple of 3 int
-        Below 0 where the other grid begins before the first.
+    Voxels may coincide by the directions of both grids, or by their upright grids if no voxel center moves by more than
+    LARGEST_TILT, as converters often drop small rotations. Indices are negative if the part starts before the grid.
 
     Raises
     ------
     InputError
-        If they do not coincide.
+        If voxels do not coincide.
     """
     corners = _corners(part)
     relative = np.linalg.inv(grid.drawn_affine) @ part.drawn_affine
@@ -267,7 +211,7 @@ def placed(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
     shifted = np.abs((offset - index) * np.array(grid.spacing)).max()
     aligned = max(shifted, np.abs(steps).max()) <= GRID_TOLERANCE_MM
     if not aligned or np.abs(shift - index[::-1]).max() > LARGEST_TILT:
-        turned = ", with its axes rotated otherwise" if aligned else ""
+        turned = ", with rotated axes" if aligned else ""
         raise InputError(
             f"{path}: lies on another grid than the CT{turned} ({part}; CT: {grid}); resample it onto the CT"
         )
@@ -275,7 +219,7 @@ def placed(part: Grid, grid: Grid, path: Path) -> tuple[int, int, int]:
 
 
 def sequence_of(path: Path, dataset: pydicom.Dataset, keyword: str) -> pydicom.Sequence:
-    """A sequence of a DICOM data set; InputError if it is missing or no sequence."""
+    """Return a sequence of a DICOM data set; InputError if it is missing or not a sequence."""
     value = dataset.get(keyword)
     if not isinstance(value, pydicom.Sequence):
         problem = "has no" if value is None else "has no valid"
@@ -284,7 +228,7 @@ def sequence_of(path: Path, dataset: pydicom.Dataset, keyword: str) -> pydicom.S
 
 
 def whole_number(dataset: pydicom.Dataset, keyword: str) -> int | None:
-    """A whole number; None if it is missing or something else."""
+    """Return an integer of a DICOM data set; None if it is missing or not an integer."""
     try:
         value = dataset.get(keyword)
         return None if value is None or isinstance(value, str | bytes) and not str(value).strip() else int(value)

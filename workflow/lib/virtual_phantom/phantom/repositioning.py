@@ -1,4 +1,4 @@
-"""Repeats before which the phantom is laid down anew: it then lies a little elsewhere, and a little turned."""
+"""Re-positioned scans: the phantom is shifted and rotated by small random amounts between repeats."""
 
 from __future__ import annotations
 
@@ -11,37 +11,29 @@ from ..base.pose import Pose, turned_axes
 from ..base.streams import Branch, branch, generator
 
 
-def drawn_pose(study_seed: int, seed: int, shift_mm: float, turn_deg: float) -> Pose:
-    """Where the phantom lies in a re-positioned repeat, the same in all scans, noise levels and protocols of it.
+def random_pose(study_seed: int, seed: int, shift_mm: float, turn_deg: float) -> Pose:
+    """Return the pose of a re-positioned repeat, the same for all of its scans, noise levels and protocols.
 
     Parameters
     ----------
     seed : int
-        Of the repeat.
-    shift_mm : float
-        The shift is drawn evenly from this far down to this far up, along x, y and z each.
-    turn_deg : float
-        The turn about z likewise.
+        Seed of the repeat.
+    shift_mm, turn_deg : float
+        Limits of the uniform distributions of the shift along x, y and z and of the rotation about z.
     """
-    draws = generator(branch(study_seed, Branch.REPOSITIONING, seed)).uniform(-1, 1, 4)
-    x, y, z, turn = (float(one) for one in draws * [shift_mm, shift_mm, shift_mm, turn_deg])
-    return Pose(x, y, z, turn)
+    samples = generator(branch(study_seed, Branch.REPOSITIONING, seed)).uniform(-1, 1, 4)
+    return Pose(*map(float, samples * [shift_mm, shift_mm, shift_mm, turn_deg]))
 
 
-def to_object(pose: Pose, isocentre_mm: tuple[float, float, float]) -> sitk.Transform:
-    """Where a point of the room lies in the object at rest.
+def world_to_object(pose: Pose, isocentre_mm: tuple[float, float, float]) -> sitk.Transform:
+    """Return the transform from positions in the world to positions in the object before it was moved.
 
     Parameters
     ----------
     pose : Pose
-        Its size is not looked at.
+        The size is ignored.
     isocentre_mm : tuple of 3 float
-        Of the object at rest, in its image's NIfTI world, (x, y, z): what it is turned about.
-
-    Returns
-    -------
-    SimpleITK.Transform
-        World to world, as io.simpleitk.itk_resample takes it.
+        Center of rotation (x, y, z) in the NIfTI world of the object's image.
     """
     back = turned_axes(pose.turn_deg)
     transform = sitk.Euler3DTransform()
@@ -51,21 +43,10 @@ def to_object(pose: Pose, isocentre_mm: tuple[float, float, float]) -> sitk.Tran
     return transform
 
 
-def beyond(moved: Sequence[np.ndarray], still: Sequence[np.ndarray]) -> list[int]:
-    """Which regions reach the border of their voxels by having been moved.
-
-    Parameters
-    ----------
-    moved, still : sequence of ndarray of bool, shape (z, y, x)
-        The regions after and before.
-
-    Returns
-    -------
-    list of int
-        Their places in the sequence.
-    """
+def moved_to_border(moved: Sequence[np.ndarray], still: Sequence[np.ndarray]) -> list[int]:
+    """Return the indices of the masks, bool [z, y, x], that touch the border of the grid only after the motion."""
 
     def touches(mask):
         return any(np.moveaxis(mask, axis, 0)[[0, -1]].any() for axis in range(3))
 
-    return [i for i, (one, other) in enumerate(zip(moved, still, strict=True)) if touches(one) and not touches(other)]
+    return [i for i, (after, before) in enumerate(zip(moved, still, strict=True)) if touches(after) > touches(before)]

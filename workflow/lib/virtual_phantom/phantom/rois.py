@@ -1,4 +1,4 @@
-"""The ROI entries of the configuration, and what is done to a region before it becomes ROIs."""
+"""ROI entries of the configuration, and the processing of regions to ROIs: margin, parts and separation."""
 
 from __future__ import annotations
 
@@ -12,25 +12,23 @@ from ..base.geometry import Grid
 from ..base.words import same_but_for_case
 from ..io.schema import schema_of, validate
 
-FIT_VOXELS = 20_000  # enough to place a few cluster centres
+FIT_VOXELS = 20_000  # sample size for the cluster centers
 
 
 @dataclass(frozen=True)
 class RoiEntry:
-    """One entry under `rois`: where the region is drawn, and how it is made into ROIs.
+    """An entry under `rois`.
 
     Attributes
     ----------
-    file : str
-        File of the region; by default the common one.
     label : int, str or None
-        Which region of the file: a number from 1, or a name.
+        Region of the file: a number from 1, or a name.
     margin_mm : float
-        Leave out what is nearer than this to the region's surface, mm: a conservative ROI.
+        Voxels closer than this to the surface of the region are excluded.
     parts : int
-        Cut into this many compact ROIs, named name_1, name_2, ...
+        Number of compact ROIs that the region is cut into, named name_1, name_2, ...
     fill_gaps : bool
-        Interpolate slices of the region that are not drawn, between two that are.
+        Interpolate empty slices between drawn ones.
     """
 
     name: str
@@ -43,25 +41,27 @@ class RoiEntry:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the ROIs that the entry makes."""
+        """Names of the ROIs of the entry."""
         return (self.name,) if self.parts == 1 else tuple(f"{self.name}_{i}" for i in range(1, self.parts + 1))
 
 
-def read_entries(entries: list[dict], default_file: str | None, source: str = "phantom: ct") -> tuple[RoiEntry, ...]:
-    """The entries of a list as under phantom.ct.rois of the configuration.
+def read_roi_entries(
+    entries: list[dict], default_file: str | None, source: str = "phantom: ct"
+) -> tuple[RoiEntry, ...]:
+    """Check and convert a list of entries as under phantom.ct.rois of the configuration.
 
     Parameters
     ----------
     default_file : str or None
-        File of the regions whose entry names none.
+        File for entries without one.
     source : str, optional
-        What messages begin with.
+        Start of messages.
 
     Raises
     ------
     InputError
-        For what the configuration's schema refuses, names that are equal or differ only in case (parts have names too),
-        and an entry without a file.
+        If entries are invalid by the schema, names (also of parts) are equal or differ only in case, or an entry has
+        no file.
     """
     validate({"rois": entries}, {**schema_of("phantom", "ct"), "required": ["rois"]}, source)
     read = [RoiEntry(**{"file": default_file, **entry}) for entry in entries]
@@ -79,24 +79,13 @@ def read_entries(entries: list[dict], default_file: str | None, source: str = "p
 
 
 def shrink(mask: np.ndarray, margin_mm: float, grid: Grid) -> np.ndarray:
-    """The voxels whose centres are farther than a margin from every voxel centre outside the region.
+    """Return the voxels whose centers are farther than a margin from every voxel center outside the region.
 
-    The border of the scan is not a surface: an organ that runs on beyond it is not shortened there.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (z, y, x)
-        The region.
-    grid : Grid
-        Of the mask.
-
-    Returns
-    -------
-    ndarray of bool, shape (z, y, x)
+    The border of the scan is not a surface: organs that continue beyond it are not shortened there.
     """
     if margin_mm == 0 or mask.all() or not mask.any():
         return mask
-    # the region's bounding box and one voxel around it, where there is one, hold all that matters
+    # The bounding box with a margin of one voxel is sufficient.
     box = tuple(slice(max(s.start - 1, 0), s.stop + 1) for s in find_objects(mask.astype(np.uint8))[0])
     shrunk = np.zeros_like(mask)
     shrunk[box] = distance_transform_edt(mask[box], sampling=grid.spacing) > margin_mm
@@ -104,33 +93,20 @@ def shrink(mask: np.ndarray, margin_mm: float, grid: Grid) -> np.ndarray:
 
 
 def cut(mask: np.ndarray, parts: int, grid: Grid) -> list[np.ndarray]:
-    """Cut a region into compact parts by k-means of its voxels' places; the same parts every time.
+    """Cut a region into compact parts by k-means of voxel positions, in a reproducible way.
 
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (z, y, x)
-        The region.
-    parts : int
-        How many.
-    grid : Grid
-        Of the mask.
-
-    Returns
-    -------
-    list of ndarray of bool, shape (z, y, x)
-        Ordered from the patient's right to left (falling x of their centres). Touching parts are left touching: see
-        `separate`.
+    Parts are ordered from right to left of the patient (decreasing x of their centers). They may touch: see `separate`.
     """
     if parts == 1:
         return [mask]
     index = np.argwhere(mask)
     if len(index) < parts:
-        return [mask] + [np.zeros_like(mask)] * (parts - 1)  # reported as empty ROIs
-    places = index * np.array(grid.spacing)
-    from sklearn.cluster import KMeans  # a second, for those who cut regions
+        return [mask] + [np.zeros_like(mask)] * (parts - 1)  # empty parts are reported as ROIs without voxels
+    positions = index * np.array(grid.spacing)
+    from sklearn.cluster import KMeans  # takes a second to import
 
-    clusters = KMeans(parts, n_init=4, random_state=0).fit(places[:: max(1, len(places) // FIT_VOXELS)])
-    nearest = clusters.predict(places)
+    clusters = KMeans(parts, n_init=4, random_state=0).fit(positions[:: max(1, len(positions) // FIT_VOXELS)])
+    nearest = clusters.predict(positions)
     pieces = []
     for cluster in np.argsort(-clusters.cluster_centers_[:, 2], kind="stable"):
         piece = np.zeros_like(mask)
@@ -140,9 +116,8 @@ def cut(mask: np.ndarray, parts: int, grid: Grid) -> list[np.ndarray]:
 
 
 def separate(masks: list[np.ndarray]) -> list[np.ndarray]:
-    """Take from each mask, bool [z, y, x], the voxels that touch another, at a face, an edge or a corner."""
-    around = np.ones((3, 3, 3), bool)
-    grown = [binary_dilation(mask, around) for mask in masks]
+    """Remove from each mask, bool [z, y, x], the voxels that touch another mask at a face, edge or corner."""
+    grown = [binary_dilation(mask, np.ones((3, 3, 3), bool)) for mask in masks]
     return [
         mask & ~np.logical_or.reduce([g for j, g in enumerate(grown) if j != i] or [np.zeros_like(mask)])
         for i, mask in enumerate(masks)

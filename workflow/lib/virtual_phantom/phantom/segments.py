@@ -1,4 +1,4 @@
-"""DICOM Segmentations (PS3.3, A.51), frame by frame."""
+"""Read regions from DICOM Segmentations (PS3.3, A.51)."""
 
 from __future__ import annotations
 
@@ -13,16 +13,25 @@ from pydicom.pixels import get_decoder
 from ..base.errors import InputError, reading, refusing
 from ..base.geometry import Grid
 from ..base.words import counted
-from .regions import GRID_TOLERANCE_MM, Drawn, Regions, Remark, boxed, sequence_of, to_voxels, whole_number
+from .regions import (
+    GRID_TOLERANCE_MM,
+    CroppedRegion,
+    Regions,
+    Remark,
+    crop_to_box,
+    sequence_of,
+    to_voxels,
+    whole_number,
+)
 
-INSIDE = 0.5  # share of a voxel, or probability, from which on it belongs to a segment
+INSIDE = 0.5  # least fraction of a voxel, or probability, to belong to a segment
 LABEL_MAP = "LABELMAP"
 
 
 class SegRegions(Regions):
-    """Segments whose pixels coincide with the CT's voxels, in any orientation along its axes.
+    """Segments whose pixels coincide with voxels of the CT, in any orientation along its axes.
 
-    Slices without a frame are empty. Pixels beyond the CT are allowed if they are empty.
+    Slices without a frame are empty. Pixels outside the CT must be empty.
     """
 
     def __init__(self, path: Path, dataset: pydicom.Dataset, grid: Grid):
@@ -61,7 +70,7 @@ class SegRegions(Regions):
         raise InputError(f"{self.path}: SegmentationType {problem}; BINARY, FRACTIONAL and LABELMAP are read")
 
     def _frames_of(self) -> dict[int, list[int]]:
-        """Frames of each segment; all frames for each, if pixels are segment numbers."""
+        """Return the frames of each segment; all frames if pixel values are segment numbers."""
         with self._listing():
             groups = sequence_of(self.path, self._dataset, "PerFrameFunctionalGroupsSequence")
             count = whole_number(self._dataset, "NumberOfFrames")
@@ -92,13 +101,13 @@ class SegRegions(Regions):
                     unknown.append(number)
             if unknown:
                 numbers = ", ".join(map(str, sorted(set(unknown))))
-                text = f"{counted(len(unknown), 'frame')} of no segment (number {numbers}) passed over"
+                text = f"{counted(len(unknown), 'frame')} of no segment (number {numbers}) skipped"
                 self._remarks.append(Remark("frames without a segment", "", text))
             return frames
 
     @contextlib.contextmanager
     def _listing(self) -> Iterator[None]:
-        """List the segments of a file that is refused."""
+        """Add the list of segments to error messages."""
         try:
             yield
         except InputError as error:
@@ -107,11 +116,11 @@ class SegRegions(Regions):
     def _listed(self) -> str:
         return ", ".join(f"{n} ({name or 'no label'})" for n, name in self._names.items())
 
-    def there(self) -> dict[int | str, str | None]:
-        """Every region: {segment number, as `mask` takes it: its label}."""
+    def list_regions(self) -> dict[int | str, str | None]:
+        """Return {segment number: label} of every segment."""
         return {number: name or f"segment {number}" for number, name in self._names.items()}
 
-    def _draw(self, label: int | str | None) -> tuple[str, Drawn | None, bool]:
+    def _draw(self, label: int | str | None) -> tuple[str, CroppedRegion | None, bool]:
         number = self._number(label)
         name = f"segment {number} ({self._names[number] or 'no label'})"
         remarks = list(self._remarks)
@@ -128,19 +137,19 @@ class SegRegions(Regions):
         low, high = points.min(axis=0), points.max(axis=0) + 1
         mask = np.zeros(high - low, bool)
         mask[tuple((points - low).T)] = True
-        return name, boxed(mask, low, remarks), False
+        return name, crop_to_box(mask, low, remarks), False
 
     def _points(self, number: int) -> tuple[np.ndarray, int]:
-        """Voxels (z, y, x) of a segment, and how many frames repeat the position of another one."""
+        """Return the voxels (z, y, x) of a segment, and the number of frames at the position of another frame."""
         frames = self._frames[number]
         parts, positions = [np.empty((0, 3), int)], set()
         for frame, pixels in zip(frames, self._pixels(frames), strict=True):
-            first, per_row, per_column = self._place(frame, pixels.shape)
+            first, per_row, per_column = self._position(frame, pixels.shape)
             positions.add(tuple(first))
             if self._type == LABEL_MAP:
                 inside = pixels == number
             elif self._type == "FRACTIONAL":
-                inside = pixels >= INSIDE * self._most()
+                inside = pixels >= INSIDE * self._largest_fraction()
             else:
                 inside = pixels != 0
             rows, columns = np.nonzero(inside)
@@ -150,13 +159,13 @@ class SegRegions(Regions):
             raise InputError(f"{self.path}: segment {number} goes beyond the CT; is this the CT on which it was drawn?")
         return points, len(frames) - len(positions)
 
-    def _most(self) -> int:
-        most = whole_number(self._dataset, "MaximumFractionalValue")
-        if not most or most < 0:
+    def _largest_fraction(self) -> int:
+        largest = whole_number(self._dataset, "MaximumFractionalValue")
+        if not largest or largest < 0:
             raise InputError(
                 f"{self.path}: is FRACTIONAL and has no valid MaximumFractionalValue; export the SEG again"
             )
-        return most
+        return largest
 
     def _pixels(self, frames: list[int]) -> Iterator[np.ndarray]:
         if not frames:
@@ -167,21 +176,21 @@ class SegRegions(Regions):
             yield from (array for array, _ in decoder.iter_array(self._dataset, indices=frames))
 
     def _item(self, frame: int, keyword: str) -> pydicom.Dataset | None:
-        """The item of a functional group: a frame's, or that of all frames."""
+        """Return an item of the functional groups of a frame, or of the shared groups."""
         for group in (self._groups[frame], self._shared):
             items = group.get(keyword)
             if isinstance(items, pydicom.Sequence) and len(items):
                 return items[0]
         return None
 
-    def _place(self, frame: int, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The voxel (z, y, x) of a frame's first pixel, and the steps from row to row and from column to column."""
+    def _position(self, frame: int, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the voxel (z, y, x) of the first pixel of a frame, and the steps between rows and columns."""
         position = self._numbers(frame, "PlanePositionSequence", "ImagePositionPatient", 3)
         axes = self._numbers(frame, "PlaneOrientationSequence", "ImageOrientationPatient", 6)
         spacing = self._numbers(frame, "PixelMeasuresSequence", "PixelSpacing", 2)
         for to_voxel in self._to_voxels:
             first = (to_voxel @ [*position, 1.0])[2::-1]
-            # PS3.3, C.7.6.2.1.1: the first three cosines run along a row, which is from column to column
+            # PS3.3, C.7.6.2.1.1: the first three cosines are along a row, from column to column
             per_column = (to_voxel[:3, :3] @ (axes[:3] * spacing[1]))[::-1]
             per_row = (to_voxel[:3, :3] @ (axes[3:] * spacing[0]))[::-1]
             steps = (first, 1), (per_row, shape[0] - 1), (per_column, shape[1] - 1)

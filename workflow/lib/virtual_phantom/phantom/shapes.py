@@ -1,9 +1,11 @@
-"""Solid shapes in mm and the share of each voxel that they fill.
+"""Solid shapes in mm, and the fraction of each voxel that they fill.
 
-A shape has `bounds_mm()`, the corners of its bounding box as (low, high) in (x, y, z), and `level(z, y, x)`:
-mm, negative inside, and in magnitude never more than the distance to the surface. The last property makes the
-coverage exact away from the edge, and leaves only the few voxels at the edge to be subdivided. `pieces()`
-gives the parts whose union the shape is.
+A shape has three methods:
+
+* `bounds_mm()`: corners (low, high) of its bounding box, in (x, y, z)
+* `level(z, y, x)`: lower bound of the distance to the surface, mm, negative inside. Only voxels at the edge need to be
+  subdivided to find the coverage.
+* `pieces()`: parts whose union is the shape
 """
 
 from __future__ import annotations
@@ -17,23 +19,16 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Ellipsoid:
-    """|x/a|^n + |y/b|^n + |z/c|^n < 1 about a centre, turned about +z.
+    """Superellipsoid |x/a|^n + |y/b|^n + |z/c|^n < 1, rotated about +z; ValueError for invalid values.
 
     Attributes
     ----------
     centre_mm : tuple of 3 float
-        (x, y, z), mm.
+        (x, y, z).
     semi_axes_mm : tuple of 3 float
-        (a, b, c) along x, y, z, mm; c may be infinite: a column along the table.
-    rotation_deg : float
-        Degrees.
+        (a, b, c); c may be infinite, for a column along z.
     exponent : float
-        n >= 2; 2 is the ellipsoid, more is squarer.
-
-    Raises
-    ------
-    ValueError
-        For a length that is not positive, or an exponent under 2.
+        n >= 2; 2 for an ellipsoid.
     """
 
     centre_mm: tuple[float, float, float]
@@ -50,13 +45,11 @@ class Ellipsoid:
     def bounds_mm(self) -> tuple[np.ndarray, np.ndarray]:
         """Corners (low, high) of its bounding box, (x, y, z), mm."""
         a, b, c = self.semi_axes_mm
-        cos, sin = (
-            abs(math.cos(math.radians(self.rotation_deg))),
-            abs(math.sin(math.radians(self.rotation_deg))),
-        )
+        angle = math.radians(self.rotation_deg)
+        cos, sin = abs(math.cos(angle)), abs(math.sin(angle))
         if self.exponent == 2:
             half = np.array([math.hypot(a * cos, b * sin), math.hypot(a * sin, b * cos), c])
-        else:  # the box around the turned box
+        else:  # the box around the rotated box
             half = np.array([a * cos + b * sin, a * sin + b * cos, c])
         return np.array(self.centre_mm) - half, np.array(self.centre_mm) + half
 
@@ -76,26 +69,13 @@ class Ellipsoid:
         if math.isfinite(c):  # a column is the same at every z
             power = power + np.abs((z - cz) / c) ** n
         norm = np.sqrt(power) if n == 2 else power ** (1 / n)
-        # the norm grows by at most 1/min(semi-axes) per mm, so this never overstates the distance
+        # the norm grows by at most 1 / min(semi-axes) per mm, so this is a lower bound of the distance
         return (norm - 1) * min(self.semi_axes_mm)
 
 
 @dataclass(frozen=True)
 class Tube:
-    """A polyline as thick as the radii interpolated along it.
-
-    Attributes
-    ----------
-    points_mm : tuple of tuple of 3 float
-        Corners (x, y, z) of the polyline, two at least, mm.
-    radii_mm : tuple of float
-        One for each point, mm.
-
-    Raises
-    ------
-    ValueError
-        For fewer points, or a radius that is missing or not positive.
-    """
+    """Polyline of two or more points (x, y, z) with interpolated radii; ValueError for invalid values."""
 
     points_mm: tuple[tuple[float, float, float], ...]
     radii_mm: tuple[float, ...]
@@ -112,7 +92,7 @@ class Tube:
         return (points - radii).min(axis=0), (points + radii).max(axis=0)
 
     def pieces(self) -> tuple[Tube, ...]:
-        """One tube per segment: each has a small bounding box of its own."""
+        """Return a tube per segment, with small bounding boxes."""
         return tuple(
             Tube(p, r)
             for p, r in zip(itertools.pairwise(self.points_mm), itertools.pairwise(self.radii_mm), strict=True)
@@ -126,24 +106,12 @@ class Tube:
         d = q - p
         along = np.clip(((x - p[0]) * d[0] + (y - p[1]) * d[1] + (z - p[2]) * d[2]) / (d @ d), 0, 1)
         gap = np.sqrt((x - p[0] - along * d[0]) ** 2 + (y - p[1] - along * d[1]) ** 2 + (z - p[2] - along * d[2]) ** 2)
-        # dividing by the slope of the cone keeps this from overstating the distance
+        # divided by the slope of the cone, so this is a lower bound of the distance
         return (gap - r - along * (s - r)) / math.hypot(1, (s - r) / math.sqrt(d @ d))
 
 
 def window(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...]) -> tuple[slice, slice, slice]:
-    """Index ranges (z, y, x) of the voxels that the shape can touch; an empty range if it misses the grid.
-
-    Parameters
-    ----------
-    axes : tuple of 3 ndarray
-        Voxel centres along z, y and x, mm.
-    spacing : tuple of 3 float
-        Voxel size (z, y, x), mm.
-
-    Returns
-    -------
-    tuple of 3 slice
-    """
+    """Return the index ranges (z, y, x) of the voxels in the bounding box of a shape; parameters as in `coverage`."""
     low, high = shape.bounds_mm()
     return tuple(
         slice(*np.searchsorted(axis, [low[i] - step / 2, high[i] + step / 2]))
@@ -152,21 +120,16 @@ def window(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...]) -> t
 
 
 def coverage(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...], subdivisions: int = 4) -> np.ndarray:
-    """Share of each voxel that lies inside the shape.
+    """Return the fraction of each voxel inside the shape, float32 [z, y, x].
 
     Parameters
     ----------
     axes : tuple of 3 ndarray
-        Voxel centres along z, y and x, mm.
+        Voxel centers along z, y and x, mm.
     spacing : tuple of 3 float
         Voxel size (z, y, x), mm.
     subdivisions : int, optional
-        Voxels at the edge are divided into this many along each axis; the inside ones are counted.
-
-    Returns
-    -------
-    ndarray of float32, shape (z, y, x)
-        From 0 to 1.
+        Sample points along each axis of voxels at the edge.
     """
     full = tuple(map(len, axes))
     if np.isinf(shape.bounds_mm()[0][2]):  # a column: every slice is like the first
@@ -196,19 +159,7 @@ def coverage(shape, axes: tuple[np.ndarray, ...], spacing: tuple[float, ...], su
 
 
 def fade(shape, axes: tuple[np.ndarray, ...], width_mm: float) -> np.ndarray:
-    """Weight that rises smoothly from 0 at the surface to 1 inside.
-
-    Parameters
-    ----------
-    axes : tuple of 3 ndarray
-        Voxel centres along z, y and x, mm.
-    width_mm : float
-        How far inside the weight is 1.
-
-    Returns
-    -------
-    ndarray of float32, shape (z, y, x)
-    """
+    """Return a weight, float32 [z, y, x], that rises smoothly from 0 at the surface to 1 at depth `width_mm`."""
     z, y, x = np.ix_(*axes)
     depth = np.clip(-shape.level(z, y, x) / width_mm, 0, 1)
     return (depth * depth * (3 - 2 * depth)).astype(np.float32)

@@ -1,7 +1,7 @@
 """Build the virtual phantom from its layout (resources/phantom.yaml).
 
-Shapes are painted one over the other, each voxel by the share that the shape fills: hu <- hu + share (tissue
-+ texture - hu). Everything is in mm, so a finer grid shows the same phantom more sharply.
+Shapes are painted in order, weighted by the fraction of the voxel that they fill: hu <- hu + fraction (tissue + texture
+- hu). All lengths are in mm, so a finer grid shows the same phantom at a higher resolution.
 """
 
 from __future__ import annotations
@@ -18,37 +18,35 @@ from ..base.streams import Stream
 from ..base.units import HU_AIR, HU_BODY
 from ..io.volumes import Volume
 from . import HALF_COVERED, Phantom, Roi, block_mean
-from .fit import how_to_fit
-from .layout import Paint, RoiSpec, parse
+from .grid_size import suggest_size
+from .layout import PaintedShape, RoiSpec, parse_layout
 from .shapes import Ellipsoid, Tube, coverage, fade, window
 
-ANGLES, RADII = 361, 1001  # at which the end of an ellipse is sought: a thousandth of its reach
-SLAB_SLICES = 8  # slices of the reconstruction grid painted at a time: bounds the memory
+ANGLES, RADII = 361, 1001  # samples for the farthest point of an ellipse, at steps of 0.1 % of its reach
+SLAB_SLICES = 8  # slices that are painted at a time, to limit memory
 
 
 def build(layout: dict, grid: Grid, oversampling: int, seed: Stream) -> Phantom:
-    """Paint the phantom on a refined grid, and average it down to the grid.
+    """Paint the phantom on a refined grid, and average it to the reconstruction grid.
 
-    Shapes and textures are the same at every grid and oversampling; equal seeds give equal phantoms.
+    Shapes and textures do not depend on the grid; equal seeds give equal phantoms.
 
     Parameters
     ----------
     layout : dict
-        As layout.read_layout gives it.
-    grid : Grid
-        Of the reconstruction.
+        From layout.read_layout.
     oversampling : int
-        By how much the phantom's own grid is finer.
+        Refinement of the grid of `Phantom.fine`.
     seed : Stream
-        Of the textures.
+        Random stream of the textures.
 
     Raises
     ------
     InputError
-        If the layout has an unknown, missing or impossible entry, if the body or an ROI does not fit the grid, or if an
-        ROI covers no voxel by half.
+        If an entry of the layout is invalid, the body or an ROI does not fit the grid, or an ROI covers no voxel by
+        half.
     """
-    paints, rois = parse(layout, seed)
+    paints, rois = parse_layout(layout, seed)
     _check_fit(paints, rois, grid)
     fine_grid = grid.refined(oversampling)
     fine = np.full(fine_grid.shape, HU_AIR, np.float32)
@@ -64,7 +62,7 @@ def build(layout: dict, grid: Grid, oversampling: int, seed: Stream) -> Phantom:
     return Phantom(Volume(fine, fine_grid), Volume(image, grid), tuple(_draw(roi, grid) for roi in rois))
 
 
-def _apply(paint: Paint, slab: np.ndarray, axes, spacing) -> None:
+def _apply(paint: PaintedShape, slab: np.ndarray, axes, spacing) -> None:
     box = window(paint.shape, axes, spacing)
     part = slab[box]
     if part.size == 0:
@@ -75,7 +73,7 @@ def _apply(paint: Paint, slab: np.ndarray, axes, spacing) -> None:
 
 
 def _draw(roi: RoiSpec, grid: Grid) -> Roi:
-    """The ROI of all voxels of the grid that its ellipsoid covers at least by half."""
+    """Return the ROI of all voxels that its ellipsoid covers by at least half."""
     axes = grid.axes_mm()
     box = window(roi.shape, axes, grid.spacing)
     mask = np.zeros(grid.shape, bool)
@@ -87,23 +85,8 @@ def _draw(roi: RoiSpec, grid: Grid) -> Roi:
 
 
 def rois(layout: dict, grid: Grid, seed: Stream, pose: Pose = IN_PLACE) -> tuple[Roi, ...]:
-    """The ROIs alone, on any voxels.
-
-    Parameters
-    ----------
-    layout : dict
-        As layout.read_layout gives it.
-    seed : Stream
-        Of the textures.
-    pose : Pose, optional
-        Where the phantom lies.
-
-    Raises
-    ------
-    InputError
-        If one covers no voxel by half.
-    """
-    return tuple(_draw(replace(roi, shape=_moved(roi.shape, pose)), grid) for roi in parse(layout, seed)[1])
+    """Make the ROIs of a layout on a grid, with the phantom at a pose."""
+    return tuple(_draw(replace(roi, shape=_moved(roi.shape, pose)), grid) for roi in parse_layout(layout, seed)[1])
 
 
 def _moved(shape: Ellipsoid, pose: Pose) -> Ellipsoid:
@@ -111,39 +94,22 @@ def _moved(shape: Ellipsoid, pose: Pose) -> Ellipsoid:
     return replace(shape, centre_mm=tuple(centre.tolist()), rotation_deg=shape.rotation_deg + pose.turn_deg)
 
 
-def outlined(layout: dict, grid: Grid, seed: Stream) -> tuple[float, tuple[Roi, ...]]:
-    """What a scan must see of the phantom, found without painting it.
+def find_outline(layout: dict, grid: Grid, seed: Stream) -> tuple[float, tuple[Roi, ...]]:
+    """Return the largest distance (mm) of the body from the axis of rotation, and the ROIs, without painting.
 
-    Parameters
-    ----------
-    layout : dict
-        As layout.read_layout gives it.
-    grid : Grid
-        Of the reconstruction.
-    seed : Stream
-        Of the textures.
-
-    Returns
-    -------
-    reach_mm : float
-        How far the body reaches from the isocentre's axis.
-
-    Raises
-    ------
-    InputError
-        As `build` does.
+    Parameters and errors are those of `build`.
     """
-    paints, rois = parse(layout, seed)
+    paints, rois = parse_layout(layout, seed)
     _check_fit(paints, rois, grid)
     reach = max((_reach_mm(paint.shape, grid) for paint in paints if paint.hu > HU_BODY), default=0.0)
     return reach, tuple(_draw(roi, grid) for roi in rois)
 
 
 def _reach_mm(shape: Ellipsoid | Tube, grid: Grid) -> float:
-    """How far a shape reaches from the isocentre's axis, mm."""
+    """Return the largest distance of a shape from the axis of rotation, mm."""
     if isinstance(shape, Tube):
         return max(math.hypot(x, y) + radius for (x, y, _), radius in zip(shape.points_mm, shape.radii_mm, strict=True))
-    # An ellipsoid is widest at its middle, or as near to it as the grid goes; on rays from the axis its end is sought.
+    # An ellipsoid is widest at its center, or the closest slice of the grid. The farthest point is found on rays.
     end = grid.extent_mm[0] / 2
     z = np.clip(shape.centre_mm[2], -end, end) * np.ones(1)
     low, high = shape.bounds_mm()
@@ -154,7 +120,7 @@ def _reach_mm(shape: Ellipsoid | Tube, grid: Grid) -> float:
     return float(np.max(np.broadcast_to(away, inside.shape), where=inside, initial=0))
 
 
-def _check_fit(paints: list[Paint], rois: list[RoiSpec], grid: Grid) -> None:
+def _check_fit(paints: list[PaintedShape], rois: list[RoiSpec], grid: Grid) -> None:
     half = np.array(grid.extent_mm[::-1]) / 2
     bounds = [np.abs(paint.shape.bounds_mm()).max(axis=0) for paint in paints]
     width, height = 2 * np.max(bounds, axis=0)[:2]
@@ -164,10 +130,10 @@ def _check_fit(paints: list[Paint], rois: list[RoiSpec], grid: Grid) -> None:
     if width > 2 * half[0] + 1e-6 or height > 2 * half[1] + 1e-6:
         raise InputError(
             f"grid: the phantom's body needs {height:.0f} mm along y and {width:.0f} mm along x, but the grid spans "
-            f"{2 * half[1]:.0f} and {2 * half[0]:.0f} mm; {how_to_fit(grid, needed)}, or give larger voxels"
+            f"{2 * half[1]:.0f} and {2 * half[0]:.0f} mm; {suggest_size(grid, needed)}, or give larger voxels"
         )
     if reaches[farthest] > half[2] + 1e-6:
         raise InputError(
-            f"grid: ROI {farthest} reaches {reaches[farthest]:.1f} mm from the isocentre along z, but the grid only "
-            f"{half[2]:.1f} mm; {how_to_fit(grid, needed)}, or give thicker slices"
+            f"grid: ROI {farthest} reaches {reaches[farthest]:.1f} mm from the isocenter along z, but the grid only "
+            f"{half[2]:.1f} mm; {suggest_size(grid, needed)}, or give thicker slices"
         )

@@ -1,13 +1,13 @@
-"""Tissue texture: random fields in mm, the same wherever and however finely they are sampled.
+"""Tissue texture: random fields in mm, which do not depend on the grid on which they are sampled.
 
-A Gaussian random field of unit variance with autocorrelation exp(-r^2 / (2 l^2)) is made once on a periodic
-lattice of step l / 2 by filtering white noise in Fourier space, and read anywhere by periodic cubic splines.
-A point transform gives it skewness S: t = (exp(s g) - m) / d, a lognormal shifted and scaled to mean 0 and
-variance 1, with S = (exp(s^2) + 2) sqrt(exp(s^2) - 1).
+White noise on a periodic lattice of step l / 2 is filtered in Fourier space. The result is a Gaussian random field g of
+unit variance with autocorrelation exp(-r^2 / (2 l^2)), sampled by periodic cubic splines. A point transform gives it
+the skewness S: t = (exp(s g) - m) / d, a lognormal of mean 0 and variance 1, with
+S = (exp(s^2) + 2) sqrt(exp(s^2) - 1) [1]_.
 
 References
 ----------
-Johnson, Kotz and Balakrishnan, Continuous Univariate Distributions 1, 2nd ed., chapter 14.
+.. [1] Johnson, Kotz and Balakrishnan, Continuous Univariate Distributions 1, 2nd ed., chapter 14.
 """
 
 from __future__ import annotations
@@ -27,21 +27,16 @@ STEPS_PER_LENGTH = 2  # lattice nodes per correlation length
 
 @dataclass(frozen=True)
 class Component:
-    """One random field.
+    """Parameters of a random field; ValueError if they are out of range.
 
     Attributes
     ----------
     sd_hu : float
         Standard deviation, HU.
     correlation_mm : float
-        l of the Gaussian autocorrelation exp(-r^2 / (2 l^2)), mm (before the point transform).
+        Length l of the Gaussian autocorrelation exp(-r^2 / (2 l^2)), before the point transform.
     skewness : float
-        Of the values; the sign says which tail is long.
-
-    Raises
-    ------
-    ValueError
-        For a negative `sd_hu`, a `correlation_mm` that is not positive, or a skewness beyond -5 to 5.
+        From -5 to 5.
     """
 
     sd_hu: float
@@ -54,7 +49,7 @@ class Component:
 
 
 def lognormal_shape(skewness: float) -> float:
-    """Parameter s of the lognormal exp(s g) whose skewness is |skewness|."""
+    """Return the parameter s of the lognormal exp(s g) with the skewness |skewness|."""
 
     def excess(s):
         return (math.exp(s * s) + 2) * math.sqrt(math.expm1(s * s)) - abs(skewness)
@@ -63,7 +58,7 @@ def lognormal_shape(skewness: float) -> float:
 
 
 class Field:
-    """A component drawn from its seed."""
+    """A random realization of a component."""
 
     def __init__(self, component: Component, seed: Stream):
         self.component = component
@@ -76,19 +71,9 @@ class Field:
         self._nodes = values / values.std()
 
     def sample(self, z: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Values in HU at the crossings of three axes.
-
-        Parameters
-        ----------
-        z, y, x : ndarray
-            Positions along each axis, mm.
-
-        Returns
-        -------
-        ndarray of float32, shape (len(z), len(y), len(x))
-        """
+        """Return the values in HU, float32 [z, y, x], at positions along three axes, mm."""
         values = self._nodes
-        for axis in (z, y, x):  # each product takes the first axis of the lattice and appends the sampled one
+        for axis in (z, y, x):  # each product removes the first axis of the lattice and appends the sampled axis
             values = np.tensordot(values, self._weights(axis), axes=(0, 1))
         if self.component.skewness:
             s = lognormal_shape(self.component.skewness)
@@ -98,14 +83,14 @@ class Field:
         return (values * self.component.sd_hu).astype(np.float32)
 
     def _weights(self, positions_mm: np.ndarray) -> np.ndarray:
-        """Weights (positions, nodes) of periodic cubic spline interpolation."""
+        """Return the weights (positions, nodes) of periodic cubic spline interpolation."""
         ends = np.vstack([np.eye(NODES), np.eye(NODES)[:1]])
         spline = scipy.interpolate.CubicSpline(np.arange(NODES + 1), ends, bc_type="periodic")
         return spline(np.asarray(positions_mm) / self.step_mm % NODES)
 
 
 class Texture:
-    """The sum of a tissue's components; zero where there are none."""
+    """Sum of the components of a tissue."""
 
     def __init__(self, components: tuple[Component, ...], name: str, seed: Stream):
         self.components = components
@@ -113,27 +98,17 @@ class Texture:
         self._mean, self._gain = 0.0, 1.0
 
     def sample(self, z: np.ndarray, y: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """HU to add to the tissue's mean at the crossings of three axes.
-
-        Parameters
-        ----------
-        z, y, x : ndarray
-            Positions along each axis, mm.
-
-        Returns
-        -------
-        ndarray of float32, shape (len(z), len(y), len(x))
-        """
+        """Return the HU to add to the mean of the tissue, float32 [z, y, x], at positions along three axes, mm."""
         total = np.zeros((len(z), len(y), len(x)), np.float32)
         for field in self._fields:
             total += field.sample(z, y, x)
         return (total - np.float32(self._mean)) * np.float32(self._gain)
 
     def condition(self, shape) -> None:
-        """Shift and scale so that inside the shape, at every seed, the mean is 0 and the SD the components'.
+        """Shift and scale so that inside the shape the mean is 0 and the SD is that of the components.
 
-        A region of a few correlation lengths has a mean and SD of its own in every draw; a printed phantom
-        has the measured ones. Done on a raster of half the shortest correlation length, whatever the grid.
+        Otherwise mean and SD of a region of a few correlation lengths vary with the seed. They are computed at steps
+        of half the shortest correlation length, independent of the grid.
         """
         if not self._fields:
             return

@@ -13,7 +13,7 @@ from ..base.errors import InputError
 from ..base.words import counted
 from ..features import consistency
 from ..features.names import FEATURES, MEAN, VARIANCE, features_of, is_feature
-from ..features.settings import Extraction, differences, distinct, of_table
+from ..features.settings import Extraction, differences, distinct_extractions, read_extractions
 from ..features.table_files import read_table
 from ..features.tables import finite_values
 from . import pyradiomics_table
@@ -97,7 +97,7 @@ def load(document: Document, study: tuple[str, ...] = FEATURES) -> FeaturesRecor
                 raise InputError(f"{path}: image {image} is in {places[image].name} too; name every image differently")
             places[image] = path
         _check_offset(path, table, settings["stored_offset_hu"])
-        found = of_table(table, str(path), table.index)
+        found = read_extractions(table, str(path), table.index)
         _check_extraction(path, table, found, settings)
         extractions += found
     _check_one_unit(tables)
@@ -107,13 +107,14 @@ def load(document: Document, study: tuple[str, ...] = FEATURES) -> FeaturesRecor
     held_out = pd.concat(held_out, ignore_index=True) if held_out else repeats.iloc[:0]
     if settings["stored_offset_hu"]:
         notes.append(
-            f"features are of HU + {settings['stored_offset_hu']} (features.stored.to_hu corrects first-order ones)"
+            f"features are of HU + {settings['stored_offset_hu']} (convert_to_hu in features/hu_offset.py"
+            " corrects first-order ones)"
         )
     incomplete = repeats.groupby("image")["roi"].nunique() < repeats["roi"].nunique()
     if incomplete.any():
         notes.append(f"some of the ROIs are missing in {int(incomplete.sum())} of {incomplete.size} images")
     provenance = Provenance(document.content["origin"], checksums(document))
-    known = tuple(distinct(extractions))
+    known = tuple(distinct_extractions(extractions))
     return FeaturesRecording(document, provenance, None, tuple(notes), repeats, held_out, features, known)
 
 
@@ -236,7 +237,7 @@ def _check_extraction(
     path: Path, table: pd.DataFrame, extractions: Sequence[Extraction | None], settings: dict
 ) -> None:
     """Images that count as repeats were extracted alike, and in as many dimensions as recording.yaml says."""
-    for one in distinct(extractions):
+    for one in distinct_extractions(extractions):
         if one.effective()["force2D"] and settings["dimensions"] == 3:
             raise InputError(
                 f"{path}: was extracted with force2D, slice by slice, but recording.yaml says 3 dimensions; set "
@@ -245,7 +246,7 @@ def _check_extraction(
     conditions = settings["conditions"]
     groups = table.groupby(conditions).indices.values() if conditions else [range(len(table))]
     for rows in groups:
-        first, *more = distinct([extractions[row] for row in rows]) or [None]
+        first, *more = distinct_extractions([extractions[row] for row in rows]) or [None]
         for other in more:
             if found := differences(first, other):
                 raise InputError(

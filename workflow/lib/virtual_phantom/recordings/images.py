@@ -9,10 +9,10 @@ from ..base.errors import InputError, InputErrors, lines_of
 from ..base.geometry import Grid, OrbitGeometry
 from ..io.volumes import LARGEST_TILT, Volume
 from ..phantom import Roi
-from ..phantom.ct import draw, read_hu
+from ..phantom.ct import draw_entry, read_hu
 from ..phantom.masks import GRID_TOLERANCE_MM
-from ..phantom.plausible import BELOW_AIR_HU, has_air
-from ..phantom.rois import read_entries
+from ..phantom.plausibility import BELOW_AIR_HU, has_air
+from ..phantom.rois import read_roi_entries
 from .document import Document
 from .provenance import check_nominal, check_shared, checksums, dicom_facts
 from .recording import Provenance, Recording, Repeats
@@ -103,11 +103,11 @@ def _geometry(document: Document) -> OrbitGeometry | None:
 def _rois(document: Document, grid: Grid) -> tuple[Roi, ...]:
     if "rois" not in document.content:
         return ()
-    entries = read_entries(document.content["rois"], document.content.get("labels"), str(document.path))
+    entries = read_roi_entries(document.content["rois"], document.content.get("labels"), str(document.path))
     rois, open_files = [], {}
     for entry in entries:
         located = replace(entry, file=str(document.folder / entry.file))
-        for name, mask in zip(entry.names, draw(located, grid, open_files), strict=True):
+        for name, mask in zip(entry.names, draw_entry(located, grid, open_files), strict=True):
             if not mask.any():
                 raise InputError(f"{document.path}: ROI {name} is empty; give fewer parts")
             rois.append(Roi(name, entry.tissue_class, mask, entry.label))

@@ -18,7 +18,7 @@ from ..io.simpleitk import itk_image, matrix_of
 from ..io.volumes import Volume
 from ..phantom import HALF_COVERED
 from ..phantom.ct import resample
-from ..phantom.plausible import BELOW_AIR_HU
+from ..phantom.plausibility import BELOW_AIR_HU
 from .cross_correlation import LEAST_COVERED
 from .images import MENTIONED_SHARE
 

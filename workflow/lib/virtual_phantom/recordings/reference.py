@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import pandas as pd
 
 from ..base.errors import InputError
+from ..features.hu_offset import convert_to_hu
 from ..features.names import features_of
-from ..features.stored import to_hu
 from ..statistics import repeats as repeats_of
 from .features import FeaturesRecording
 
@@ -18,8 +18,8 @@ MINIMUM_IMAGES = 2  # of a group: the rank-sum test knows no spread of a single 
 
 
 def in_hu(recording: FeaturesRecording) -> pd.DataFrame:
-    """The repeats with first-order features in HU (to_hu), whatever offset they were extracted with."""
-    return to_hu(recording.repeats, recording.stored_offset_hu)
+    """The repeats with first-order features in HU (convert_to_hu), whatever offset they were extracted with."""
+    return convert_to_hu(recording.repeats, recording.stored_offset_hu)
 
 
 def grouped(table: pd.DataFrame, conditions: Sequence[str]) -> pd.DataFrame:

@@ -51,7 +51,7 @@ FLIPPED_LEAVES = 0.5
 UNDETERMINED = 5e-4  # correlation lost by a shift of a rim's width; 0.005 along the axis of the printed phantom
 
 
-def body_of(phantom: Volume) -> np.ndarray:
+def find_body(phantom: Volume) -> np.ndarray:
     """What is denser than HU_BODY, holes in axial slices filled, bool [z, y, x]."""
     return np.stack([ndimage.binary_fill_holes(part) for part in phantom.array > HU_BODY])
 
@@ -223,7 +223,7 @@ class Search:
 
     def __init__(self, image: Volume, phantom: Volume, name: str):
         self.name = name
-        self.body = body_of(phantom)
+        self.body = find_body(phantom)
         if not self.body.any():
             raise InputError(f"phantom image: nothing in it is denser than {HU_BODY:g} HU; is it in HU?")
         self.seen = seen_of(image)

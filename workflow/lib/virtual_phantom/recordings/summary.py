@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from ..base.words import counted
-from ..features.settings import STUDY, Extraction, installed, said
+from ..features.settings import STUDY, Extraction, describe_differences, installed
 from ..statistics.comparability import SAME_VOXELS, grows_with_roi
 from .features import FeaturesRecording
 from .images import ImagesRecording
@@ -145,7 +145,7 @@ def _extraction_notes(recording: Recording, study: Extraction) -> list[str]:
     """What was set differently from the study, a line each."""
     if not isinstance(recording, FeaturesRecording) or not recording.extractions:
         return []
-    lines = [f"setting: {line}" for line in said(study, recording.extractions, recording.features)]
+    lines = [f"setting: {line}" for line in describe_differences(study, recording.extractions, recording.features)]
     versions = dict.fromkeys(one.version for one in recording.extractions if one.version)
     return lines + [
         f"extracted by pyradiomics {one}, the study's features by {installed()}"

@@ -81,7 +81,7 @@ def comparable(
     DataFrame
         One row per feature: feature, family; flags by pyradiomics' definitions [1]_:
 
-        * needs_hu: the value changes with the offset; features.stored.to_hu converts it
+        * needs_hu: the value changes with the offset; features.hu_offset.convert_to_hu converts it
         * depends_on_bin_edges: bins of 25 HU start at multiples of 25, so other offsets move the edges by a fraction
           of a bin (1024: by one HU); concerns Entropy, Uniformity and all textures
         * depends_on_size: grows with the number of voxels of the ROI, or with its volume in mm^3 (TotalEnergy)

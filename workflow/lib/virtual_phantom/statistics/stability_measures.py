@@ -12,7 +12,7 @@ import pandas as pd
 
 from ..base.errors import InputError
 from ..features.names import family
-from ..features.tables import finite_values, refuse_doubles
+from ..features.tables import finite_values, require_unique_rows
 from . import agreement_measures
 
 # Measure: the cut-off that it is held against.
@@ -128,7 +128,7 @@ def cube(table: pd.DataFrame, features: Sequence[str], source: str = "features")
             raise InputError(f"{source}: {number} {kind}; measures of agreement compare at least two")
     wanted = pd.MultiIndex.from_product(levels, names=keys)
     rows = pd.MultiIndex.from_frame(table[keys])
-    refuse_doubles(table, source)
+    require_unique_rows(table, source)
     if len(missing := wanted.difference(rows)):
         roi, group, seed = missing[0]
         raise InputError(f"{source}: no row for ROI {roi}, group {group}, seed {seed}; every group needs every one")

@@ -26,7 +26,7 @@ import scipy
 
 from ..base.errors import InputError
 from ..features.names import family
-from ..features.tables import finite_values, refuse_doubles
+from ..features.tables import finite_values, require_unique_rows
 
 
 def ranksum_z(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -100,7 +100,7 @@ def scores(
     if not threshold > 0:
         raise InputError(f"statistics.threshold: {threshold} must be positive")
     if "seed" in table:
-        refuse_doubles(table, source)
+        require_unique_rows(table, source)
     values = finite_values(table, features, source)
     samples = {key: values[rows] for key, rows in table.groupby(["group", compare]).indices.items()}
     class_of = dict(zip(table[compare], table["tissue_class"], strict=True))  # in order of appearance

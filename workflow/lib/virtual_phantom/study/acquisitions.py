@@ -41,7 +41,7 @@ class Acquisitions:
         return self.files("clean", geometry=geometry)
 
     def pose(self, seed: str) -> dict:
-        """Where the phantom lies in a re-positioned repeat: arguments of phantom.repositioning.drawn_pose."""
+        """Where the phantom lies in a re-positioned repeat: arguments of phantom.repositioning.random_pose."""
         config = self.plan.config
         how = {key: config["repeats"][key] for key in ("shift_mm", "turn_deg")}
         return {"study_seed": config["seed"], "seed": int(seed), **how}

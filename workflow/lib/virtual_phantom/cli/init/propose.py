@@ -19,10 +19,10 @@ from ...features.extraction import MINIMUM_VOXELS
 from ...io.default_study import sizes
 from ...io.schema import defaults_of
 from ...io.volumes import Volume
-from ...phantom.ct import kept_columns, read_hu, rois_of, trimmed
+from ...phantom.ct import kept_columns, make_rois, read_hu, trimmed
 from ...phantom.masks import report_other_frame
-from ...phantom.plausible import known_checks, note_without_air
-from ...phantom.rois import read_entries
+from ...phantom.plausibility import note_without_air, require_known_checks
+from ...phantom.rois import read_roi_entries
 from ...study.checks.coverage import points_of, reach_mm, rows_for, worst_share
 from ...study.costs.rates import read_rates
 from ...study.costs.table import summary
@@ -116,7 +116,7 @@ def propose(
     if size not in SIZES:
         raise InputError(f"--size: '{size}' is not known; {meant(size, SIZES)}")
     asked = sizes()[size]
-    known_checks(not_checked)
+    require_known_checks(not_checked)
     ct = read_hu(Path(image), not_checked)
     note_without_air(ct.array, image)
     ct = Volume(np.maximum(ct.array, np.float32(HU_AIR)), ct.grid)
@@ -211,9 +211,9 @@ def _drawn(
     opened: dict = {}
     stay, masks, lost = [], {}, []
     for one in taken:
-        (entry,) = read_entries([one.setting(common)], common)
+        (entry,) = read_roi_entries([one.setting(common)], common)
         try:
-            rois = rois_of(entry, ct, grid, kept, opened)
+            rois = make_rois(entry, ct, grid, kept, opened)
         except InputError as error:
             lost.append((one.region, str(error).removeprefix(f"ROI {one.region.name} ")))
             continue

@@ -18,7 +18,7 @@ from ...base.words import counted
 from ...io.volumes import Volume, suffix_of
 from ...phantom.dicom_files import not_dicom, read_header
 from ...phantom.masks import KINDS, open_regions
-from ...phantom.regions import ONE_BY_ONE, Drawn, report
+from ...phantom.regions import ONE_BY_ONE, CroppedRegion, report
 
 GAS_HU = -300.0  # less dense than fat (-100) by more than noise: gas, or lung
 LONGEST_NAME = 56  # of a region; with the number of a part 64, as the schema allows
@@ -106,7 +106,7 @@ class _Found:
     label: int | str | None
     own: str  # the name that the file or its own name gives it
     known: tuple[str, ...]  # what a user may call it
-    draw: Callable[[], Drawn | None]
+    draw: Callable[[], CroppedRegion | None]
 
 
 def read_regions(
@@ -189,7 +189,7 @@ def _there(labels: Path, grid: Grid, fill_gaps: bool, broken: dict[str, str]) ->
         progress("opening masks", done, len(paths))
         try:
             reader = open_regions(path, grid)
-            listed = reader.there()
+            listed = reader.list_regions()
         except InputError as error:
             if not folder:
                 raise
@@ -364,7 +364,7 @@ def tissue_class(name: str) -> str:
     return name if not words or (len(words) == 1 and words[0] in NAMELESS) else "_".join(words)
 
 
-def _region(image: Volume, drawn: Drawn, name: str, file: str, label: int | str | None) -> Region:
+def _region(image: Volume, drawn: CroppedRegion, name: str, file: str, label: int | str | None) -> Region:
     values = image.array[drawn.box][drawn.mask].astype(np.float64)
     return Region(
         name=name,

@@ -12,7 +12,7 @@ from ...base.errors import InputError
 from ...base.geometry import Grid
 from ...base.units import HU_BODY
 from ...io.volumes import Volume
-from ...phantom.body import Body, body_of, edges_mm
+from ...phantom.body import Body, edges_mm, find_body
 from ...phantom.ct import kept_columns
 from .regions import Region
 
@@ -41,7 +41,7 @@ def keep_box(image: Volume, regions: Sequence[Region], slices: tuple[int, int]) 
     InputError
         If the CT shows no body.
     """
-    body = body_of(image, *slices)
+    body = find_body(image, *slices)
     if not body.mask.any():
         raise InputError(f"CT: nothing in it is denser than {HU_BODY:g} HU; is it in HU?")
     body = _with_regions(body, regions)
@@ -89,7 +89,7 @@ def widened(box: Sequence[Sequence[float]], regions: Sequence[Region]) -> list[l
 
 def _with_regions(body: Body, regions: Sequence[Region]) -> Body:
     """The same body; where the regions lie mostly in a piece apart, as in a hand, with that piece."""
-    pieces, count = label(body.apart)
+    pieces, count = label(body.detached)
     if not count or not regions:
         return body
     votes = np.zeros(count + 1, np.int64)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from ...features.settings import of_parameters
+from ...features.settings import read_extraction
 from ...io.files import read_csv
 from ...io.volumes import read_nifti
 from ...recordings.reference import where
@@ -60,5 +60,5 @@ def read_responses(
     """
     rows = where(read_csv(recorded), dict(conditions), f"recording {recording}")
     table = read_csv(properties)
-    features, not_compared = compared(table, rows, dimensions, stored_offset_hu, of_parameters(parameters))
+    features, not_compared = compared(table, rows, dimensions, stored_offset_hu, read_extraction(parameters))
     return responses(table, rows, features, read_nifti(image).grid, rois), rows, not_compared

@@ -127,7 +127,7 @@ def read_phantom_object(settings: Mapping) -> tuple[ShapedObject, tuple[ShapedRo
     return shaped, rois
 
 
-def rois_of(settings: Mapping) -> tuple[ShapedRoi, ...]:
+def make_rois(settings: Mapping) -> tuple[ShapedRoi, ...]:
     """The regions alone, as read_phantom_object."""
     return read_phantom_object(settings)[1]
 

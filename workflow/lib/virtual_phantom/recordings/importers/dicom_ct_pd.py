@@ -28,7 +28,7 @@ from ...io import dicom_ct_pd as pd
 from ...io.files import sha256
 from ...io.hdf5 import new_file
 from ...io.volumes import check_fits
-from ...phantom.dicom_files import Unused, add_others, dicom_among, files_in
+from ...phantom.dicom_files import UnusedFiles, add_not_dicom, files_in, split_dicom
 from ..recording import Recording
 from . import write_folder
 
@@ -149,8 +149,8 @@ def _read(source: Path) -> list[View]:
     if not source.is_dir():
         raise InputError(f"{source}: no such folder; give one with the DICOM-CT-PD files of a scan")
     views: list[View] = []
-    unused = Unused()
-    candidates, others = dicom_among(files_in(source), unused)
+    unused = UnusedFiles()
+    candidates, others = split_dicom(files_in(source), unused)
     for path in candidates:
         with reading(path, "DICOM"):
             header = pydicom.dcmread(path, stop_before_pixels=True, force=True)
@@ -161,7 +161,7 @@ def _read(source: Path) -> list[View]:
             unused.add(path, f"SOP class is {kind.name if kind.is_valid else 'not readable'}, and no projection")
             continue
         views += _views(path, header)
-    add_others(others, {view.path for view in views}, unused)
+    add_not_dicom(others, {view.path for view in views}, unused)
     if not views:
         there = "; ".join(unused.lines(source))
         raise InputError(

@@ -21,10 +21,10 @@ from ...base.geometry import Grid
 from ...io.files import sha256
 from ...io.schema import read_schema
 from ...io.volumes import LARGEST_TILT, Volume, write_nifti
-from ...phantom.dicom_files import Unused, files_in, folders_under, not_dicom, slices_of
+from ...phantom.dicom_files import UnusedFiles, files_in, not_dicom, slices_of, walk_folders
 from ...phantom.dicom_series import Series, read_slices, series_among
 from ...phantom.masks import GRID_TOLERANCE_MM
-from ...phantom.plausible import known_checks, require_plausible
+from ...phantom.plausibility import require_known_checks, require_plausible
 from ..document import SCHEMA
 from ..provenance import SHARED, check_shared, series_facts
 from ..recording import Recording
@@ -64,7 +64,7 @@ def import_dicom_tree(
     kernel : str, optional
         Take only the series of this reconstruction kernel, as its DICOM header names it (Br38f/3 for [Br38f, 3]).
     not_checked : collection of str, optional
-        Names of plausible.CHECKS to skip, here and whenever the recording is read.
+        Names of plausibility.CHECKS to skip, here and whenever the recording is read.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def import_dicom_tree(
     if not root.is_dir():
         problem = f"is {not_dicom(root) or 'one DICOM file'}" if root.is_file() else "no such folder"
         raise InputError(f"{root}: {problem}; give the top of a tree of DICOM series")
-    known_checks(not_checked)
+    require_known_checks(not_checked)
     found = _find(root)
     chosen = [scan for scan in found if kernel is None or scan.facts.get("kernel") == kernel]
     if not chosen:
@@ -138,8 +138,8 @@ def _possible(facts: dict, name: str) -> dict:
 
 def _find(root: Path) -> list[Scan]:
     """Every series below a folder, in the order of their folders."""
-    unused = Unused()
-    slices = [one for folder in folders_under(root, unused) for one in slices_of(files_in(folder), unused)]
+    unused = UnusedFiles()
+    slices = [one for folder in walk_folders(root, unused) for one in slices_of(files_in(folder), unused)]
     if not slices:
         there = "; ".join(unused.lines(root))
         raise InputError(

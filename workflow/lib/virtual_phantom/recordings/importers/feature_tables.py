@@ -13,8 +13,8 @@ from pathlib import Path
 import pandas as pd
 
 from ...base.errors import InputError
+from ...features.hu_offset import STORED_OFFSET_HU
 from ...features.names import FEATURES
-from ...features.stored import STORED_OFFSET_HU
 from ...features.table_files import read_table
 from ...io.files import write_csv
 from ...statistics import measured

@@ -90,15 +90,15 @@ def rows_of(
     from ...features import extraction
     from ...features.parameters import LARGEST, WHOLE
     from ...io.volumes import Volume
-    from ...phantom.ct import draw, read_hu
-    from ...phantom.rois import read_entries
+    from ...phantom.ct import draw_entry, read_hu
+    from ...phantom.rois import read_roi_entries
     from .files import regions_file
 
     image, seg = read_hu(folder / "ct"), str(regions_file(folder))
     masks, classes, opened = {}, {}, {}
-    for entry in read_entries(list(rois), seg):
+    for entry in read_roi_entries(list(rois), seg):
         located = replace(entry, file=seg, label=regions[entry.label - 1])
-        for name, mask in zip(entry.names, draw(located, image.grid, opened), strict=True):
+        for name, mask in zip(entry.names, draw_entry(located, image.grid, opened), strict=True):
             masks[name], classes[name] = mask, entry.tissue_class
     # Whichever way the study's own features are extracted.
     whole = replace(parameters, section=WHOLE, stored_offset_hu=0.0)

@@ -16,7 +16,7 @@ from ...base.parallel_rays import ParallelRays
 from ...base.units import HU_BODY
 from ...base.vectors import FLAT
 from ...io.volumes import Volume
-from ...phantom.body import body_of, edges_mm
+from ...phantom.body import edges_mm, find_body
 from ...physics.scenes.line_integrals import hardest_points, share_seen
 
 TISSUE_HU = -300.0  # fat (-100) and denser, with noise; lungs and air do not count
@@ -101,7 +101,7 @@ def removed_tissue(image: Volume, grid: Grid, kept: np.ndarray) -> Removed:
     z = image.grid.axes_mm()[0] + image.grid.centre_mm[2] - grid.centre_mm[2]
     seen = np.flatnonzero(np.abs(z) <= (grid.extent_mm[0] + image.grid.spacing[0]) / 2)
     first, last = int(seen[0]), int(seen[-1]) + 1
-    body = body_of(image, first, last)
+    body = find_body(image, first, last)
     tissue = image.array[first:last] > TISSUE_HU
     total = np.count_nonzero(tissue)
     counts = block_reduce(tissue, body.blocks, np.count_nonzero)

@@ -91,9 +91,9 @@ def _shapes(config: dict) -> Iterator[str]:
     """Of a phantom of shapes."""
     phantom = config.get("phantom", {})
     if phantom.get("source") == "object" and "object" in phantom:
-        from ...physics.scenes.objects import rois_of  # loads numba, for those who get here
+        from ...physics.scenes.objects import make_rois  # loads numba, for those who get here
 
-        yield from (f"phantom.object: {line}" for line in _said(rois_of, phantom["object"]))
+        yield from (f"phantom.object: {line}" for line in _said(make_rois, phantom["object"]))
 
 
 def _seen_shapes(config: dict) -> Iterator[str]:
@@ -128,12 +128,12 @@ def _scanned(config: dict) -> Iterator[str]:
     if phantom.get("source") != "synthetic" or "grid" not in config or list(_layout(config)):
         return
     from ...phantom.layout import read_layout
-    from ...phantom.synthetic import outlined  # heavy, for those who get here
+    from ...phantom.synthetic import find_outline  # heavy, for those who get here
     from .preflight_scan import blind_spots, grid_here
 
     grid = grid_here(config)
     try:
-        reach, rois = outlined(read_layout(phantom["layout"]), grid, branch(config["seed"], Branch.PHANTOM))
+        reach, rois = find_outline(read_layout(phantom["layout"]), grid, branch(config["seed"], Branch.PHANTOM))
     except InputError as error:
         yield str(error)
         return

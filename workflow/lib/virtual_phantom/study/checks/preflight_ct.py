@@ -14,10 +14,10 @@ from ...base.geometry import Grid
 from ...base.units import HU_AIR
 from ...features.extraction import MINIMUM_VOXELS
 from ...io.volumes import Volume
-from ...phantom.ct import check_fit, check_hu, draw, kept_columns, read_hu, rois_of, trimmed
+from ...phantom.ct import check_fit, check_hu, draw_entry, kept_columns, make_rois, read_hu, trimmed
 from ...phantom.masks import open_regions, report_other_frame
-from ...phantom.plausible import CHECKS, note_without_air
-from ...phantom.rois import RoiEntry, read_entries
+from ...phantom.plausibility import CHECKS, note_without_air
+from ...phantom.rois import RoiEntry, read_roi_entries
 from .coverage import TISSUE_HU, reach_mm, removed_tissue
 from .preflight_scan import blind_spots, grid_here
 
@@ -39,7 +39,7 @@ def ct_problems(config: Mapping) -> Iterator[str]:
     settings = config["phantom"]["ct"]
     entries: tuple[RoiEntry, ...] = ()
     try:
-        entries = read_entries(settings["rois"], settings.get("labels"))
+        entries = read_roi_entries(settings["rois"], settings.get("labels"))
     except InputError as error:
         yield str(error)
     path, not_checked = Path(settings["image"]), settings.get("not_checked", ())
@@ -133,9 +133,9 @@ def _regions(
                 continue
         try:
             if grid is None:
-                draw(entry, ct, opened)
+                draw_entry(entry, ct, opened)
                 continue
-            rois = rois_of(entry, ct, grid, kept, opened)
+            rois = make_rois(entry, ct, grid, kept, opened)
         except InputError as error:
             text = str(error)
             yield text if text.startswith("ROI") else f"ROI {entry.name}: {text}"

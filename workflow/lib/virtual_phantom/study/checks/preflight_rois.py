@@ -70,15 +70,15 @@ def _classes_of_phantom(phantom: Mapping) -> dict[str, str]:
     """Tissue class of every ROI; empty where the section itself is wrong, which is said elsewhere."""
     try:
         if phantom["source"] == "ct":
-            from ...phantom.rois import read_entries  # loads pandas, for those who get here
+            from ...phantom.rois import read_roi_entries  # loads pandas, for those who get here
 
             ct = phantom["ct"]
-            entries = read_entries(ct["rois"], ct.get("labels"))
+            entries = read_roi_entries(ct["rois"], ct.get("labels"))
             return {name: entry.tissue_class for entry in entries for name in entry.names}
         if phantom["source"] == "object":
-            from ...physics.scenes.objects import rois_of  # loads numba, for those who get here
+            from ...physics.scenes.objects import make_rois  # loads numba, for those who get here
 
-            return {roi.name: roi.tissue_class for roi in rois_of(phantom["object"])}
+            return {roi.name: roi.tissue_class for roi in make_rois(phantom["object"])}
         from ...phantom.layout import read_layout  # heavy, for those who get here
 
         return {str(one["name"]): str(one["tissue_class"]) for one in read_layout(phantom["layout"])["rois"]}

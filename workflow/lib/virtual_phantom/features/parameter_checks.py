@@ -1,4 +1,4 @@
-"""What of a parameter file that pyradiomics accepts cannot be done here, and what in it changes nothing."""
+"""Checks of a pyradiomics parameter file: keys that are not supported, and settings that have no effect."""
 
 from __future__ import annotations
 
@@ -7,18 +7,25 @@ from collections.abc import Iterator, Mapping
 
 from .settings import CHANGES, ONLY_WITH, UNSTATED
 
-# Values that are text; all others are numbers, truth values or lists of numbers. pyradiomics' schema takes "5" for 5.
+# Settings with text values. All others are numbers, booleans or lists of numbers; the schema of pyradiomics accepts
+# "5" for 5.
 TEXT = frozenset({"interpolator", "resegmentMode", "wavelet", "lbp2DMethod", "weightingNorm"})
-# Read once, before filters: pyradiomics passes over them in the section of an image type.
+# Settings that apply before filters. pyradiomics ignores them in the section of an image type.
 OF_ALL_IMAGES = frozenset(
     "minimumROIDimensions minimumROISize geometryTolerance correctMask additionalInfo normalize normalizeScale "
     "removeOutliers resampledPixelSpacing interpolator padDistance resegmentRange resegmentMode resegmentShape "
     "preCrop label label_channel".split()
 )
-# Regions are masks on the image's own voxels, and one at a time: these choose or repair nothing, and no value changes.
+# Settings about mask files. Here each region is one mask on the voxels of the image, so they have no effect.
 OF_FILES = frozenset("geometryTolerance correctMask additionalInfo label label_channel preCrop".split())
-USUAL = {**UNSTATED, "correctMask": False, "additionalInfo": False, "label": 1, "label_channel": 0}  # not worth a line
-# Settings of one filter.
+USUAL = {
+    **UNSTATED,
+    "correctMask": False,
+    "additionalInfo": False,
+    "label": 1,
+    "label_channel": 0,
+}  # no note if a file states these values
+# Image type that each setting of a filter needs.
 FILTER = {
     **dict.fromkeys(("sigma",), "LoG"),
     **dict.fromkeys(("start_level", "level", "wavelet"), "Wavelet"),
@@ -26,66 +33,58 @@ FILTER = {
     **dict.fromkeys(("lbp2DRadius", "lbp2DSamples", "lbp2DMethod"), "LBP2D"),
     **dict.fromkeys(("lbp3DLevels", "lbp3DIcosphereRadius", "lbp3DIcosphereSubdivision"), "LBP3D"),
 }
-# Co-occurrence matrices of 13 directions have bins^2 numbers of 8 bytes each: 2,000 bins take 0.4 GB.
+# Co-occurrence matrices in 13 directions hold bins^2 numbers of 8 bytes each: 2,000 bins take 0.4 GB.
 MOST_BINS = 2000
 
 
-def refused(content: Mapping, flat: bool) -> Iterator[str]:
-    """A line for each key that pyradiomics accepts and that cannot be done.
+def unsupported(content: Mapping, flat: bool) -> Iterator[str]:
+    """Yield a message for each key that pyradiomics accepts and Virtual Phantom does not support.
 
     Parameters
     ----------
     content : mapping
-        As pyradiomics' schema accepts it.
+        Valid by the schema of pyradiomics.
     flat : bool
-        Whether regions are slices, in 2D.
-
-    Yields
-    ------
-    str
-        The key, why, and what to do.
+        Regions are single slices, in 2D.
     """
     settings, types = content.get("setting") or {}, content.get("imageType") or {}
-    for where, section in (("setting", settings), *((f"imageType.{name}", own or {}) for name, own in types.items())):
+    for where, section in (
+        ("setting", settings),
+        *((f"imageType.{name}", section or {}) for name, section in types.items()),
+    ):
         for key, value in section.items():
             yield from _number(f"{where}.{key}", key, value)
             if where != "setting" and key in OF_ALL_IMAGES:
-                yield f"{where}.{key} is passed over by pyradiomics, which reads it under setting only; move it there"
+                yield f"{where}.{key} is ignored by pyradiomics, which reads it under setting only; move it there"
         if (section.get("binCount") or 0) > MOST_BINS:
             yield f"{where}.binCount is {section['binCount']}, which needs too much memory; give {MOST_BINS} at most"
         if section.get("distances") == []:
-            yield f"{where}.distances is empty; give distances in voxels, such as [1], or take it out"
+            yield f"{where}.distances is empty; give distances in voxels, such as [1], or remove it"
     dimensions, spacing = 2 if flat else 3, settings.get("resampledPixelSpacing")
     if isinstance(spacing, list) and len(spacing) != dimensions:
-        of = "slices (features.section: largest)" if flat else "volumes"
-        yield f"setting.resampledPixelSpacing has {len(spacing)} entries; give {dimensions}, as regions are {of}"
-    span = settings.get("resegmentRange")
-    if isinstance(span, list) and len(span) not in (1, 2):
-        yield f"setting.resegmentRange has {len(span)} entries; give the lower threshold, or lower and upper"
-    if settings.get("resegmentMode") == "relative" and any(one > 1 for one in span or []):
-        yield "setting.resegmentRange holds shares of the maximum where resegmentMode is relative; give 0 to 1"
+        kind = "slices (features.section: largest)" if flat else "volumes"
+        yield f"setting.resampledPixelSpacing has {len(spacing)} entries; give {dimensions}, as regions are {kind}"
+    limits = settings.get("resegmentRange")
+    if isinstance(limits, list) and len(limits) not in (1, 2):
+        yield f"setting.resegmentRange has {len(limits)} entries; give the lower threshold, or lower and upper"
+    if settings.get("resegmentMode") == "relative" and any(limit > 1 for limit in limits or []):
+        yield "setting.resegmentRange holds fractions of the maximum if resegmentMode is relative; give 0 to 1"
     classes = content.get("featureClass") or {}
     if "shape2D" in classes and not flat:
         yield "featureClass.shape2D needs regions of one slice; use shape, or features.section: largest"
     if "shape" in classes and flat:
         yield "featureClass.shape needs volumes; use shape2D, or features.section: whole"
     if content.get("voxelSetting"):
-        yield "voxelSetting is of feature maps, which are not made here; take it out"
+        yield "voxelSetting is for feature maps, which are not supported; remove it"
 
 
-def idle(content: Mapping) -> Iterator[str]:
-    """Each setting that a file states though it changes no value, with the reason.
-
-    Parameters
-    ----------
-    content : mapping
-        As pyradiomics' schema accepts it.
-    """
+def without_effect(content: Mapping) -> Iterator[str]:
+    """Yield each setting of a valid parameter file that changes no feature value, with the reason."""
     settings, types = content.get("setting") or {}, content.get("imageType") or {"Original": {}}
-    stated = dict(settings) | {key: value for own in types.values() for key, value in (own or {}).items()}
+    stated = dict(settings) | {key: value for section in types.values() for key, value in (section or {}).items()}
     classes = content.get("featureClass") or {}
-    features = [f"{name}_{one}" for name, own in classes.items() for one in own or ()]
-    whole = [name for name, own in classes.items() if not own]
+    features = [f"{family}_{name}" for family, names in classes.items() for name in names or ()]
+    whole = [family for family, names in classes.items() if not names]
     for key, value in settings.items():
         if value == USUAL.get(key, math.nan):
             continue
@@ -109,17 +108,17 @@ def _changes(key: str, features: list[str], whole: list[str]) -> bool:
     return any(
         part in whole
         or part.partition("_")[0] in whole
-        or any(one == part or one.startswith(f"{part}_") for one in features)
+        or any(feature == part or feature.startswith(f"{part}_") for feature in features)
         for part in CHANGES[key]
     )
 
 
 def _number(where: str, key: str, value: object) -> Iterator[str]:
-    """What pyradiomics' schema takes for a number and its code does not."""
+    """Yield a message for each value that the schema of pyradiomics accepts as a number and its code does not."""
     if key in TEXT:
         return
-    for one in value if isinstance(value, list) else [value]:
-        if isinstance(one, str):
-            yield f"{where}: {one!r} is text to YAML; write a number, such as 10 or 1.0e+1"
-        elif isinstance(one, float) and not math.isfinite(one):
-            yield f"{where} is {one}; give a finite number"
+    for entry in value if isinstance(value, list) else [value]:
+        if isinstance(entry, str):
+            yield f"{where}: {entry!r} is text to YAML; write a number, such as 10 or 1.0e+1"
+        elif isinstance(entry, float) and not math.isfinite(entry):
+            yield f"{where} is {entry}; give a finite number"

@@ -8,13 +8,20 @@ from virtual_phantom.base.errors import InputError
 from virtual_phantom.base.geometry import Grid, circular
 from virtual_phantom.io.volumes import Volume
 from virtual_phantom.phantom.ct import resample
-from virtual_phantom.phantom.own_blur import SD_OF_HALF, Spectra, spectra, with_voxels, within_object, without_own_blur
+from virtual_phantom.phantom.deconvolution import (
+    SD_OF_HALF,
+    PowerSpectra,
+    add_voxel_blur,
+    deconvolve,
+    keep_air,
+    measure_spectra,
+)
 from virtual_phantom.physics.scenes.line_integrals import clean_line_integrals
 from virtual_phantom.statistics.own_edge import edge_mtf_half
 
 GRID = Grid((40, 96, 96), (0.75, 0.7, 0.7), (0.0, 0.0, 0.0))
 OWN = (0.42, 0.6, 0.6)  # SD along z, y, x, mm
-NO_NOISE = Spectra((1.0, 0.67), np.ones((16, 8)), np.zeros((16, 8)))
+NO_NOISE = PowerSpectra((1.0, 0.67), np.ones((16, 8)), np.zeros((16, 8)))
 
 
 def blob(*sd_mm):
@@ -32,7 +39,7 @@ def test_a_scan_of_a_scan_has_one_blur_where_the_first_is_taken_out():
     """Variances of Gaussians add: an object of 2 mm, and its own scanner's blur."""
     seen = Volume(blob(*np.hypot(2.0, OWN)).astype(np.float32), GRID)
     np.testing.assert_allclose(second_moments(seen.array), 4 + np.square(OWN), rtol=0.01)
-    restored = without_own_blur(seen, OWN, NO_NOISE)
+    restored = deconvolve(seen, OWN, NO_NOISE)
     np.testing.assert_allclose(second_moments(restored.array), [4.0] * 3, rtol=0.01)
 
 
@@ -42,7 +49,7 @@ def test_waves_get_back_what_the_mtf_took():
         frequency = cycles / (96 * 0.7)
         wave = np.broadcast_to(np.sin(2 * np.pi * frequency * x), GRID.shape)
         mtf = np.exp(-2 * (np.pi * 0.6 * frequency) ** 2)
-        restored = without_own_blur(Volume((mtf * wave).astype(np.float32), GRID), OWN, NO_NOISE)
+        restored = deconvolve(Volume((mtf * wave).astype(np.float32), GRID), OWN, NO_NOISE)
         np.testing.assert_allclose(restored.array, wave, atol=2e-3)
 
 
@@ -60,10 +67,10 @@ def test_the_blur_is_read_off_the_surface_against_air(sd_mm):
 
 
 def test_a_surface_becomes_as_sharp_as_it_was():
-    sharp = without_own_blur(edge(1.0), OWN, NO_NOISE)
+    sharp = deconvolve(edge(1.0), OWN, NO_NOISE)
     assert SD_OF_HALF / edge_mtf_half(sharp) == pytest.approx(0.8, rel=0.07)  # 1.0^2 - 0.6^2 = 0.8^2
     air = edge(1.0).array < -999
-    kept = within_object(sharp, Volume(np.where(air, -1000, 0).astype(np.float32), GRID))
+    kept = keep_air(sharp, Volume(np.where(air, -1000, 0).astype(np.float32), GRID))
     assert kept.array.min() == -1000 and (kept.array[air] == -1000).all()
 
 
@@ -79,10 +86,10 @@ def test_noise_is_taken_out_and_not_restored():
     texture = blurred(rng.normal(size=GRID.shape), 1.5)
     texture *= 10 / texture.std()
     mean = blurred(texture, 0.6) + rng.normal(0, 6, GRID.shape)
-    measured = spectra(mean, rng.normal(0, 6, GRID.shape), GRID.spacing)
-    restored = without_own_blur(Volume(mean.astype(np.float32), GRID), (0.6, 0.6, 0.6), measured).array
+    measured = measure_spectra(mean, rng.normal(0, 6, GRID.shape), GRID.spacing)
+    restored = deconvolve(Volume(mean.astype(np.float32), GRID), (0.6, 0.6, 0.6), measured).array
     assert np.sqrt(np.mean((restored - texture) ** 2)) < 0.6 * np.sqrt(np.mean((mean - texture) ** 2))
-    again = Spectra.of_table(measured.table())
+    again = PowerSpectra.from_table(measured.table())
     np.testing.assert_allclose([*again.most_per_mm], measured.most_per_mm)
     np.testing.assert_array_equal(again.noise, measured.noise)
 
@@ -90,7 +97,7 @@ def test_noise_is_taken_out_and_not_restored():
 def test_white_noise_has_its_own_power():
     """Of SD s in voxels of volume v: s^2 v at every frequency."""
     white = np.random.default_rng(3).normal(0, 6, GRID.shape)
-    measured = spectra(white, white, GRID.spacing)
+    measured = measure_spectra(white, white, GRID.spacing)
     filled = measured.mean > 0
     assert filled.mean() > 0.9
     assert np.average(measured.mean[filled]) == pytest.approx(36 * 0.75 * 0.7 * 0.7, rel=0.03)
@@ -104,7 +111,7 @@ def test_linear_interpolation_is_a_blur_of_a_sixth_of_a_voxel_squared():
     places = np.linspace(-50, 50, 1001)
     read = np.interp(places, x, values)
     variance = (read * places**2).sum() / read.sum()
-    of_points = with_voxels((4.0, 0, 0), (1.0, 1.0, 1.0), (1e-6, 1e-6, 1e-6))
+    of_points = add_voxel_blur((4.0, 0, 0), (1.0, 1.0, 1.0), (1e-6, 1e-6, 1e-6))
     assert variance == pytest.approx(of_points[0] ** 2, rel=1e-3)
 
 
@@ -130,13 +137,13 @@ def test_what_voxels_blur_is_seen_in_projections(fine):
     places = (np.arange(200) - 99.5) * 0.4
     of_rows, of_columns = (profile.sum(axis=axis) for axis in (1, 0))
     found = [np.average((places - np.average(places, weights=w)) ** 2, weights=w) for w in (of_rows, of_columns)]
-    expected = with_voxels((sd,) * 3, own.spacing, grid.spacing)
+    expected = add_voxel_blur((sd,) * 3, own.spacing, grid.spacing)
     np.testing.assert_allclose(found, np.square(expected[:2]), rtol=2e-3)
     assert expected[0] ** 2 > 1.04 * sd**2  # what is tested is not lost in the tolerance
 
 
 def test_a_blur_that_is_none_is_refused():
-    with pytest.raises(InputError, match="SDs of .* mm are none"):
-        without_own_blur(Volume(np.zeros(GRID.shape, np.float32), GRID), (-1.0, 0.5, 0.5), NO_NOISE)
+    with pytest.raises(InputError, match="blur_mm is "):
+        deconvolve(Volume(np.zeros(GRID.shape, np.float32), GRID), (-1.0, 0.5, 0.5), NO_NOISE)
     with pytest.raises(InputError, match="show no surface against air; set public_scans.own_blur: kept"):
         edge_mtf_half(Volume(np.zeros(GRID.shape, np.float32), GRID))

@@ -3,15 +3,15 @@
 import pytest
 
 from virtual_phantom.base.geometry import Grid
-from virtual_phantom.phantom.fit import how_to_fit, least_shape
+from virtual_phantom.phantom.grid_size import minimum_shape, suggest_size
 
 BODY = (40.0, 270.0, 360.0)  # z, y, x
 
 
 def test_the_fewest_voxels_that_span_it():
     grid = Grid((20, 100, 100), (2.0, 2.5, 2.5))
-    assert least_shape(grid, BODY) == [20, 108, 144]
-    assert how_to_fit(grid, BODY) == "set grid.shape to at least [20, 108, 144] (z, y, x) at this grid.spacing_mm"
+    assert minimum_shape(grid, BODY) == [20, 108, 144]
+    assert suggest_size(grid, BODY) == "set grid.shape to at least [20, 108, 144] (z, y, x) at this grid.spacing_mm"
 
 
 @pytest.mark.parametrize(
@@ -27,14 +27,14 @@ def test_the_fewest_voxels_that_span_it():
     ],
 )
 def test_an_order_that_was_mistaken_is_named(shape, spacing, said):
-    assert said in how_to_fit(Grid(shape, spacing), BODY)
+    assert said in suggest_size(Grid(shape, spacing), BODY)
     # The object may reach beyond what is needed of it.
-    assert said in how_to_fit(Grid(shape, spacing), (0.0, *BODY[1:]), BODY)
+    assert said in suggest_size(Grid(shape, spacing), (0.0, *BODY[1:]), BODY)
 
 
 def test_voxels_of_nearly_one_size_are_not_called_turned():
     """A body 3 % too wide, which fits by chance if the sides of 4 and 3.8 mm are changed over."""
     grid = Grid((10, 70, 96), (4.0, 3.8, 3.8))
-    assert how_to_fit(grid, (40.0, 261.0, 375.0)) == (
+    assert suggest_size(grid, (40.0, 261.0, 375.0)) == (
         "set grid.shape to at least [10, 70, 99] (z, y, x) at this grid.spacing_mm"
     )

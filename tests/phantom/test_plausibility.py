@@ -9,7 +9,7 @@ import pytest
 from virtual_phantom.base.errors import InputError, lines_of
 from virtual_phantom.base.geometry import Grid
 from virtual_phantom.phantom.ct import read_hu
-from virtual_phantom.phantom.plausible import require_plausible
+from virtual_phantom.phantom.plausibility import require_plausible
 
 GRID = Grid((10, 64, 64), (4.0, 6.0, 6.0), (12.0, -150.0, 640.0))
 Z, Y, X = np.meshgrid(*GRID.axes_mm(), indexing="ij")
@@ -120,7 +120,7 @@ WRONG = {
     "a picture": (
         lambda: np.rint(255 * np.clip((chest() + 160) / 400, 0, 1)),
         "hu",
-        "perhaps grey values of a picture",
+        "perhaps gray values of a picture",
     ),
     "sign lost": (lambda: chest() % 65536, "hu", "subtract 65536 from values above 32767"),
     "inverted": (lambda: -chest(), "hu", "the values are inverted; multiply by -1"),

@@ -1,4 +1,4 @@
-"""Features of stored values, which scanners keep as HU + 1024, brought to HU."""
+"""Convert first-order features of stored values (HU plus an offset) to HU."""
 
 from __future__ import annotations
 
@@ -7,28 +7,25 @@ import pandas as pd
 
 from ..base.errors import InputError
 
-STORED_OFFSET_HU = 1024  # of the published tables over HU: their scans store HU + 1024
+STORED_OFFSET_HU = 1024  # offset of the published tables, whose scans store HU + 1024
 
 
-def to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> pd.DataFrame:
-    """First-order features in HU instead of stored values.
+def convert_to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> pd.DataFrame:
+    """Convert first-order features of HU + offset_hu to HU.
 
-    Means and quantiles shift; energy is N (variance + mean^2), the mean now in HU and N the stored energy over the
-    square of the stored root mean square; RootMeanSquared is the root of the same without N, and TotalEnergy keeps its
-    ratio to energy. Spreads stay. Histograms and textures cannot be converted: 1024 is not a whole number of bins of
-    25, so bin edges lie one unit off those of values in HU.
+    Means and quantiles shift. Measures of spread do not change. With the mean in HU, RootMeanSquared is
+    sqrt(variance + mean^2), and Energy and TotalEnergy scale with its square. Entropy, Uniformity and textures cannot
+    be converted: 1024 is not a multiple of the bin width 25, so bin edges differ by one unit.
 
     Parameters
     ----------
     table : DataFrame
-        Features that it lacks are passed over.
-    offset_hu : float, optional
-        Stored values are HU + this; by default those of `load_full_table`.
+        Features may be missing.
 
     Raises
     ------
     InputError
-        If the table has an energy or root mean square without what their conversion needs.
+        If the table lacks a feature that the conversion of Energy, TotalEnergy or RootMeanSquared needs.
     """
     if offset_hu == 0:
         return table
@@ -38,14 +35,14 @@ def to_hu(table: pd.DataFrame, offset_hu: float = STORED_OFFSET_HU) -> pd.DataFr
         if feature in table:
             table[feature] -= offset_hu
     square_root, energy, total = map(name, ("RootMeanSquared", "Energy", "TotalEnergy"))
-    # Of the energies, the stored root mean square tells the number of voxels.
+    # Energies need the stored root mean square, which gives their scale.
     needed = {square_root: ("Mean", "Variance"), energy: ("Mean", "Variance", "RootMeanSquared")}
     needed[total] = needed[energy]
     for feature, others in needed.items():
         if feature in table and (missing := [other for other in map(name, others) if other not in table]):
             raise InputError(
-                f"features: {feature} is of stored values (HU + {offset_hu:g}) and cannot be brought to HU without "
-                f"{missing[0]}; leave it out"
+                f"features: {feature} is of stored values (HU + {offset_hu:g}) and cannot be converted to HU without "
+                f"{missing[0]}; remove the column"
             )
     if square_root not in table:
         return table
