@@ -8,7 +8,7 @@ from figure_checks import assert_text_fits, texts
 from virtual_phantom.base.errors import InputError
 from virtual_phantom.features.names import FEATURES, family
 from virtual_phantom.figures.physics_change import NAMED, draw
-from virtual_phantom.statistics.physics_change import table
+from virtual_phantom.statistics.physics_change import stability_change
 
 
 def trusted(values):
@@ -19,7 +19,7 @@ def trusted(values):
 
 def change(by):
     values = np.linspace(5, 60, len(FEATURES))
-    return table(trusted(values + by), trusted(values))
+    return stability_change(trusted(values + by), trusted(values))
 
 
 @pytest.mark.parametrize(

@@ -185,7 +185,7 @@ def test_both_panels_say_their_repeats_and_spreads(stability, draws):
 
 
 def test_measured_scores_of_ones_own_have_their_families_too(stability, draws):
-    """As repeats.draws gives them; those that come with the library have none."""
+    """As repeats.score_draws gives them; those that come with the library have none."""
     family = stability.set_index("feature")["family"]
     own, kept = (
         stability_discrimination.draw(stability, 1.0, of).axes[1]

@@ -115,12 +115,12 @@ TABLES = ("tables/trust", "tables/stable_features", "tables/stability", "feature
 def made(results, *, config=CONFIG, names=TABLES, diagnoses=True, figures=("rois",)):
     sections = {"rois": ("Phantom", "Regions <1>"), "comparison_clinic": ("Recordings", "ours, against clinic")}
     figures = [
-        study.Shown(results / "figures" / f"{name}.png", *sections[name], results / "rois.rst", {}, {})
+        study.ReportFigure(results / "figures" / f"{name}.png", *sections[name], results / "rois.rst", {}, {})
         for name in figures
     ]
-    tables = [index.Linked(name.title(), results / f"{name}.csv") for name in names]
+    tables = [index.LinkedTable(name.title(), results / f"{name}.csv") for name in names]
     reports = [results / "diagnosis" / "disc" / "report.html"] if diagnoses else []
-    return index.page(results, figures, tables, reports, config, COMMANDS)
+    return index.index_page(results, figures, tables, reports, config, COMMANDS)
 
 
 @pytest.fixture(scope="module")
@@ -170,10 +170,10 @@ def test_the_answer_is_given_for_every_tissue(page, results):
 @pytest.mark.parametrize(("compare", "expected"), [("roi", [12, 6]), ("tissue_class", [6, 6])])
 def test_a_tissue_rests_on_the_comparisons_of_its_own_rois(compare, expected):
     rois = pd.DataFrame({"roi": ["a", "b", "c", "a"], "tissue_class": ["cyst", "cyst", "liver", "cyst"]})
-    found = answer.tissues(TRUST, STABILITY, rois, compare)
+    found = answer.stability_by_tissue(TRUST, STABILITY, rois, compare)
     assert [one["comparisons"] for one in found.values()] == expected
     assert found["liver"]["percent"][FEATURES[1]] == 41.7
-    assert answer.tissues(TRUST, STABILITY, rois[rois["roi"] == "c"], compare) == {}
+    assert answer.stability_by_tissue(TRUST, STABILITY, rois[rois["roi"] == "c"], compare) == {}
 
 
 def test_many_tissues_have_a_table_of_their_own(results, tmp_path):
@@ -186,8 +186,8 @@ def test_many_tissues_have_a_table_of_their_own(results, tmp_path):
     }
     for name, frame in frames.items():
         frame.to_csv(tmp_path / f"{name}.csv", index=False)
-    page = index.page(
-        tmp_path, [], [index.Linked(name, tmp_path / f"{name}.csv") for name in frames], [], CONFIG, COMMANDS
+    page = index.index_page(
+        tmp_path, [], [index.LinkedTable(name, tmp_path / f"{name}.csv") for name in frames], [], CONFIG, COMMANDS
     )
     assert "First order Mean 2.0 % 12 % 22 % 32 % 42 % 52 %" in text(page) and '<th class="n">in ' not in page
 
@@ -202,11 +202,11 @@ def test_of_many_stable_features_ten_are_named(results, tmp_path):
     names = [f"original_glcm_F{number:02}" for number in range(12)]
     verdicts = {f"stable_{name}": "yes" for name in CUT_OFFS}
     measures = pd.DataFrame({"feature": names, "stable_by": [2, 5, *[3] * 10], **verdicts})
-    assert list(answer.answer(TRUST, measures)["several"])[:3] == [names[1], names[2], names[3]]
+    assert list(answer.stability_answer(TRUST, measures)["several"])[:3] == [names[1], names[2], names[3]]
     measures.to_csv(tmp_path / "stable_features.csv", index=False)
     TRUST.to_csv(tmp_path / "trust.csv", index=False)
-    tables = [index.Linked(name, tmp_path / f"{name}.csv") for name in ("trust", "stable_features")]
-    said = text(index.page(tmp_path, [], tables, [], CONFIG, COMMANDS))
+    tables = [index.LinkedTable(name, tmp_path / f"{name}.csv") for name in ("trust", "stable_features")]
+    said = text(index.index_page(tmp_path, [], tables, [], CONFIG, COMMANDS))
     assert "GLCM F01 (5), GLCM F02 (3)" in said and "GLCM F10 (3) and 2 more. Each measure" in said
 
 
@@ -234,7 +234,7 @@ def test_a_comparison_says_what_agrees(results):
 def test_features_that_cannot_be_compared_are_counted():
     cells, summary = COMPARISON.values()
     marked = summary.assign(other_settings=["bins", *[None] * 5], other_sizes=[None, "512 voxels", "", *["more"] * 3])
-    said = answer.agreement(marked, cells)
+    said = answer.agreement_text(marked, cells)
     assert said.startswith("Of 1 features that can be compared, 1 agree in the SD only. A mean")
     assert said.endswith(
         " 1 cannot be compared, as they were extracted with other settings (*). 4 cannot be compared, as they grow "
@@ -246,34 +246,34 @@ def test_features_without_a_repeat_sd_are_counted_apart():
     cells, summary = COMPARISON.values()
     names = summary["feature"]
     still = pd.concat([cells.assign(feature=name, sd_recorded=float(name != names[0])) for name in names])
-    said = answer.agreement(summary, still)
+    said = answer.agreement_text(summary, still)
     assert said.startswith(
         "Of 5 features that can be compared, 1 agree in the mean only, 2 in the SD only, 2 in neither."
     )
     assert said.endswith(" 1 cannot be compared, as they are the same in all that was recorded.")
     none = still.assign(sd_recorded=0.0)
-    assert answer.agreement(summary, none).startswith(
+    assert answer.agreement_text(summary, none).startswith(
         "None of 6 features can be compared. 6 cannot be compared, as they"
     )
 
 
 def test_what_agrees_in_one_roi_has_no_order():
     cells, summary = COMPARISON.values()
-    said = answer.agreement(summary.assign(mean_right=False, sd_right=False), cells[cells["roi"] == "a"])
+    said = answer.agreement_text(summary.assign(mean_right=False, sd_right=False), cells[cells["roi"] == "a"])
     assert said.startswith("Of 6 features none agrees in mean or SD. A mean agrees") and said.endswith(
         "times the recorded one."
     )
 
 
 def test_warnings_are_read_from_the_table_of_features():
-    said = index.warnings(ALL, TRUST)
+    said = index.study_warnings(ALL, TRUST)
     assert [one.partition(".")[0] for one in said] == [
         "ROI cyst_2 has 24 voxels, fewer than the 64 that texture features need to mean anything",
         "ROI cyst_2 has fewer than 3 grey levels in 1 of 2 images",
         "There are 3 repeats a group",
     ]
-    assert index.warnings(ALL[ALL["roi"] == "liver"], TRUST.assign(repeats=10)) == []
-    assert len(index.warnings(ALL, None)) == 2
+    assert index.study_warnings(ALL[ALL["roi"] == "liver"], TRUST.assign(repeats=10)) == []
+    assert len(index.study_warnings(ALL, None)) == 2
 
 
 def test_a_diagnosis_says_its_verdict(page, results):
@@ -298,7 +298,7 @@ def test_a_study_without_groups_has_a_page_too(results):
 def test_one_repeat_has_no_interval(results, tmp_path):
     nothing = TRUST.assign(**dict.fromkeys([name for name in TRUST if "low" in name or "high" in name], np.nan))
     nothing.to_csv(tmp_path / "trust.csv", index=False)
-    page = index.page(tmp_path, [], [index.Linked("Trust", tmp_path / "trust.csv")], [], CONFIG, COMMANDS)
+    page = index.index_page(tmp_path, [], [index.LinkedTable("Trust", tmp_path / "trust.csv")], [], CONFIG, COMMANDS)
     assert "nan" not in text(page).lower().replace("finance", "")
 
 

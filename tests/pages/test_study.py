@@ -63,11 +63,11 @@ def files(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(files):
-    figure = study.Shown(
+    figure = study.ReportFigure(
         files / "rois.png", "Phantom", "Regions <1>", files / "rois.rst", {"threshold": 1.5}, {"recording": "a <b>"}
     )
     tables = {"Stable features": files / "tables" / "stable_features.csv", "Long": files / "tables" / "long.csv"}
-    return study.page([figure], tables, {"disc": files / "report.html"}, {"Slices": "viewer.html"}, CONFIG)
+    return study.report_page([figure], tables, {"disc": files / "report.html"}, {"Slices": "viewer.html"}, CONFIG)
 
 
 def test_it_is_one_well_formed_file(page):
@@ -153,4 +153,4 @@ def test_a_browser_sorts_and_filters(page, tmp_path, width):
 
 def test_a_trial_says_so(page):
     words = "too small to mean anything"
-    assert words in study.page([], {}, {}, {}, CONFIG | {"trial": True}) and words not in page
+    assert words in study.report_page([], {}, {}, {}, CONFIG | {"trial": True}) and words not in page

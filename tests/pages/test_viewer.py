@@ -36,7 +36,7 @@ def arguments():
 
 @pytest.fixture(scope="module")
 def page():
-    return viewer.page(*arguments(), SUBTITLE)
+    return viewer.viewer_page(*arguments(), SUBTITLE)
 
 
 def held(page, name, dtype="<i2"):
@@ -61,7 +61,7 @@ def test_the_page_holds_the_voxels_as_they_are_seen(page):
 def test_the_page_is_one_file_and_escapes_names(page):
     assert outside_resources(page) == []
     assert "<loud>" not in page and "&lt;loud&gt;" in page
-    assert page == viewer.page(*arguments(), SUBTITLE)
+    assert page == viewer.viewer_page(*arguments(), SUBTITLE)
 
 
 def test_large_studies_are_thinned_until_they_fit():
@@ -71,7 +71,7 @@ def test_large_studies_are_thinned_until_they_fit():
         kept = np.zeros(shape, np.int8)[:: steps[0], :: steps[1], :: steps[2]].size
         assert 2 * 5 * kept <= viewer.MOST_BYTES
     phantom, masks, reconstructions = arguments()
-    array = viewer.shown(phantom.array, (2, 1, 3))
+    array = viewer.displayed(phantom.array, (2, 1, 3))
     np.testing.assert_array_equal(array, phantom.array[::2, ::-1, ::-3])
 
 
@@ -86,7 +86,7 @@ def test_what_cannot_be_shown_is_said_in_one_line(array, grid, message):
     phantom, masks, reconstructions = arguments()
     bad = viewer.Reconstruction("FBP", Volume(array, grid), volume(2), 3)
     with pytest.raises(InputError, match=message):
-        viewer.page(phantom, masks, reconstructions | {"fbp": bad}, SUBTITLE)
+        viewer.viewer_page(phantom, masks, reconstructions | {"fbp": bad}, SUBTITLE)
 
 
 LOOK = """

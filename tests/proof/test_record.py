@@ -20,7 +20,13 @@ from virtual_phantom.proof.score.record import add, coverage_table, summary
 from virtual_phantom.proof.score.score import score
 from virtual_phantom.report.html import render_diagnosis
 from virtual_phantom.report.proof import percent
-from virtual_phantom.statistics.proof_record import Held, held, pooled, read, with_coverage
+from virtual_phantom.statistics.proof_record import (
+    IntervalCoverage,
+    interval_coverage,
+    pooled_counts,
+    read_proof_record,
+    with_coverage,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 RECORD = RESOURCES / "proof_record.yaml"
@@ -57,8 +63,8 @@ def found(tmp_path_factory):
 
 
 def test_unseen_seeds_are_pooled(record):
-    seeds = read(record(entry(1, unseen=False), entry(2), entry(3, pairs=[4, 4])))
-    assert pooled(seeds)["pairs"] == (6, 8) and pooled(seeds)["intervals"] == (12, 20)
+    seeds = read_proof_record(record(entry(1, unseen=False), entry(2), entry(3, pairs=[4, 4])))
+    assert pooled_counts(seeds)["pairs"] == (6, 8) and pooled_counts(seeds)["intervals"] == (12, 20)
     share = summary(seeds)["pooled"]["intervals"]
     # Wilson: centre (12 + 1.92) / (20 + 3.84), half 1.96 / 23.84 * sqrt(12 * 8 / 20 + 0.96)
     assert share["ci95"] == pytest.approx([0.3866, 0.7812], abs=2e-4)
@@ -66,8 +72,8 @@ def test_unseen_seeds_are_pooled(record):
 
 
 def test_the_shipped_record_is_what_issue_and_docs_say_of_three_seeds():
-    entries = [one for one in read(RECORD) if one.seed in (11, 12, 13)]
-    assert pooled(entries) == {
+    entries = [one for one in read_proof_record(RECORD) if one.seed in (11, 12, 13)]
+    assert pooled_counts(entries) == {
         "first_medium_or_strong": (109, 114),
         "first_weak": (42, 57),
         "pairs": (28, 36),
@@ -76,7 +82,7 @@ def test_the_shipped_record_is_what_issue_and_docs_say_of_three_seeds():
         "exact": (185, 231),
         "intervals": (121, 224),
     }
-    assert {one.seed for one in read(RECORD) if not one.unseen} >= {1, 2022}
+    assert {one.seed for one in read_proof_record(RECORD) if not one.unseen} >= {1, 2022}
 
 
 def test_coverage_is_that_of_the_effect_or_of_the_smallest_group(record):
@@ -86,12 +92,15 @@ def test_coverage_is_that_of_the_effect_or_of_the_smallest_group(record):
         entry(2, coverage=[both, (("heel",), (0, 1))]),
         entry(3, coverage=[both, (("scatter",), (1, 2))]),
     )
-    assert held(read(path), "scatter") == Held(("motion", "scatter"), 4, 6)
-    assert held(read(path), "heel") == Held(("heel",), 0, 1) and held(read(path), "bowtie") is None
+    assert interval_coverage(read_proof_record(path), "scatter") == IntervalCoverage(("motion", "scatter"), 4, 6)
+    assert (
+        interval_coverage(read_proof_record(path), "heel") == IntervalCoverage(("heel",), 0, 1)
+        and interval_coverage(read_proof_record(path), "bowtie") is None
+    )
 
 
 def test_a_diagnosis_tells_beside_each_interval_how_often_such_held(record):
-    entries = read(record(entry(2, coverage=[(("scatter",), (1, 4))])))
+    entries = read_proof_record(record(entry(2, coverage=[(("scatter",), (1, 4))])))
     values = {"scatter": {"amount": (0.1, 0.0, 0.2)}, "motion": {"x_mm": (1.0, 0.9, 1.1)}}
     said = with_coverage(diagnosis("a", "mismatch explained", values), entries)
     first, second = (one["parameters"] for one in said["effects"])
@@ -110,11 +119,11 @@ def test_a_score_is_added_once_below_what_is_there(record, found):
     before = path.read_text()
     add(path, found, "abc1234", "after a change")
     assert path.read_text().startswith(before)
-    first, second = read(path)
+    first, second = read_proof_record(path)
     assert (second.seed, second.cases, second.unseen, second.state) == (14, 9, True, "abc1234")
     assert second.counts["exact"] == (3, 7) and second.counts["intervals"] == (1, 2)
-    assert held([second], "scatter") == Held(("scatter",), 1, 2)
-    assert pooled([first, second])["first_medium_or_strong"] == (4, 6)
+    assert interval_coverage([second], "scatter") == IntervalCoverage(("scatter",), 1, 2)
+    assert pooled_counts([first, second])["first_medium_or_strong"] == (4, 6)
     with pytest.raises(InputError, match="record.yaml: has seed 14 already"):
         add(path, found, "abc1235", "again")
     with pytest.raises(InputError, match="is none that the record could keep"):
@@ -159,21 +168,21 @@ def test_coverage_of_two_scores_side_by_side(found):
     ("entries", "message"),
     [
         ([entry(1), entry(1)], "has seed 1 twice"),
-        ([entry(1, pairs=[3, 2])], "are not so many of so many"),
+        ([entry(1, pairs=[3, 2])], "is not a count and its total"),
         ([entry(1) | {"counts": {"pairs": [1, 2]}}], "seed 1 needs the counts"),
         ([entry(1) | {"unseen": "perhaps"}], "neither true nor false"),
-        ([{"seed": 1}], "is no record of the proof"),
+        ([{"seed": 1}], "is not a record of the blind validation"),
     ],
 )
 def test_a_broken_record_is_one_line(record, entries, message):
     with pytest.raises(InputError, match=f"record.yaml: .*{message}"):
-        read(record(*entries))
+        read_proof_record(record(*entries))
 
 
 def test_readme_and_docs_have_the_pooled_counts():
     """Of the shipped record: after a seed is added, both follow."""
     readme, page = ((ROOT / name).read_text() for name in ("README.md", "docs/proof.md"))
-    shown = summary(read(RECORD))
+    shown = summary(read_proof_record(RECORD))
     for name, share in shown["pooled"].items():
         line = f"{share['count']} of {share['n']} "
         assert f"| {line}({percent(share['share'])}; " in page, name

@@ -290,7 +290,7 @@ def test_making_the_context_loads_no_heavy_library():
 
 def captions_of(context, **config):
     """The captions of a study's figures, as it would be with another configuration."""
-    figures = study.shown(context.pages.pictures(), context.pages.caption_files(), context.pages.shown())
+    figures = study.report_figures(context.pages.pictures(), context.pages.caption_files(), context.pages.shown())
     return {one.path.stem: study.caption(one, context.config | config) for one in figures}
 
 

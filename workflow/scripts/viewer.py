@@ -14,6 +14,6 @@ with job(snakemake) as log:
         repeats, grid = volumes.read_repeats(paths[key])
         one, mean = (volumes.Volume(array, grid) for array in (repeats[0], repeats.mean(axis=0)))
         reconstructions[key] = viewer.Reconstruction(params.titles[key], one, mean, len(repeats))
-    page = viewer.page(phantom, masks, reconstructions, params.subtitle)
+    page = viewer.viewer_page(phantom, masks, reconstructions, params.subtitle)
     files.write_text(page, snakemake.output[0])
     log.info("%.1f MB", len(page) / 1e6)

@@ -27,7 +27,7 @@ def draw(table: pandas.DataFrame, threshold: float, noise: Mapping[str, float | 
     Parameters
     ----------
     table : DataFrame
-        As `statistics.physics_change.table` gives it.
+        As `statistics.physics_change.stability_change` gives it.
     threshold : float
         Of |W|, under which a pair is stable.
     noise : mapping of str to float or None, optional

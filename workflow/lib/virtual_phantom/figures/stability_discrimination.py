@@ -13,7 +13,7 @@ from scipy.cluster import hierarchy
 
 from ..base.errors import InputError
 from ..statistics.ranking import KINDS
-from ..statistics.repeats import over_features
+from ..statistics.repeats import mean_over_features
 from . import style, tables
 from .labels import place_labels
 
@@ -50,7 +50,7 @@ def draw(
     threshold : float
         Of |W|, under which a pair is stable and over which it is told apart; named on the axes.
     measured : DataFrame, optional
-        Columns draw, repeats, of, feature, stability_percent, discrimination_percent (`statistics.repeats.draws`). What
+        Columns draw, repeats, of, feature, stability_percent, discrimination_percent (`statistics.repeats.score_draws`). What
         is shown are means over draws, and the SD over draws of the mean over features.
     repeats : int, optional
         Of each group of `table`, to be said.
@@ -76,7 +76,7 @@ def draw(
         measured = measured.drop(columns="family", errors="ignore").merge(table[["feature", "family"]], on="feature")
         if measured.empty:
             raise InputError("measured scores: share no feature with the stability table; name both as in pyradiomics")
-        spreads = tuple(over_features(measured, kind)[1] for kind in KINDS)
+        spreads = tuple(mean_over_features(measured, kind)[1] for kind in KINDS)
         means = measured.groupby(["feature", "family"], sort=False)[SCORES].mean().reset_index()
         shown["Measured"] = (means, int(measured["repeats"].iloc[0]), spreads if np.isfinite(spreads).all() else None)
     families = sorted(set(table["family"]))

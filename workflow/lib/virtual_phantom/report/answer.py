@@ -11,15 +11,15 @@ MOST_FEATURES = 10  # that are named
 SEVERAL = 2  # measures that a feature is stable by to be named: one alone may forgive just what a study is about
 
 
-def answer(trust: pd.DataFrame, measures: pd.DataFrame | None) -> dict:
+def stability_answer(trust: pd.DataFrame, measures: pd.DataFrame | None) -> dict:
     """Which features to trust.
 
     Parameters
     ----------
     trust : DataFrame
-        Of `statistics.trust.table`.
+        Of `statistics.trust.trust_table`.
     measures : DataFrame or None
-        Of `statistics.stability_measures.by_feature`: beside W.
+        Of `statistics.stability_measures.stable_by_feature`: beside W.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def answer(trust: pd.DataFrame, measures: pd.DataFrame | None) -> dict:
     }
 
 
-def tissues(
+def stability_by_tissue(
     trust: pd.DataFrame, stability: pd.DataFrame | None, features: pd.DataFrame | None, compare: str
 ) -> dict[str, dict]:
     """The stability within each tissue class.
@@ -53,7 +53,7 @@ def tissues(
     Parameters
     ----------
     trust : DataFrame
-        Of `statistics.trust.table`.
+        Of `statistics.trust.trust_table`.
     stability : DataFrame or None
         Of `statistics.wilcoxon.scores`.
     features : DataFrame or None
@@ -82,7 +82,7 @@ def tissues(
     return found if len(found) > 1 else {}
 
 
-def agreement(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
+def agreement_text(summary: pd.DataFrame, cells: pd.DataFrame) -> str:
     """What a comparison with a recording found, and what it means to agree, in sentences.
 
     Parameters

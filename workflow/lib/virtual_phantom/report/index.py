@@ -18,9 +18,9 @@ from ..figures.style import TRIAL
 from ..io.documents import DIAGNOSIS, read_document
 from ..io.files import read_csv
 from ..statistics.trust import percent
-from .answer import MOST_FEATURES, agreement, answer, tissues
+from .answer import MOST_FEATURES, agreement_text, stability_answer, stability_by_tissue
 from .html import COLOURS, OTHER_COLOUR, render
-from .study import Shown, caption, cell, packages
+from .study import ReportFigure, caption, cell, packages
 
 NAMES = {"icc_2_1": "ICC(2,1)", "icc_3_1": "ICC(3,1)", "ccc": "CCC", "cv": "cv", "qcd": "qcd"}  # of measures beside W
 FIRST_ROWS = 5  # of each table
@@ -32,17 +32,17 @@ FEW_REPEATS = 5  # up to here two groups need nearly all of their values in orde
 
 
 @dataclass(frozen=True)
-class Linked:
+class LinkedTable:
     """A file that the page points to."""
 
     title: str
     path: Path
 
 
-def page(
+def index_page(
     folder: Path,
-    figures: Sequence[Shown],
-    tables: Sequence[Linked],
+    figures: Sequence[ReportFigure],
+    tables: Sequence[LinkedTable],
     diagnoses: Sequence[Path],
     config: Mapping,
     commands: Mapping[str, str],
@@ -54,7 +54,7 @@ def page(
     ----------
     folder : Path
         Of the results, where the page will lie.
-    tables : sequence of Linked
+    tables : sequence of LinkedTable
         CSV files. What the page says is taken from trust.csv, stable_features.csv, stability.csv, features.csv and the
         tables of comparisons, if they are among them.
     diagnoses : sequence of Path
@@ -78,7 +78,7 @@ def page(
         if (table := f"{name}_features") in frames:
             shown["compared"] = {
                 "id": name,
-                "said": agreement(frames[table], frames[name]),
+                "said": agreement_text(frames[table], frames[name]),
                 "table": addresses[table],
             }
             compared[name] = figure.title
@@ -91,11 +91,11 @@ def page(
         MOST_CLASSES=MOST_CLASSES,
         answer=None
         if trust is None
-        else answer(trust, frames.get("stable_features"))
-        | {"tissues": tissues(trust, frames.get("stability"), features, config["statistics"]["compare"])},
+        else stability_answer(trust, frames.get("stable_features"))
+        | {"tissues": stability_by_tissue(trust, frames.get("stability"), features, config["statistics"]["compare"])},
         compared=compared,
         verdicts=[verdict(path, folder) for path in diagnoses],
-        warnings=[] if features is None else warnings(features, trust),
+        warnings=[] if features is None else study_warnings(features, trust),
         sections=sections,
         tables=[
             {"title": one.title, "path": relative(one.path, folder), "rows": len(frame), "first": first_rows(frame)}
@@ -112,7 +112,7 @@ def page(
     )
 
 
-def warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[str]:
+def study_warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[str]:
     """What to beware of, a sentence each.
 
     Parameters
@@ -120,7 +120,7 @@ def warnings(features: pd.DataFrame, trust: pd.DataFrame | None) -> list[str]:
     features : DataFrame
         Of all images, with columns roi, n_voxels and grey_levels.
     trust : DataFrame or None
-        Of `statistics.trust.table`.
+        Of `statistics.trust.trust_table`.
     """
     said = []
     for roi, rows in features.groupby("roi", sort=False):

@@ -32,7 +32,7 @@ MOST_ROWS = 1000  # longer tables are linked to
 
 
 @dataclass(frozen=True)
-class Shown:
+class ReportFigure:
     """A figure.
 
     Attributes
@@ -53,16 +53,18 @@ class Shown:
     wildcards: Mapping
 
 
-def shown(pictures: Sequence[str | Path], captions: Sequence[str | Path], params: Sequence[Mapping]) -> list[Shown]:
-    """Figures of their pictures, their captions' templates, and of each the rest that Shown has."""
+def report_figures(
+    pictures: Sequence[str | Path], captions: Sequence[str | Path], params: Sequence[Mapping]
+) -> list[ReportFigure]:
+    """Figures of their pictures, their captions' templates, and of each the rest that ReportFigure has."""
     return [
-        Shown(Path(picture), caption=Path(caption), **one)
+        ReportFigure(Path(picture), caption=Path(caption), **one)
         for picture, caption, one in zip(pictures, captions, params, strict=True)
     ]
 
 
-def page(
-    figures: Sequence[Shown],
+def report_page(
+    figures: Sequence[ReportFigure],
     tables: Mapping[str, Path],
     embedded: Mapping[str, Path],
     links: Mapping[str, str],
@@ -117,7 +119,7 @@ def packages() -> dict[str, str]:
     return {"Python": python_version()} | {name: metadata.version(name) for name in PACKAGES}
 
 
-def caption(figure: Shown, config: Mapping) -> str:
+def caption(figure: ReportFigure, config: Mapping) -> str:
     """A figure's caption as HTML."""
     names = SimpleNamespace(
         params=SimpleNamespace(**figure.params), wildcards=SimpleNamespace(**figure.wildcards), config=config

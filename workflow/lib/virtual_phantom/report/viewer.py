@@ -42,7 +42,7 @@ class Reconstruction:
     repeats: int
 
 
-def page(
+def viewer_page(
     phantom: Volume,
     masks: Mapping[str, np.ndarray],
     reconstructions: Mapping[str, Reconstruction],
@@ -74,7 +74,7 @@ def page(
     labels = np.zeros(phantom.grid.shape, np.uint8)
     for number, mask in enumerate(masks.values(), start=1):
         labels[mask != 0] = number
-    shape, spacing = shown(labels, steps).shape, [s * n for s, n in zip(phantom.grid.spacing, steps, strict=True)]
+    shape, spacing = displayed(labels, steps).shape, [s * n for s, n in zip(phantom.grid.spacing, steps, strict=True)]
     first = axial.choose_slices(masks)[0] // steps[0]
     colours = style.assign(masks, style.ON_GREY_IMAGE)
     content = {
@@ -92,8 +92,8 @@ def page(
         {},
         content=content,
         subtitle=subtitle,
-        packed={name: pack(shown(hu_to_show(volume, name), steps)) for name, volume in volumes.items()}
-        | {"rois": pack(shown(labels, steps))},
+        packed={name: pack(displayed(hu_to_show(volume, name), steps)) for name, volume in volumes.items()}
+        | {"rois": pack(displayed(labels, steps))},
         thinned=steps if max(steps) > 1 else None,
     )
 
@@ -130,7 +130,7 @@ def hu_to_show(volume: Volume, name: str) -> np.ndarray:
     return whole.astype("<i2")
 
 
-def shown(array: np.ndarray, steps: tuple[int, int, int]) -> np.ndarray:
+def displayed(array: np.ndarray, steps: tuple[int, int, int]) -> np.ndarray:
     """What a page holds of an array [z, y, x]: thinned, rows to posterior, columns to the patient's left."""
     return array[:: steps[0], :: -steps[1], :: -steps[2]]
 
