@@ -79,7 +79,7 @@ def test_constant_cells_and_marks(table):
     ratio = cells(figure.axes[1])
     grey = np.all(np.isclose(ratio, matplotlib.colors.to_rgba(figures.MISSING)), axis=-1)
     assert grey.sum() == 6 and grey[0].all()  # both constant
-    darkest = matplotlib.colormaps[figures.RATIO_COLOURS](1.0)
+    darkest = matplotlib.colormaps[figures.RATIO_COLORS](1.0)
     assert np.allclose(ratio[1], darkest)  # infinite
     for axes, q, equivalent in (
         (figure.axes[0], "q_mean", "mean_equivalent"),

@@ -48,7 +48,7 @@ def test_the_page_holds_the_voxels_as_they_are_seen(page):
     phantom, masks, reconstructions = arguments()
     given = {"input": phantom}
     for key, one in reconstructions.items():
-        given |= {f"{key}_one": one.one, f"{key}_mean": one.mean}
+        given |= {f"{key}_one": one.single, f"{key}_mean": one.mean}
     for name, volume in given.items():
         # The first voxel is anterior and to the patient's right: both at the high ends of the axes.
         expected = np.rint(volume.array)[:, ::-1, ::-1]
@@ -79,7 +79,7 @@ def test_large_studies_are_thinned_until_they_fit():
     "array, grid, message",
     [
         (np.zeros(GRID.shape), Grid(GRID.shape, GRID.spacing), "is on another grid than the phantom"),
-        (np.full(GRID.shape, np.nan), GRID, "fbp_one: holds values that are not finite"),
+        (np.full(GRID.shape, np.nan), GRID, "fbp_one: has values that are not finite"),
     ],
 )
 def test_what_cannot_be_shown_is_said_in_one_line(array, grid, message):
@@ -114,7 +114,7 @@ def test_a_browser_shows_slices_windows_and_differences(page, tmp_path, width):
     # Line 7 and column 11 of what is seen are row 12 and column 18 of the arrays.
     value, one, mean = (
         float(np.rint(volume.array[4, 12, 18]))
-        for volume in (phantom, reconstructions["fbp"].one, reconstructions["fbp"].mean)
+        for volume in (phantom, reconstructions["fbp"].single, reconstructions["fbp"].mean)
     )
 
     def grey(hu):

@@ -108,10 +108,13 @@ def test_a_diagnosis_tells_beside_each_interval_how_often_such_held(record):
     assert first["amount"]["ci95_held"] == {"count": 1, "n": 4, "effects": ["scatter"], "all": whole}
     assert first["amount"]["ci95"] == [0.0, 0.2] and second["x_mm"]["ci95_held"]["count"] is None
     texts = [render_diagnosis("parameters", said, e=one) for one in said["effects"]]
-    assert "held the truth in 1 of 4 of scatter, and in 6 of 10 of all effects' parameters." in unescape(texts[0])
-    assert "in 6 of 10 of all effects' parameters; of this effect none was counted." in unescape(texts[1])
+    assert (
+        "covered the true values of 1 of 4 parameters of scatter and of 6 of 10 parameters of all effects."
+        in unescape(texts[0])
+    )
+    assert "of 6 of 10 parameters of all effects (none of this effect were tested)." in unescape(texts[1])
     plain = diagnosis("a", "mismatch explained", values)["effects"][0]
-    assert "held the truth" not in render_diagnosis("parameters", said, e=plain)
+    assert "covered the true values" not in render_diagnosis("parameters", said, e=plain)
 
 
 def test_a_score_is_added_once_below_what_is_there(record, found):

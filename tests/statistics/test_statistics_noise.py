@@ -131,7 +131,10 @@ def test_the_error_of_a_matched_level_covers():
             lambda: noise.match_noise_level(calibration([9, 2, 1]), "p", ["a"], pd.DataFrame({"a": [50.0]})),
             "no positive noise level",
         ),
-        (lambda: noise.repeat_variance([np.zeros(BOX.shape)] * 2, {"roi": BOX}), "2 repeats; a variance and its error need at least 3"),
+        (
+            lambda: noise.repeat_variance([np.zeros(BOX.shape)] * 2, {"roi": BOX}),
+            "2 repeats; a variance and its error need at least 3",
+        ),
         (
             lambda: noise.repeat_variance([np.zeros((1, 3, 4))] * 3, {"roi": BOX}),
             "repeat 1 has shape (1, 3, 4)",

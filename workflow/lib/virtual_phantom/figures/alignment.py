@@ -15,7 +15,7 @@ from ..io.volumes import Volume
 from . import axial, style
 from .scans import round_up
 
-BODY_COLOUR = "#FFFFFF"
+BODY_COLOR = "#FFFFFF"
 UNKNOWN = "#BBBBBB"  # where there is no phantom to subtract
 
 
@@ -53,7 +53,7 @@ def draw(
         raise InputError("figure of the alignment: the phantom lies outside the recording; align it again")
     z = axial.choose_slices(masks)[0]
     y = axial.choose_slices({name: np.moveaxis(mask, 1, 0) for name, mask in masks.items()})[0]
-    colours = style.assign((tissue_class[roi] for roi in masks), style.ON_GREY_IMAGE)
+    colours = style.assign((tissue_class[roi] for roi in masks), style.ON_GRAY_IMAGE)
     box = _box_mm(carried, image.grid)
 
     x_mm, y_mm, z_mm = (box[2 * k + 1] - box[2 * k] for k in range(3))
@@ -74,7 +74,7 @@ def draw(
         shown = _show(left, cut(image.array), extent, limits, axial.WINDOW_HU, "gray")
         shade = _show(right, cut(image.array) - cut(carried), extent, limits, (-limit, limit), "RdBu_r")
         right.set_facecolor(UNKNOWN)
-        _outline(left, np.nan_to_num(cut(carried), nan=-1000.0), extent, HU_BODY, BODY_COLOUR, 0.7)
+        _outline(left, np.nan_to_num(cut(carried), nan=-1000.0), extent, HU_BODY, BODY_COLOR, 0.7)
         for roi, mask in masks.items():
             if cut(mask).any():
                 _outline(left, (cut(mask) != 0).astype(float), extent, 0.5, colours[tissue_class[roi]], 1.1)
@@ -87,7 +87,7 @@ def draw(
         style.letter_panel(axes, index)
     figure.colorbar(shown, ax=panels[:, 0].tolist(), label="CT number (HU)", pad=0.02, aspect=30)
     figure.colorbar(shade, ax=panels[:, 1].tolist(), label="difference (HU)", pad=0.02, aspect=30)
-    handles = [Line2D([], [], color=BODY_COLOUR, label="phantom's surfaces", path_effects=axial.OUTLINED)]
+    handles = [Line2D([], [], color=BODY_COLOR, label="phantom's surfaces", path_effects=axial.OUTLINED)]
     handles += [Line2D([], [], color=colour, label=style.label(name)) for name, colour in colours.items()]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 6))
     return figure

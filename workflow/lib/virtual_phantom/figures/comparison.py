@@ -21,7 +21,7 @@ GAP_ROWS = 1.3  # between families, for their names
 SHIFT_STEPS = (1, 3, 10, 30)
 RATIO_STEPS = (1, 2, 3)  # of the logarithm of the SD ratio over that of the margin: factors 2, 4 and 8
 # Both run from a dark hue over white to another that readers with the common forms of colour blindness tell from it.
-SHIFT_COLOURS, RATIO_COLOURS = "RdBu_r", "PuOr_r"
+SHIFT_COLORS, RATIO_COLORS = "RdBu_r", "PuOr_r"
 NEUTRAL, MISSING, IN_ORDER = "#FFFFFF", "#BBBBBB", "#AAD4BF"
 DOT, RING = 1.5, 3.2  # across, points
 # Columns of a summary that say why a feature must not be compared: their mark beside its name, and how the line above
@@ -88,7 +88,7 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
         y,
         wide["shift_sd"].astype(float),
         shift_steps,
-        SHIFT_COLOURS,
+        SHIFT_COLORS,
         [style.number(step) for step in (*-shift_steps[::-1], *shift_steps)],
         "shift of the mean (repeat SDs of the recording)",
     )
@@ -102,7 +102,7 @@ def draw(table: pandas.DataFrame, ranking: pandas.DataFrame, title: str | None =
         y,
         logarithm,
         ratio_steps,
-        RATIO_COLOURS,
+        RATIO_COLORS,
         [_fraction(factor**step) for step in (*(-step for step in RATIO_STEPS[::-1]), *RATIO_STEPS)],
         "SD over repeats, simulated / recorded",
     )

@@ -66,7 +66,7 @@ def draw(table: pandas.DataFrame, title: str | None = None) -> Figure:
     simulated = simulated.assign(noise_level=simulated["noise_level"] / factor)
     shown = {"projections": "number of projections", "noise_level": f"noise level A = 1/I₀ ({factor_text})"}
     for index, (axes, (column, parameter)) in enumerate(zip(panels, shown.items(), strict=True)):
-        palette = style.ordered_colours(simulated[column])
+        palette = style.ordered_colors(simulated[column])
         filled = {"hue": column, "palette": palette, "edgecolor": "white", "linewidth": 0.2, "zorder": 2}
         _scatter(axes, simulated, markers, SIMULATED_POINTS, **filled)
         handles, _ = axes.get_legend_handles_labels()

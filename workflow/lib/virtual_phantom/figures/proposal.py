@@ -39,7 +39,7 @@ def draw(
     box_mm : sequence
         What is scanned, [[x, x], [y, y]], NIfTI world mm: a dashed box.
     """
-    colours = style.assign(tissue_class.values(), style.ON_GREY_IMAGE)
+    colours = style.assign(tissue_class.values(), style.ON_GRAY_IMAGE)
     box = _around(box_mm, image)
     columns = min(len(slices), 2)
     rows = -(-len(slices) // columns)

@@ -40,7 +40,7 @@ def draw(phantom: Volume, masks: Mapping[str, np.ndarray], tissue_class: Mapping
             raise InputError(f"ROI {roi}: has no tissue class; give it one in phantom/rois.csv")
     slices = sorted(axial.choose_slices(masks), reverse=True)
     box = axial.body_box_mm(phantom, slices)
-    colours = style.assign((tissue_class[roi] for roi in masks), style.ON_GREY_IMAGE)
+    colours = style.assign((tissue_class[roi] for roi in masks), style.ON_GRAY_IMAGE)
 
     columns = min(len(slices), 2)
     rows = -(-len(slices) // columns)

@@ -45,11 +45,11 @@ ORANGE, SKY_BLUE, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
     "#CC79A7",
 )
 ON_WHITE = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY_BLUE, "#000000", "#666666")
-ON_GREY_IMAGE = (ORANGE, SKY_BLUE, GREEN, YELLOW, VERMILLION, PURPLE, BLUE)
+ON_GRAY_IMAGE = (ORANGE, SKY_BLUE, GREEN, YELLOW, VERMILLION, PURPLE, BLUE)
 MARKERS = ("o", "s", "^", "v", "D", "P", "X", "*", "p", "<", ">", "h", "d", "8", "H")
 _MARKER_AREA = {"s": 0.8, "D": 0.75, "P": 1.6, "X": 1.6, "*": 2.0}  # so that all look equally large
 GREY = "#666666"
-TRIAL, TRIAL_MM = "A trial run: too small to mean anything.", 5.0  # what is said above a figure, and its height
+TRIAL, TRIAL_MM = "Trial run: too small for meaningful results.", 5.0  # line above a figure, and its height
 DARK = 0.3  # relative luminance under which white letters have a contrast of 3 and more (WCAG 2.1)
 
 _RC = {
@@ -233,7 +233,7 @@ def noise_levels(levels: Mapping[str, float | None]) -> str:
     return f"noise level{'s' if len(said) > 1 else ''} {', '.join(said)}"
 
 
-def ordered_colours(values: Iterable[float]) -> dict[float, str]:
+def ordered_colors(values: Iterable[float]) -> dict[float, str]:
     """Every distinct value, in order, with its colour of viridis; its lightest tenth cannot be seen on white."""
     distinct = sorted(set(values))
     return dict(

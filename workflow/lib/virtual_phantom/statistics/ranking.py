@@ -127,9 +127,9 @@ def random_overlaps(given: np.ndarray, shared: np.ndarray) -> np.ndarray:
     """Overlap of RANDOM_LISTS random lists with a given list, as a fraction of every length.
 
     Correlated features have similar ranks by chance. The scores of a random list are therefore drawn from a normal
-    distribution whose correlations are the squared correlations of the features. This is what W gives for groups that
-    do not differ: over all pairs of features of the measured table with permuted groups, the correlation of two scores
-    is 0.95 times that square (r = 0.95; tests/statistics/test_statistics_ranking.py).
+    distribution whose correlations are the squared correlations of the features. W gives such scores for groups that do
+    not differ: in the measured table with permuted groups, the correlation of two scores is 0.95 times that square
+    (r = 0.95 over pairs of features; tests/statistics/test_statistics_ranking.py).
 
     Parameters
     ----------
@@ -241,9 +241,12 @@ def compare_scores(simulated: pd.DataFrame, recorded: pd.DataFrame) -> pd.DataFr
     Returns
     -------
     DataFrame
-        Columns feature, family; for each kind of score *_percent_simulated, *_percent_measured (mean over draws) and
-        *_sd_measured (of one draw); repeats (of each recorded condition); rank_simulated and rank_measured by
-        stability, where 1 is the highest.
+        Columns:
+
+        * feature, family
+        * for each kind of score *_percent_simulated, *_percent_measured (mean over draws), *_sd_measured (of one draw)
+        * repeats of each recorded condition
+        * rank_simulated, rank_measured: by stability; 1 is the highest
     """
     columns = [f"{kind}_percent" for kind in KINDS]
     scores = recorded.groupby("feature")[columns]

@@ -50,8 +50,8 @@ def measure_table(
     Returns
     -------
     DataFrame
-        One row per feature and measure: feature, family, measure, value, ci95_low, ci95_high (for ICC, and for W if
-        `scores` has intervals), cut_off, stable (yes, no, or undefined if the measure is).
+        One row per feature and measure: feature, family, measure, value, ci95_low, ci95_high, cut_off, stable (yes, no,
+        or undefined). ICC has an interval, and W if `scores` has one.
 
     Raises
     ------

@@ -89,8 +89,8 @@ def scores(
     Raises
     ------
     InputError
-        For an unknown test or `compare`, fewer than two groups or classes, a group that lacks an ROI or has one of its
-        seeds twice, or values that are not finite.
+        For an unknown test or `compare`, fewer than two groups or classes, a missing ROI, a repeated seed, or values
+        that are not finite.
     """
     if test not in TESTS:
         raise InputError(f"statistics.test: {test!r} is not known; choose from {', '.join(TESTS)}")
