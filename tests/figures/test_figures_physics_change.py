@@ -23,7 +23,7 @@ def change(by):
 
 
 @pytest.mark.parametrize(
-    ("moved", "said"), [(0, "No feature changes."), (3, "3  "), (20, f"the {NAMED} largest of 20:")]
+    ("moved", "said"), [(0, "No feature changes significantly."), (3, "3  "), (20, f"the {NAMED} largest of 20:")]
 )
 def test_what_changes_is_counted_and_named(moved, said):
     by = np.zeros(len(FEATURES))

@@ -224,9 +224,9 @@ def test_a_comparison_says_what_agrees(results):
     said = html.unescape(text(page))
     assert (
         "Agreement of the 6 features: mean and SD 1, mean only 1, SD only 2, neither 2. The mean agrees if it is "
-        "within 1 repeat SD of the recorded mean. The SD agrees if the ratio of the SDs is between 1/2 and 2. A feature "
-        "needs to agree in at least 80 % of the 3 ROIs. Features with the recorded order of ROIs (Kendall's tau at least "
-        "0.7): 1. All features: tables/comparison_clinic_features.csv."
+        "within 1 repeat SD of the recorded mean. The SD agrees if the ratio of the SDs is between 1/2 and 2. "
+        "A feature needs to agree in at least 80 % of the 3 ROIs. Features with the recorded order of ROIs (Kendall's "
+        "tau at least 0.7): 1. All features: tables/comparison_clinic_features.csv."
     ) in said
     assert said.index("Comparisons with recordings: ours, against clinic.") < said.index("Stable features 1 of")
     assert 'href="#comparison_clinic"' in page and 'id="comparison_clinic"' in page
