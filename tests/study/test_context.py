@@ -307,4 +307,4 @@ def test_captions_say_what_is_of_the_printed_phantom_only_where_it_is_shown():
 
 def test_captions_call_panels_as_the_figures_do(beside):
     caption = captions_of(beside)["comparison_near"]
-    assert "a: how far" in caption and "b: the ratio" in caption and "Middle" not in caption
+    assert "a: difference of the means" in caption and "b: ratio" in caption and "Middle" not in caption

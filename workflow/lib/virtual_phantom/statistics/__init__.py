@@ -1,6 +1,8 @@
-"""Statistics of the study: stability, discriminative power, rankings, principal components and noise."""
+"""Statistics of the study: stability, discriminative power, rankings, principal components and noise.
 
-# Defined here so that the configuration can check them without loading scipy and pandas.
+The constants are defined here so that the configuration can check them without loading scipy and pandas.
+"""
+
 MINIMUM_REPEATS = 3  # repeats for a variance and its error (noise.repeat_variance)
 MINIMUM_LEVELS = 3  # noise levels for a line and its error (noise.match_noise_level)
 COMPARED_REPEATS = 2  # repeats for a mean and an SD (comparison)
