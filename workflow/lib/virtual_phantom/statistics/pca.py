@@ -51,8 +51,8 @@ def project(
     fit_on : {"simulated", "measured", "pooled"}, optional
         Set that the components are fitted on.
     standardise : {"each", "together"}, optional
-        "each" standardizes each set by its own mean and SD: this hides offsets between the sets (2D and 3D features,
-        voxel size) and compares the layout alone. "together" uses the mean and SD of the set fitted on.
+        "each" standardizes each set by its own mean and SD, which hides offsets between the sets (2D and 3D features,
+        voxel size). "together" uses the mean and SD of the set fitted on.
 
     Returns
     -------

@@ -128,7 +128,7 @@ def random_overlaps(given: np.ndarray, shared: np.ndarray) -> np.ndarray:
 
     Correlated features have similar ranks by chance. The scores of a random list are therefore drawn from a normal
     distribution whose correlations are the squared correlations of the features. W gives such scores for groups that do
-    not differ: in the measured table with permuted groups, the correlation of two scores is 0.95 times that square
+    not differ. In the measured table with permuted groups, the correlation of two scores is 0.95 times that square
     (r = 0.95 over pairs of features; tests/statistics/test_statistics_ranking.py).
 
     Parameters
